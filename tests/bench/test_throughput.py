@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -28,13 +29,14 @@ COUNTED = """
 import json, os, sys
 import warp as wp
 from bench.roofline.counting import Counting
-counting = Counting(wp.get_device("cpu"))
+counting = Counting(wp.get_device(sys.argv[2]))
 counting.on = True
 sys.path.insert(0, sys.argv[1])
 import counted_by_hand
 print(json.dumps(counting.kernels))
 """
 BY_HAND = """
+import sys
 import warp as wp
 
 @wp.struct
@@ -61,24 +63,26 @@ def add_up(n: int, a: float, x: wp.array(dtype=float), held: Held, y: wp.array2d
     y[i, 0] = total + turned[0]
     wp.atomic_add(c, 0, 1)
 
-x = wp.array([0.0] * 3 + [1.0] * 7, dtype=float, device="cpu")
+device = sys.argv[2]
+x = wp.array([0.0] * 3 + [1.0] * 7, dtype=float, device=device)
 held = Held()
-held.points = wp.zeros(10, dtype=wp.vec3, device="cpu")
-outputs = [wp.zeros((10, 2), dtype=float, device="cpu"), wp.zeros(1, dtype=int, device="cpu")]
-command = wp.launch(add_up, dim=10, inputs=[4, 2.0, x, held, *outputs], device="cpu", record_cmd=True)
+held.points = wp.zeros(10, dtype=wp.vec3, device=device)
+outputs = [wp.zeros((10, 2), dtype=float, device=device), wp.zeros(1, dtype=int, device=device)]
+command = wp.launch(add_up, dim=10, inputs=[4, 2.0, x, held, *outputs], device=device, record_cmd=True)
 command.launch()
 command.launch()
 """
 
 
-@pytest.fixture(scope="module")
-def by_hand(tmp_path_factory):
+@pytest.fixture(params=["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
+def by_hand(request, tmp_path_factory):
     """The counts of a kernel, in a process of its own: Warp's code is changed there."""
     folder = tmp_path_factory.mktemp("counted")
     (folder / "counted_by_hand.py").write_text(BY_HAND)
+    path = os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
     done = subprocess.run(
-        [sys.executable, "-c", COUNTED, str(folder)], capture_output=True, text=True, check=True,
-        env={"WARP_CACHE_PATH": str(folder), "PYTHONPATH": str(Path(__file__).parents[2])},
+        [sys.executable, "-c", COUNTED, str(folder), request.param], capture_output=True, text=True, check=True,
+        env=os.environ | {"WARP_CACHE_PATH": str(folder), "PYTHONPATH": path},
     )  # fmt: skip
     return json.loads(done.stdout.strip().splitlines()[-1])
 
