@@ -14,15 +14,21 @@ from bench.sections import as_text
 
 
 def run(
-    measure: Callable[..., dict[str, Any]], description: str, device: str = "", argv: Sequence[str] | None = None
+    measure: Callable[..., dict[str, Any]],
+    description: str,
+    device: str = "",
+    argv: Sequence[str] | None = None,
+    options: Callable[[argparse.ArgumentParser], None] | None = None,
 ) -> None:
     """Parses the options, measures, and prints the sections as tables or as JSON.
 
     Args:
         measure: `measure(quick)`, or `measure(quick, device)` of a benchmark that has the option --device.
         description: what --help prints.
-        device: default of --device, `cuda` where only a GPU is measured; without it there is no such option.
+        device: default of --device, `cuda` where only a GPU is measured, `auto` for a GPU where there is one; none:
+            there is no such option.
         argv: the arguments, without the program's name; those of the process when not given.
+        options: declares options of the benchmark's own, which `measure` gets by their names.
     """
     module = name_of(measure)
     parser = argparse.ArgumentParser(
@@ -33,11 +39,16 @@ def run(
     parser.add_argument("--out", type=Path, metavar="FILE", help="write a report as `evis bench` does")
     if device:
         kinds = "cuda or cuda:N" if device == "cuda" else "cpu, cuda or cuda:N"
-        parser.add_argument("--device", default=device, help=f"{kinds}; {device} when not given")
+        default = "a GPU where there is one" if device == "auto" else device
+        parser.add_argument("--device", default=device, help=f"{kinds}; {default} when not given")
+    common = set(vars(parser.parse_args([])))
+    if options is not None:
+        options(parser)
     args = parser.parse_args(argv)
     if device:
         _check_device(parser, args.device, gpu_only=device == "cuda")
-    sections = measure(args.quick, args.device) if device else measure(args.quick)
+    own = {name: value for name, value in vars(args).items() if name not in common}
+    sections = measure(args.quick, args.device, **own) if device else measure(args.quick, **own)
     if args.out:
         report = report_of({subject_of(module): sections}, args.quick)
         args.out.write_text(json.dumps(report, indent=1, default=str) + "\n")
@@ -58,7 +69,7 @@ def subject_of(module: str) -> str:
 def _check_device(parser: argparse.ArgumentParser, device: str, gpu_only: bool) -> None:
     import warp as wp
 
-    if device == "cpu" and not gpu_only:
+    if device in ("cpu", "auto") and not gpu_only:
         return
     if not device.startswith("cuda"):
         parser.error(f"--device is {device!r}")

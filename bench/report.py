@@ -24,6 +24,7 @@ SUBJECTS = {
     ),
     "bus": ("bench.graph.bus", "cost of a message between processes, against plain ZeroMQ"),
     "graph": ("bench.graph.runs", "real-time factor, where the time goes, overhead, what omissions save"),
+    "gpu_graph": ("bench.gpu_graph", "whole runs on one device: speed, how busy it is, memory, first event"),
     "simulation": ("bench.graph.simulation", "evis.Simulation: a step above its nodes, start-up, reset"),
     "event_sensor": (
         "bench.event_sensor.sensor",

@@ -1,0 +1,107 @@
+"""The sections of the report on whole runs, each with its title and what its columns are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import warp as wp
+
+from bench.roofline import ceilings
+from bench.throughput import sensors
+from bench.throughput.cases import CASES, DEFAULTS, ROOFS, STARTS, chosen
+from bench.throughput.tables import DEFAULT_S, default_row, frames_row, kernel_rows, roofline_rows, start_row
+from bench.throughput.tries import Limits
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Holds what is to be measured: the device, words of the rows, and how long it may take."""
+
+    device: str
+    words: Sequence[str]
+    quick: bool
+    limits: Limits
+
+    @property
+    def where(self) -> str:
+        """The end of a title."""
+        return f"640x480, one process, {wp.get_device(self.device).name}"
+
+
+def frames(m: Measurement) -> dict[str, Any]:
+    """Measures runs of frames alone, and lists what their time goes to on the device."""
+    found = [frames_row(case, m.device, m.limits) for case in chosen(CASES, m.words, m.quick)]
+    times = {row["run"]: row.pop("recorded") for row in found}
+    note = (
+        "Of the windows of all runs. env-s/s: simulated seconds of all environments together in a second. host: time "
+        "of a gap without that in which the host waited for the GPU. device: time in which it did anything, "
+        "a CPU in kernels. device alone: the rate if it were never idle. limit: what takes most of a gap, a node and "
+        "its share of the host's time, or a kernel and its share of a device that is busy."
+    )
+    return {
+        "frames": {"title": f"Frames alone (time_tolerance:=0 audit:=0), {m.where}", "rows": found, "note": note},
+        "kernels": {"title": f"What the device's time goes to, {m.where}", "rows": kernel_rows(times), "note": ""},
+    }
+
+
+def defaults(m: Measurement) -> dict[str, Any]:
+    """Measures runs as they are by default."""
+    rows = [default_row(case, m.device, m.limits) for case in chosen(DEFAULTS, m.words, m.quick)]
+    seconds = DEFAULT_S[m.device == "cpu"]
+    note = f"Real-time factor of {seconds:g} simulated seconds after start-up; VP, from, to: as the audit has it."
+    return {"defaults": {"title": f"Defaults, {m.where}", "rows": rows, "note": note}}
+
+
+def starts(m: Measurement) -> dict[str, Any]:
+    """Measures the time to the first event."""
+    rows = [start_row(case, m.device, m.limits) for case in chosen(STARTS, m.words, m.quick)]
+    note = "Kernels compiled anew, and found in Warp's cache."
+    return {"starts": {"title": f"From the command to the first event, {m.where}", "rows": rows, "note": note}}
+
+
+def roofline(m: Measurement) -> dict[str, Any]:
+    """Measures what the device can do, and holds the kernels of some runs against it."""
+    cases = chosen(ROOFS, m.words, m.quick)
+    if not cases:
+        return {}
+    top = ceilings.measured(m.device)
+    rates = [
+        {"what": "memory, a copy [GB/s]", "rate": round(top.memory / 1e9, 1)},
+        {"what": "caches, reading [GB/s]", "rate": round(top.cache / 1e9, 1)},
+        {"what": "float32, products and sums [Gop/s]", "rate": round(top.operations / 1e9, 1)},
+    ]
+    rows = [row for case in cases for row in roofline_rows(case, m.device, m.limits, top)]
+    note = (
+        "MB: of arrays, read and written by the code of the kernels, whether from memory or from caches. "
+        "Mop: arithmetic of any type, a root or logarithm as one. of the roof: the time that the caches or the "
+        "arithmetic would take at least, over the time that was taken."
+    )
+    return {
+        "ceilings": {
+            "title": f"What can be attained, {m.where}",
+            "rows": rates,
+            "note": "As Warp's kernels attain it.",
+        },
+        "roofline": {"title": f"Kernels against the roof, {m.where}", "rows": rows, "note": note},
+    }
+
+
+def beside(m: Measurement) -> dict[str, Any]:
+    """Measures our event sensor beside those of others, which EVIS_PEERS names."""
+    if m.words:
+        return {}
+    title = f"Event sensors, frames a second of an HDR disk, 640x480 at 1 kHz, {wp.get_device(m.device).name}"
+    note = "Frames are on the device before, and events stay there. The best of some rounds."
+    return {"sensors": {"title": title, "rows": sensors.rows(m.device, m.quick), "note": note}}
+
+
+SECTIONS: Mapping[str, Callable[[Measurement], dict[str, Any]]] = {
+    "frames": frames,
+    "defaults": defaults,
+    "starts": starts,
+    "roofline": roofline,
+    "sensors": beside,
+}
+"""Name -> what measures it, which may give more sections than one."""
