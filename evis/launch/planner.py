@@ -219,11 +219,11 @@ def _choose(nodes: list[Wired], demand: Demand) -> list[Wired]:
     """Needed nodes, viewers, and nodes that can be started later from what will be there."""
     needed = [n for n in nodes if n.name in demand.inputs or n.spec.tap]
     there = {t for n in needed for t in n.outputs.values()} | set(SYSTEM_TOPICS)
-    late = [
-        n
-        for n in nodes
-        if n.late and n not in needed and {n.inputs[p] for p in n.inputs if p in _all_needs(n)} <= there
-    ]
+    late: list[Wired] = []
+    rest = [n for n in nodes if n.late and n not in needed]
+    while more := [n for n in rest if n not in late and {n.inputs[p] for p in n.inputs if p in _all_needs(n)} <= there]:
+        late += more
+        there |= {t for n in more for t in n.outputs.values()}
     return [n for n in nodes if n in needed or n in late]
 
 

@@ -49,7 +49,7 @@ class Wired:
     @property
     def late(self) -> bool:
         """Whether it is started when only a viewer asks."""
-        return self.joins or (self.spec.on_demand and not self.part)
+        return self.joins or self.spec.on_demand
 
     def among_all(self, name: str) -> str:
         """Returns the name of this node, or of a topic of it, without the share that it has."""

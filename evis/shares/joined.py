@@ -45,6 +45,11 @@ class Joined:
         return message
 
 
+def complete(parts: Sequence[Message | None]) -> bool:
+    """Tells whether parts can be joined: all are there, or what lacks are events, of which a share may have none."""
+    return all(part is not None for part in parts) or any(isinstance(p, EventPacket | EventSignal) for p in parts)
+
+
 def join(parts: Sequence[Message | None], envs: Sequence[slice]) -> Joined:
     """Joins the messages of one stamp. envs: the environments of each part.
 
@@ -56,7 +61,7 @@ def join(parts: Sequence[Message | None], envs: Sequence[slice]) -> Joined:
     others = {name: sum(getattr(p, name) for p in there) if name in SUMS else v for name, v in first.scalars().items()}
     h = first.header
     joined = Joined(kind, Header(h.stamp_ns, clock=h.clock, episode=h.episode), others)
-    if len(there) < len(parts) and not isinstance(first, EventPacket | EventSignal):
+    if not complete(parts):
         raise ValueError(f"a share lacks its {kind.__name__} at {h.stamp_ns} ns")
     for name in first.arrays():
         pieces = [np.asarray(getattr(part, name)) for part in there]

@@ -196,11 +196,13 @@ class Supervisor:
         self._server.send(child.name, {"go": 1})
 
     def _wake(self, topic: str) -> None:
-        """Start the dormant node that publishes a topic."""
+        """Start the dormant node that publishes a topic, and those that it reads of."""
         planned = self.plan.topics.get(topic)
         node = self.plan.nodes.get(planned.node) if planned else None
         if node is not None and node.dormant and node.process not in self._children and not self._stopped_at:
             self._add(node.process, [node]).start()
+            for read in (name for topics in node.inputs.values() for name in topics):
+                self._wake(read)
 
     def _watch(self, child: Child) -> None:
         if child.ended:

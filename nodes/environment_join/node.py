@@ -11,7 +11,7 @@ import numpy as np
 from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
 from evis.shares.bounds import MOST, bounds
-from evis.shares.joined import join, join_infos
+from evis.shares.joined import complete, join, join_infos
 from msgs.camera import CameraInfo
 from msgs.header import Message
 from nodes.environment_join.alignment import Alignment
@@ -57,18 +57,20 @@ class EnvironmentJoinNode(Node):
         self._publish()
 
     def _publish(self, over: bool = False) -> None:
-        lost = self._alignment.lost
+        lost, lacking = self._alignment.lost, 0
         for parts in self._alignment.complete(over):
             try:
-                if self.wants("whole"):
+                if not complete(parts):
+                    lacking += sum(part is not None for part in parts)
+                elif self.wants("whole"):
                     joined = join(parts, self._envs)
                     self.publish("whole", joined.written(self.loan("whole", **joined.shapes())))
             finally:
                 for part in parts:
                     if part is not None:
                         part.release()
-        if self._alignment.lost > lost:
-            self.count("unmatched_inputs", self._alignment.lost - lost)
+        if unmatched := self._alignment.lost - lost + lacking:
+            self.count("unmatched_inputs", unmatched)
 
     def finish(self) -> None:
         """Publishes what only some shares had at the end."""

@@ -78,7 +78,7 @@ def topics(plan: Plan) -> list[dict[str, Any]]:
                 "type": topic.type,
                 "camera": camera_of(topic.name),
                 "node": topic.node,
-                "dormant": bool(publisher and publisher.dormant),
+                "dormant": bool(publisher and publisher.dormant and not publisher.joins),
                 "sure": not _may_be_missing(tail, publisher),
                 "asked": _asked_labels(publisher) if topic.type == "Labels" else [],
                 "views": _views(topic.type, publisher),

@@ -46,6 +46,7 @@ def test_nothing_is_joined_that_nobody_reads() -> None:
     made = plan(device="cpu,cpu", envs="2", audit="0")
     joins = [node for node in made.nodes.values() if node.joins]
     assert joins and all(node.dormant for node in joins), "but a viewer may ask for it"
+    assert set(made.open_topics()) == set(plan(envs="2", audit="0").topics), "also for what dormant nodes make of it"
     assert made.nodes["share0/event_sensor"].keep == ["events"]
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from evis.shares.bounds import bounds
 from evis.shares.cut import can_be_cut, cut, environments
-from evis.shares.joined import join, join_infos
+from evis.shares.joined import complete, join, join_infos
 from msgs.camera import CameraInfo, EventPacket, Frames, Keyframe, Labels, Samples
 from msgs.header import Header, Message
 from msgs.world import WorldState
@@ -107,6 +107,7 @@ def test_frames_count_together_and_share_their_stamps() -> None:
     assert whole.luminance.shape == (5, 2, 3, 4) and whole.t.tolist() == [2, 4] and whole.filled == 5
     with pytest.raises(ValueError, match=r"Frames\.t each, which must be one for all"):
         joined([frames(3), frames(2, 5)], 2)
+    assert not complete([frames(3), None]) and complete([packet([1]), None])
     with pytest.raises(ValueError, match="lacks its Frames"):
         joined([frames(3), None], 2)
 
