@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -107,6 +107,16 @@ class Engine(Protocol):
         """Makes an engine of these environments alone, at their start and stamp 0.
 
         seeds: of each, None = its own of now. numbers: how often each has begun anew since it got its seed.
+        """
+
+
+@runtime_checkable
+class Preparing(Engine, Protocol):
+    """Moves environments together with those of other engines."""
+
+    def prepare(self, to_ns: int, controls: np.ndarray | None = None) -> None:
+        """Takes the controls of the way to a stamp, and asks for what engines that belong together do at once;
+        `advance` to it, without controls, then waits for that.
         """
 
 

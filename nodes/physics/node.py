@@ -42,6 +42,9 @@ class PhysicsNode(Node):
             2**63 - 1,
         ),
         "envs": Param(int, 1, "parallel environments", "", 1, 65536),
+        "threads": Param(
+            int, 1, "CPU threads of physics (MuJoCo, many environments), renderer and interpolator", "", 1, 256
+        ),
         "keyframe_rate": Param(float, 30.0, "rendered keyframes per second", "Hz", 1e-3, 1e6),
         "action_rate": Param(
             float, None,
@@ -190,7 +193,7 @@ class PhysicsNode(Node):
         return MujocoEngine(
             scene, seed, envs, timestep=p["timestep"], contacts=p["contacts"], joints=p["joints"],
             accelerations=p["accelerations"], speed_limit=p["speed_limit"], errors=errors,
-            tolerance=Tolerance.of(p["physics_tolerance"]),
+            tolerance=Tolerance.of(p["physics_tolerance"]), threads=p["threads"],
         )  # fmt: skip
 
     def _other_engines(self, envs: list[int], seeds: list[int]) -> list[tuple[list[int], Engine]]:

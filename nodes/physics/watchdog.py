@@ -64,14 +64,16 @@ class Watchdog:
         return f"body '{self._body(body)}' diverged at t = {data.time:.6g} s: {what}; likely cause: {cause}"
 
     def quiet(
-        self, data: Any, qpos: np.ndarray, qvel: np.ndarray, pose: np.ndarray, twist: np.ndarray, nearest: float
-    ) -> bool:
+        self, warnings: np.ndarray, qpos: np.ndarray, qvel: np.ndarray, pose: np.ndarray, twist: np.ndarray,
+        nearest: float,
+    ) -> bool:  # fmt: skip
         """Says that `check` and `notices` would find nothing after any of n steps.
 
-        qpos, qvel, pose, twist: [n, ...] after each of them. nearest: least distance of a contact [m].
+        warnings: MuJoCo's counters after them. qpos, qvel, pose, twist: [n, ...] after each of them. nearest: least
+        distance of a contact [m].
         """
         # A counter that rose stays risen; a sum is finite only if everything in it is.
-        numbers = data.warning.number
+        numbers = warnings.tolist()
         if [numbers[w] for w in _BAD] != self._counts or any(numbers[w] for w in _LOST):
             return False
         if not np.isfinite(qpos.sum() + qvel.sum() + twist.sum()):

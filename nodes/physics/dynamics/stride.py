@@ -7,7 +7,7 @@ taken at once, and only what they leave is kept; the rest is array arithmetic ov
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import mujoco
@@ -30,6 +30,10 @@ class Trace:
     qvel: np.ndarray
     nearest: float = np.inf
     """Least distance of a contact in any of them [m]; negative = overlap."""
+    warnings: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int32))
+    """How often MuJoCo had warned of each of its warnings, after them."""
+    constrained: bool = False
+    """Whether anything was touched or limited at the start of the last step."""
 
     @classmethod
     def empty(cls, model: Any, steps: int) -> Trace:
@@ -81,3 +85,4 @@ def take_steps(
         trace.qpos[i], trace.qvel[i] = qpos, qvel
         if data.ncon:
             trace.nearest = min(trace.nearest, float(data.contact.dist.min()))
+    trace.warnings, trace.constrained = np.array(data.warning.number), bool(data.nefc)
