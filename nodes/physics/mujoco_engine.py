@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
@@ -25,12 +25,16 @@ from nodes.physics.dynamics.side_by_side import SideBySide
 from nodes.physics.dynamics.start import put_to_start
 from nodes.physics.dynamics.states import State, between, snapshot
 from nodes.physics.dynamics.stride import Before, Trace, take_steps
+from nodes.physics.dynamics.unsupported import Unsupported
 from nodes.physics.interval import Interval, check_controls, grid_inside
 from nodes.physics.precision.errors import Errors
 from nodes.physics.precision.sampled import shadow_of
 from nodes.physics.precision.sub_steps import FINEST, SubSteps, take_best_integrator
 from nodes.physics.precision.tolerance import Tolerance
 from nodes.physics.watchdog import Watchdog
+
+if TYPE_CHECKING:
+    from nodes.physics.dynamics.warp_worlds import WarpTrace, WarpWorlds
 
 MAX_STEP_NS = 1_000_000
 """Longest sub-step [ns]; a model with a longer timestep is stepped in equal parts of it."""
@@ -42,6 +46,21 @@ def step_length(model_timestep: float, asked: float | None) -> int:
         return max(1, round(asked * 1e9))
     timestep = max(1, round(model_timestep * 1e9))
     return round(timestep / -(-timestep // MAX_STEP_NS))
+
+
+def _stepped_apart(scene: Scene, tolerance: Tolerance | None) -> str:
+    """Why steps of several environments cannot be taken together, "" where they can."""
+    if tolerance is not None:
+        return "physics_tolerance cuts the steps of each environment by itself"
+    if any(body.follows is not None for body in scene.bodies):
+        return "cameras or lights of the model follow a body"
+    return ""
+
+
+def _warp_worlds(model: Any, envs: int, device: str) -> WarpWorlds:
+    from nodes.physics.dynamics.warp_worlds import WarpWorlds
+
+    return WarpWorlds(model, envs, device)
 
 
 class MujocoEngine:
@@ -61,6 +80,7 @@ class MujocoEngine:
         errors: Errors | None = None,
         tolerance: Tolerance | None = None,
         threads: int = 1,
+        warp: str | None = None,
     ) -> None:
         """Loads the model and puts every environment to its start.
 
@@ -76,12 +96,18 @@ class MujocoEngine:
             errors: where to note how far the bodies of environment 0 are off; None = it is not looked at.
             tolerance: for which steps are taken in parts; None = all steps are whole.
             threads: that share the environments; their number changes no bit.
+            warp: device on which MuJoCo Warp takes the steps; None = MuJoCo does.
+
+        Raises Unsupported for what MuJoCo Warp cannot take.
         """
         # Without a handler MuJoCo writes a log file into the working directory; the watchdog reads the counters.
         mujoco.set_mju_user_warning(lambda text: None)
         self.scene, self.envs = scene, envs
-        together = envs > 1 and tolerance is None and all(body.follows is None for body in scene.bodies)
-        self.model = compile_model(scene, deepest=together)
+        apart = _stepped_apart(scene, tolerance)
+        if apart and warp is not None:
+            raise Unsupported(apart)
+        together = not apart and (envs > 1 or warp is not None)
+        self.model = compile_model(scene, deepest=together and warp is None)
         # MuJoCo would put a diverged state back to its start and go on as if nothing had happened.
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.step_ns = step_length(self.model.opt.timestep, timestep)
@@ -97,11 +123,17 @@ class MujocoEngine:
         finest = self.model.opt.timestep / (1 if tolerance is None else 2**FINEST)
         self._watchdogs = [Watchdog(self.model, speed_limit, finest) for _ in range(envs)]
         self._assembly = Assembly(scene, self.model)
-        self._together = SideBySide(self.model, envs, threads) if together else None
+        self._together: SideBySide | WarpWorlds | None = None
+        if together:
+            self._together = (
+                SideBySide(self.model, envs, threads) if warp is None else _warp_worlds(self.model, envs, warp)
+            )
         self._rows = list(range(envs))
         """Which environments of `_together` these are."""
         self._prepared = -1
         """The stamp up to which steps were asked for."""
+        self.looked_at = 0
+        """How often an environment was stepped to a stamp with a look at each state."""
         self._constrained = False
         """Whether anything was touched or limited, in the environment that the shadow follows, at its last step."""
         self._shadow = shadow_of(self.model, errors) if errors is not None else None
@@ -270,12 +302,14 @@ class MujocoEngine:
         if len(self._assembly.followers):
             return None
         if self._together is not None:
-            trace = self._together.trace(self._rows[k])
+            trace: Trace | WarpTrace | None = self._together.trace(self._rows[k])
         else:
             before = Before(self.model, self.data[k])
             level = self._sub_steps[k].kept() if self._sub_steps is not None else None
             trace = Trace.empty(self.model, len(grid))
             take_steps(self.model, self.data[k], grid, trace, self._taker(k))
+        if trace is None:
+            return None
         twist, pose = trace.twist_and_pose(self.model)
         if not self._watchdogs[k].quiet(trace.warnings, trace.qpos, trace.qvel, pose, twist, trace.nearest):
             if self._together is None:
@@ -292,6 +326,7 @@ class MujocoEngine:
     def _looked_at(self, k: int, grid: range, faults: dict[int, str]) -> State:
         """The same, with a look at the state after each step; notes into `faults` if the environment diverges."""
         data, states = self.data[k], []
+        self.looked_at += 1
         for t in grid:
             # MuJoCo adds up its time in floating point; ours is exact.
             data.time = t * 1e-9

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -22,6 +23,7 @@ from msgs.header import Header, Message
 from msgs.own_time import CONFIGURED
 from msgs.physics_error import PhysicsError
 from msgs.world import Action, Reset, WorldState
+from nodes.physics.engine_choice import FROM_ENVS, on_device
 from nodes.physics.environments import Environments
 from nodes.physics.from_outside import check_action
 from nodes.physics.interval import Engine, Interval
@@ -42,8 +44,12 @@ class PhysicsNode(Node):
             2**63 - 1,
         ),
         "envs": Param(int, 1, "parallel environments", "", 1, 65536),
-        "threads": Param(
-            int, 1, "CPU threads of physics (MuJoCo, many environments), renderer and interpolator", "", 1, 256
+        "threads": Param(int, 1, "CPU threads, which share the environments of a MuJoCo model", "", 1, 256),
+        "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
+        "engine": Param(
+            str, "auto", "what moves a MuJoCo model: MuJoCo, or MuJoCo Warp on the device; auto = MuJoCo Warp on a "
+            f"GPU from {FROM_ENVS} environments on, if it is installed and takes the model",
+            choices=("auto", "mujoco", "mujoco_warp"),
         ),
         "keyframe_rate": Param(float, 30.0, "rendered keyframes per second", "Hz", 1e-3, 1e6),
         "action_rate": Param(
@@ -94,7 +100,7 @@ class PhysicsNode(Node):
         with contextlib.suppress(OSError, ValueError):  # who loads it says so
             if scene and not is_dynamic(scene):
                 why = f"all motion of scene {scene} is in closed form, and exact"
-                return {"physics_tolerance": why, "timestep": why}
+                return {"physics_tolerance": why, "timestep": why, "engine": why}
         return {}
 
     @classmethod
@@ -188,13 +194,20 @@ class PhysicsNode(Node):
             from nodes.physics.prescribed import PrescribedEngine
 
             return PrescribedEngine(scene, envs, p["accelerations"])
+        from nodes.physics.dynamics.unsupported import Unsupported
         from nodes.physics.mujoco_engine import MujocoEngine
 
-        return MujocoEngine(
-            scene, seed, envs, timestep=p["timestep"], contacts=p["contacts"], joints=p["joints"],
+        make = partial(
+            MujocoEngine, scene, seed, envs, timestep=p["timestep"], contacts=p["contacts"], joints=p["joints"],
             accelerations=p["accelerations"], speed_limit=p["speed_limit"], errors=errors,
             tolerance=Tolerance.of(p["physics_tolerance"]), threads=p["threads"],
         )  # fmt: skip
+        if on_device(p["engine"], p["device"], envs):
+            try:
+                return make(warp=p["device"])
+            except Unsupported as why:
+                self.warn(f"MuJoCo Warp cannot take scene {scene.name}: {why}; MuJoCo itself moves it")
+        return make()
 
     def _other_engines(self, envs: list[int], seeds: list[int]) -> list[tuple[list[int], Engine]]:
         """Engines of those environments that move otherwise with the seeds that they are given."""

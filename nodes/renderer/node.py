@@ -43,7 +43,7 @@ class RendererNode(Node):
         "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
         "envs": Param(int, 1, "parallel environments", minimum=1, maximum=65536),
         "margin": Param(int, 0, "pixels rendered beyond every side of the image", "px", 0, 1024),
-        "threads": Param(int, 1, "CPU threads of renderer and interpolator", minimum=1, maximum=256),
+        "threads": Param(int, 1, "CPU threads of physics, renderer and interpolator", minimum=1, maximum=256),
         "half": Param(bool, False, "keyframes as float16, clipped at 65504"),
         "keyframes": Param(
             str,

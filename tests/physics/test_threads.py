@@ -27,11 +27,13 @@ def told(interval: Interval, env: int) -> tuple:
     return tuple(a.tobytes() for a in arrays), touched, texts
 
 
-def engine_of(folder: Path, envs: int, threads: int = 1, seed: int = 3, **world: object) -> MujocoEngine:
+def engine_of(
+    folder: Path, envs: int, threads: int = 1, seed: int = 3, warp: str | None = None, **world: object
+) -> MujocoEngine:
     text = SLIDE.format(**{"option": "integrator='Euler'", "height": 0.3} | world)
     (folder / "m.xml").write_text(text)
     scene = load_scene(str(folder / "m.xml"), visuals=False)
-    return MujocoEngine(scene, seed, envs, joints=True, contacts=True, threads=threads)
+    return MujocoEngine(scene, seed, envs, joints=True, contacts=True, threads=threads, warp=warp)
 
 
 def controls(k: int, envs: int) -> np.ndarray:
