@@ -18,6 +18,7 @@ import numpy as np
 from bench.physics import contacts, free, piles, springs
 from bench.physics.case import Case
 from bench.physics.trial import Method, Trial, run
+from evis.geometry import se3
 
 CASES = (
     "projectile",
@@ -56,11 +57,14 @@ def rows(device: str, most: int) -> list[str]:
 def _row(case: Case, one: Trial, other: Trial) -> str:
     assert one.course is not None and other.course is not None
     shared = min(len(one.course.t), len(other.course.t))
-    apart = np.linalg.norm(one.course.pose[:shared, :, :3] - other.course.pose[:shared, :, :3], axis=-1).max()
+    first, second = one.course.pose[:shared], other.course.pose[:shared]
+    apart = np.linalg.norm(first[..., :3] - second[..., :3], axis=-1).max()
+    turn = se3.multiply(se3.conjugate(first[..., 3:]), second[..., 3:])
+    angle = np.degrees(2 * np.arctan2(np.linalg.norm(turn[..., :3], axis=-1), np.abs(turn[..., 3]))).max()
     errors = " | ".join("diverged" if math.isnan(trial.error) else f"{trial.error:.2g}" for trial in (one, other))
     intervals = math.ceil(case.seconds / 0.02 - 1e-9)
     again = f"{other.looked_at} of {intervals}"
-    return f"| {case.name} | {case.unit} | {case.limit:g} | {errors} | {apart:.2g} m | {again} |"
+    return f"| {case.name} | {case.unit} | {case.limit:g} | {errors} | {apart:.1g} m, {angle:.1g} deg | {again} |"
 
 
 if __name__ == "__main__":

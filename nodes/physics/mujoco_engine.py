@@ -25,6 +25,7 @@ from nodes.physics.dynamics.side_by_side import SideBySide
 from nodes.physics.dynamics.start import put_to_start
 from nodes.physics.dynamics.states import State, between, snapshot
 from nodes.physics.dynamics.stride import Before, Trace, take_steps
+from nodes.physics.dynamics.strides import Judge, Strode
 from nodes.physics.dynamics.unsupported import Unsupported
 from nodes.physics.interval import Interval, check_controls, grid_inside
 from nodes.physics.precision.errors import Errors
@@ -34,7 +35,7 @@ from nodes.physics.precision.tolerance import Tolerance
 from nodes.physics.watchdog import Watchdog
 
 if TYPE_CHECKING:
-    from nodes.physics.dynamics.warp_worlds import WarpTrace, WarpWorlds
+    from nodes.physics.dynamics.warp_worlds import WarpWorlds
 
 MAX_STEP_NS = 1_000_000
 """Longest sub-step [ns]; a model with a longer timestep is stepped in equal parts of it."""
@@ -57,10 +58,10 @@ def _stepped_apart(scene: Scene, tolerance: Tolerance | None) -> str:
     return ""
 
 
-def _warp_worlds(model: Any, envs: int, device: str) -> WarpWorlds:
+def _warp_worlds(model: Any, envs: int, device: str, judge: Judge) -> WarpWorlds:
     from nodes.physics.dynamics.warp_worlds import WarpWorlds
 
-    return WarpWorlds(model, envs, device)
+    return WarpWorlds(model, envs, device, judge)
 
 
 class MujocoEngine:
@@ -123,10 +124,13 @@ class MujocoEngine:
         finest = self.model.opt.timestep / (1 if tolerance is None else 2**FINEST)
         self._watchdogs = [Watchdog(self.model, speed_limit, finest) for _ in range(envs)]
         self._assembly = Assembly(scene, self.model)
+        judge = self._watchdogs[0].calm
         self._together: SideBySide | WarpWorlds | None = None
         if together:
             self._together = (
-                SideBySide(self.model, envs, threads) if warp is None else _warp_worlds(self.model, envs, warp)
+                SideBySide(self.model, envs, threads, judge)
+                if warp is None
+                else _warp_worlds(self.model, envs, warp, judge)
             )
         self._rows = list(range(envs))
         """Which environments of `_together` these are."""
@@ -240,9 +244,10 @@ class MujocoEngine:
         if self.model.na or self.model.nplugin:  # these may be about to move something
             return
         fallen: list[int] = []
+        fastest = np.abs(course["twist"]).max(axis=(1, 2, 3), initial=0.0).tolist()
         for k, rest in enumerate(self._rests):
             if not rest.now and k not in self._left:
-                rest.see(start_ns, self._stamp, course["twist"][k])
+                rest.see(start_ns, self._stamp, fastest[k])
                 fallen += [k] if rest.now else []
         if fallen:
             self._before, self._last, self._now = (
@@ -268,7 +273,11 @@ class MujocoEngine:
         """Goes on to a stamp, by steps of those that do not rest."""
         grid, awake = range(self._grid, to_ns, self.step_ns), self._awake()
         # The states at all grid points, that of now the first.
-        made = {name: np.repeat(value[:, None], len(grid) + 1, axis=1) for name, value in self._now.items()}
+        made = {n: np.empty((len(value), len(grid) + 1, *value.shape[1:])) for n, value in self._now.items()}
+        for name, value in self._now.items():
+            made[name][:, 0] = value
+            for k in {*range(self.envs)} - {*awake}:
+                made[name][k] = value[k]
         faults: dict[int, str] = {}
         if len(grid):
             for k in awake:
@@ -302,26 +311,34 @@ class MujocoEngine:
         if len(self._assembly.followers):
             return None
         if self._together is not None:
-            trace: Trace | WarpTrace | None = self._together.trace(self._rows[k])
+            found = self._together.trace(self._rows[k])
+            before = level = None
         else:
             before = Before(self.model, self.data[k])
             level = self._sub_steps[k].kept() if self._sub_steps is not None else None
-            trace = Trace.empty(self.model, len(grid))
-            take_steps(self.model, self.data[k], grid, trace, self._taker(k))
-        if trace is None:
+            found = self._alone(k, grid)
+        if found is None:
             return None
-        twist, pose = trace.twist_and_pose(self.model)
-        if not self._watchdogs[k].quiet(trace.warnings, trace.qpos, trace.qvel, pose, twist, trace.nearest):
-            if self._together is None:
+        state = {"pose": found.pose, "twist": found.twist, "qpos": found.qpos, "qvel": found.qvel}
+        quiet = self._watchdogs[k].quiet
+        if not quiet(found.warnings, found.qpos, found.qvel, found.pose, found.twist, found.nearest, found.calm):
+            if before is not None:
                 before.restore(self.model, self.data[k])
-                if self._sub_steps is not None and level is not None:
-                    self._sub_steps[k].restore(level)
+            if self._sub_steps is not None and level is not None:
+                self._sub_steps[k].restore(level)
             return None
         if self._together is not None:
             self._together.bring(self._rows[k], self.data[k])
         if k == self._shadowed:
-            self._constrained = trace.constrained
-        return {"pose": pose, "twist": twist, "qpos": trace.qpos, "qvel": trace.qvel}
+            self._constrained = found.constrained
+        return state
+
+    def _alone(self, k: int, grid: range) -> Strode:
+        """Takes steps of environment k by itself."""
+        trace = Trace.empty(self.model, len(grid))
+        take_steps(self.model, self.data[k], grid, trace, self._taker(k))
+        twist, pose = trace.twist_and_pose(self.model)
+        return Strode(pose, twist, trace.qpos, trace.qvel, trace.nearest, trace.warnings, trace.constrained, False)
 
     def _looked_at(self, k: int, grid: range, faults: dict[int, str]) -> State:
         """The same, with a look at the state after each step; notes into `faults` if the environment diverges."""

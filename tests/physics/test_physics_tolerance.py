@@ -76,5 +76,5 @@ def test_wrong_tolerances_say_what_is_right():
 
 
 def test_what_is_prescribed_needs_none():
-    assert PhysicsNode.without_effect({"scene": "spinning_disk"}).keys() == {"physics_tolerance", "timestep"}
+    assert PhysicsNode.without_effect({"scene": "spinning_disk"}).keys() == {"physics_tolerance", "timestep", "engine"}
     assert PhysicsNode.without_effect({"scene": "cart_pole"}) == {}

@@ -14,10 +14,11 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from nodes.physics.dynamics.stride import STATE, Trace
+from nodes.physics.dynamics.stride import STATE, twist_and_pose
+from nodes.physics.dynamics.strides import Judge, Strode, strides
 
 _PLACES = ("xpos", "xquat", "cvel", "subtree_com")
-"""Fields that a step leaves as they were before it."""
+"""Fields that a step leaves as they were before it, as `twist_and_pose` takes them."""
 _JOINTS = ("qpos", "qvel")
 
 
@@ -32,24 +33,24 @@ class Asked:
 class SideBySide:
     """Steps environments of one model, whose last sensor is that of `with_deepest`."""
 
-    def __init__(self, model: Any, count: int, threads: int) -> None:
-        """count: of environments. threads: that share them."""
+    def __init__(self, model: Any, count: int, threads: int, judge: Judge) -> None:
+        """count: of environments. threads: that share them. judge: tells which of them have nothing to tell."""
         model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
-        self._model, self._count, self._threads = model, count, threads
+        self._model, self._count, self._threads, self._judge = model, count, threads, judge
         # RK4 leaves places within its step; what looks at the time has it exact.
         plain = model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4 and not model.nhistory and not model.nplugin
         self._whole = plain
         """Whether all steps up to a stamp may be taken without a look at them."""
         self._batch: Batch | None = None
         self._asked: dict[int, Asked] = {}
-        self._found: dict[int, Trace] = {}
+        self._found: dict[int, Strode] = {}
 
     def ask(self, row: int, data: Any, grid: range) -> None:
         """Asks for steps of an environment, which are taken with those of all others that were asked for."""
         self._asked[row] = Asked(data, grid)
         self._found.pop(row, None)
 
-    def trace(self, row: int) -> Trace:
+    def trace(self, row: int) -> Strode:
         """Gives what the steps left that were asked for."""
         if row not in self._found:
             self._found |= self._take(self._asked)
@@ -61,10 +62,10 @@ class SideBySide:
         assert self._batch is not None
         self._batch.get_data(row, data)
 
-    def _take(self, asked: dict[int, Asked]) -> dict[int, Trace]:
+    def _take(self, asked: dict[int, Asked]) -> dict[int, Strode]:
         """Takes all steps: together, what takes as many."""
         batch = self._made()
-        found: dict[int, Trace] = {}
+        found: dict[int, Strode] = {}
         for row, task in asked.items():
             mujoco.mj_getState(self._model, task.data, batch.state[row], STATE)
             batch.warning[row, :, 0], batch.warning[row, :, 1] = task.data.warning.lastinfo, task.data.warning.number
@@ -73,7 +74,7 @@ class SideBySide:
             found |= self._traces(batch, rows, [asked[row] for row in rows.tolist()], count)
         return found
 
-    def _traces(self, batch: Batch, rows: np.ndarray, tasks: list[Asked], count: int) -> dict[int, Trace]:
+    def _traces(self, batch: Batch, rows: np.ndarray, tasks: list[Asked], count: int) -> dict[int, Strode]:
         """Has environments take `count` steps."""
         places = [batch.bind(name) for name in _PLACES]
         made = [np.empty((len(rows), count, *field.shape[1:])) for field in places]
@@ -92,12 +93,9 @@ class SideBySide:
                 to[:, first : last + 1] = left[name]
             nearest = np.minimum(nearest, left["sensordata"][:, :, -1].min(axis=1))
             constrained = left["nefc"].reshape(len(rows), -1)[:, -1] > 0
-        found = {}
-        for n, row in enumerate(rows.tolist()):
-            found[row] = trace = Trace(*[values[n] for values in (*made, *joints)])
-            trace.nearest, trace.constrained = float(nearest[n]), bool(constrained[n])
-            trace.warnings = np.array(batch.warning[row, :, 1])
-        return found
+        twist, pose = twist_and_pose(self._model, *made)
+        warnings = [np.array(batch.warning[row, :, 1]) for row in rows.tolist()]
+        return dict(zip(rows.tolist(), strides((pose, twist, *joints), nearest, warnings, constrained, self._judge)))
 
     def _made(self) -> Batch:
         """The batch, made when it is first needed: it copies the model."""

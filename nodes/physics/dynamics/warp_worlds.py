@@ -7,7 +7,6 @@ An environment in which something looks wrong is stepped again by MuJoCo itself,
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -15,34 +14,26 @@ import numpy as np
 import warp as wp
 
 from nodes.physics.dynamics import warp_kernels as kernels
+from nodes.physics.dynamics.strides import Judge, Strode, strides
 from nodes.physics.dynamics.unsupported import Unsupported
 
 _STATE = ("qpos", "qvel", "act", "qacc_warmstart")
 _GIVEN = ("ctrl", "eq_active", "mocap_pos", "mocap_quat")
 
 
-@dataclass
-class WarpTrace:
-    """Holds what the steps of an environment leave, as Trace does: float64 [n, ...] after each of n steps."""
-
-    pose: np.ndarray
-    twist: np.ndarray
-    qpos: np.ndarray
-    qvel: np.ndarray
-    nearest: float
-    warnings: np.ndarray
-    constrained: bool
-
-    def twist_and_pose(self, model: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Gives twists [n, bodies, 6] and poses [n, bodies, 7] of all bodies but the world, in the world."""
-        return self.twist, self.pose
+_MOST = 8192
+"""Contacts and constraints of a world for which there is room at most."""
 
 
 class WarpWorlds:
     """Steps environments of one model on a device."""
 
-    def __init__(self, model: Any, count: int, device: str) -> None:
-        """Puts `count` worlds of a model on a device. Raises Unsupported for a model that MuJoCo Warp cannot take."""
+    def __init__(self, model: Any, count: int, device: str, judge: Judge) -> None:
+        """Puts `count` worlds of a model on a device. Raises Unsupported for a model that MuJoCo Warp cannot take.
+
+        judge: tells which of them have nothing to tell.
+        """
+        self._judge = judge
         try:
             import mujoco_warp
         except ImportError:
@@ -60,8 +51,12 @@ class WarpWorlds:
                 # The same seed gives the same bytes.
                 self._model.opt.deterministic = True
                 self._data = mujoco_warp.make_data(self._host, nworld=count)
+                self._contacts, self._constraints = self._data.naconmax // count, self._data.njmax
         except (NotImplementedError, ValueError) as error:
             raise Unsupported(" ".join(str(error).split()).rstrip(".")) from None
+        kinds = mujoco_warp.OverflowType
+        self._loss = int(kinds.ALL & ~(kinds.ITERATIONS | kinds.LS_ITERATIONS | kinds.TACTILE | kinds.CONTACT_MATCH))
+        """What of a world's contacts or constraints was left out; MuJoCo too ends its iterations at their limit."""
         self._worlds = count
         make = self._made
         self._kept = {name: make(getattr(self._data, name).shape, float) for name in _STATE}
@@ -72,7 +67,7 @@ class WarpWorlds:
         self._room = 0
         self._graph: Any = None
         self._asked: dict[int, tuple[Any, range]] = {}
-        self._found: dict[int, WarpTrace] = {}
+        self._found: dict[int, Strode] = {}
         # Kernels are compiled before the start.
         self._make_room(1)
         self._one()
@@ -82,7 +77,7 @@ class WarpWorlds:
         self._asked[row] = data, grid
         self._found.pop(row, None)
 
-    def trace(self, row: int) -> WarpTrace | None:
+    def trace(self, row: int) -> Strode | None:
         """Gives what the steps left that were asked for; None where the environment diverged, or something was lost."""
         if row in self._asked:
             self._take()
@@ -116,19 +111,30 @@ class WarpWorlds:
         for _ in range(int(counts.max())):
             self._one()
         self._staged |= {name: kept.numpy() for name, kept in self._kept.items()}
-        pose, twist, qpos, qvel = (array.numpy() for array in (self._pose, self._twist, self._qpos, self._qvel))
-        lost = (self._diverged.numpy() != 0) | (self._data.overflow.numpy() != 0)
+        overflow = self._data.overflow.numpy()
+        lost = (self._diverged.numpy() != 0) | (overflow & self._loss != 0)
+        arrays = [array.numpy() for array in (self._pose, self._twist, self._qpos, self._qvel)]
         nearest, constrained = self._nearest.numpy(), self._constrained.numpy()
-        for row, (data, _) in asked.items():
-            if not lost[row]:
-                steps = slice(0, int(counts[row]))
-                places, speeds, q, v = (values[row, steps].astype(np.float64) for values in (pose, twist, qpos, qvel))
-                warnings = np.array(data.warning.number)
-                near, held = float(nearest[row]), bool(constrained[row])
-                self._found[row] = WarpTrace(places, speeds, q, v, near, warnings, held)
+        for steps in np.unique(counts[counts > 0]).tolist():
+            rows = [row for row in asked if counts[row] == steps and not lost[row]]
+            made = [values[rows, :steps].astype(np.float64) for values in arrays]
+            warnings = [np.array(asked[row][0].warning.number) for row in rows]
+            found = strides(made, nearest[rows], warnings, constrained[rows], self._judge)
+            self._found |= zip(rows, found)
+        if (overflow & self._loss).any() and max(self._contacts, self._constraints) < _MOST:
+            self._grow()
 
     def _made(self, shape: Any, dtype: Any) -> wp.array:
         return wp.zeros(shape, dtype=dtype, device=self._device)
+
+    def _grow(self) -> None:
+        """Makes twice the room for contacts and constraints; states come from the host at the next steps."""
+        self._contacts, self._constraints = 2 * self._contacts, 2 * self._constraints
+        with wp.ScopedDevice(self._device):
+            self._data = self._engine.make_data(
+                self._host, nworld=self._worlds, nconmax=self._contacts, njmax=self._constraints
+            )
+        self._graph = None
 
     def _make_room(self, steps: int) -> None:
         """Makes arrays for so many steps, and the graph that writes into them."""
