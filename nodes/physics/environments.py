@@ -74,7 +74,7 @@ class Environments:
         for group in self._groups:
             if group.interval is None:
                 group.interval = group.engine.start()
-            group.interval = replace(group.interval, faults=[], warnings=[])
+            group.interval = replace(group.interval, faults=[], warnings=[], again=0)
             group.interval.keep_last()
         return self._joined(keyframe_stamp(self._now, self._rate))
 
@@ -166,6 +166,7 @@ class Environments:
         result.qpos, result.qvel, result.acceleration = (arrays.get(n) for n in ("qpos", "qvel", "acceleration"))
         result.contacts = self._contacts(parts)
         for group, interval in parts:
+            result.again += interval.again
             kept = group.envs.tolist(), group.live.tolist()
             result.faults += [(kept[0][e], text) for e, text in interval.faults if kept[1][e]]
             result.warnings += [(kept[0][e], text) for e, text in interval.warnings if kept[1][e]]

@@ -32,7 +32,7 @@ class Interval:
     [E, S, B, 6] as in WorldState; qpos [E, S, nq], qvel [E, S, nv] and acceleration [E, N, 6] where asked for.
     faults: (environment, text) of each environment that diverged and was put back to its start. warnings: the same of
     what may be wrong without having diverged. own, own_t: as in WorldState, where environments were reset by
-    themselves.
+    themselves. again: how many environments MuJoCo stepped again in the place of MuJoCo Warp.
     """
 
     t: np.ndarray
@@ -48,6 +48,7 @@ class Interval:
     warnings: list[tuple[int, str]] = field(default_factory=list)
     own: np.ndarray | None = None
     own_t: np.ndarray | None = None
+    again: int = 0
 
     @classmethod
     def dense(cls, t: np.ndarray, pose: np.ndarray, twist: np.ndarray, **others: Any) -> Interval:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -21,11 +21,11 @@ from nodes.physics.dynamics.actuators import actuators_of
 from nodes.physics.dynamics.assembly import Assembly
 from nodes.physics.dynamics.contacts import contacts_of, gather
 from nodes.physics.dynamics.rest import Rest
-from nodes.physics.dynamics.side_by_side import SideBySide
 from nodes.physics.dynamics.start import put_to_start
 from nodes.physics.dynamics.states import State, between, snapshot
 from nodes.physics.dynamics.stride import Before, Trace, take_steps
-from nodes.physics.dynamics.strides import Judge, Strode
+from nodes.physics.dynamics.strides import Strode
+from nodes.physics.dynamics.together import Together, stepped_apart, together
 from nodes.physics.dynamics.unsupported import Unsupported
 from nodes.physics.interval import Interval, check_controls, grid_inside
 from nodes.physics.precision.errors import Errors
@@ -33,9 +33,6 @@ from nodes.physics.precision.sampled import shadow_of
 from nodes.physics.precision.sub_steps import FINEST, SubSteps, take_best_integrator
 from nodes.physics.precision.tolerance import Tolerance
 from nodes.physics.watchdog import Watchdog
-
-if TYPE_CHECKING:
-    from nodes.physics.dynamics.warp_worlds import WarpWorlds
 
 MAX_STEP_NS = 1_000_000
 """Longest sub-step [ns]; a model with a longer timestep is stepped in equal parts of it."""
@@ -47,21 +44,6 @@ def step_length(model_timestep: float, asked: float | None) -> int:
         return max(1, round(asked * 1e9))
     timestep = max(1, round(model_timestep * 1e9))
     return round(timestep / -(-timestep // MAX_STEP_NS))
-
-
-def _stepped_apart(scene: Scene, tolerance: Tolerance | None) -> str:
-    """Why steps of several environments cannot be taken together, "" where they can."""
-    if tolerance is not None:
-        return "physics_tolerance cuts the steps of each environment by itself"
-    if any(body.follows is not None for body in scene.bodies):
-        return "cameras or lights of the model follow a body"
-    return ""
-
-
-def _warp_worlds(model: Any, envs: int, device: str, judge: Judge) -> WarpWorlds:
-    from nodes.physics.dynamics.warp_worlds import WarpWorlds
-
-    return WarpWorlds(model, envs, device, judge)
 
 
 class MujocoEngine:
@@ -104,11 +86,11 @@ class MujocoEngine:
         # Without a handler MuJoCo writes a log file into the working directory; the watchdog reads the counters.
         mujoco.set_mju_user_warning(lambda text: None)
         self.scene, self.envs = scene, envs
-        apart = _stepped_apart(scene, tolerance)
+        apart = stepped_apart(scene, tolerance)
         if apart and warp is not None:
             raise Unsupported(apart)
-        together = not apart and (envs > 1 or warp is not None)
-        self.model = compile_model(scene, deepest=together and warp is None)
+        many = not apart and (envs > 1 or warp is not None)
+        self.model = compile_model(scene, deepest=many and warp is None)
         # MuJoCo would put a diverged state back to its start and go on as if nothing had happened.
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.step_ns = step_length(self.model.opt.timestep, timestep)
@@ -125,13 +107,8 @@ class MujocoEngine:
         self._watchdogs = [Watchdog(self.model, speed_limit, finest) for _ in range(envs)]
         self._assembly = Assembly(scene, self.model)
         judge = self._watchdogs[0].calm
-        self._together: SideBySide | WarpWorlds | None = None
-        if together:
-            self._together = (
-                SideBySide(self.model, envs, threads, judge)
-                if warp is None
-                else _warp_worlds(self.model, envs, warp, judge)
-            )
+        self._together: Together | None = together(self.model, envs, threads, warp, judge) if many else None
+        self._warp = warp is not None
         self._rows = list(range(envs))
         """Which environments of `_together` these are."""
         self._prepared = -1
@@ -279,10 +256,12 @@ class MujocoEngine:
             for k in {*range(self.envs)} - {*awake}:
                 made[name][k] = value[k]
         faults: dict[int, str] = {}
+        looked_at, again = self.looked_at, 0
         if len(grid):
             for k in awake:
                 for name, value in (self._strode(k, grid) or self._looked_at(k, grid, faults)).items():
                     made[name][k, 1:] = value
+            again = self.looked_at - looked_at if self._warp else 0
             for k, watchdog in enumerate(self._watchdogs):
                 if k not in self._left:
                     watchdog.passed(self.data[k])
@@ -300,6 +279,7 @@ class MujocoEngine:
         times = np.concatenate(([self._stamp], times[inside], [to_ns]))
         self._stamp, self._last = to_ns, {name: value[:, -1] for name, value in course.items()}
         interval = self._interval(times, course, sorted(faults.items()))
+        interval.again = again
         self._watch_rest(int(times[0]), course)
         return interval
 

@@ -323,6 +323,8 @@ class PhysicsNode(Node):
 
     def _faults(self, interval: Interval, stamp: int) -> None:
         """An environment that diverged begins its next episode at this stamp; with only one, so does the run."""
+        if interval.again:
+            self.count("stepped_again_by_mujoco", interval.again)
         for env, text in interval.warnings:
             self.count("physics_warnings")
             self.warn(f"environment {env}: {text}")

@@ -80,6 +80,7 @@ def merged(parts: Sequence[Interval]) -> Interval:
         pose[env, :, columns] = np.swapaxes(part.moving_pose[0], 0, 1)
         twist[env, :, columns] = np.swapaxes(part.moving_twist[0], 0, 1)
     result = Interval(t, end, moving, pose, twist)
+    result.again = sum(part.again for part in parts)
     for env, part in enumerate(parts):
         result.faults += [(env, text) for _, text in part.faults]
         result.warnings += [(env, text) for _, text in part.warnings]

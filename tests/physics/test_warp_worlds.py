@@ -53,7 +53,7 @@ def test_what_goes_wrong_in_one_is_told_as_mujoco_tells_it(tmp_path: Path, devic
         expected, found = one.advance(n * GAP_NS), other.advance(n * GAP_NS)
         assert found.faults == expected.faults and found.warnings == expected.warnings
         np.testing.assert_allclose(found.pose, expected.pose, atol=2e-5)
-        assert (n == 3) == bool(found.faults)
+        assert (n == 3) == bool(found.faults) == bool(found.again)
     assert other.looked_at == 1
 
 
