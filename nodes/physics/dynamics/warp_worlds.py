@@ -13,9 +13,11 @@ import mujoco
 import numpy as np
 import warp as wp
 
+from evis.gpu.building import build_together
 from nodes.physics.dynamics import warp_kernels as kernels
 from nodes.physics.dynamics.strides import Judge, Strode, strides
 from nodes.physics.dynamics.unsupported import Unsupported
+from nodes.physics.dynamics.warp_launches import launches
 
 _STATE = ("qpos", "qvel", "act", "qacc_warmstart")
 _GIVEN = ("ctrl", "eq_active", "mocap_pos", "mocap_quat")
@@ -70,6 +72,8 @@ class WarpWorlds:
         self._found: dict[int, Strode] = {}
         # Kernels are compiled before the start.
         self._make_room(1)
+        with wp.ScopedDevice(self._device):
+            build_together(self._device, launches(self._launch))
         self._one()
 
     def ask(self, row: int, data: Any, grid: range) -> None:
