@@ -23,7 +23,6 @@ from msgs.header import Header, Message
 from msgs.own_time import CONFIGURED
 from msgs.physics_error import PhysicsError
 from msgs.world import Action, Reset, WorldState
-from nodes.physics.engine_choice import FROM_ENVS, on_device
 from nodes.physics.environments import Environments
 from nodes.physics.from_outside import check_action
 from nodes.physics.interval import Engine, Interval
@@ -47,9 +46,8 @@ class PhysicsNode(Node):
         "threads": Param(int, 1, "CPU threads, which share the environments of a MuJoCo model", "", 1, 256),
         "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
         "engine": Param(
-            str, "auto", "what moves a MuJoCo model: MuJoCo, or MuJoCo Warp on the device; auto = MuJoCo Warp on a "
-            f"GPU from {FROM_ENVS} environments on, if it is installed and takes the model",
-            choices=("auto", "mujoco", "mujoco_warp"),
+            str, "mujoco", "what moves a MuJoCo model: MuJoCo, or MuJoCo Warp, all environments at once on the device",
+            choices=("mujoco", "mujoco_warp"),
         ),
         "keyframe_rate": Param(float, 30.0, "rendered keyframes per second", "Hz", 1e-3, 1e6),
         "action_rate": Param(
@@ -202,7 +200,7 @@ class PhysicsNode(Node):
             accelerations=p["accelerations"], speed_limit=p["speed_limit"], errors=errors,
             tolerance=Tolerance.of(p["physics_tolerance"]), threads=p["threads"],
         )  # fmt: skip
-        if on_device(p["engine"], p["device"], envs):
+        if p["engine"] == "mujoco_warp":
             try:
                 return make(warp=p["device"])
             except Unsupported as why:

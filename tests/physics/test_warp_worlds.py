@@ -7,8 +7,8 @@ import pytest
 from test_threads import controls, engine_of, told
 
 from evis.scene import load_scene
+from nodes.physics.dynamics.side_by_side import SideBySide
 from nodes.physics.dynamics.unsupported import Unsupported
-from nodes.physics.engine_choice import FROM_ENVS, on_device
 from nodes.physics.environments import Environments
 from nodes.physics.mujoco_engine import MujocoEngine
 from nodes.physics.node import PhysicsNode
@@ -95,11 +95,10 @@ def test_what_it_cannot_take_is_said(tmp_path: Path) -> None:
     assert any("MuJoCo Warp cannot take scene cart_pole" in text and "\n" not in text for text in said)
 
 
-def test_it_is_chosen_where_it_helps(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Never for one environment or on a CPU, unless it is asked for."""
-    monkeypatch.setattr("nodes.physics.engine_choice.find_spec", lambda name: object())
-    assert on_device("auto", "cuda:1", FROM_ENVS) and not on_device("auto", "cuda", FROM_ENVS - 1)
-    assert not on_device("auto", "cpu", 4096) and not on_device("mujoco", "cuda", 4096)
-    assert on_device("mujoco_warp", "cpu", 1)
-    monkeypatch.setattr("nodes.physics.engine_choice.find_spec", lambda name: None)
-    assert not on_device("auto", "cuda", 4096)
+def test_it_is_never_chosen_by_itself() -> None:
+    """On a GPU with many environments neither."""
+    node = PhysicsNode("physics", {"scene": "cart_pole", "device": "cuda", "envs": 256, "duration": 0.1})
+    said: list[str] = []
+    node.warn = said.append  # type: ignore[method-assign]
+    node.setup()
+    assert isinstance(node.engine._together, SideBySide) and not said
