@@ -58,7 +58,8 @@ class Trial:
     """Holds what came of a case: its error, NaN where it diverged; CPU seconds per simulated second; what was said.
 
     ended_s: simulated time. foretold: before the first step. said: while it ran and at its end. fault: why it diverged,
-    or "". estimate: how wrong the run itself says it is, None where it does not know.
+    or "". estimate: how wrong the run itself says it is, None where it does not know. course: what was published.
+    looked_at: how many intervals between stamps were stepped with a look at each state, by MuJoCo.
     """
 
     case: Case
@@ -70,6 +71,8 @@ class Trial:
     said: tuple[str, ...] = ()
     fault: str = ""
     estimate: Estimate | None = None
+    course: Course | None = None
+    looked_at: int = 0
 
     @property
     def estimated(self) -> float | None:
@@ -102,16 +105,16 @@ class Trial:
         return not self.fault and self.error <= self.case.limit
 
 
-def run(case: Case, method: Method, folder: Path) -> Trial:
+def run(case: Case, method: Method, folder: Path, warp: str | None = None) -> Trial:
     """Steps a case to its end or until it diverges.
 
-    folder: where its scene is written, as a user would write it. CPU time is that of the steps and of what physics
-    publishes, without loading.
+    folder: where its scene is written, as a user would write it. warp: device on which MuJoCo Warp takes the steps;
+    None = MuJoCo does. CPU time is that of the steps and of what physics publishes, without loading.
     """
     errors = Errors()
     tolerance = None if method.tolerance is None else Tolerance(method.tolerance, method.tolerance)
     scene = load_scene(str(_written(case, method, folder)))
-    engine = MujocoEngine(scene, joints=True, errors=errors, tolerance=tolerance)
+    engine = MujocoEngine(scene, joints=True, errors=errors, tolerance=tolerance, warp=warp)
     controls = np.array([case.controls]) if case.controls else None
     first = engine.start()
     foretold = tuple(text for _, text in first.warnings)
@@ -133,7 +136,10 @@ def run(case: Case, method: Method, folder: Path) -> Trial:
     worst = errors.worst()
     if worst is not None and (text := notice(worst, f"body{worst.body}", tolerance, stamp * 1e-9, engine.missed())):
         said.append(text)
-    return Trial(case, method, error, spent / (stamp * 1e-9), stamp * 1e-9, foretold, tuple(said), fault, worst)
+    seconds = stamp * 1e-9
+    return Trial(
+        case, method, error, spent / seconds, seconds, foretold, tuple(said), fault, worst, course, engine.looked_at
+    )
 
 
 def _part(interval: Interval, bodies: int, sample_ns: int) -> tuple[np.ndarray, ...]:

@@ -33,7 +33,7 @@ def actuators_of(scene: Scene) -> tuple[Actuators, np.ndarray]:
     if not scene.dynamic:
         return Actuators(), np.zeros(0)
     from evis.scene.mjcf.dynamics import compile_model
-    from nodes.physics import actuators
+    from nodes.physics.dynamics import actuators
 
     model = compile_model(scene)
     start = np.array(model.key_ctrl[scene.keyframe]) if scene.keyframe >= 0 else np.zeros(model.nu)

@@ -14,7 +14,7 @@ import numpy as np
 
 from evis.runtime.clock import keyframe_stamp
 from msgs.own_time import CONFIGURED, NUMBER, ORIGIN, SEED, STAMP
-from nodes.physics.interval import Contacts, Engine, Interval, check_controls
+from nodes.physics.interval import Contacts, Engine, Interval, Preparing, check_controls
 
 
 @dataclass
@@ -56,12 +56,17 @@ class Environments:
         before, self._now = self._now, k
         if controls is not None and len(self._groups) > 1:
             check_controls(controls, self._envs, self._controls)
+        going = [group for group in self._groups if k != group.first]
+        stamps = [keyframe_stamp(k - group.first, self._rate) for group in going]
+        for group, stamp in zip(going, stamps):
+            if isinstance(group.engine, Preparing):
+                own = None if controls is None else controls if self.together else controls[group.envs]
+                group.engine.prepare(stamp, own)
+        for group, stamp in zip(going, stamps):
+            group.interval = group.engine.advance(stamp)
         for group in self._groups:
             if k == group.first:
                 group.interval = group.engine.start()
-                continue
-            own = None if controls is None else controls if self.together else controls[group.envs]
-            group.interval = group.engine.advance(keyframe_stamp(k - group.first, self._rate), own)
         return self._joined(keyframe_stamp(before, self._rate))
 
     def present(self) -> Interval:
@@ -69,7 +74,7 @@ class Environments:
         for group in self._groups:
             if group.interval is None:
                 group.interval = group.engine.start()
-            group.interval = replace(group.interval, faults=[], warnings=[])
+            group.interval = replace(group.interval, faults=[], warnings=[], again=0)
             group.interval.keep_last()
         return self._joined(keyframe_stamp(self._now, self._rate))
 
@@ -162,6 +167,7 @@ class Environments:
         result.qpos, result.qvel, result.acceleration = (arrays.get(n) for n in ("qpos", "qvel", "acceleration"))
         result.contacts = self._contacts(parts)
         for group, interval in parts:
+            result.again += interval.again
             kept = group.envs.tolist(), group.live.tolist()
             result.faults += [(kept[0][e], text) for e, text in interval.faults if kept[1][e]]
             result.warnings += [(kept[0][e], text) for e, text in interval.warnings if kept[1][e]]

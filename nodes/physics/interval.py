@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -34,6 +34,7 @@ class Interval:
     what may be wrong without having diverged. own, own_t: as in WorldState, where environments were reset by
     themselves. lasting: whether nobody writes to these arrays any more, so that they are published as they are; of
     environments that move alike they may share memory.
+    again: how many environments MuJoCo stepped again in the place of MuJoCo Warp.
     """
 
     t: np.ndarray
@@ -50,6 +51,7 @@ class Interval:
     own: np.ndarray | None = None
     own_t: np.ndarray | None = None
     lasting: bool = False
+    again: int = 0
 
     @classmethod
     def dense(cls, t: np.ndarray, pose: np.ndarray, twist: np.ndarray, **others: Any) -> Interval:
@@ -109,6 +111,16 @@ class Engine(Protocol):
         """Makes an engine of these environments alone, at their start and stamp 0.
 
         seeds: of each, None = its own of now. numbers: how often each has begun anew since it got its seed.
+        """
+
+
+@runtime_checkable
+class Preparing(Engine, Protocol):
+    """Moves environments together with those of other engines."""
+
+    def prepare(self, to_ns: int, controls: np.ndarray | None = None) -> None:
+        """Takes the controls of the way to a stamp, and asks for what engines that belong together do at once;
+        `advance` to it, without controls, then waits for that.
         """
 
 

@@ -43,6 +43,14 @@ class PhysicsNode(Node):
             2**63 - 1,
         ),
         "envs": Param(int, 1, "parallel environments", "", 1, 65536),
+        "threads": Param(
+            int, 0, "CPU threads, which share the environments of a MuJoCo model; 0 = one per core", minimum=0, maximum=256
+        ),
+        "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
+        "engine": Param(
+            str, "mujoco", "what moves a MuJoCo model: MuJoCo, or MuJoCo Warp, all environments at once on the device",
+            choices=("mujoco", "mujoco_warp"),
+        ),
         "keyframe_rate": Param(float, 30.0, "rendered keyframes per second", "Hz", 1e-3, 1e6),
         "action_rate": Param(
             float, None,
@@ -92,7 +100,7 @@ class PhysicsNode(Node):
         with contextlib.suppress(OSError, ValueError):  # who loads it says so
             if scene and not is_dynamic(scene):
                 why = f"all motion of scene {scene} is in closed form, and exact"
-                return {"physics_tolerance": why, "timestep": why}
+                return {"physics_tolerance": why, "timestep": why, "engine": why}
         return {}
 
     @classmethod
@@ -197,13 +205,21 @@ class PhysicsNode(Node):
 
             inside = partial(self.wants, "state", "moving_pose")
             return PrescribedEngine(scene, envs, p["accelerations"], p["keyframe_rate"], p["envs"], inside)
+        from nodes.physics.dynamics.side_by_side import threads_for
+        from nodes.physics.dynamics.unsupported import Unsupported
         from nodes.physics.mujoco_engine import MujocoEngine
 
-        return MujocoEngine(
-            scene, seed, envs, timestep=p["timestep"], contacts=p["contacts"], joints=p["joints"],
+        make = partial(
+            MujocoEngine, scene, seed, envs, timestep=p["timestep"], contacts=p["contacts"], joints=p["joints"],
             accelerations=p["accelerations"], speed_limit=p["speed_limit"], errors=errors,
-            tolerance=Tolerance.of(p["physics_tolerance"]),
+            tolerance=Tolerance.of(p["physics_tolerance"]), threads=threads_for(p["threads"], envs),
         )  # fmt: skip
+        if p["engine"] == "mujoco_warp":
+            try:
+                return make(warp=p["device"])
+            except Unsupported as why:
+                self.warn(f"MuJoCo Warp cannot take scene {scene.name}: {why}; MuJoCo itself moves it")
+        return make()
 
     def _other_engines(self, envs: list[int], seeds: list[int]) -> list[tuple[list[int], Engine]]:
         """Engines of those environments that move otherwise with the seeds that they are given."""
@@ -319,6 +335,8 @@ class PhysicsNode(Node):
 
     def _faults(self, interval: Interval, stamp: int) -> None:
         """An environment that diverged begins its next episode at this stamp; with only one, so does the run."""
+        if interval.again:
+            self.count("stepped_again_by_mujoco", interval.again)
         for env, text in interval.warnings:
             self.count("physics_warnings")
             self.warn(f"environment {env}: {text}")

@@ -7,7 +7,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from nodes.physics.interval import Contacts, Engine, Interval, check_controls
+from nodes.physics.interval import Contacts, Engine, Interval, Preparing, check_controls
 
 
 class SeparateEngines:
@@ -28,12 +28,19 @@ class SeparateEngines:
         """Gives the state at stamp 0."""
         return merged([engine.start() for engine in self.engines])
 
+    def prepare(self, to_ns: int, controls: np.ndarray | None = None) -> None:
+        """Hands the controls on. Raises ValueError for controls of a wrong shape or not finite."""
+        if controls is not None:
+            check_controls(controls, len(self.engines), self.controls)
+        for k, engine in enumerate(self.engines):
+            if isinstance(engine, Preparing):
+                engine.prepare(to_ns, None if controls is None else controls[k : k + 1])
+
     def advance(self, to_ns: int, controls: np.ndarray | None = None) -> Interval:
         """Gives the states up to a stamp. Raises ValueError for controls of a wrong shape or not finite."""
         if controls is not None:
-            check_controls(controls, len(self.engines), self.controls)
-        own = [None if controls is None else controls[k : k + 1] for k in range(len(self.engines))]
-        return merged([engine.advance(to_ns, action) for engine, action in zip(self.engines, own)])
+            self.prepare(to_ns, controls)
+        return merged([engine.advance(to_ns) for engine in self.engines])
 
     def rewind(self, seed: int) -> None:
         """Goes back to stamp 0, engine k with seed + k."""
@@ -73,6 +80,7 @@ def merged(parts: Sequence[Interval]) -> Interval:
         pose[env, :, columns] = np.swapaxes(part.moving_pose[0], 0, 1)
         twist[env, :, columns] = np.swapaxes(part.moving_twist[0], 0, 1)
     result = Interval(t, end, moving, pose, twist)
+    result.again = sum(part.again for part in parts)
     for env, part in enumerate(parts):
         result.faults += [(env, text) for _, text in part.faults]
         result.warnings += [(env, text) for _, text in part.warnings]

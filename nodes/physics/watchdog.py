@@ -63,31 +63,54 @@ class Watchdog:
         cause = self._cause(data, body)
         return f"body '{self._body(body)}' diverged at t = {data.time:.6g} s: {what}; likely cause: {cause}"
 
+    def calm(self, qpos: np.ndarray, qvel: np.ndarray, twist: np.ndarray, nearest: np.ndarray) -> np.ndarray:
+        """Tells of environments of the model whether `quiet` would find nothing in their states, bool [E].
+
+        qpos, qvel, twist: [E, n, ...] after each of n steps. nearest: [E], least distance of a contact [m]. What only a
+        closer look can tell is not calm.
+        """
+        # A sum is finite only if everything in it is.
+        finite = np.isfinite(qpos.sum(axis=(1, 2)) + qvel.sum(axis=(1, 2)) + twist.sum(axis=(1, 2, 3)))
+        v, omega = (np.sqrt((twist[..., part] ** 2).sum(axis=-1)) for part in (slice(0, 3), slice(3, 6)))
+        points = (v + omega * self._reach.of_body[1:]).max(axis=(1, 2), initial=0.0)
+        slow = points <= min(self.speed_limit, 0.5 * self._thickness / self.model.opt.timestep)
+        return finite & slow & (nearest > -0.5 * self._thickness)
+
     def quiet(
-        self, data: Any, qpos: np.ndarray, qvel: np.ndarray, pose: np.ndarray, twist: np.ndarray, nearest: float
-    ) -> bool:
+        self, warnings: np.ndarray, qpos: np.ndarray, qvel: np.ndarray, pose: np.ndarray, twist: np.ndarray,
+        nearest: float, calm: bool = False,
+    ) -> bool:  # fmt: skip
         """Says that `check` and `notices` would find nothing after any of n steps.
 
-        qpos, qvel, pose, twist: [n, ...] after each of them. nearest: least distance of a contact [m].
+        warnings: MuJoCo's counters after them. qpos, qvel, pose, twist: [n, ...] after each of them. nearest: least
+        distance of a contact [m]. calm: whether `calm` has said so already.
         """
-        # A counter that rose stays risen; a sum is finite only if everything in it is.
-        numbers = data.warning.number
+        # A counter that rose stays risen.
+        numbers = warnings.tolist()
         if [numbers[w] for w in _BAD] != self._counts or any(numbers[w] for w in _LOST):
             return False
-        if not np.isfinite(qpos.sum() + qvel.sum() + twist.sum()):
-            return False
-        fastest = float(np.sqrt((twist[..., :3] ** 2).sum(axis=-1).max(initial=0.0)))
-        if fastest > self.speed_limit:
-            return False
-        slow = 0.5 * self._thickness / self.model.opt.timestep
-        if self._reach.bound(twist) > slow and self._reach.fastest(pose, twist).max(initial=0.0) > slow:
-            return False
-        if nearest <= -0.5 * self._thickness:
+        if not calm and not self._unremarkable(qpos, qvel, pose, twist, nearest):
             return False
         if len(twist):
             slow = self._spins[1:] * self.model.opt.timestep <= FOLLOWED
             self._spins[1:][slow] = np.linalg.norm(twist[-1, slow, 3:], axis=-1)
         return True
+
+    def _unremarkable(
+        self, qpos: np.ndarray, qvel: np.ndarray, pose: np.ndarray, twist: np.ndarray, nearest: float
+    ) -> bool:
+        """Whether there is nothing in these states to tell."""
+        if not np.isfinite(qpos.sum() + qvel.sum() + twist.sum()):
+            return False
+        fastest = float(np.sqrt((twist[..., :3] ** 2).sum(axis=-1).max(initial=0.0)))
+        if fastest > self.speed_limit:
+            return False
+        if "through" in self._said:  # it is told once
+            return True
+        slow = 0.5 * self._thickness / self.model.opt.timestep
+        if self._reach.bound(twist) > slow and self._reach.fastest(pose, twist).max(initial=0.0) > slow:
+            return False
+        return nearest > -0.5 * self._thickness
 
     def passed(self, data: Any) -> None:
         """Takes note of the time, after steps in which nothing was wrong."""

@@ -47,7 +47,7 @@ class RendererNode(Node):
         "threads": Param(
             int,
             0,
-            "CPU threads of renderer and interpolator; 0 = as cores and pixels are worth, at most 8",
+            "CPU threads of physics, renderer and interpolator; 0 = as cores, environments and pixels are worth",
             minimum=0,
             maximum=256,
         ),

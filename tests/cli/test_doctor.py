@@ -48,7 +48,7 @@ def test_what_is_optional_is_a_note(declared: list[str], monkeypatch: pytest.Mon
     assert "ros (" in found.text, "one of its two packages is not enough"
     monkeypatch.setattr(doctor, "_version", lambda package: "1.0")
     assert finding("extras") == doctor.Finding(
-        "extras", "ok", "video, bench, files, ros, peers, gym, rl, layouts, cluster"
+        "extras", "ok", "video, bench, files, ros, gpu, gym, rl, layouts, cluster"
     )
 
 

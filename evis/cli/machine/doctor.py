@@ -27,7 +27,7 @@ EXTRAS = {
     "bench": "plots",
     "files": "HDF5 compressed as DSEC and TUM-VIE",
     "ros": "rosbags and mcap-ros2-support for your own scripts",
-    "peers": "MuJoCo Warp in evis bench renderer_peers",
+    "gpu": "MuJoCo Warp in physics:=mujoco_warp",
     "gym": "environments for reinforcement learning",
     "rl": "training in them, with PyTorch",
     "layouts": "data sets as Zarr",

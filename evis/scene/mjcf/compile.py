@@ -13,10 +13,23 @@ from evis.scene.folders import Folders
 from evis.scene.mjcf.check import check_model
 
 
-def compile_mjcf(path: Path, folders: Folders) -> Any:
-    """Compiles an MJCF file to its MjModel. Raises SceneError in one line that names the file."""
+def compile_mjcf(path: Path, folders: Folders, deepest: bool = False) -> Any:
+    """Compiles an MJCF file to its MjModel. Raises SceneError in one line that names the file.
+
+    deepest: with a sensor of the least distance of its contacts, as the last.
+    """
     check_model(path, folders)
+    if deepest:
+        return compiled(path, lambda: with_deepest(mujoco.MjSpec.from_file(str(path))))
     return compiled(path, lambda: mujoco.MjModel.from_xml_path(str(path)))
+
+
+def with_deepest(spec: Any) -> Any:
+    """Compiles an MjSpec with a sensor of the least distance of all contacts [m], 0 while there are none."""
+    distance = 1 << int(mujoco.mjtConDataField.mjCONDATA_DIST)
+    # the last two: reduced to the least distance, of one contact
+    spec.add_sensor(type=mujoco.mjtSensor.mjSENS_CONTACT, intprm=[distance, 1, 1])
+    return spec.compile()
 
 
 def compiled(path: Path, compile_it: Callable[[], Any]) -> Any:

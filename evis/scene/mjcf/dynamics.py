@@ -18,13 +18,15 @@ def folders_of(scene: Scene) -> Folders:
     return scene.folders or Folders(scene.mjcf.parent)
 
 
-def compile_model(scene: Scene) -> Any:
+def compile_model(scene: Scene, deepest: bool = False) -> Any:
     """Compiles the MjModel that moves a scene's bodies, with the scene's changes: no visual geometry of a URDF. Raises
     SceneError.
+
+    deepest: with a sensor of the least distance of its contacts [m], 0 while there are none, as its last.
     """
     assert scene.mjcf is not None
     urdf = scene.mjcf.suffix.lower() == ".urdf"
-    model = (mujoco_model if urdf else compile_mjcf)(scene.mjcf, folders_of(scene))
+    model = (mujoco_model if urdf else compile_mjcf)(scene.mjcf, folders_of(scene), deepest)
     if scene.changes:
         from evis.scene.mjcf.changes import apply_changes
 

@@ -15,7 +15,7 @@ import numpy as np
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
 from evis.scene.mjcf.check import check_model
-from evis.scene.mjcf.compile import compiled
+from evis.scene.mjcf.compile import compiled, with_deepest
 from evis.scene.sources import note
 
 VISUAL_GROUP = 1
@@ -41,13 +41,18 @@ def compile_urdf(path: Path, folders: Folders) -> tuple[Any, Any, str | None]:
         return model, model, note
 
 
-def mujoco_model(path: Path, folders: Folders) -> Any:
-    """Compiles the MjModel of a URDF without its visual geometry. Raises SceneError in one line that names the file."""
+def mujoco_model(path: Path, folders: Folders, deepest: bool = False) -> Any:
+    """Compiles the MjModel of a URDF without its visual geometry. Raises SceneError in one line that names the file.
+
+    deepest: as of compile_mjcf.
+    """
     check_model(path, folders.also(*_own_package(path)))
     try:
         text = _text(path, folders, visuals=False)
     except (ET.ParseError, OSError):
         return compiled(path, lambda: mujoco.MjModel.from_xml_path(str(path)))  # which says what is wrong
+    if deepest:
+        return compiled(path, lambda: with_deepest(mujoco.MjSpec.from_string(text)))
     return compiled(path, lambda: mujoco.MjModel.from_xml_string(text))
 
 

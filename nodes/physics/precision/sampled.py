@@ -38,13 +38,19 @@ class SampledShadow:
         self._start(data)
 
     def follow(
-        self, data: Any, steps: int, before: np.ndarray, now: np.ndarray, parts: Sequence[int] | None = None
+        self,
+        data: Any,
+        steps: int,
+        before: np.ndarray,
+        now: np.ndarray,
+        constrained: bool,
+        parts: Sequence[int] | None = None,
     ) -> None:
         """Follows some steps, or lets them pass; arguments as of Shadow.follow."""
         if not steps:
             return
         if self._count == 0:
-            self._shadow.follow(data, steps, before, now, parts)
+            self._shadow.follow(data, steps, before, now, constrained, parts)
             position, rotation = self._own.kept()
             if len(position):
                 self._position = self._position + EVERY * position

@@ -73,20 +73,27 @@ class Shadow:
         self._remember(data)
 
     def follow(
-        self, data: Any, steps: int, before: np.ndarray, now: np.ndarray, parts: Sequence[int] | None = None
+        self,
+        data: Any,
+        steps: int,
+        before: np.ndarray,
+        now: np.ndarray,
+        constrained: bool,
+        parts: Sequence[int] | None = None,
     ) -> None:
         """Follows some steps, which the environment took under the controls that it has now.
 
         data: of the environment after them. before, now: float64 [bodies, 7], poses after the last step but one and
-        after the last. parts: in how many parts each step was taken, None = they were whole.
+        after the last. constrained: whether anything was touched or limited at the start of the last. parts: in how
+        many parts each step was taken, None = they were whole.
         """
         if not steps:
             return
         if parts is not None:
-            self._follow_parts(data, parts, now)
+            self._follow_parts(data, parts, now, constrained)
             return
         dt, shadow = self._model.opt.timestep, self._data
-        self._smooth = self._smooth and not data.nefc
+        self._smooth = self._smooth and not constrained
         for past in self._past:
             past.since.append((np.array(data.ctrl), steps))
         if self._behind and steps >= STEPS_BETWEEN_ACTIONS and not np.array_equal(shadow.ctrl, data.ctrl):
@@ -114,9 +121,9 @@ class Shadow:
             if not self._behind and not self._halved:
                 self._remember(data)
 
-    def _follow_parts(self, data: Any, parts: Sequence[int], now: np.ndarray) -> None:
+    def _follow_parts(self, data: Any, parts: Sequence[int], now: np.ndarray, constrained: bool) -> None:
         """Takes each step in half as many parts."""
-        self._length, self._smooth = 2, self._smooth and not data.nefc
+        self._length, self._smooth = 2, self._smooth and not constrained
         self._data.ctrl[:] = data.ctrl
         for count in parts:
             self._step(count // 2, 2 * self._model.opt.timestep / count)

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from collections import deque
 
-import numpy as np
-
 STILL = 1e-8
 """Speed [m/s, rad/s] below which a body rests: 36 um in an hour."""
 WINDOW_NS = 500_000_000
@@ -32,9 +30,8 @@ class Rest:
         self._seen.clear()
         self._since = -1
 
-    def see(self, start_ns: int, end_ns: int, twist: np.ndarray) -> None:
-        """Takes the velocities of bodies [..., 6] over an interval [ns]."""
-        fastest = float(np.abs(twist).max(initial=0.0))
+    def see(self, start_ns: int, end_ns: int, fastest: float) -> None:
+        """Takes the largest component of a velocity of a body over an interval [ns]."""
         if not fastest < STILL:
             self.wake()
             return

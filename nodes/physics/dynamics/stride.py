@@ -7,7 +7,7 @@ taken at once, and only what they leave is kept; the rest is array arithmetic ov
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import mujoco
@@ -30,6 +30,10 @@ class Trace:
     qvel: np.ndarray
     nearest: float = np.inf
     """Least distance of a contact in any of them [m]; negative = overlap."""
+    warnings: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int32))
+    """How often MuJoCo had warned of each of its warnings, after them."""
+    constrained: bool = False
+    """Whether anything was touched or limited at the start of the last step."""
 
     @classmethod
     def empty(cls, model: Any, steps: int) -> Trace:
@@ -41,11 +45,21 @@ class Trace:
 
     def twist_and_pose(self, model: Any) -> tuple[np.ndarray, np.ndarray]:
         """Computes twists [n, bodies, 6] and poses [n, bodies, 7] of all bodies but the world, in the world."""
-        pose = np.concatenate((self.xpos[:, 1:], se3.from_mujoco(self.xquat[:, 1:])), axis=-1)
-        # cvel is (omega, v) of the point of the body that is at the centre of mass of its kinematic tree
-        omega, v = self.cvel[:, 1:, :3], self.cvel[:, 1:, 3:]
-        arm = self.xpos[:, 1:] - self.com[:, model.body_rootid[1:]]
-        return np.concatenate((v + se3.cross(omega, arm), omega), axis=-1), pose
+        return twist_and_pose(model, self.xpos, self.xquat, self.cvel, self.com)
+
+
+def twist_and_pose(
+    model: Any, xpos: np.ndarray, xquat: np.ndarray, cvel: np.ndarray, com: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Computes twists [..., bodies, 6] and poses [..., bodies, 7] of all bodies but the world, in the world.
+
+    xpos, xquat, cvel, com (subtree_com): as MuJoCo has them, of all bodies.
+    """
+    pose = np.concatenate((xpos[..., 1:, :], se3.from_mujoco(xquat[..., 1:, :])), axis=-1)
+    # cvel is (omega, v) of the point of the body that is at the centre of mass of its kinematic tree
+    omega, v = cvel[..., 1:, :3], cvel[..., 1:, 3:]
+    arm = xpos[..., 1:, :] - com[..., model.body_rootid[1:], :]
+    return np.concatenate((v + se3.cross(omega, arm), omega), axis=-1), pose
 
 
 class Before:
@@ -81,3 +95,4 @@ def take_steps(
         trace.qpos[i], trace.qvel[i] = qpos, qvel
         if data.ncon:
             trace.nearest = min(trace.nearest, float(data.contact.dist.min()))
+    trace.warnings, trace.constrained = np.array(data.warning.number), bool(data.nefc)

@@ -1,0 +1,1 @@
+"""Environments of a MuJoCo model: their start, their steps, what is read of them, and their states as an interval."""

@@ -1,0 +1,79 @@
+"""What an engine of a MuJoCo model gives, put together: its own bodies, prescribed ones, and those mounted on them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from evis.geometry import se3
+from evis.scene.model import Scene
+from nodes.physics.accelerations import mounted_acceleration, mujoco_accelerations, prescribed_accelerations
+from nodes.physics.dynamics.followers import Followers
+from nodes.physics.interval import Interval
+from nodes.physics.prescribed import PrescribedStates
+
+
+class Assembly:
+    """Makes intervals of the bodies of a scene from states of the model's.
+
+    followers: what MuJoCo has follow a body. moves: whether anything is prescribed that moves.
+    """
+
+    def __init__(self, scene: Scene, model: Any) -> None:
+        """Raises ValueError for a body that nothing moves."""
+        self._scene, self._model = scene, model
+        follows = [(n, body.follows) for n, body in enumerate(scene.bodies) if body.follows is not None]
+        self.followers = Followers(model, [what for _, what in follows])
+        own = [
+            n
+            for n, body in enumerate(scene.bodies)
+            if body.trajectory is None and body.mount is None and body.follows is None
+        ]
+        if own and own[-1] >= model.nbody - 1:
+            raise ValueError(f"scene {scene.name}: body '{scene.bodies[own[-1]].name}' has no motion")
+        self._moved = [*own, *(n for n, _ in follows)]
+        self._columns = [*own, *range(model.nbody - 1, model.nbody - 1 + len(follows))]
+        """Which rows of a state the bodies of `_moved` are: the model's own bodies come first there."""
+        self._prescribed = PrescribedStates(scene)
+        self.moves = len(self._prescribed.moving) > 0
+
+    def interval(self, t: np.ndarray, pose: np.ndarray, twist: np.ndarray, still: bool = False) -> Interval:
+        """Makes the interval of times int64 [S] ns from the model's pose [E, S, n, 7] and twist [E, S, n, 6].
+
+        still: the model's bodies rest.
+        """
+        own, own_twist = pose, twist
+        pose, twist = (np.tile(a, (len(own), 1, 1, 1)) for a in self._prescribed.at(t))
+        moved, columns = self._moved, self._columns
+        pose[:, :, moved], twist[:, :, moved] = own[:, :, columns], own_twist[:, :, columns]
+        for n, body in enumerate(self._scene.bodies):
+            if body.mount is not None:
+                parent, offset = body.mount
+                above, above_twist = pose[:, :, parent], twist[:, :, parent]
+                pose[:, :, n] = se3.compose(above, offset)
+                twist[:, :, n] = se3.compose_twist(above, above_twist, offset, np.zeros(6))
+        if still:
+            twist += 0.0  # of what is mounted it may be -0.0, which is not the bits of a body that rests
+        return Interval.dense(t, pose, twist)
+
+    def accelerations(
+        self, interval: Interval, datas: Sequence[Any], scratch: Any, qpos: np.ndarray, qvel: np.ndarray
+    ) -> np.ndarray:
+        """Computes the accelerations [E, N, 6] of all bodies at the end of an interval.
+
+        datas: of each environment, whose controls count. scratch: another MjData. qpos [E, nq], qvel [E, nv]: then.
+        """
+        pose, twist = interval.pose[:, -1], interval.twist[:, -1]
+        result = np.tile(prescribed_accelerations(self._scene, int(interval.t[-1])), (len(datas), 1, 1))
+        own = [(n, column) for n, column in zip(self._moved, self._columns) if column < self._model.nbody - 1]
+        for k, data in enumerate(datas):
+            found = mujoco_accelerations(self._model, data, scratch, qpos[k], qvel[k])
+            for n, column in own:
+                result[k, n] = found[column]
+        for n, body in enumerate(self._scene.bodies):
+            if body.mount is not None:
+                parent, offset = body.mount
+                result[:, n] = mounted_acceleration(pose[:, parent], twist[:, parent], result[:, parent], offset)
+        return result

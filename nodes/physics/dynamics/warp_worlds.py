@@ -1,0 +1,185 @@
+"""Steps of many environments of a model at once, by MuJoCo Warp: float32, on a GPU, or slowly on Warp's CPU.
+
+It stands in the place of SideBySide: states of MjData go in before the steps, and come out where nothing was wrong.
+An environment in which something looks wrong is stepped again by MuJoCo itself, which says what it is.
+"""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import mujoco
+import numpy as np
+import warp as wp
+
+from evis.gpu.building import build_together
+from nodes.physics.dynamics import warp_kernels as kernels
+from nodes.physics.dynamics.strides import Judge, Strode, strides
+from nodes.physics.dynamics.unsupported import Unsupported
+from nodes.physics.dynamics.warp_launches import launches
+
+_STATE = ("qpos", "qvel", "act", "qacc_warmstart")
+_GIVEN = ("ctrl", "eq_active", "mocap_pos", "mocap_quat")
+
+
+_MOST = 8192
+"""Contacts and constraints of a world for which there is room at most."""
+
+
+class WarpWorlds:
+    """Steps environments of one model on a device."""
+
+    def __init__(self, model: Any, count: int, device: str, judge: Judge) -> None:
+        """Puts `count` worlds of a model on a device. Raises Unsupported for a model that MuJoCo Warp cannot take.
+
+        judge: tells which of them have nothing to tell.
+        """
+        self._judge = judge
+        try:
+            import mujoco_warp
+        except ImportError:
+            raise Unsupported('it is not installed; pip install "evis[gpu]" brings it') from None
+        self._engine, self._device = mujoco_warp, wp.get_device(device)
+        self._host = _without_autoreset(model)
+        self._bodies = model.nbody - 1
+        if model.nhistory or model.nplugin:
+            raise Unsupported("the model has " + ("delays" if model.nhistory else "plugins"))
+        try:
+            with wp.ScopedDevice(self._device):
+                self._model = mujoco_warp.put_model(self._host)
+                # What is lost is looked at here, and the steps are taken again.
+                self._model.opt.warn_overflow = False
+                # The same seed gives the same bytes.
+                self._model.opt.deterministic = True
+                self._data = mujoco_warp.make_data(self._host, nworld=count)
+                self._contacts, self._constraints = self._data.naconmax // count, self._data.njmax
+        except (NotImplementedError, ValueError) as error:
+            raise Unsupported(" ".join(str(error).split()).rstrip(".")) from None
+        kinds = mujoco_warp.OverflowType
+        self._loss = int(kinds.ALL & ~(kinds.ITERATIONS | kinds.LS_ITERATIONS | kinds.TACTILE | kinds.CONTACT_MATCH))
+        """What of a world's contacts or constraints was left out; MuJoCo too ends its iterations at their limit."""
+        self._worlds = count
+        make = self._made
+        self._kept = {name: make(getattr(self._data, name).shape, float) for name in _STATE}
+        self._step, self._count, self._diverged, self._constrained = (make(n, int) for n in (1, count, count, count))
+        self._nearest = make(count, float)
+        self._root: wp.array = wp.array(model.body_rootid.astype(np.int32), dtype=int, device=self._device)
+        self._staged = {name: getattr(self._data, name).numpy() for name in (*_STATE, *_GIVEN)}
+        self._room = 0
+        self._graph: Any = None
+        self._asked: dict[int, tuple[Any, range]] = {}
+        self._found: dict[int, Strode] = {}
+        # Kernels are compiled before the start.
+        self._make_room(1)
+        with wp.ScopedDevice(self._device):
+            build_together(self._device, launches(self._launch))
+        self._one()
+
+    def ask(self, row: int, data: Any, grid: range) -> None:
+        """Asks for steps of an environment, which are taken with those of all others that were asked for."""
+        self._asked[row] = data, grid
+        self._found.pop(row, None)
+
+    def trace(self, row: int) -> Strode | None:
+        """Gives what the steps left that were asked for; None where the environment diverged, or something was lost."""
+        if row in self._asked:
+            self._take()
+        return self._found.pop(row, None)
+
+    def bring(self, row: int, data: Any) -> None:
+        """Writes the state after the steps that were taken last into an MjData."""
+        for name in _STATE:
+            getattr(data, name)[:] = self._staged[name][row]
+        data.time = self._ends[row]
+
+    def _take(self) -> None:
+        """Takes all steps."""
+        asked, self._asked = self._asked, {}
+        counts = np.zeros(self._worlds, np.int32)
+        times, self._ends = np.zeros(self._worlds), np.zeros(self._worlds)
+        for row, (data, grid) in asked.items():
+            counts[row], times[row], self._ends[row] = len(grid), grid[0] * 1e-9, (grid[-1] + grid.step) * 1e-9
+            for name, values in self._staged.items():
+                values[row] = getattr(data, name)
+        for name, values in self._staged.items():
+            getattr(self._data, name).assign(values)
+        for name, kept in self._kept.items():
+            wp.copy(kept, getattr(self._data, name))
+        self._data.time.assign(times.astype(np.float32))
+        self._count.assign(counts)
+        for array, value in ((self._step, 0), (self._diverged, 0), (self._constrained, 0), (self._nearest, np.inf)):
+            array.fill_(value)
+        self._data.overflow.zero_()
+        self._make_room(int(counts.max()))
+        for _ in range(int(counts.max())):
+            self._one()
+        self._staged |= {name: kept.numpy() for name, kept in self._kept.items()}
+        overflow = self._data.overflow.numpy()
+        lost = (self._diverged.numpy() != 0) | (overflow & self._loss != 0)
+        arrays = [array.numpy() for array in (self._pose, self._twist, self._qpos, self._qvel)]
+        nearest, constrained = self._nearest.numpy(), self._constrained.numpy()
+        for steps in np.unique(counts[counts > 0]).tolist():
+            rows = [row for row in asked if counts[row] == steps and not lost[row]]
+            made = [values[rows, :steps].astype(np.float64) for values in arrays]
+            warnings = [np.array(asked[row][0].warning.number) for row in rows]
+            found = strides(made, nearest[rows], warnings, constrained[rows], self._judge)
+            self._found |= zip(rows, found)
+        if (overflow & self._loss).any() and max(self._contacts, self._constraints) < _MOST:
+            self._grow()
+
+    def _made(self, shape: Any, dtype: Any) -> wp.array:
+        return wp.zeros(shape, dtype=dtype, device=self._device)
+
+    def _grow(self) -> None:
+        """Makes twice the room for contacts and constraints; states come from the host at the next steps."""
+        self._contacts, self._constraints = 2 * self._contacts, 2 * self._constraints
+        with wp.ScopedDevice(self._device):
+            self._data = self._engine.make_data(
+                self._host, nworld=self._worlds, nconmax=self._contacts, njmax=self._constraints
+            )
+        self._graph = None
+
+    def _make_room(self, steps: int) -> None:
+        """Makes arrays for so many steps, and the graph that writes into them."""
+        if steps <= self._room:
+            return
+        self._room, worlds, make = steps, self._worlds, self._made
+        self._pose, self._twist = (make((worlds, steps, self._bodies, n), float) for n in (7, 6))
+        self._qpos, self._qvel = (make((worlds, steps, n), float) for n in (self._host.nq, self._host.nv))
+        self._graph = None
+
+    def _one(self) -> None:
+        """All worlds one step on: the first time as it comes, for kernels to be compiled, then as a graph."""
+        if self._graph is not None:
+            wp.capture_launch(self._graph)
+            return
+        with wp.ScopedDevice(self._device):
+            if not self._device.is_cuda:
+                self._launch()
+                return
+            self._launch()
+            with wp.ScopedCapture(self._device) as capture:
+                self._launch()
+            self._graph = capture.graph
+
+    def _launch(self) -> None:
+        engine, m, d = self._engine, self._model, self._data
+        engine.step(m, d)
+        live = [getattr(d, name) for name in _STATE]
+        seen = [self._count, self._diverged, self._constrained]
+        wp.launch(kernels.settle, self._worlds, [self._step, d.nefc, *seen, *live, *self._kept.values()])
+        wp.launch(kernels.deepest, d.naconmax, [d.nacon, d.contact.worldid, d.contact.dist, self._nearest])
+        for renew in (engine.kinematics, engine.com_pos, engine.com_vel):
+            renew(m, d)
+        places = [self._root, d.xpos, d.xquat, d.cvel, d.subtree_com, d.qpos, d.qvel]
+        outputs = [self._pose, self._twist, self._qpos, self._qvel]
+        wp.launch(kernels.record, (self._worlds, self._bodies), [self._step, *places, *outputs])
+        wp.launch(kernels.go_on, 1, [self._step])
+
+
+def _without_autoreset(model: Any) -> Any:
+    """A copy of the model that says nothing of resets of diverged states, which MuJoCo Warp never does."""
+    result = copy.copy(model)
+    result.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    return result

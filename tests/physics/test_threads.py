@@ -1,0 +1,90 @@
+"""Environments that share threads: the bytes are those of each alone, whatever their number and whatever goes wrong."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from evis.scene import load_scene
+
+pytest.importorskip("mujoco")
+from nodes.physics.environments import Environments
+from nodes.physics.interval import Interval
+from nodes.physics.mujoco_engine import MujocoEngine
+
+SLIDE = """<mujoco><option timestep="0.001" {option}/><worldbody>
+<geom type="plane" size="3 3 .1"/><body name="puck" pos="0 0 {height}"><freejoint/><geom size=".1" mass="1"/></body>
+<body name="cart" pos="0 2 1"><joint name="rail" type="slide" axis="1 0 0"/><geom size=".1" mass="1"/></body>
+</worldbody><actuator><motor joint="rail"/></actuator></mujoco>"""
+
+
+def told(interval: Interval, env: int) -> tuple:
+    """What is told of one environment, as bytes and texts."""
+    arrays = (interval.end_pose[env], interval.pose[env], interval.twist[env], interval.qpos[env], interval.qvel[env])
+    found = interval.contacts
+    touched = [values[found.env == env].tobytes() for name, values in vars(found).items() if name != "env"]
+    texts = [[text for k, text in lines if k == env] for lines in (interval.faults, interval.warnings)]
+    return tuple(a.tobytes() for a in arrays), touched, texts
+
+
+def engine_of(
+    folder: Path, envs: int, threads: int = 1, seed: int = 3, warp: str | None = None, **world: object
+) -> MujocoEngine:
+    text = SLIDE.format(**{"option": "integrator='Euler'", "height": 0.3} | world)
+    (folder / "m.xml").write_text(text)
+    scene = load_scene(str(folder / "m.xml"), visuals=False)
+    return MujocoEngine(scene, seed, envs, joints=True, contacts=True, threads=threads, warp=warp)
+
+
+def controls(k: int, envs: int) -> np.ndarray:
+    return np.sin(k + np.arange(envs))[:, None]
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4", "discrete"])
+@pytest.mark.parametrize("gap_ns", [33_333_333, 400_000])
+def test_each_moves_as_alone(tmp_path: Path, integrator: str, gap_ns: int) -> None:
+    """On one thread and on three, with actions of its own; stamps beside the grid, and closer than its steps."""
+    option = f"integrator='{integrator}'"
+    alone = [engine_of(tmp_path, 1, seed=3 + k, option=option) for k in range(5)]
+    shared = [engine_of(tmp_path, 5, threads, option=option) for threads in (1, 3)]
+    for n in range(1, 13):
+        action = controls(n, 5)
+        expected = [told(engine.advance(n * gap_ns, action[k : k + 1]), 0) for k, engine in enumerate(alone)]
+        for engine in shared:
+            interval = engine.advance(n * gap_ns, action)
+            assert [told(interval, k) for k in range(5)] == expected
+
+
+def test_what_goes_wrong_in_one_is_told_of_it(tmp_path: Path) -> None:
+    """A velocity that is not finite in one, an overlap in another: same words, and the others go on."""
+    shared, alone = engine_of(tmp_path, 3, 2), [engine_of(tmp_path, 1, seed=3 + k) for k in range(3)]
+    said = []
+    for n in range(1, 31):
+        if n == 4:
+            for data in (shared.data[1], alone[1].data[0]):
+                data.qvel[6] = np.nan
+            for data in (shared.data[2], alone[2].data[0]):
+                data.qpos[2] = -0.05
+        interval = shared.advance(n * 10_000_000)
+        said += interval.faults + interval.warnings
+        expected = [told(engine.advance(n * 10_000_000), 0) for engine in alone]
+        assert [told(interval, k) for k in range(3)] == expected
+    assert [env for env, text in said if "'cart' diverged" in text] == [1]
+    assert any(env == 2 and "overlap" in text for env, text in said)
+
+
+def test_resets_of_single_ones_share_the_threads(tmp_path: Path) -> None:
+    """Environments in times of their own, reset one by one: the same bytes on one thread and on two."""
+    runs = []
+    for threads in (1, 2):
+        worlds = Environments(engine_of(tmp_path, 4, threads), 4, 30.0)
+        worlds.advance(0)
+        found = []
+        for k in range(1, 16):
+            if k in (3, 5, 6, 11):
+                worlds.restart([k % 4], [-1 if k % 2 else 17], [1], k - 1)
+                worlds.present()
+            interval = worlds.advance(k, controls(k, 4))
+            found.append([told(interval, env) for env in range(4)])
+        runs.append(found)
+    assert runs[0] == runs[1]
