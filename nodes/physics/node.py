@@ -44,7 +44,7 @@ class PhysicsNode(Node):
         ),
         "envs": Param(int, 1, "parallel environments", "", 1, 65536),
         "threads": Param(
-            int, 0, "CPU threads, which share the environments of a MuJoCo model; 0 = one per core", minimum=0, maximum=256
+            int, 0, "CPU threads, which share environments of a MuJoCo model; 0 = one per core", minimum=0, maximum=256
         ),
         "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
         "engine": Param(
