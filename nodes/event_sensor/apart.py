@@ -168,7 +168,8 @@ class Apart:
         inner = int(np.argmax(part.live))
         t, before = own_t[part.span.start + inner], part.stamp
         frames = image[part.span]
-        between = None if further is None else further.of(part.span, len(self._rows))
+        # Those of who has left belong to an episode that this sensor does not know.
+        between = None if further is None else further.of(part.span, len(self._rows)).without(~part.live)
         if part.moved:
             # The last frame is the keyframe that they begin with.
             t, frames = t[-1:], frames[:, len(t) - 1 : len(t)]

@@ -64,6 +64,18 @@ class Further:
         own = slice(int(first[0]), int(first[-1]))
         return Further(first - first[:1], self.offset[own], self.value[own])
 
+    def without(self, left_out: np.ndarray) -> Further:
+        """Gives these without those of some environments, bool [E]."""
+        if not left_out.any():
+            return self
+        first, offset, value = (
+            a.numpy() if isinstance(a, wp.array) else np.asarray(a) for a in (self.first, self.offset, self.value)
+        )
+        counts, kept = np.diff(first), np.repeat(~left_out, (len(first) - 1) // len(left_out))
+        mine = np.repeat(kept, counts)
+        first = np.concatenate([[0], np.cumsum(np.where(kept, counts, 0))]).astype(np.int32)
+        return Further(first, offset[mine], value[mine])
+
     def none(self) -> Further:
         """Gives none of as many pixels."""
         return Further(np.zeros(len(self.first), np.int32), self.offset[:0], self.value[:0])
