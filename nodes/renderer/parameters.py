@@ -22,7 +22,7 @@ BATCH = Param(
     "no actions); 0 = as many as pay, on a CPU one; the events are the same",
     "",
     0,
-    64,
+    32,
 )
 PATHS = ("path_samples", "roulette")
 """Of LIGHT, what is about paths alone."""

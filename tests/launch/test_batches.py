@@ -49,7 +49,8 @@ def published(scene: str, at_state: Callable[[Executor, int], None] | None = Non
             if at_state is not None:
                 at_state(executor, states - 1)
         elif port not in ("error", "info"):
-            arrays = {name: np.asarray(array).tobytes() for name, array in message.arrays().items()}
+            on_host = {n: a if isinstance(a, np.ndarray) else a.numpy() for n, a in message.arrays().items()}
+            arrays = {name: array.tobytes() for name, array in on_host.items()}
             found.append((port, message.header, arrays))
 
     one, many = executor.publish, executor.publish_all
@@ -87,6 +88,15 @@ def test_every_message_is_the_same(scene: str, given: dict[str, Any]) -> None:
     """For methods that make several gaps at once and for those that do not, sensors with faults and with look-ahead."""
     want = published(scene, batch=1, **given)
     assert sum(len(arrays["t"]) for port, _, arrays in want if port == "events") > 1000
+    for batch in (4, 16):
+        assert published(scene, batch=batch, **given) == want
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("scene, preset", [("warehouse", "ideal"), ("tunnel_exit", "davis346")])
+def test_every_message_is_the_same_on_a_gpu(scene: str, preset: str) -> None:
+    given = {"device": "cuda", "preset": preset, "time_tolerance": 0, "width": 48, "height": 36}
+    want = published(scene, batch=1, **given)
     for batch in (4, 16):
         assert published(scene, batch=batch, **given) == want
 
