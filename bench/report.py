@@ -84,6 +84,8 @@ BY_THEMSELVES = {
     "bench.event_sensor.video": "events of video with and without sub-frames along optical flow, against dense frames",
     "bench.measure.clips": "`evis events measure` on clips of a real wheel (EVIS_TEST_DATA=DIR)",
     "bench.measure.long": "`evis events measure` on long streams: memory and CPU time",
+    "bench.physics.engines": "MuJoCo Warp beside MuJoCo on stiff and extreme cases",
+    "bench.physics.environments": "many environments of MuJoCo's models, by threads and by MuJoCo Warp",
     "bench.event_hashes": "hashes of every scene's events, and whether a change has changed any",
     "bench.documents": "writes the tables of docs/performance.md and docs/dynamics.md from reports",
     "bench.streams.peers": "other libraries that read event streams, in the Python that has them",

@@ -22,6 +22,8 @@ MEASURING = sorted(name for name, text in SOURCES.items() if "command.run(measur
 BY_ARGUMENTS = {
     "bench.documents": ["--page", "PAGE"],
     "bench.event_hashes": ["--out", "OUT", "--scenes", "spinning_disk"],
+    "bench.physics.engines": ["--cases", "1"],
+    "bench.physics.environments": ["falling_objects", "--envs", "2", "--keyframes", "2"],
     "bench.streams.peers": ["1"],
 }
 """Those that measure nothing by themselves, and what they are given."""
