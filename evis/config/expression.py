@@ -24,6 +24,9 @@ MAX_ITEMS = 10_000
 """Most values in the lists that one value of a file gets by `${...}`, those in lists of lists counted too."""
 MAX_DEPTH = 32
 """Most levels of lists within each other."""
+MAX_NESTING = 100
+"""Most operators within each other, far from the depth at which Python itself gives up: near it nothing else in the
+process can run either, so that what is freed by chance meanwhile would be told as an error of its own."""
 _LARGEST = 2**64
 
 _HOLE = re.compile(r"\$\{([^{}]*)\}")
@@ -63,6 +66,7 @@ def evaluate(text: str, arguments: Mapping[str, Any]) -> Any:
         tree = ast.parse(text.strip(), mode="eval")
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise ExpressionError(f"'{text}' is not an expression") from None
+    _refuse_deep(tree, text)
     try:
         value = _value(tree.body, arguments, text)
         if not isinstance(tree.body, ast.Name):
@@ -70,8 +74,17 @@ def evaluate(text: str, arguments: Mapping[str, Any]) -> Any:
         return value
     except ZeroDivisionError:
         raise ExpressionError(f"'{text}' divides by zero") from None
-    except (TypeError, OverflowError, RecursionError) as error:
+    except (TypeError, OverflowError) as error:
         raise ExpressionError(f"'{text}': {str(error).splitlines()[0]}") from None
+
+
+def _refuse_deep(tree: ast.AST, text: str) -> None:
+    level = [tree]
+    for _ in range(MAX_NESTING):
+        level = [part for node in level for part in ast.iter_child_nodes(node)]
+        if not level:
+            return
+    raise ExpressionError(f"'{text:.60}' has more than {MAX_NESTING} operators within each other")
 
 
 def _value(node: ast.expr, arguments: Mapping[str, Any], text: str) -> Any:

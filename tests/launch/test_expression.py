@@ -84,6 +84,16 @@ def test_everything_else_is_refused(text: str) -> None:
         evaluate(text, NAMES)
 
 
+@pytest.mark.parametrize("text", ["-" * 490 + "1", "1" + " + 1" * 120, "not " * 120 + "t"])
+def test_nesting_is_refused_long_before_python_runs_out_of_frames(text: str) -> None:
+    with pytest.raises(ExpressionError, match="operators within each other"):
+        evaluate(text, NAMES)
+
+
+def test_a_long_sum_is_none_the_worse_for_the_limit_of_nesting() -> None:
+    assert evaluate("1" + " + 1" * 90, NAMES) == 91
+
+
 def test_an_unknown_name_is_named() -> None:
     with pytest.raises(UnknownName) as error:
         evaluate("omega * 2", NAMES)
