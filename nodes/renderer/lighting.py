@@ -105,7 +105,7 @@ class Shading:
         self._kept = self._make_cache(visibility.shape if cached else (0, 0, 0))
         # Pixels that were not finite, and that were clipped, of each thread that shares the rows.
         self._host_counts: HostCopies | None = None
-        self._counts = wp.zeros((2, len(visibility.row_tiles.rows)), dtype=wp.int32, device=self.device)
+        self._counts = wp.zeros((2, len(visibility.row_tiles.parts)), dtype=wp.int32, device=self.device)
         # In a GPU's way: rays in a pass of their own, and neighbouring threads on a tile of pixels.
         self._tiled = on_gpu if options.split is None else options.split
         self.shadow_pass: ShadowPass | None = None
@@ -208,7 +208,7 @@ class Shading:
             self.placed()
         v = self.visibility
         envs, _, width = v.shape
-        bands = {row0: k for k, (row0, _) in enumerate(v.row_tiles.rows)}
+        bands = {row0: k for k, (row0, _) in enumerate(v.row_tiles.parts)}
 
         def launch(kernel: wp.Kernel, shared: list[Any]) -> None:
             def arguments(row0: int, row1: int) -> tuple[tuple[int, ...], list[Any]]:
@@ -217,7 +217,7 @@ class Shading:
                 dim = v.tiles if tiled else (envs, row1 - row0, width // v.span)
                 return dim, [v.view, row0, bands[row0], v.span, *shared]
 
-            v.row_tiles.launch(kernel, arguments, self.device, SHADE_BLOCK)
+            v.row_tiles.launch(kernel, arguments, self.device, SHADE_BLOCK, in_parts=True)
 
         if self.shadow_pass is not None:
             self.shadow_pass.launch()
@@ -242,14 +242,14 @@ class Shading:
             self.placed()
         v = self.visibility
         workers = 1 if self.device.is_cpu else LIST_WORKERS
-        bands = {row0: k for k, (row0, _) in enumerate(v.row_tiles.rows)}
+        bands = {row0: k for k, (row0, _) in enumerate(v.row_tiles.parts)}
 
         def launch(kernel: wp.Kernel, shared: list[Any]) -> None:
             def arguments(row0: int, row1: int) -> tuple[int, list[Any]]:
                 k = bands[row0]
                 return workers, [v.view, workers, firsts[k], k, pixels, count, *shared]
 
-            v.row_tiles.launch(kernel, arguments, self.device, SHADE_BLOCK)
+            v.row_tiles.launch(kernel, arguments, self.device, SHADE_BLOCK, in_parts=True)
 
         if self.shadow_pass is not None:
             self.shadow_pass.launch_list(workers, pixels, count)

@@ -51,7 +51,7 @@ class Evaluator:
         channels, exact = layout.channels, layout.exact_flicker
         self._room = 0
         self.size = (v.shape[1] - 2 * v.margin, v.shape[2] - 2 * v.margin)
-        self.bands = len(v.row_tiles.rows)
+        self.bands = len(v.row_tiles.parts)
         self._pixel: Any = wp.float32 if channels == 1 else wp.vec3
         bodies = len(v.names) + 2
         with wp.ScopedDevice(v.device):

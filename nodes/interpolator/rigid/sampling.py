@@ -75,7 +75,7 @@ class Sampling:
         envs, slots, step = layout.envs, layout.slots, layout.step
         self._pieces, self._envs, self._upsampling, self._pool = pieces, envs, layout.upsampling, pool
         self._step, self._ratio, self._on_device = step, layout.ratio, layout.on_device
-        self.bands = len(v.row_tiles.rows)
+        self.bands = len(v.row_tiles.parts)
         self._size = (v.shape[1] - 2 * v.margin, v.shape[2] - 2 * v.margin)
         inner = envs * self._size[0] * self._size[1]
         self._gain = pixels_per_radian(v)
