@@ -30,7 +30,8 @@ class Param:
 
     `default=None` with `optional=True` means "not given". secret: a text that stays out of bags, logs and errors, and
     may be given as `env:NAME` or `file:PATH`, which a list of processes does not show. files: a text that ends so, as
-    ".yaml", is the path of a file, which may stand in place of one of the choices; it becomes absolute.
+    ".yaml", is the path of a file, which may stand in place of one of the choices; it becomes absolute. words: texts
+    that may stand in place of a number.
     """
 
     type: type
@@ -43,6 +44,7 @@ class Param:
     optional: bool = False
     secret: bool = False
     files: tuple[str, ...] = ()
+    words: tuple[str, ...] = ()
 
     def convert(self, owner: str, key: str, value: Any) -> Any:
         """Converts a value (from YAML or a command line) to this parameter's type. Raises ParamError."""
@@ -50,6 +52,8 @@ class Param:
             return None
         if self.secret:
             return self._secret(owner, key, value)
+        if isinstance(value, str) and value in self.words:
+            return value
         value = self._cast(owner, key, value)
         if isinstance(value, float) and not math.isfinite(value):
             raise ParamError(f"{owner}: {key} is {value}; it must be finite")
@@ -81,7 +85,7 @@ class Param:
             raise ParamError(f"{owner}: {key}: {error}") from None
 
     def _cast(self, owner: str, key: str, value: Any) -> Any:
-        wrong = ParamError(f"{owner}: {key} is {value!r}, must be {_NAMES[self.type]}")
+        wrong = ParamError(f"{owner}: {key} is {value!r}, must be {' or '.join([_NAMES[self.type], *self.words])}")
         if self.type is bool:
             if isinstance(value, bool):
                 return value
@@ -137,6 +141,7 @@ def describe(param: Param) -> str:
     """Describes help, unit, range and default of a parameter, in one line."""
     of_file = f" or a file {param.files[0]}" if param.files else ""
     parts = ["one of " + ", ".join(map(str, param.choices)) + of_file if param.choices else limits(param)]
+    parts.append("".join(f"or {word}" for word in param.words))
     parts.append("" if param.default is None else f"default {describe_value(param.default)}")
     return f"{param.help} ({', '.join(p for p in parts if p)})" if any(parts) else param.help
 

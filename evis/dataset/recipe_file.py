@@ -43,7 +43,8 @@ OWN = {
     "pace": "nothing waits for the clock here",
 }
 """Arguments of launch files that a recipe gives itself."""
-METHOD = "interpolator"
+MEASURED = {"interpolator": "none, splat or rigid", "upsampling": "a number"}
+"""Arguments that may be auto, and what stands in its place where a sequence must be the same on all machines."""
 LONGEST = 1e6
 """Longest sequence [s]."""
 
@@ -135,8 +136,9 @@ def _scenes(table: Table, path: Path, sampling: str) -> list[SceneDraws]:
                     axes[key] = value
                 else:
                     constants[key] = value
-        where = next((p for p in (submap(entry, "arguments"), shared) if METHOD in p), None)
-        _repeatable(where.where(METHOD) if where else scenes.where(name), graph, constants, axes)
+        for key in MEASURED:
+            where = next((p for p in (submap(entry, "arguments"), shared) if key in p), None)
+            _repeatable(key, where.where(key) if where else scenes.where(name), graph, constants, axes)
         home, folders = os.path.abspath(path.parent), tuple(folders_of(graph))
         found.append(SceneDraws(target, weight, constants, tuple(axes.values()), scenes.where(name), home, folders))
     stems = [scene.name for scene in found]
@@ -163,13 +165,13 @@ def _declared(part: Table, key: str, known: Mapping[str, Param], scene: str, gra
     return known[key]
 
 
-def _repeatable(where: str, graph: Target, constants: Mapping[str, Any], axes: Mapping[str, Axis]) -> None:
-    """Raises LaunchError where a sequence would depend on the machine that makes it. where: of the argument."""
-    default = graph.launch.arguments[METHOD].param.default if METHOD in graph.launch.arguments else ""
-    if "auto" in (axes[METHOD].choices if METHOD in axes else (constants.get(METHOD, default),)):
+def _repeatable(key: str, where: str, graph: Target, constants: Mapping[str, Any], axes: Mapping[str, Axis]) -> None:
+    """Raises LaunchError where a sequence would depend on the machine that makes it. where: of the argument `key`."""
+    default = graph.launch.arguments[key].param.default if key in graph.launch.arguments else ""
+    if "auto" in (axes[key].choices if key in axes else (constants.get(key, default),)):
         raise LaunchError(
-            f"{where}: interpolator: auto chooses by how fast this machine is, and a sequence must be the same on all; "
-            "write what `evis launch SCENE interpolator:=auto --explain` chooses: none, splat or rigid"
+            f"{where}: {key}: auto chooses by how fast this machine is, and a sequence must be the same on all; "
+            f"write what `evis launch SCENE {key}:=auto --explain` chooses: {MEASURED[key]}"
         )
 
 

@@ -79,7 +79,11 @@ def _argument(name: str, entry: Table, nodes: Table, where: str, base: Argument 
     if not isinstance(choices, list):
         raise LaunchError(f"{entry.where('choices')}: choices must be a list")
     also = submap(entry, "also")
-    choices = [*choices, *also]
+    words = base.param.words if base else ()
+    if kind in (int, float):
+        words = (*words, *also)
+    else:
+        choices = [*choices, *also]
     required = entry.get("required", "default" not in entry and (base is None or base.required)) is True
     param = Param(
         type=kind,
@@ -92,12 +96,13 @@ def _argument(name: str, entry: Table, nodes: Table, where: str, base: Argument 
         optional=not required and default is None,
         secret=secret,
         files=base.param.files if base and "choices" not in entry else (),
+        words=words,
     )
     return Argument(name, param, required, where, _by(name, entry, nodes, base))
 
 
 def _named(also: Table) -> list[str]:
-    """Further choices with what each means, as a help text has them."""
+    """Further choices, or texts in place of a number, with what each means, as a help text has them."""
     return [f"{choice} = {meaning}" for choice, meaning in also.items()]
 
 

@@ -1,5 +1,5 @@
-"""`interpolator:=auto`, of `evis launch` and of a Simulation: replaced, before the graph is planned, by what measuring
-the scene chooses.
+"""`interpolator:=auto` and `upsampling:=auto`, of `evis launch` and of a Simulation: replaced, before the graph is
+planned, by what measuring the scene chooses.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ from evis.launch.planner import Options
 Say = Callable[[str], None]
 WISHES = ("wanted_error", "wanted_rtf")
 """Arguments that auto chooses by."""
+CHOSEN_BY_AUTO = ("interpolator", "upsampling")
+"""Arguments that may be auto."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,7 @@ def without_auto(
     telling: AbstractContextManager[Say],
     warn: Say,
 ) -> Chosen:
-    """Replaces `interpolator:=auto` in the arguments of a launch file, where it stands there.
+    """Replaces auto in the arguments of a launch file, where it stands there.
 
     Args:
         launch: the launch file.
@@ -51,11 +53,13 @@ def without_auto(
     if "interpolator" not in launch.arguments or "wanted_error" not in launch.arguments:
         return Chosen(given)
     values = resolve(launch.path.name, launch.arguments, given)
-    if values["interpolator"] != "auto":
-        for name in WISHES:
-            if values[name] is not None:
-                raise ArgumentError(f"{name} is for interpolator:=auto, which chooses by it")
+    wished = [name for name in WISHES if values[name] is not None]
+    if all(values[name] != "auto" for name in CHOSEN_BY_AUTO):
+        if wished:
+            raise ArgumentError(f"{wished[0]} is for interpolator:=auto and upsampling:=auto, which choose by it")
         return Chosen(given)
+    if wished and values["time_tolerance"] > 0:
+        raise ArgumentError(f"{wished[0]} is for frames alone; with time_tolerance it is this that decides the error")
     from nodes.interpolator.auto import launch as auto
 
     with telling as say:

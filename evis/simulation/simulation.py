@@ -105,8 +105,8 @@ class Simulation:
 
     @property
     def chosen(self) -> Mapping[str, Any]:
-        """What `interpolator="auto"` has chosen, and why: method, keyframe rate, frames and what was measured, as
-        `evis launch --json` tells it. It holds for every seed; empty without auto.
+        """What `interpolator="auto"` or `upsampling="auto"` has chosen, and why: method, keyframe rate, frames and what
+        was measured, as `evis launch --json` tells it. It holds for every seed; empty without auto.
         """
         return dict(self._run.graph.plan.chosen)
 

@@ -59,6 +59,8 @@ def make_app(hub: Hub, token: str, names: frozenset[str], max_fps: float) -> web
             reached = request.transport.get_extra_info("sockname") if request.transport is not None else None
             if not address.is_served(request.headers.getall("Host", []), names, str((reached or [""])[0])):
                 raise web.HTTPForbidden(text=_FOREIGN)
+            if request.match_info.http_exception is not None:
+                raise web.HTTPForbidden(text=_REFUSAL)  # there is nothing of that name, which strangers need not know
             return await handler(request)
         except web.HTTPException as refusal:
             hub.count(gate.REFUSED)
@@ -97,14 +99,10 @@ def make_app(hub: Hub, token: str, names: frozenset[str], max_fps: float) -> web
     async def end(app: web.Application) -> None:
         encoder.shutdown(wait=False, cancel_futures=True)
 
-    async def forbid(request: web.Request) -> web.Response:
-        raise web.HTTPForbidden(text=_REFUSAL)
-
     app = web.Application(middlewares=[guard])
     app.router.add_get("/", index)
     app.router.add_get("/{token}/ws", connect)
     app.router.add_get("/{token}/{name}", asset)
-    app.router.add_route("*", "/{rest:.*}", forbid)
     app.on_shutdown.append(hang_up)
     app.on_cleanup.append(end)
     return app

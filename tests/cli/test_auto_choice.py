@@ -1,4 +1,4 @@
-"""interpolator:=auto on the command line: what it puts in its place, keeps, and leaves to the user."""
+"""interpolator:=auto and upsampling:=auto on the command line: what is in their place, kept, and left to the user."""
 
 import hashlib
 import json
@@ -93,8 +93,34 @@ def test_a_run_is_repeated_bit_for_bit_with_what_was_chosen(evis, cache, tmp_pat
     assert first["events"] > 0 and events[0] == events[1]
 
 
+def test_the_number_of_frames_alone_is_chosen_for_a_method_that_is_given(evis_here, cache, monkeypatch):
+    """Of splat's own candidates, at the rate that holds without auto; whatever dense rendering would do."""
+    monkeypatch.setenv("XDG_CACHE_HOME", cache)
+    words = ("interpolator:=splat", "upsampling:=auto", "keyframe_rate:=200")
+    done = evis_here("launch", "spinning_disk", *words, *SMALL, "--explain")
+    assert done.code == 0, done.err
+    plan = json.loads(done.out)
+    assert (plan["args"]["interpolator"], plan["args"]["keyframe_rate"]) == ("splat", 200)
+    assert plan["args"]["upsampling"] == plan["chosen"]["upsampling"] in range(2, 21)
+    # At 200 keyframes per second x 2 to x 16, and between every two of them three more.
+    assert 4 <= plan["chosen"]["candidates"] <= 16
+
+
+@pytest.mark.parametrize(("rate", "frames"), [(30, 8), (62.5, 4), (125, 2), (1000, 2), (10, 25)])
+def test_beside_single_pixels_250_frames_per_second_do(evis_here, rate, frames):
+    words = ("upsampling:=auto", "time_tolerance:=0.0001", f"keyframe_rate:={rate}")
+    done = evis_here("launch", "spinning_disk", *words, *SMALL, "--explain")
+    assert done.code == 0, done.err
+    plan = json.loads(done.out)
+    assert plan["args"]["upsampling"] == frames and "time_tolerance" in plan["chosen"]["why"]
+
+
 @pytest.mark.parametrize("words,text", [
     (("wanted_error:=0.1",), "wanted_error is for interpolator:=auto"),
+    (("upsampling:=auto", "wanted_rtf:=1", "time_tolerance:=1e-4"), "it is this that decides the error"),
+    (("interpolator:=auto", "time_tolerance:=1e-4"), "write interpolator:=rigid"),
+    (("interpolator:=splat", "upsampling:=auto", "time_tolerance:=1e-4"), "rigid alone, and this is splat"),
+    (("upsampling:=most",), "must be a whole number or auto"),
     (("interpolator:=auto", "wanted_rtf:=-1"), "wanted_rtf"),
     (("interpolator:=auto", "cameras:=cam7"), "no camera 'cam7'"),
 ])  # fmt: skip

@@ -125,10 +125,16 @@ def test_what_cannot_be_used_is_told_before_anything_is_made(recipe: Path) -> No
         read_recipe(recipe)
 
 
-@pytest.mark.parametrize("given", ["auto", "{choices: [rigid, auto]}"])
-def test_auto_is_refused_for_it_measures_the_machine(recipe: Path, given: str) -> None:
-    recipe.write_text(RECIPE.replace("{pictures: mine}", f"{{interpolator: {given}}}"))
-    with pytest.raises(
-        LaunchError, match=r"r.yaml:6: interpolator: auto .* write what .* chooses: none, splat or rigid"
-    ):
+@pytest.mark.parametrize(
+    ("given", "remedy"),
+    [
+        ("interpolator: auto", "none, splat or rigid"),
+        ("interpolator: {choices: [rigid, auto]}", "none, splat or rigid"),
+        ("upsampling: auto", "a number"),
+    ],
+)
+def test_auto_is_refused_for_it_measures_the_machine(recipe: Path, given: str, remedy: str) -> None:
+    recipe.write_text(RECIPE.replace("{pictures: mine}", f"{{{given}}}"))
+    key = given.split(":")[0]
+    with pytest.raises(LaunchError, match=rf"r.yaml:6: {key}: auto .* write what .* chooses: {remedy}"):
         read_recipe(recipe)

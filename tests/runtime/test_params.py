@@ -15,6 +15,7 @@ DECLARED = {
     "shadows": Param(bool, True, "cast shadows"),
     "topics": Param(list, [], "globs"),
     "serial": Param(str, None, "device", optional=True),
+    "rate": Param(float, 1.0, "frames per second", minimum=0.5, words=("auto",)),
 }
 
 
@@ -30,6 +31,8 @@ DECLARED = {
         ({"topics": "/a/*, /b"}, "topics", ["/a/*", "/b"]),
         ({"serial": None}, "serial", None),
         ({}, "method", "splat"),
+        ({"rate": "auto"}, "rate", "auto"),
+        ({"rate": "2"}, "rate", 2.0),
     ],
 )
 def test_taken(given_: dict, key: str, expected: object) -> None:
@@ -51,6 +54,9 @@ def test_taken(given_: dict, key: str, expected: object) -> None:
         ({"method": "splatt"}, ["method", "did you mean 'splat'"]),
         ({"shadows": "maybe"}, ["shadows", "true or false"]),
         ({"topics": 3}, ["topics", "a list"]),
+        ({"rate": "autos"}, ["rate", "must be a number or auto"]),
+        ({"rate": 0.1}, ["rate", "the least is 0.5"]),
+        ({"upsampling": "auto"}, ["upsampling", "must be a whole number"]),
     ],
 )
 def test_refused(given_: dict, words: list[str]) -> None:

@@ -12,7 +12,6 @@ from evis.runtime.clock import NS
 from nodes.event_sensor.sensor import EventSensor
 from nodes.interpolator.auto.setting import (
     LIGHT,
-    METHODS,
     Setting,
     Way,
     draw,
@@ -88,7 +87,7 @@ class FullSize:
         s, m = self._setting, self._setting.margin
         inner = (..., slice(m, m + s.camera.height), slice(m, m + s.camera.width))
         frames: list[np.ndarray] = []
-        for method in METHODS:
+        for method in s.measured_methods:
             # Keyframes of `rigid` are those of dense rendering unless it averages their samples itself.
             if method == "rigid" and s.camera.supersampling == 1:
                 self.keyframe[method] = self.keyframe["none"]

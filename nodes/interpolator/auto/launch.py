@@ -1,4 +1,5 @@
-"""`interpolator:=auto` of a launch file: method, keyframe rate and K in its place, by measuring the scene beforehand.
+"""`interpolator:=auto` of a launch file: method, keyframe rate and K in its place, by measuring the scene beforehand;
+and `upsampling:=auto`: K alone.
 
 The choice is made of arguments, so that the plan, the bag and the result hold it like any other.
 """
@@ -17,6 +18,7 @@ from evis.launch.planner import Options
 from evis.scene.parameters import camera_of, scene_of
 from nodes.event_sensor.scene_parameters import resolve_with_scene
 from nodes.interpolator.auto import cache
+from nodes.interpolator.auto.choice import COARSE_HZ, frames_beside_samples
 from nodes.interpolator.auto.probe import probe
 from nodes.interpolator.auto.setting import Setting
 from nodes.interpolator.auto.trial import Measured, settle
@@ -40,7 +42,7 @@ def replace_auto(
     """Replaces auto in the arguments of a launch file; gives them, and what was chosen and why, for people and the bag.
 
     Args:
-        launch: a launch file whose interpolator is auto.
+        launch: a launch file whose interpolator or upsampling is auto.
         given: its arguments.
         options: as for planning it.
         say: told what is being measured, line by line.
@@ -49,14 +51,21 @@ def replace_auto(
     Raises ValueError where the scene cannot be measured or a wish makes no sense.
     """
     values = resolve(launch.path.name, launch.arguments, given)
+    method = values["interpolator"]
     # Any method with frames in between stands for the choice, so that all nodes are there with their parameters.
-    stand_in = {**given, "interpolator": "rigid", "upsampling": 2}
+    stand_in = {**given, "interpolator": "rigid" if method == "auto" else method, "upsampling": 2}
     graph = expand(launch, stand_in, options.names())
-    wishes = {key: values[key] if key in given else None for key in ("keyframe_rate", "upsampling")}
+    wishes: dict[str, Any] = {key: values[key] if key in given else None for key in ("keyframe_rate", "upsampling")}
+    if wishes["upsampling"] == "auto":
+        wishes["upsampling"] = None
+    if method != "auto":
+        wishes |= {"methods": (method,), "keyframe_rate": values["keyframe_rate"]}
     own_rates = bool(graph.values.get("camera_rate"))
     if own_rates:
         # The rates of the others are fractions of it; what is measured is the first camera at its own.
         wishes["keyframe_rate"] = next(n.params["keyframe_rate"] for n in graph.nodes if n.type == "renderer")
+    if values["time_tolerance"] > 0:
+        return _beside_samples(given, method, wishes["keyframe_rate"])
     setting = setting_of(graph.nodes, options.duration_s, wishes)
     found, cached = measured(setting, say)
     tried = len(found.trials)
@@ -67,7 +76,7 @@ def replace_auto(
         except OSError as error:
             warn(f"what was measured is not kept: {error}")
     best = choice.candidate
-    taken = {
+    taken: dict[str, Any] = {
         "interpolator": best.method,
         "keyframe_rate": values["keyframe_rate"] if own_rates else best.keyframe_rate,
         "upsampling": best.upsampling,
@@ -86,9 +95,23 @@ def replace_auto(
     return {**given, **taken}, chosen
 
 
+def _beside_samples(
+    given: Mapping[str, Any], method: str, keyframe_rate: float
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Chooses K for a run with `time_tolerance`, which needs no measuring."""
+    if method == "auto":
+        raise ValueError("interpolator:=auto compares frames alone; with time_tolerance write interpolator:=rigid")
+    if method != "rigid":
+        raise ValueError(f"time_tolerance goes with interpolator:=rigid alone, and this is {method}")
+    taken = {"upsampling": frames_beside_samples(keyframe_rate)}
+    why = f"about {COARSE_HZ:g} frames per second; time_tolerance decides the error, by samples between them"
+    summary = f"rigid, {keyframe_rate:g} keyframes per second x {taken['upsampling']}: {why}"
+    return {**given, **taken}, {**taken, "why": why, "summary": summary}
+
+
 def setting_of(nodes: Sequence[NodeSpec], duration_s: float | None, wishes: Mapping[str, Any]) -> Setting:
     """Collects from a graph what is to be measured: its first renderer and what follows it. wishes: the user's
-    keyframe_rate and upsampling, or None."""
+    keyframe_rate and upsampling, or None, and the methods to choose from if not all."""
     by_type = {node.type: node.params for node in reversed(nodes)}
     if not {"renderer", "event_sensor"} <= by_type.keys():
         raise ValueError("interpolator auto needs a graph with a renderer and an event sensor to measure")

@@ -63,7 +63,8 @@ def probe(setting: Setting, say: Say = lambda line: None) -> Measured:
     search.run()
     if not setting.upsampling:
         search.extrapolate()
-    return Measured(search.found if setting.upsampling else with_steps_between(search.found), moving)
+    found = [c for c in search.found if c.method in setting.methods]
+    return Measured(found if setting.upsampling else with_steps_between(found), moving)
 
 
 def starts_of(setting: Setting, last: int) -> list[int]:
@@ -116,7 +117,7 @@ class Search:
                     continue
                 own = [way for way in self._grid.ways if way[:2] == (method, rate)]
                 began = self._setting.clock()
-                self._look_at([way for way in own if (way[1] * way[2] > 1.5 * FIRST[method]) == high])
+                self._look_at([way for way in own if (way[1] * way[2] > 1.5 * FIRST.get(method, BASE_RATE)) == high])
                 left -= 0.0 if first else self._setting.clock() - began
 
     def extrapolate(self) -> None:
@@ -182,4 +183,5 @@ class Search:
             return True
         above = [excess for (m, r), excess in self._looked_at.items() if m == method and r >= rate]
         least = self._dense(rate * k) + KEPT * max(above, default=0.0)
-        return all(c.error > GAIN * least for c in self.found if c.seconds <= EVEN * seconds)
+        rivals = [c for c in self.found if c.method in self._setting.methods]
+        return all(c.error > GAIN * least for c in rivals if c.seconds <= EVEN * seconds)

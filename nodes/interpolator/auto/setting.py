@@ -32,8 +32,8 @@ Way = tuple[str, float, int]
 class Setting:
     """Holds how a scene is going to be run, as far as it decides cost and error.
 
-    keyframe_rate, upsampling: the user's own, or None. sensor: parameters of EventSensor without noise. light: options
-    of the renderer (light_samples, paths). warp: options of the interpolator (tolerance).
+    methods: those to choose from. keyframe_rate, upsampling: the user's own, or None. sensor: parameters of EventSensor
+    without noise. light: options of the renderer (light_samples, paths). warp: options of the interpolator (tolerance).
     """
 
     scene: Scene
@@ -44,6 +44,7 @@ class Setting:
     envs: int = 1
     threads: int = 1
     margin: int = 0
+    methods: tuple[str, ...] = METHODS
     keyframe_rate: float | None = None
     upsampling: int | None = None
     sensor: dict[str, Any] = field(default_factory=dict)
@@ -56,6 +57,11 @@ class Setting:
         still = [b.trajectory is not None and b.trajectory.is_static() for b in self.scene.bodies]
         bodies = [b if fixed else replace(b, trajectory=None) for b, fixed in zip(self.scene.bodies, still)]
         return replace(self, scene=replace(self.scene, bodies=bodies))
+
+    @property
+    def measured_methods(self) -> tuple[str, ...]:
+        """Gives the methods to be measured: dense rendering always, for errors are against it."""
+        return ("none", *(method for method in self.methods if method != "none"))
 
     @property
     def on_gpu(self) -> bool:
@@ -95,9 +101,8 @@ class Grid:
         shortest = 0.999 * NS / setting.duration_ns
         ks = [given] if given else [2**n for n in range(8)]
         ways = set()
-        for method in METHODS:
-            fitting = [r for r in RATES[method] if r >= shortest] or [RATES["splat"][-1]]
-            for r in [rate] if rate else fitting:
+        for method in setting.measured_methods:
+            for r in [rate] if rate else _rates(method, shortest):
                 for k in ks:
                     fits = given or any(abs(np.log2(r * k / f)) <= 0.5 for f in rates)
                     if method == "none" and (rate or given) and (given or r * k <= base / 2):
@@ -124,6 +129,11 @@ class Grid:
     def stamp(self, start_ns: int, step: int) -> int:
         """Gives the time of a step of the reference in a window that starts at start_ns [ns]."""
         return start_ns + round(step * NS / self.base)
+
+
+def _rates(method: str, shortest: float) -> list[float]:
+    """Gives the keyframe rates [Hz] that are tried, with a gap at most as long as the run."""
+    return [r for r in RATES[method] if r >= shortest] or [RATES["splat"][-1]]
 
 
 def make_interpolator(s: Setting, scene: Scene, camera: Camera, method: str, k: int) -> Interpolator:

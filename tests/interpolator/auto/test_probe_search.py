@@ -110,6 +110,16 @@ def test_what_the_user_gives_is_compared_by_all_methods():
     assert sorted(windows.asked) == [(method, 60.0, 5) for method in ("none", "rigid", "splat")]
 
 
+def test_one_method_is_compared_with_itself_alone():
+    """Dense rendering of the same frames is cheaper and better here, and no choice where the method is given."""
+    cheap, dear = 1e-3, {"splat": 1e-4, "rigid": 2e-3}
+    _, everything, _ = searched(cheap, dear, keyframe_rate=31.25)
+    assert all(method != "rigid" or k <= 2 for method, _, k in everything.asked)
+    search, windows, _ = searched(cheap, dear, methods=("rigid",), keyframe_rate=31.25)
+    assert {c.upsampling for c in search.found if c.method == "rigid"} == {8, 16, 32, 64, 128}
+    assert {method for method, _, _ in windows.asked} == {"none", "rigid"}
+
+
 def test_without_time_every_method_is_still_looked_at_once(monkeypatch):
     monkeypatch.setattr("nodes.interpolator.auto.probe.ALLOWED_S", 0.0)
     search, _, full = searched(0.02, {"splat": 1e-3, "rigid": 4e-3})

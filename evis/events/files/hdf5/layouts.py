@@ -331,5 +331,13 @@ def _check_claim(info: RecordingInfo, count: int, tables: list[Table]) -> None:
 
 def _events(t: Any, x: Any, y: Any, p: Any, unit: int) -> Events:
     """Columns of any number type; what does not fit uint16 becomes 65535 and so falls outside of every sensor."""
-    a, b = [np.where((np.asarray(v) < 0) | (np.asarray(v) > 65535), 65535, v).astype(np.uint16) for v in (x, y)]
-    return Events(t.astype(np.int64) * unit, a, b, (np.asarray(p) > 0).astype(np.uint8))
+    return Events(t.astype(np.int64) * unit, _fitting(x), _fitting(y), (np.asarray(p) > 0).astype(np.uint8))
+
+
+def _fitting(values: Any) -> np.ndarray:
+    """As uint16, 65535 for what is outside of it; not by np.where, for 65535 need not fit the type that they have."""
+    given = np.asarray(values)
+    outside = (given < 0) | (given > 65535)
+    found = np.where(outside, 0, given).astype(np.uint16)
+    found[outside] = 65535
+    return found
