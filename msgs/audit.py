@@ -15,7 +15,8 @@ class Audit(Message):
     """Carries an audit's running totals up to header.stamp_ns. Numbers without events to tell them from are NaN.
 
     vp: Victor-Purpura distance (1/ms) over the events of the run and of brute force, 0 ... 1, with its 95 % interval;
-    events_wrong: share of both without a partner of the same polarity within 1 ms.
+    events_wrong: share of both without a partner of the same polarity within 1 ms. vp_frames: vp of the run's frames
+    alone, where it has samples of single pixels between them (`time_tolerance`), else NaN.
     """
 
     header: Header
@@ -26,6 +27,7 @@ class Audit(Message):
     vp_low: float = field(default=float("nan"))
     vp_high: float = field(default=float("nan"))
     events_wrong: float = field(default=float("nan"))
+    vp_frames: float = field(default=float("nan"))
     events: float = 0.0
     """Events of both in the whole image, estimated."""
     cause: str = ""

@@ -9,6 +9,8 @@ from typing import Any
 from evis.runtime.plan import Plan
 
 NUMBERS = ("vp", "vp_low", "vp_high", "events_wrong")
+FRAMES = "vp_frames"
+"""The error of the frames alone, where single pixels are evaluated between them."""
 
 WIDEST = 0.5
 """Width of an interval from which on its pixels count as too few to tell the error."""
@@ -22,7 +24,8 @@ def joined(nodes: Mapping[str, Any], plan: Plan) -> dict[str, Any] | None:
 
     Gives pixels, and vp, vp_low, vp_high, events_wrong, which are None where there were no events to tell them from; of
     several cameras `cameras` too, the same of each. Each camera counts by the events that its whole image is estimated
-    to have; their pixels are drawn independently, so that the widths of their intervals add up by squares.
+    to have; their pixels are drawn independently, so that the widths of their intervals add up by squares. Where single
+    pixels are evaluated between frames there is vp_frames too.
     """
     counters = {name: node.get("counters", {}) for name, node in nodes.items()}
     audits = {_camera(name, plan): c for name, c in counters.items() if "audit_pixels" in c}
@@ -45,10 +48,12 @@ def _sum(audits: list[Mapping[str, Any]]) -> dict[str, Any]:
     known = [c for c in audits if "vp" in c and c.get("audit_events", 0) > 0]
     if not known:
         return told
-    if len(known) == 1:
-        return told | {name: round(float(known[0].get(name, 0.0)), 6) for name in NUMBERS}
     total = sum(c["audit_events"] for c in known)
     share = [c["audit_events"] / total for c in known]
+    if all(FRAMES in c for c in known):
+        told[FRAMES] = round(sum(s * c[FRAMES] for s, c in zip(share, known)), 6)
+    if len(known) == 1:
+        return told | {name: round(float(known[0].get(name, 0.0)), 6) for name in NUMBERS}
     vp, wrong = (sum(s * c.get(name, 0.0) for s, c in zip(share, known)) for name in ("vp", "events_wrong"))
     below = math.hypot(*(s * (c.get("vp", 0.0) - c.get("vp_low", 0.0)) for s, c in zip(share, known)))
     above = math.hypot(*(s * (c.get("vp_high", 0.0) - c.get("vp", 0.0)) for s, c in zip(share, known)))
@@ -76,13 +81,14 @@ def _told(audit: Mapping[str, Any], events: int, cameras: int = 1) -> str:
         seek = f"; {more} may have some" if events else ""
         return f"no error to tell: no events at these pixels (audit of {pixels}{seek})"
     low, high = audit["vp_low"], audit["vp_high"]
+    alone = f", {audit[FRAMES]:.2f} by the frames alone" if FRAMES in audit else ""
     if high - low > WIDEST:
         few = "is" if count == 1 else "are"
         return f"error unknown: {pixels} {few} too few for it ({low:.2f} to {high:.2f}), {more} would do"
     reach = max(high - audit["vp"], audit["vp"] - low)
     if reach > min(audit["vp"], 1 - audit["vp"]):
-        return f"error {audit['vp']:.2f}, {low:.2f} to {high:.2f} (audit of {pixels})"
-    return f"error {audit['vp']:.2f} +- {reach:.2f} (audit of {pixels})"
+        return f"error {audit['vp']:.2f}, {low:.2f} to {high:.2f} (audit of {pixels}{alone})"
+    return f"error {audit['vp']:.2f} +- {reach:.2f} (audit of {pixels}{alone})"
 
 
 def _left_out(summary: Mapping[str, Any]) -> str:

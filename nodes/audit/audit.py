@@ -18,6 +18,7 @@ from nodes.audit.instants import Samples, Sampling, base_stamps, sample
 from nodes.audit.looking import Looking
 from nodes.audit.motion import Motion
 from nodes.audit.report import AuditReport, Units
+from nodes.audit.run_events import NONE, Gap, RunEvents
 from nodes.audit.sampled_sensor import SampledSensor
 from nodes.event_sensor.further import Further
 from nodes.event_sensor.sensor import EventSensor
@@ -36,7 +37,8 @@ class AuditOptions:
     pixels: N, over all environments. seed: of environment 0. sensor: resolved parameters of the run's sensor, of which
     thresholds, dark level and crossing count. horizon_ns: how far ahead motion in closed form is looked at before
     pixels are drawn. samples, light_samples, paths, device: those of the renderer. slots:
-    instants that are placed at once, None: as many as the scene makes room for.
+    instants that are placed at once, None: as many as the scene makes room for. between: the run has samples of single
+    pixels between frames, so that the error of its frames alone is told too.
     """
 
     pixels: int
@@ -49,6 +51,7 @@ class AuditOptions:
     paths: PathOptions | None = None
     device: str = "cpu"
     slots: int | None = None
+    between: bool = False
     sampling: Sampling = Sampling()
 
 
@@ -67,19 +70,19 @@ class Audit:
         ideal: dict[str, Any] = {"threshold_on": on, "threshold_off": off, "dark_level": p["dark_level"]}
         ideal["crossing"] = p.get("crossing", "linear")
         self._ideal = ideal
-        self._run = EventSensor(1, each, len(envs), **ideal)
-        self._truth = SampledSensor(len(envs) * each, self._run.parameters)
+        self._made = [
+            RunEvents(len(envs), each, ideal, samples) for samples in ((True, False) if o.between else (True,))
+        ]
+        self._parameters = self._made[0].sensor.parameters
+        self._truth = SampledSensor(len(envs) * each, self._parameters)
         self._threshold = min(on, off)
-        self._comparison = Comparison(len(envs) * each)
         self._change = np.zeros((2, len(envs) * each))
         self._largest = np.zeros(len(envs) * each)
         self._instance = np.full(len(envs) * each, -1)
         self._last = Samples(*(np.zeros(0, t) for t in (np.int64, np.int64, np.float32, np.int32)))
         self._episodes: np.ndarray | None = None
         self._stamps: list[int] = []
-        self._values: list[np.ndarray] = []
-        self._times: list[np.ndarray] = []
-        self._between: list[Further | None] = []
+        self._gaps: list[Gap] = []
         self._units: list[Units] = []
 
     @property
@@ -109,10 +112,9 @@ class Audit:
         self._motion.add(state)
         if fresh.any():
             self._begin(fresh, mine, int(t[-1]))
-        self._values.append(self.drawing.values(luminance, margin))
-        self._times.append(np.array(t, np.int64))
         size = luminance.shape[2], luminance.shape[3]
-        self._between.append(None if further is None else self.drawing.between(further, *size))
+        between = None if further is None else self.drawing.between(further, *size)
+        self._gaps.append(Gap(self.drawing.values(luminance, margin), np.array(t, np.int64), between))
         self._stamps.append(int(t[-1]))
         if fresh.any():
             self._work(fresh)
@@ -135,7 +137,7 @@ class Audit:
             self.drawing.forget()
         self._motion.clear()
         two = np.arange(2)
-        events = SampledSensor(1, self._run.parameters).sense(two * 0, two, np.array([1, 9], np.float32))
+        events = SampledSensor(1, self._parameters).sense(two * 0, two, np.array([1, 9], np.float32))
         Comparison(1).add(events, events, 1 << 60)
         sensor = EventSensor(1, self.drawing.each, len(self.drawing.envs), **self._ideal)
         light = np.ones((len(self.drawing.envs), 2, 1, self.drawing.each), np.float32)
@@ -164,13 +166,13 @@ class Audit:
 
     def _work(self, fresh: np.ndarray | None) -> None:
         """Compares what has come since the last time; fresh: bool [A], environments whose first frame is the last."""
-        if not self._values or self._episodes is None:
+        if not self._gaps or self._episodes is None:
             return
         each, valid = self.drawing.each, self.drawing.valid
         begins = np.zeros(len(valid), bool) if fresh is None else np.repeat(fresh, each) & valid
         going = valid & ~begins & (np.isin(np.arange(len(valid)), self._last.pixel))
-        t = np.concatenate(self._times)
-        run = self._events()
+        last = int(self._gaps[-1].t[-1])
+        run = [made.events(self._gaps, np.asarray(self._episodes, np.int32)) for made in self._made]
         start = self._take(going, self._last)
         if len(start.pixel):
             stamps = base_stamps(
@@ -179,35 +181,20 @@ class Audit:
             found = sample(self._look, start, stamps, self._options.sampling, self._threshold)
             truth = self._truth.sense(found.pixel, found.t, found.luminance)
             self._explain(start, found)
-            self._comparison.add(self._only(run, going), truth, min(self._run.stamp, int(t[-1])))
+            for made, events in zip(self._made, run):
+                made.comparison.add(self._only(events, going), truth, min(made.sensor.stamp, last))
             self._last = _last_of(found)
         if begins.any():
             which = np.flatnonzero(begins)
-            at = np.full(len(which), t[-1])
+            at = np.full(len(which), last)
             first = Samples(which, at, *self._look(which, at))
             self._truth.begin(begins)
             self._truth.sense(which, at, first.luminance)
             self._last = Samples(
                 *(np.concatenate(pair) for pair in zip(vars(self._last).values(), vars(first).values()))
             ).ordered()
-        self._values, self._times, self._between, self._stamps = [], [], [], self._stamps[-1:]
+        self._gaps, self._stamps = [], self._stamps[-1:]
         self._motion.forget()
-
-    def _events(self) -> Train:
-        """Events of the run's luminance since the last time, by pixel and time."""
-        gaps = zip(self._values, self._times, self._between)
-        if all(between is None for between in self._between):
-            gaps = zip([np.concatenate(self._values, 1)], [np.concatenate(self._times)], [None])
-        pixels, times, signs = [], [], []
-        for values, t, between in gaps:
-            made = self._run.process(values[:, :, None], t, np.asarray(self._episodes, np.int32), further=between)
-            env = np.repeat(np.arange(len(values)), np.diff(made.env_offsets))
-            pixels.append(env * self.drawing.each + made.x.astype(np.int64))
-            times.append(made.t)
-            signs.append(made.p)
-        pixel, time, sign = (np.concatenate(parts) for parts in (pixels, times, signs))
-        order = np.lexsort((time, pixel))
-        return pixel[order], time[order], sign[order]
 
     def _only(self, train: Train, which: np.ndarray) -> Train:
         kept = which[train[0]]
@@ -242,30 +229,26 @@ class Audit:
         if self._episodes is None:
             return
         ended = np.repeat(fresh, self.drawing.each) & self.drawing.valid
-        if fresh.all() and self._run.stamp:
-            rest = self._run.flush()
-            env = np.repeat(np.arange(len(fresh)), np.diff(rest.env_offsets))
-            pixel = env * self.drawing.each + rest.x.astype(np.int64)
-            none = np.zeros(0, np.int64)
-            self._comparison.add(
-                self._only((pixel, rest.t, rest.p), ended), (none, none, none.astype(np.uint8)), self._run.stamp
-            )
-        self._comparison.finish(ended)
+        for made in self._made:
+            if fresh.all():
+                made.comparison.add(self._only(made.rest(), ended), NONE, made.sensor.stamp)
+            made.comparison.finish(ended)
         self._units.append(self._present(ended))
-        self._comparison.clear(ended)
+        for made in self._made:
+            made.comparison.clear(ended)
         self._change[:, ended], self._largest[ended], self._instance[ended] = 0.0, 0.0, -1
         self._last = self._take(~np.repeat(fresh, self.drawing.each), self._last)
         self._motion.clear()
 
     def _present(self, which: np.ndarray) -> Units:
         """What is known of the pixels of the present episodes."""
-        d, c = self.drawing, self._comparison
+        d, c, alone = self.drawing, self._made[0].comparison, self._made[-1].comparison
         x, y = d.pixels.reshape(-1, 2)[which].T
         env = np.repeat(d.envs, d.each)[which]
         own = self._change[0] / np.maximum(self._change.sum(0), 1e-300)
         return Units(
             env, x, y, d.chance[which], c.vp[which].copy(), c.unpaired[which].copy(), c.events[which].copy(),
-            self._instance[which].copy(), own[which],
+            self._instance[which].copy(), own[which], alone.vp[which].copy(), alone.events[which].copy(),
         )  # fmt: skip
 
 

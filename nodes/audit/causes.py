@@ -15,8 +15,9 @@ def is_still(scene: Scene, body: int) -> bool:
     return body == WORLD or (trajectory is not None and trajectory.is_static())
 
 
-def cause_of(scene: Scene, camera: str, report: AuditReport) -> str:
-    """Gives what most of the error is about, and what makes it smaller; "" where nothing is off."""
+def cause_of(scene: Scene, camera: str, report: AuditReport, between: bool = False) -> str:
+    """Gives what most of the error is about, and what makes it smaller; "" where nothing is off. between: single pixels
+    are evaluated between the frames already."""
     if report.instance < 0:
         return ""
     instance = scene.instances[report.instance]
@@ -27,7 +28,8 @@ def cause_of(scene: Scene, camera: str, report: AuditReport) -> str:
         what = f"light or shadow on '{instance.name}', which stands still before the camera, changes between frames"
     else:
         what = f"what is seen of '{instance.name}' changes otherwise than its keyframes tell"
-    return f"{what}; a higher upsampling or keyframe_rate makes it less, interpolator:=none reuses nothing"
+    finer = "a smaller time_tolerance" if between else "time_tolerance:=0.0001 (with rigid), a higher upsampling"
+    return f"{what}; {finer} or a higher keyframe_rate makes it less, interpolator:=none reuses nothing"
 
 
 def nothing_changes(scene: Scene) -> bool:

@@ -136,8 +136,9 @@ class AuditNode(Node):
             paths = light["paths"].samples * (1 + light["paths"].bounces) if "paths" in light else 0
             pixels = pixels_for(self._scene, camera, rates, envs, samples, light["light_samples"], paths)
         horizon = round(1e9 * min(p["duration"] or HORIZON_S, HORIZON_S))
+        self._between = self._source == "samples"
         options = AuditOptions(
-            pixels, envs, p["seed"], sensor, horizon, samples, device=p["device"], **light
+            pixels, envs, p["seed"], sensor, horizon, samples, device=p["device"], between=self._between, **light
         )  # fmt: skip
         self._audit: Audit = Audit(self._scene, camera, options)
         self._audit.prepare()
@@ -193,17 +194,20 @@ class AuditNode(Node):
         from nodes.audit.causes import cause_of
 
         report = self._audit.report()
-        cause = cause_of(self._scene, self.params["camera"], report)
+        cause = cause_of(self._scene, self.params["camera"], report, self._between)
         worst = np.array([w[:3] for w in report.worst], np.int32).reshape(-1, 3)
         message = AuditMessage(self._header, worst, np.array([w[3] for w in report.worst], np.float64))
         message.pixels, message.events, message.cause = report.pixels, report.total, cause
         message.vp, message.vp_low, message.vp_high = report.vp.value, report.vp.low, report.vp.high
         message.events_wrong = report.wrong.value
+        message.vp_frames = report.frames if self._between else float("nan")
         self.publish("audit", message)
         totals = {"audit_pixels": report.pixels, "audit_events": report.total, "nonfinite_looks": report.nonfinite}
         if report.events:
             totals |= {"vp": message.vp, "vp_low": message.vp_low, "vp_high": message.vp_high}
             totals["events_wrong"] = message.events_wrong
+            if self._between:
+                totals["vp_frames"] = message.vp_frames
         for name, total in totals.items():
             self.count_total(name, total)
         if report.events and message.vp_low > self.params["audit_limit"] and not self._warned:

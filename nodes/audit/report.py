@@ -16,7 +16,8 @@ WORST = 5
 class Units:
     """Holds pixels of episodes, one each: env, x, y int64 [U]; chance float64 [U] of being drawn; vp float64 [U];
     unpaired and events int64 [U], of both runs; instance int64 [U], what the most change was seen of, -1 for none;
-    own float64 [U], the share of the change that happened while one thing was seen."""
+    own float64 [U], the share of the change that happened while one thing was seen; frames_vp and frames_events, as vp
+    and events, of the frames alone."""
 
     env: np.ndarray
     x: np.ndarray
@@ -27,6 +28,8 @@ class Units:
     events: np.ndarray
     instance: np.ndarray
     own: np.ndarray
+    frames_vp: np.ndarray
+    frames_events: np.ndarray
 
     @staticmethod
     def joined(parts: list[Units]) -> Units:
@@ -38,9 +41,9 @@ class Units:
 @dataclass
 class AuditReport:
     """Holds the result: pixels audited, the Victor-Purpura distance and the share of events without a partner, each
-    with its 95 % interval, events of both runs at these pixels, and an
-    estimate of those of all pixels, samples that were not finite, the pixels with the
-    largest distances as (env, x, y, distance, events), and what most of the error is about."""
+    with its 95 % interval, events of both runs at these pixels, and an estimate of those of all pixels, samples that
+    were not finite, the pixels with the largest distances as (env, x, y, distance, events), what most of the error is
+    about, and the distance of the frames alone."""
 
     pixels: int
     vp: Interval
@@ -51,6 +54,7 @@ class AuditReport:
     worst: list[tuple[int, int, int, float, int]] = field(default_factory=list)
     instance: int = -1
     own: float = 0.0
+    frames: float = float("nan")
 
     @staticmethod
     def of(units: Units, pixels: int, nonfinite: int) -> AuditReport:
@@ -70,6 +74,7 @@ class AuditReport:
             float((events / units.chance).sum()),
             nonfinite,
             worst,
+            frames=ratio(units.frames_vp, units.frames_events.astype(np.float64), units.chance).value,
         )
         weight = units.vp / units.chance
         seen = units.instance >= 0

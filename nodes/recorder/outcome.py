@@ -42,7 +42,7 @@ class Outcome:
         found: dict[str, str] = {}
         for topic, audit in sorted(self._audits.items()):
             camera = topic.split("/")[-2]
-            for name in ("pixels", "vp", "vp_low", "vp_high", "events_wrong", "events", "cause"):
+            for name in ("pixels", "vp", "vp_low", "vp_high", "events_wrong", "vp_frames", "events", "cause"):
                 found[f"{camera}.{name}"] = str(getattr(audit, name))
             worst = zip(audit.worst_pixel.tolist(), audit.worst_distance.tolist())
             found[f"{camera}.worst"] = "; ".join(f"env {e} x {x} y {y}: {d:.3g}" for (e, x, y), d in worst)

@@ -15,6 +15,7 @@ from evis.scene.model import Scene
 from msgs.header import Header
 from msgs.world import WorldState
 from nodes.audit.audit import Audit, AuditOptions
+from nodes.event_sensor.further import Further
 from nodes.interpolator.interpolator import Interpolator
 from nodes.interpolator.keyframe import States
 from nodes.renderer.renderer import Renderer
@@ -36,11 +37,12 @@ def poses_at(scene: Scene, t: np.ndarray) -> np.ndarray:
 
 
 def gaps(
-    scene: Scene, seconds: float, rate: float, k: int, method: str, episode: int = 0
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, WorldState]]:
-    """Frames [1, K, h, w], stamps, episodes and states of one gap after another."""
+    scene: Scene, seconds: float, rate: float, k: int, method: str, episode: int = 0, time_tolerance: float = 0.0
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, WorldState, int, Further | None]]:
+    """Frames [1, K, h, w], stamps, episodes, states, margin and further samples of one gap after another."""
     camera = scene.cameras[0]
-    renderer, interpolator = Renderer(scene, camera), Interpolator(method, k, scene=scene, camera=camera)
+    finer: dict[str, Any] = {"time_tolerance": time_tolerance} if time_tolerance else {}
+    renderer, interpolator = Renderer(scene, camera), Interpolator(method, k, scene=scene, camera=camera, **finer)
     episodes, before = np.full(1, episode, np.int32), 0
     for n in range(keyframe_count(round(seconds * 1e9), rate)):
         stamp = keyframe_stamp(n, rate)
@@ -49,7 +51,9 @@ def gaps(
         twists = np.zeros((*poses.shape[:3], 6))
         light = renderer.render(poses[:, -1], None, ("luminance",), t_ns=stamp)["luminance"].copy()
         stamps, frames = interpolator.push(stamp, episodes, light, None, None, states=States(t, poses, twists))
-        yield np.asarray(frames), stamps, episodes, WorldState.dense(Header(stamp), t, poses, twists, episodes)
+        state = WorldState.dense(Header(stamp), t, poses, twists, episodes)
+        further = None if interpolator.further is None else Further(*interpolator.further.arrays(False))
+        yield np.asarray(frames), stamps, episodes, state, 0, further
         before = stamp
 
 

@@ -22,6 +22,22 @@ def test_dense_rendering_has_next_to_no_error_and_rigid_has_some() -> None:
     assert dense.wrong.value < 0.02 and dense.events > 100
 
 
+def test_what_samples_between_frames_buy_is_the_error_of_an_audit_of_the_frames() -> None:
+    """Two audits of the same pixels and frames, one of which is not told of the samples between them."""
+    scene = small("matte_box")
+    both, frames = (
+        Audit(scene, scene.cameras[0], AuditOptions(64, horizon_ns=70_000_000, between=between))
+        for between in (True, False)
+    )
+    for *gap, further in gaps(scene, 0.07, 30, 4, "rigid", time_tolerance=1e-4):
+        both.push(*gap, further)
+        frames.push(*gap)
+    both.finish(), frames.finish()
+    told, alone = both.report(), frames.report()
+    assert told.frames == alone.vp.value == alone.frames
+    assert told.vp.value < 0.3 * told.frames and told.frames > 0.2
+
+
 def test_the_same_seed_gives_the_same_and_another_one_other_pixels() -> None:
     scene = small("fan_shadow", 32, 24)
     a, b, c = (audited(scene, 16, seed=seed, seconds=0.07) for seed in (4, 4, 5))
@@ -63,7 +79,7 @@ def test_episodes_are_drawn_anew_and_added_up() -> None:
 def test_environments_share_the_pixels() -> None:
     scene = small("matte_box", 32, 24)
     audit = Audit(scene, scene.cameras[0], AuditOptions(7, envs=3, horizon_ns=70_000_000))
-    for frames, t, episodes, state in gaps(scene, 0.07, 30, 8, "rigid"):
+    for frames, t, episodes, state, _, _ in gaps(scene, 0.07, 30, 8, "rigid"):
         tall = type(state).dense(
             state.header, state.t, *(np.repeat(v, 3, 0) for v in state.rows()), np.repeat(episodes, 3)
         )

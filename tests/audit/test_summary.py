@@ -35,6 +35,17 @@ def test_an_interval_is_told_as_wide_as_it_is() -> None:
         assert said(made) == [wanted] and made is not None and "cameras" not in made
 
 
+def test_what_single_pixels_between_frames_bought_is_told() -> None:
+    left, right = counters(0.05, 0.03, 0.08, events=300.0), counters(0.1, 0.05, 0.2, events=100.0)
+    left["counters"]["vp_frames"], right["counters"]["vp_frames"] = 0.5, 0.3
+    (line,) = said(joined({"audit_left": left}, plan("left")))
+    assert line.startswith("error 0.05 +- 0.03 (audit of 16 pixels, 0.50 by the frames alone), run time")
+    made = joined({"audit_left": left, "audit_right": right}, plan("left", "right"))
+    assert made is not None and made["vp_frames"] == 0.45
+    assert "0.30 by the frames alone" in said(made)[2]
+    assert "vp_frames" not in (joined({"audit_left": counters(0.5, 0.4, 0.6)}, plan("left")) or {})
+
+
 def test_too_few_pixels_are_told_and_how_many_would_do() -> None:
     for pixels, wanted in ((4, "4 pixels are too few for it (0.00 to 1.00), audit:=64"), (32, "audit:=128 would do")):
         (line,) = said(joined({"audit_cam0": counters(0.12, 0.0, 1.0, pixels)}, plan("cam0")))
