@@ -19,7 +19,7 @@ from nodes.audit.looking import Looking
 from nodes.audit.motion import Motion
 from nodes.audit.report import AuditReport, Units
 from nodes.audit.sampled_sensor import SampledSensor
-from nodes.event_sensor.further import Further
+from nodes.event_sensor.input.further import Further
 from nodes.event_sensor.sensor import EventSensor
 
 if TYPE_CHECKING:

@@ -23,8 +23,8 @@ from nodes.event_sensor.presets import PRESETS
 from nodes.event_sensor.scene_parameters import SHARED, resolve_each, resolve_with_scene
 
 if TYPE_CHECKING:
-    from nodes.event_sensor.apart import Apart
-    from nodes.event_sensor.further import Further
+    from nodes.event_sensor.environments.reset_groups import ResetGroups
+    from nodes.event_sensor.input.further import Further
     from nodes.event_sensor.messages.flights import Flights
     from nodes.event_sensor.sensor import Events, EventSensor
 
@@ -112,8 +112,8 @@ class EventSensorNode(Node):
                 "labels:=events takes evis or evis-paper"
             )
         self._sensor: Any = None
-        self._apart: Apart | None = None
-        """The sensors, once environments were reset by themselves."""
+        self._groups: ResetGroups | None = None
+        """The sensors, once an environment was reset by itself."""
         self._episodes = np.zeros(0, np.int32)
         self._header = Header(0)
         self._size = (0, 0)
@@ -132,7 +132,7 @@ class EventSensorNode(Node):
         for k in range(2):
             sensor.process(warm, np.array([10 * k]), np.zeros(1, np.int32))
         if self._source == "samples":
-            from nodes.event_sensor.further import Further
+            from nodes.event_sensor.input.further import Further
 
             values = np.ones((1, 3) if self.params["colour"] else 1, np.float32)
             one_more = Further(np.array([0, 1, 1, 1, 1]), np.array([5]), values)
@@ -156,38 +156,20 @@ class EventSensorNode(Node):
         seeds = seeds_of({**params, "envs": envs})
         if len(each) == 1 and seeds == list(range(seeds[0], seeds[0] + envs)):
             return self._one(height, width, envs, each[0], seeds[0], number)
-        from nodes.event_sensor.separate import SeparateSensors
+        from nodes.event_sensor.environments.separate import SeparateSensors
 
         made = [self._one(height, width, 1, each[env % len(each)], own, number) for env, own in enumerate(seeds)]
         return SeparateSensors(made)
 
     def _one(self, height: int, width: int, envs: int, p: Mapping[str, Any], seed: int, number: int) -> Any:
-        """A sensor, or another event model behind the same interface."""
-        from nodes.event_sensor.apart import seed_of_time
+        """Makes a sensor, or another event model behind the same interface; arguments as of `_make`."""
+        from nodes.event_sensor.environments.reset_groups import seed_of_time
+        from nodes.event_sensor.make import make_sensor
 
-        colour, time_seed = self.params["colour"], seed_of_time(seed, number)
-        if p["model"].startswith("evis"):
-            from nodes.event_sensor.sensor import EventSensor
-
-            device, channels = self.params["device"], 3 if colour else 1
-            return EventSensor(
-                height,
-                width,
-                envs,
-                channels=channels,
-                device=device,
-                seed=seed,
-                time_seed=time_seed,
-                marked=self._marked,
-                **p,
-            )
-        if colour or self.params["device"] != "cpu":
-            raise ValueError(
-                f"{self.name}: event model {p['model']} takes luminance on the cpu; evis does colour and cuda"
-            )
-        from nodes.event_sensor.peers import make_model
-
-        return make_model(p["model"], height, width, envs, seed=time_seed, **p)
+        return make_sensor(
+            p, (height, width), envs, colour=self.params["colour"], device=self.params["device"], seed=seed,
+            time_seed=seed_of_time(seed, number), marked=self._marked,
+        )  # fmt: skip
 
     def rewind(self, params: Mapping[str, Any]) -> bool:
         """Puts away the sensor, of which another is made at the first frame: its seed may differ."""
@@ -195,7 +177,7 @@ class EventSensorNode(Node):
             return False
         self.params = dict(params)
         self._resolved = resolve_with_scene(self.name, self.params)
-        self._sensor, self._apart, self._header, self._size = None, None, Header(0), (0, 0)
+        self._sensor, self._groups, self._header, self._size = None, None, Header(0), (0, 0)
         self._episodes = np.zeros(0, np.int32)
         return True
 
@@ -209,8 +191,8 @@ class EventSensorNode(Node):
             further = self._images.further(message)
         envs, _, height, width = image.shape[:4]
         self._size = (height, width)
-        if message.own is not None or self._apart is not None:
-            self._update_apart(message, image, t, further)
+        if message.own is not None or self._groups is not None:
+            self._update_groups(message, image, t, further)
             return
         if self._sensor is None:
             self._sensor = self._make(height, width, envs)
@@ -227,7 +209,7 @@ class EventSensorNode(Node):
         """Senses the frames of several messages at once where that changes no packet; see `messages.in_a_row`."""
         messages = [one[self._source] for one in inputs]
         todo = list(inputs)
-        while todo and (self._sensor is None or self._apart is not None or not self._own_model):
+        while todo and (self._sensor is None or self._groups is not None or not self._own_model):
             self.update(todo.pop(0))
         if not todo:
             return
@@ -284,22 +266,22 @@ class EventSensorNode(Node):
             for message, each, part in zip(run, offsets, parts):
                 self.publish("signal", EventSignal(copy_of(message.header), each, columns["signal"][part]))
 
-    def _update_apart(
+    def _update_groups(
         self, message: Keyframe | Frames | Samples, image: Any, t: np.ndarray, further: Further | None
     ) -> None:
-        """Events of environments that do not share their time."""
-        if self._apart is None:
-            from nodes.event_sensor.apart import Apart
+        """Publishes the events of environments that were reset at different times."""
+        if self._groups is None:
+            from nodes.event_sensor.environments.reset_groups import ResetGroups
 
             height, width = self._size
-            self._apart = Apart(partial(self._make, height, width), self.params["seed"])
+            self._groups = ResetGroups(partial(self._make, height, width), self.params["seed"])
             if self._sensor is not None:
-                self._apart.adopt(self._sensor, self._episodes, self._header.stamp_ns)
+                self._groups.adopt(self._sensor, self._episodes, self._header.stamp_ns)
         self._header = message.header
         own_t = None if isinstance(message, Keyframe) else message.own_t
         if message.own is not None and own_t is None:
             own_t = message.own[:, [STAMP]]
-        found = self._apart.process(image, t, own_t, message.own, message.episodes, further)
+        found = self._groups.process(image, t, own_t, message.own, message.episodes, further)
         self._publish_columns(*found)
 
     def _publish_columns(self, columns: Mapping[str, np.ndarray], offsets: np.ndarray) -> None:
@@ -318,16 +300,16 @@ class EventSensorNode(Node):
             out = {**self.loan("events", **shapes)}
             for name, values in columns.items():
                 out[name][...] = values
-        self._send(out, offsets, self._apart or self._sensor)
+        self._send(out, offsets, self._groups or self._sensor)
         if signal is not None:
             self.publish("signal", EventSignal(self._stamped(), offsets, signal))
 
     def finish(self) -> None:
         while self._land():
             pass
-        if self._apart is None:
+        if self._groups is None:
             self._publish_held()
-        elif held := self._apart.finish():
+        elif held := self._groups.finish():
             self._publish_columns(*held)
 
     def _publish_held(self) -> None:

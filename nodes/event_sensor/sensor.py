@@ -33,21 +33,21 @@ import numpy as np
 import warp as wp
 
 from evis.gpu.devices import device_named
-from nodes.event_sensor.arrays import on_device, shape_of
-from nodes.event_sensor.batch import Batch, SampleLists, Size
 from nodes.event_sensor.cpu.listing import Listing
-from nodes.event_sensor.device_events import DeviceEvents, Pending, Ready
-from nodes.event_sensor.engines import FLOOR as FLOOR
-from nodes.event_sensor.engines import make_engine, sensor_struct, unlit_rate
-from nodes.event_sensor.further import Further as Further
-from nodes.event_sensor.further import check
-from nodes.event_sensor.look_ahead import LookAhead
+from nodes.event_sensor.engines.engine import FLOOR as FLOOR
+from nodes.event_sensor.engines.engine import make_engine, sensor_struct, unlit_rate
+from nodes.event_sensor.input.arrays import on_device, shape_of
+from nodes.event_sensor.input.batch import Batch, SampleLists, Size
+from nodes.event_sensor.input.further import Further as Further
+from nodes.event_sensor.input.further import check
+from nodes.event_sensor.input.look_ahead import LookAhead
 from nodes.event_sensor.messages.limit import check_noise
 from nodes.event_sensor.model.features import marks
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS
 from nodes.event_sensor.optics.optics import Optics
 from nodes.event_sensor.parameters import frames_only, resolve_sensor
+from nodes.event_sensor.readout.device_events import DeviceEvents, Pending, Ready
 from nodes.event_sensor.readout.packet import Events as Events
 from nodes.event_sensor.readout.packet import merged, parted
 

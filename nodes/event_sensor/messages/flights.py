@@ -8,7 +8,7 @@ from typing import Any
 
 from msgs.header import Message
 from nodes.event_sensor.cuda.cuts import Cuts
-from nodes.event_sensor.device_events import DeviceEvents, Ready
+from nodes.event_sensor.readout.device_events import DeviceEvents, Ready
 
 
 @dataclass

@@ -9,7 +9,7 @@ from evis.gpu.in_a_row import joined
 from msgs.camera import Frames, Keyframe, Samples
 
 if TYPE_CHECKING:
-    from nodes.event_sensor.further import Further
+    from nodes.event_sensor.input.further import Further
 
 
 class Images:
@@ -30,7 +30,7 @@ class Images:
 
     def further(self, message: Samples) -> Further:
         """Gives the samples of a message between its frames. Raises ValueError as `of`."""
-        from nodes.event_sensor.further import Further
+        from nodes.event_sensor.input.further import Further
 
         value = message.further_rgb if self._colour else message.further
         if value is None:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import warp as wp
 
 if TYPE_CHECKING:
-    from nodes.event_sensor.batch import SampleLists
+    from nodes.event_sensor.input.batch import SampleLists
 
 wp.set_module_options({"enable_backward": False})
 

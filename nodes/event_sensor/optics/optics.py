@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from nodes.event_sensor.batch import SampleLists
+from nodes.event_sensor.input.batch import SampleLists
 from nodes.event_sensor.optics import slope_kernels
 
 CHORD = 1 / 50

@@ -1,9 +1,4 @@
-"""The kernels behind the sensor, their state and how they are launched.
-
-An engine changes its state in place and goes on where the events ran out of room, or it reads the state before a
-message and writes the state after it, so that a launch can be made again; `swap` then makes the new state the present
-one.
-"""
+"""Chooses the engine that the parameters of a sensor ask for, and fills in the struct that its kernels read."""
 
 from __future__ import annotations
 
@@ -11,8 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from nodes.event_sensor.batch import Size
 from nodes.event_sensor.cpu.ideal import Ideal
+from nodes.event_sensor.input.batch import Size
 from nodes.event_sensor.model.features import Features, features_of
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import Sensor
@@ -36,11 +31,11 @@ def make_engine(size: Size, seed: int, p: Mapping[str, Any], device: Any, layout
     Only what is asked for is imported, for a module of kernels costs some ms.
     """
     if p["model"] == "evis-paper":
-        from nodes.event_sensor.paper import Paper
+        from nodes.event_sensor.engines.paper import Paper
 
         return Paper(size, seed, p, device)
     if features_of(p) not in (Features("linear"), Features("frame")):
-        from nodes.event_sensor.nonideal import NonIdeal
+        from nodes.event_sensor.engines.nonideal import NonIdeal
 
         return NonIdeal(size, seed, p, device)
     frame = p["crossing"] == "frame"

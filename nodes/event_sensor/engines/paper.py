@@ -7,7 +7,7 @@ from typing import Any
 
 import warp as wp
 
-from nodes.event_sensor.batch import Batch, Size
+from nodes.event_sensor.input.batch import Batch, Size
 from nodes.event_sensor.model import paper_kernels
 from nodes.event_sensor.model.fixed_pattern import pattern_of
 from nodes.event_sensor.model.sensor_kernels import Sensor

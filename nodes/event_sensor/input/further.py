@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from nodes.event_sensor.arrays import on_device
-from nodes.event_sensor.batch import SampleLists, Size
+from nodes.event_sensor.input.arrays import on_device
+from nodes.event_sensor.input.batch import SampleLists, Size
 
 MOST = (1 << 31) - 1
 """Entries of one message."""
@@ -103,7 +103,7 @@ def check(lists: SampleLists, size: Size, t: np.ndarray, t_base: int, fresh: np.
     t: int64 [K] ns, stamps of the frames. t_base: [ns], where offsets are 0. fresh: bool [E], environments that begin
     an episode with the first frame.
     """
-    from nodes.event_sensor.further_kernels import FINE, REASONS, check_lists
+    from nodes.event_sensor.input.further_kernels import FINE, REASONS, check_lists
 
     device = lists.first.device
     stamps: wp.array = wp.array(np.asarray(t - t_base, np.int64), device=device)

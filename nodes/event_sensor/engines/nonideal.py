@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from nodes.event_sensor.batch import Batch, Size
 from nodes.event_sensor.cpu.nonideal_kernels import rows_kernel
 from nodes.event_sensor.cuda.nonideal_kernels import pixels_kernel
+from nodes.event_sensor.input.batch import Batch, Size
 from nodes.event_sensor.model.features import features_of
 from nodes.event_sensor.model.fixed_pattern import pattern_of
 from nodes.event_sensor.model.sensor_kernels import Sensor

@@ -10,7 +10,7 @@ import numpy as np
 from nodes.event_sensor.readout.packet import Events
 
 if TYPE_CHECKING:
-    from nodes.event_sensor.further import Further
+    from nodes.event_sensor.input.further import Further
 
 
 class SeparateSensors:
