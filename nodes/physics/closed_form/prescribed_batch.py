@@ -1,4 +1,4 @@
-"""States of many bodies with prescribed motion at once: one pass over all those that move in the same way."""
+"""Computes states of many bodies with prescribed motion at once: one pass over all with the same kinds of motion."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from evis.scene.motion import NS, Prescribed, Rotation, Shift, carried, kind, lo
 
 
 @dataclass(frozen=True)
-class Alike:
-    """Holds what moves in the same way, B bodies.
+class SameMotion:
+    """Holds B bodies whose translations and rotations are of the same kinds.
 
-    rows, parents: int64 [B], which bodies they are and what carries them; no parents = the world. start: float64
-    [B, 7].
+    rows, parents: int64 [B], numbers of the bodies and of those that carry them; no parents = the world. start:
+    float64 [B, 7], poses at time 0. shifts, turns: translations and rotations, each with the parameters of all bodies.
     """
 
     rows: np.ndarray
@@ -26,7 +26,7 @@ class Alike:
     turns: list[Rotation]
 
 
-class PrescribedTogether:
+class PrescribedBatch:
     """Computes `Prescribed.state` of several bodies at once, to the bit."""
 
     def __init__(self, paths: Sequence[Prescribed]) -> None:
@@ -42,13 +42,13 @@ class PrescribedTogether:
             if not path.is_static():
                 how = tuple(map(kind, path.shifts)), tuple(map(kind, path.turns))
                 kinds.setdefault((path.depth, how), []).append(n)
-        self._alike: list[Alike] = []
+        self._groups: list[SameMotion] = []
         for (depth, _), rows in sorted(kinds.items(), key=lambda item: item[0][0]):
             members = [nodes[n] for n in rows]
             parents = [row[id(path.parent)] for path in members if depth]
             start = np.array([path.start for path in members])
             shifts, turns = ([stacked(same) for same in zip(*each)] for each in _motions(members))
-            self._alike.append(Alike(np.array(rows), np.array(parents, np.int64), start, shifts, turns))
+            self._groups.append(SameMotion(np.array(rows), np.array(parents, np.int64), start, shifts, turns))
 
     def at(self, t_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Computes poses float64 [S, B, 7] and twists [S, B, 6] in the world at times int64 [S] ns, in the order of the
@@ -56,16 +56,16 @@ class PrescribedTogether:
         t = np.asarray(t_ns, np.int64) * NS
         pose, twist = np.empty((self._count, len(t), 7)), np.empty((self._count, len(t), 6))
         pose[self._still], twist[self._still] = self._rest, 0.0
-        for alike in self._alike:
-            state = local_state(alike.start, alike.shifts, alike.turns, t)
-            if len(alike.parents):
-                state = carried((pose[alike.parents], twist[alike.parents]), state)
-            pose[alike.rows], twist[alike.rows] = state
+        for group in self._groups:
+            state = local_state(group.start, group.shifts, group.turns, t)
+            if len(group.parents):
+                state = carried((pose[group.parents], twist[group.parents]), state)
+            pose[group.rows], twist[group.rows] = state
         return _by_time(pose[self._rows]), _by_time(twist[self._rows])
 
 
 def _motions(paths: Sequence[Prescribed]) -> tuple[list[list[Shift]], list[list[Rotation]]]:
-    """Translations and rotations of each path."""
+    """Lists the translations and rotations of each path."""
     return [path.shifts for path in paths], [path.turns for path in paths]
 
 

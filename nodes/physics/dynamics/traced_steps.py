@@ -1,7 +1,7 @@
-"""Many steps of MuJoCo in a row, with poses and velocities worked out for all of them together.
+"""Takes many steps of MuJoCo in a row, and computes poses and velocities of all of them in one pass.
 
-Looking at a state from Python costs ten times as much as a step of a small model. So the steps up to the next stamp are
-taken at once, and only what they leave is kept; the rest is array arithmetic over all steps, by the same formulas.
+Reading a state from Python costs ten times as much as a step of a small model. The raw states after the steps are
+therefore copied, and poses and velocities computed by array arithmetic over all steps, by the same formulas.
 """
 
 from __future__ import annotations
@@ -62,8 +62,8 @@ def twist_and_pose(
     return np.concatenate((v + se3.cross(omega, arm), omega), axis=-1), pose
 
 
-class Before:
-    """Remembers the state of an environment, so that its steps can be taken again."""
+class SavedState:
+    """Holds a copy of an environment's state, so that its steps can be taken again."""
 
     def __init__(self, model: Any, data: Any) -> None:
         self._state = np.empty(mujoco.mj_stateSize(model, STATE))
@@ -71,7 +71,7 @@ class Before:
         self._counts = np.array(data.warning.number)
 
     def restore(self, model: Any, data: Any) -> None:
-        """Puts the environment back."""
+        """Writes the state back into the environment's MjData."""
         mujoco.mj_setState(model, data, self._state, STATE)
         data.warning.number[:] = self._counts
 
@@ -79,7 +79,7 @@ class Before:
 def take_steps(
     model: Any, data: Any, grid: Sequence[int], trace: Trace, step: Callable[[Any, Any], None] = mujoco.mj_step
 ) -> None:
-    """Takes a step from each time of `grid` [ns] by `step`, and writes down the state after it."""
+    """Takes a step from each time of `grid` [ns] by `step`, and copies the state after it to `trace`."""
     xpos, xquat, cvel, com = data.xpos, data.xquat, data.cvel, data.subtree_com
     qpos, qvel = data.qpos, data.qvel
     kinematics, places, velocities = mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_comVel
