@@ -1,4 +1,4 @@
-"""Environments whose sensors differ: a sensor for each, and their events as one packet."""
+"""Senses environments whose sensors have different parameters: a sensor for each, their events in one packet."""
 
 from __future__ import annotations
 

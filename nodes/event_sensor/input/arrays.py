@@ -1,4 +1,4 @@
-"""Images from anywhere as Warp arrays on the sensor's device, copied only where they have to be."""
+"""Converts images of any library to Warp arrays on the sensor's device, without a copy where they are there."""
 
 from __future__ import annotations
 
@@ -10,13 +10,16 @@ import warp as wp
 
 
 def shape_of(values: Any) -> tuple[int, ...]:
-    """Shape in numbers; Warp has at most four axes, so that its colour images are of vec3f."""
+    """Gives the shape in numbers; colour images of Warp, which has four axes at most, are of vec3f."""
     shape = tuple(values.shape)
     return (*shape, 3) if isinstance(values, wp.array) and values.dtype is wp.vec3f else shape
 
 
 def on_device(values: Any, device: Any) -> wp.array:
-    """float32 in C order on the device. values: numpy, Warp, or with __cuda_array_interface__. Raises ValueError."""
+    """Gives values as float32 in C order on the device. Raises ValueError.
+
+    values: numpy, Warp, or with __cuda_array_interface__.
+    """
     if isinstance(values, wp.array):
         if values.dtype not in (wp.float32, wp.vec3f):
             raise ValueError(f"event sensor got a Warp array of {values.dtype.__name__}, expected float32 or vec3f")
@@ -37,7 +40,7 @@ def on_device(values: Any, device: Any) -> wp.array:
 
 
 def _view(ptr: int, shape: tuple[int, ...], owner: Any, device: Any = None) -> wp.array:
-    """float32 at `ptr`, which keeps the owner of the memory alive."""
+    """Makes a float32 array at `ptr` that keeps the owner of the memory alive."""
     array: Any = wp.array(ptr=ptr, dtype=wp.float32, shape=shape, device=device or owner.device)
     array.owner_of_memory = owner
     return array

@@ -1,4 +1,4 @@
-"""Frames on their way into a kernel, and how many pixels they have."""
+"""Frames as the kernels take them, and the number of their pixels."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Batch:
     further: SampleLists | None = None
 
     def on(self, device: Any) -> Batch:
-        """The same with everything on the device."""
+        """Gives the same batch with all its arrays on the device."""
 
         def there(values: np.ndarray, dtype: Any) -> wp.array:
             return wp.array(np.ascontiguousarray(values), dtype=dtype, device=device, copy=False)
@@ -74,5 +74,5 @@ class Size:
         return self.height * self.width * self.channels
 
     def threads(self, cuda: bool) -> tuple[int, ...]:
-        """A thread is a row on a CPU and a pixel and channel on a GPU."""
+        """Gives the launch size: a thread per row on a CPU, per pixel and channel on a GPU."""
         return (self.envs, self.height, self.width * self.channels) if cuda else (self.envs, self.height)

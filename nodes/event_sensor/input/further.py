@@ -1,6 +1,6 @@
-"""Further samples of single pixels between the frames of a message, so that time is resolved where light changes.
+"""Further samples of single pixels between the frames of a message, which resolve time where the light changes.
 
-Between two neighbouring samples of a pixel, of a frame or further, ln I is a straight line.
+ln I is taken to be a straight line between neighbouring samples of a pixel, whether of frames or further ones.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from nodes.event_sensor.input.arrays import on_device
 from nodes.event_sensor.input.batch import SampleLists, Size
 
 MOST = (1 << 31) - 1
-"""Entries of one message."""
+"""Most samples of one message."""
 
 
 @dataclass
@@ -57,7 +57,7 @@ class Further:
         return cls(first, given[3][order].astype(np.int32), np.asarray(value, np.float32)[order])
 
     def of(self, envs: slice, total: int) -> Further:
-        """Gives those of some neighbouring environments out of `total`."""
+        """Gives the samples of neighbouring environments; total: E of this object."""
         first = self.first.numpy() if isinstance(self.first, wp.array) else np.asarray(self.first)
         pixels = (len(first) - 1) // total
         first = first[envs.start * pixels : envs.stop * pixels + 1]
@@ -65,7 +65,7 @@ class Further:
         return Further(first - first[:1], self.offset[own], self.value[own])
 
     def without(self, left_out: np.ndarray) -> Further:
-        """Gives these without those of some environments, bool [E]."""
+        """Gives the samples without those of the environments left_out, bool [E]."""
         if not left_out.any():
             return self
         first, offset, value = (
@@ -77,12 +77,11 @@ class Further:
         return Further(first, offset[mine], value[mine])
 
     def none(self) -> Further:
-        """Gives none of as many pixels."""
+        """Gives an object of as many pixels without any samples."""
         return Further(np.zeros(len(self.first), np.int32), self.offset[:0], self.value[:0])
 
     def on(self, size: Size, device: Any) -> SampleLists:
-        """Gives the lists of a sensor's pixels on its device. Raises ValueError for lengths and types that do not
-        fit."""
+        """Gives the samples on a sensor's device. Raises ValueError for lengths and types that do not fit."""
         pixels, shared = size.envs * size.pixels // size.channels, size.channels
         first, offset = (_whole(getattr(self, name), name, device) for name in ("first", "offset"))
         value = on_device(self.value, device).flatten()
@@ -124,7 +123,7 @@ def check(lists: SampleLists, size: Size, t: np.ndarray, t_base: int, fresh: np.
 
 
 def _whole(values: Any, name: str, device: Any) -> wp.array:
-    """int32 on the device. Raises ValueError."""
+    """Gives whole numbers as int32 [n] on the device. Raises ValueError."""
     if isinstance(values, wp.array):
         if values.dtype is not wp.int32:
             raise ValueError(f"further samples have {name} of {values.dtype.__name__}, expected int32")

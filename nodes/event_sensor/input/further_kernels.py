@@ -1,5 +1,5 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""Whether the lists of further samples are those of pixels."""
+"""Checks the lists of further samples: each pixel's in the order of time, between the frames of its episode."""
 
 import warp as wp
 

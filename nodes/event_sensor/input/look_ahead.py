@@ -1,4 +1,4 @@
-"""The frame that waits: a step whose curve needs the next sample is made when that has come."""
+"""Holds the last frame back until the next one, for crossing methods whose curve needs the frame after a step."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import warp as wp
 
 @dataclass
 class Held:
-    """The frame whose step waits for the next one. begins: bool [E], environments whose episode it begins."""
+    """A frame that is held back. begins: bool [E], environments whose episode it begins. episodes: int32 [E]."""
 
     images: wp.array
     stamp: int
@@ -20,21 +20,21 @@ class Held:
 
 
 class LookAhead:
-    """Holds the last frame of `envs` sensors of `size` samples on a device; `held` is None before the first."""
+    """Holds back the last frame of `envs` sensors with `size` samples each; `held` is None before the first frame."""
 
     def __init__(self, envs: int, size: int, device: Any) -> None:
         self._envs, self._size, self._device = envs, size, device
         self.held: Held | None = None
 
     def release(self) -> Held | None:
-        """The frame that waits, which waits no more."""
+        """Gives the frame that was held back, and holds none any more."""
         held, self.held = self.held, None
         return held
 
     def join(
         self, images: wp.array, t: np.ndarray, fresh: np.ndarray, episodes: np.ndarray
     ) -> tuple[wp.array, np.ndarray, list[np.ndarray], list[np.ndarray]]:
-        """The frame that waited and the new ones, the last of which waits from now on.
+        """Joins the frame that was held back with new ones, and holds the last of these back.
 
         images: float32, E x K x size samples. t: int64 [K] ns. fresh: bool [E], where the first new frame begins an
         episode; episodes: int32 [E]. Returns images, stamps, and for each of the first frames fresh and episodes.

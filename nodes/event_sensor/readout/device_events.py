@@ -1,4 +1,4 @@
-"""Events that stay on the device until somebody wants them on the host."""
+"""Events on the sensor's device, copied to the host only where asked for."""
 
 from __future__ import annotations
 
