@@ -11,7 +11,7 @@ from evis.config.params import ParamError
 from evis.config.suggestions import closest
 from evis.files.whole_file import written_at
 from evis.launch.arguments import ArgumentError
-from evis.launch.wiring import Wired
+from evis.launch.graph.wiring import Wired
 
 
 def check_files(node: Wired) -> None:

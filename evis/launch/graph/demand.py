@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from evis.config.document import LaunchError
 from evis.config.suggestions import nearest
-from evis.launch.wiring import Wired
+from evis.launch.graph.wiring import Wired
 from evis.runtime.plan import LeftOut, Plan
 from msgs.topics import SYSTEM_TOPICS, find_topic
 

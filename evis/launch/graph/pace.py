@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 
 from evis.config.document import LaunchError
-from evis.launch.wiring import Wired
+from evis.launch.graph.wiring import Wired
 from evis.runtime.plan import Plan
 from msgs.topics import find_topic
 

@@ -1,4 +1,4 @@
-"""Several devices: which environments or cameras each gets, and what deals these out and joins what comes of them."""
+"""Shares the environments or the cameras of a graph among several devices (`device:=cuda:0,cuda:1`)."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from evis.config.document import LaunchError
 from evis.launch import catalog
 from evis.launch.arguments import ArgumentError
 from evis.launch.expand import NodeSpec
-from evis.launch.wiring import Wired
+from evis.launch.graph.wiring import Wired
 from evis.shares.bounds import MOST, bounds
 from evis.shares.cut import can_be_cut
 from msgs.topics import SYSTEM_TOPICS, find_topic
 
 SHARE, JOIN = "environment_share", "environment_join"
-"""Types of the nodes that deal out and join."""
+"""Types of the nodes that cut messages into shares of the environments, and that join them again."""
 
 
 def devices_of(params: Mapping[str, Any]) -> list[str]:
@@ -25,16 +25,19 @@ def devices_of(params: Mapping[str, Any]) -> list[str]:
 
 
 def named_in_share(name: str, share: int) -> str:
-    """Names the node that does for a share of the environments what `name` does for all."""
+    """Gives the name of the copy of node `name` that works on one share of the environments."""
     return f"share{share}/{name}"
 
 
 def over_devices(nodes: list[Wired]) -> list[Wired]:
-    """Returns the nodes of a graph whose `device` names several: a node for each device's share of the environments
-    where there are as many, otherwise each camera's nodes on one of the devices. Other graphs stay as they are.
+    """Returns the nodes of a graph in which nodes with several devices are replaced by one node per device.
 
-    Nodes that look at all environments at once, as the audit does, are on the first device. Raises ArgumentError where
-    there is not enough to share out, LaunchError for nodes that do not go together.
+    Where there are as many environments as devices, each device works on a share of the environments; otherwise each
+    camera's nodes run on one device. Nodes that need all environments at once, such as the audit, run on the first
+    device. A graph whose nodes name one device each is returned as it is.
+
+    Raises ArgumentError for more devices than environments and cameras, LaunchError for nodes whose devices or numbers
+    of environments differ.
     """
     several = [node for node in nodes if len(devices_of(node.params)) > 1]
     if not several:
@@ -64,7 +67,7 @@ def over_devices(nodes: list[Wired]) -> list[Wired]:
 
 
 def _by_cameras(nodes: list[Wired], devices: Sequence[str], cameras: Sequence[str]) -> list[Wired]:
-    """Each camera's nodes on one device, those of a device in one process."""
+    """Puts each camera's nodes on one device, those of a device in one process."""
     of = {cameras[c]: k for k, own in enumerate(bounds(len(cameras), len(devices))) for c in range(len(cameras))[own]}
     made = []
     for node in nodes:
@@ -79,9 +82,7 @@ def _by_cameras(nodes: list[Wired], devices: Sequence[str], cameras: Sequence[st
 
 
 def _by_environments(nodes: list[Wired], devices: Sequence[str], envs: int) -> list[Wired]:
-    """Nodes of each share of the environments in a process of its own, and before and behind them what deals out and
-    joins.
-    """
+    """Copies nodes for each share of the environments, in a process per share, with nodes that share and join."""
     split = [node for node in nodes if len(devices_of(node.params)) > 1 and node.cls.PER_ENVIRONMENT]
     inner = {topic: node for node in split for topic in node.outputs.values() if topic not in SYSTEM_TOPICS}
     outer = {topic: node for node in split for topic in node.inputs.values() if topic not in {*inner, *SYSTEM_TOPICS}}
@@ -95,13 +96,14 @@ def _by_environments(nodes: list[Wired], devices: Sequence[str], envs: int) -> l
 
 
 def _on_first(node: Wired, devices: Sequence[str]) -> Wired:
+    """Puts a node with several devices on the first one."""
     if len(devices_of(node.params)) == 1:
         return node
     return replace(node, params={**node.params, "device": devices[0]})
 
 
 def _part(node: Wired, share: int, device: str, envs: slice) -> Wired:
-    """A node of one share, whose environments have the seeds that they have among all."""
+    """Copies a node for one share; its environments keep the seeds that they have among all."""
     group = f"share{share}"
     params = {**node.params, "device": device}
     if "envs" in params:
@@ -115,6 +117,7 @@ def _part(node: Wired, share: int, device: str, envs: slice) -> Wired:
 
 
 def _share(topic: str, reader: Wired, share: int, shares: int) -> Wired:
+    """Makes the node that cuts one share out of the messages of a topic."""
     kind, where = find_topic(topic).type, reader.spec.where
     if not can_be_cut(kind):
         raise LaunchError(f"{where}: '{reader.name}' reads {topic}, which is not dealt out to devices; name one device")
@@ -127,6 +130,7 @@ def _share(topic: str, reader: Wired, share: int, shares: int) -> Wired:
 
 
 def _join(topic: str, publisher: Wired, envs: int, shares: int) -> Wired:
+    """Makes the node that joins the messages of all shares on a topic."""
     params = {"topic": topic.strip("/"), "shares": shares, "envs": envs}
     where = publisher.spec.where
     target, cls = catalog.load(JOIN, where)
@@ -138,4 +142,5 @@ def _join(topic: str, publisher: Wired, envs: int, shares: int) -> Wired:
 
 
 def _below(group: str, topic: str) -> str:
+    """Gives the topic of a share, such as /share0/cam0/events; system topics are shared by all."""
     return topic if topic in SYSTEM_TOPICS else f"/{group}{topic}"

@@ -1,24 +1,29 @@
-"""Whether somebody waits for each keyframe of a graph, or nodes may make several at once."""
+"""Decides whether somebody waits for each keyframe of a graph, or nodes may make several at once (`batch`)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from evis.config.document import LaunchError
-from evis.launch.wiring import Wired
+from evis.launch.graph.wiring import Wired
 from evis.runtime.plan import Plan
 
 BATCH = "batch"
-"""Parameter of nodes that make several keyframes, or what comes of them, at once; 0 = as many as pay."""
+"""Parameter of nodes that can process several keyframes at once: how many, 0 = as many as make them faster."""
 
 
 def why_single(plan: Plan, nodes: Sequence[Wired], stepped: bool) -> str:
     """Says why every keyframe of a graph is made by itself; "" where nobody waits for one.
 
-    nodes: those of the plan. stepped: its source is stepped by who holds the graph. A program outside may wait too,
-    where it can give what closes a loop: with more than one keyframe asked for, nobody outside can.
+    A program outside that can publish to a delayed input, such as /action, may wait for keyframes. Where the user asks
+    for several at once, these inputs are taken out of the plan, so that no program outside can.
 
-    Raises LaunchError where more than one at once is asked for, and somebody waits.
+    Args:
+        plan: of the graph; `outside` of its nodes is changed.
+        nodes: those of the plan.
+        stepped: the caller steps the graph (`evis.Simulation`).
+
+    Raises LaunchError where several keyframes at once are asked for, and somebody waits for each.
     """
     asked = [node for node in nodes if (node.params.get(BATCH) or 0) > 1]
     why = _who_waits(plan, nodes, stepped)
