@@ -8,8 +8,8 @@ import numpy as np
 import warp as wp
 
 from evis.scene.model import Camera, Scene
-from nodes.audit.first_surface_kernels import make_first_surface
-from nodes.audit.rays import PixelRays
+from nodes.audit.brute_force.first_surface_kernels import make_first_surface
+from nodes.audit.brute_force.rays import PixelRays
 from nodes.renderer.geometry.pose_kernels import place_instances
 from nodes.renderer.geometry.poses import InstancePoses
 from nodes.renderer.geometry.triangles import is_static

@@ -1,4 +1,4 @@
-"""Looks at pixels of several environments at many instants, as many at once as there are slots."""
+"""Computes pixels of several environments at many instants, as many instants at once as brute force has slots."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ from typing import Any
 import numpy as np
 
 from evis.scene.model import Camera, Scene
-from nodes.audit.brute_force import BruteForce
-from nodes.audit.motion import Motion
+from nodes.audit.brute_force.brute_force import BruteForce
+from nodes.audit.brute_force.motion import Motion
 
 SCANNED = 480
-"""Pixels that are looked at together in a scan."""
+"""Pixels of a scan that are computed by one call."""
 
 
 class Looking:
-    """Asks brute force for luminance of pixels numbered over all environments: number = env x (pixels of each) + i."""
+    """Computes the luminance of pixels by brute force. Pixel i of an environment has the number env x each + i."""
 
     def __init__(self, scene: Scene, camera: Camera, envs: int, each: int, motion: Motion, **how: Any) -> None:
         """envs: environments; each: pixels of each; how: options of BruteForce."""
-        # Room for more than are audited, so that a scan of the image takes few turns.
+        # Room for more pixels than are audited, so that a scan of the image takes few calls.
         self._room = max(each, -(-SCANNED // envs))
         self._force = BruteForce(scene, camera, self._room, envs, **how)
         self._envs = envs
         self._each, self._motion = each, motion
         self.looks = 0
-        """Looks so far."""
+        """Pixels times instants computed so far."""
 
     @property
     def nonfinite(self) -> int:
@@ -34,14 +34,16 @@ class Looking:
         return self._force.nonfinite
 
     def choose(self, pixels: np.ndarray) -> None:
-        """Takes pixels int64 [A, n, 2] (x, y) of the environments."""
+        """Chooses the pixels of each environment, int64 [A, n, 2] (x, y)."""
         table = np.zeros((self._envs, self._room, 2), np.int64)
         table[:, : pixels.shape[1]] = pixels
         self._force.choose(table)
 
     def scan(self, pixels: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gives luminance float32 [T, P] and instances int32 [T, P] of any pixels int64 [P, 2] (x, y) of the first
-        environment at times int64 [T] ns; `choose` comes after it."""
+        """Computes luminance float32 [T, P] and instances int32 [T, P] of any pixels of the first environment.
+
+        pixels: int64 [P, 2] (x, y). times: int64 [T] ns. The chosen pixels are lost: `choose` must be called after it.
+        """
         parts = []
         for first in range(0, len(pixels), self._room):
             some = pixels[first : first + self._room]
@@ -53,11 +55,11 @@ class Looking:
         return luminance, instance
 
     def __call__(self, pixel: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gives luminance float32 [Q] and instances int32 [Q] of pixels int64 [Q] at times int64 [Q] ns."""
+        """Computes luminance float32 [Q] and instances int32 [Q] of pixel numbers int64 [Q] at times int64 [Q] ns."""
         return self._at(pixel // self._each, pixel % self._each, t)
 
     def _at(self, env: np.ndarray, pixel: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same of pixels by their numbers in their environments, int64 [Q]."""
+        """Does the same for environments int64 [Q] and pixels by their index within them, int64 [Q]."""
         luminance, instance = np.zeros(len(t), np.float32), np.zeros(len(t), np.int32)
         if not len(t):
             return luminance, instance

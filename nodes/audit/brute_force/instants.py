@@ -1,6 +1,6 @@
-"""The instants at which a pixel is looked at: close together where its light changes, and nowhere else.
+"""Chooses the instants at which a pixel is computed: close together where its light changes, and nowhere else.
 
-Every pixel is looked at `BASE` times a second. An interval over which ln I changes by more than a part of the
+Every pixel is computed `BASE` times a second. An interval over which ln I changes by more than a part of the
 threshold, or at whose ends different bodies are seen, is cut into four. Where ln I is not on the line between the ends
 then, parts over which it changes are halved in turn, down to 31 us: a silhouette is placed to within 16 us.
 """

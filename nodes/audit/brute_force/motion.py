@@ -1,4 +1,4 @@
-"""Where all bodies are at any instant of the states that have come since the last work was done."""
+"""Gives the poses of all bodies at any instant within the states that have come since the last computation."""
 
 from __future__ import annotations
 
