@@ -15,7 +15,7 @@ import mmap
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -32,11 +32,19 @@ MOST_SLOTS = 64
 _ids = itertools.count(1)
 
 
+class Pool(Protocol):
+    """Owns blocks of memory of one topic."""
+
+    name: str
+
+    def give_back(self, slot: Any) -> None:
+        """Takes back a block whose last pin is gone."""
+
+
 class Pinned:
     """Counts the users of a block of memory: `pins`. At zero the block goes back to its pool."""
 
-    def __init__(self, pool: Any) -> None:
-        """pool: with `name` and `give_back(block)`."""
+    def __init__(self, pool: Pool) -> None:
         self.pool = pool
         self.pins = 0
 

@@ -38,7 +38,7 @@ RANDOM: dict[str, tuple[str, ...]] = {
 
 
 def random(resolved: Mapping[str, Any]) -> tuple[str, ...]:
-    """What in a sensor depends on its seed, for all of SENSOR, resolved; nothing: every seed gives the same events."""
+    """Names what in a sensor depends on its seed; () where all seeds give the same events. resolved: all of SENSOR."""
     model = resolved["model"]
     if model == "dvs_voltmeter":
         return ("its model of every crossing",)

@@ -69,7 +69,7 @@ class EventSensorNode(Node):
 
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """What the event model lacks, or another parameter turns off."""
+        """Names parameters that the event model lacks, or that another one turns off."""
         from nodes.event_sensor.effects import without_effect
 
         return without_effect(resolve_with_scene("event sensor", params))

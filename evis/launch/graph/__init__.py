@@ -1,1 +1,1 @@
-"""Which nodes a graph has and how they are joined: topics, devices, what is left out, order, what waits for what."""
+"""Joins nodes to a graph: their topics and devices, what is left out, their order, and which of them wait."""

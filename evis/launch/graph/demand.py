@@ -1,4 +1,4 @@
-"""What a graph needs, from its sinks back to its sources, and what can be left out."""
+"""Finds what a graph needs, from its sinks back to its sources, and leaves out the rest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How often each node publishes, so that a loop which would wait for ever is found before anything starts."""
+"""Computes how often each node publishes, to find a loop that would wait for ever before anything starts."""
 
 from __future__ import annotations
 

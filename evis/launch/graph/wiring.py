@@ -48,7 +48,7 @@ class Wired:
 
     @property
     def late(self) -> bool:
-        """Whether it is started when only a viewer asks."""
+        """Tells whether it is started only when a viewer asks for it."""
         return self.joins or self.spec.on_demand
 
     def among_all(self, name: str) -> str:

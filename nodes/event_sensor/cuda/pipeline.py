@@ -23,7 +23,7 @@ GRAPHS = 16
 
 
 class Source(Protocol):
-    """What lists the events of a call.
+    """Lists the events of a call.
 
     repeats: it lists all of them again where they did not fit, and not only those that did not. records: its launches
     may be recorded.

@@ -52,12 +52,12 @@ class SeparateSensors:
 
     @property
     def takes_further(self) -> bool:
-        """Whether any of its sensors takes further samples between the frames."""
+        """Tells whether any of its sensors takes further samples between the frames."""
         return any(getattr(sensor, "takes_further", False) for sensor in self._sensors)
 
     @property
     def begins_again(self) -> bool:
-        """Whether its environments may begin anew together, as EventSensor.begins_again tells."""
+        """Tells whether its environments may begin anew together, as EventSensor.begins_again tells."""
         return all(getattr(sensor, "begins_again", False) for sensor in self._sensors)
 
     def columns(self) -> dict[str, type]:
@@ -66,7 +66,7 @@ class SeparateSensors:
         return columns
 
     def counts(self) -> dict[str, int]:
-        """What was set aside so far, of all environments."""
+        """Counts the samples and events set aside so far, of all environments."""
         found: dict[str, int] = {}
         for sensor in self._sensors:
             for name, count in sensor.counts().items():

@@ -1,1 +1,1 @@
-"""What a sensor is given, before its kernels: frames and further samples as arrays on its device, checked."""
+"""The input of a sensor before its kernels: frames and further samples as arrays on its device, checked."""

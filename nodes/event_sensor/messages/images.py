@@ -1,4 +1,4 @@
-"""What messages carry for a sensor: images, and samples of single pixels between them."""
+"""Reads the images of messages, and further samples of single pixels between them, for a sensor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What comes before the threshold: the lens's blur and the photoreceptor, each only where it is asked for."""
+"""Applies what comes before the threshold: the lens's blur and the photoreceptor, each only where asked for."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Optics:
 
     @property
     def traces(self) -> bool:
-        """What comes out is a curve between the samples of what goes in."""
+        """Tells whether the output is a curve between the samples of the input."""
         return self._photoreceptor is not None
 
     def traced(

@@ -77,7 +77,7 @@ class DeviceEvents:
         return self.column("c") if "c" in self._columns else None
 
     def copy(self) -> DeviceEvents:
-        """The same events in arrays of their own, on the device."""
+        """Copies the events to arrays of their own, on the device."""
         columns = {name: wp.clone(self.column(name)) for name in self._columns}
         return DeviceEvents(columns, self.count, self.env_offsets, (self.t_base, self.stamp))
 
@@ -95,7 +95,7 @@ class DeviceEvents:
             wp.synchronize_stream(self._columns["t"].device)
 
     def numpy(self) -> Events:
-        """The same events on the host."""
+        """Copies the events to the host."""
         out = {n: np.empty(self.count, wp.dtype_to_numpy(a.dtype)) for n, a in self._columns.items()}
         self.read(out)
         return Events(out["t"], out["x"], out["y"], out["p"], out.get("c"), self.env_offsets)
