@@ -38,7 +38,7 @@ class Case:
         return f"{scene} {envs}{self.rate}x{self.upsampling}{small}{' recorded' if self.record else ''}"
 
     @property
-    def together(self) -> bool:
+    def speed_of_all(self) -> bool:
         """Tells whether its speed is that of all environments together, in env-s/s, rather than of each."""
         return self.envs >= MANY
 

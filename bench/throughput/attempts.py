@@ -18,14 +18,14 @@ import warp as wp
 from bench.throughput.cases import Case
 
 PROCESS = "from bench.throughput.run import main; main()"
-"""What the process of a run does."""
+"""Code of the process of a run."""
 LONG_S = 100_000.0
 """Simulated time of a run that its meter ends."""
 
 
 @dataclass
 class Limits:
-    """Holds what a measurement may take. row_s: of one run [s]. until: time.monotonic() when no run begins any more.
+    """Bounds a measurement. row_s: longest time of a run [s]. until: time.monotonic() from which no run begins.
 
     runs: of each case. windows, window_s: of each run.
     """
