@@ -13,7 +13,7 @@ PIXELS = 1 << 25
 BYTES = 120
 """Device memory per pixel of a frame, of all nodes [bytes]."""
 SHARE = 4
-"""1 / SHARE of the device's memory is taken at most where `batch` is not given."""
+"""Of the device's memory, at most one in so many is taken without being asked for."""
 
 
 def at_once(name: str, asked: int, device: str, envs: int, pixels: int, frames: int) -> int:

@@ -12,9 +12,9 @@ wp.set_module_options({"enable_backward": False})
 
 PENDING = wp.types.vector(length=12, dtype=wp.int32)
 SEEN_THEN = wp.types.vector(length=12, dtype=wp.uint64)
-"""Ends (instant, z-buffer entry) of the halves that bisection has still to visit: as many as halvings."""
+"""Ends of halves of an interval between probes that are still to be looked at: as often as it can be halved."""
 SHARP = wp.constant(2)
-"""Half of the duration of a change, in PARTS of the time between two instants: samples stand on both sides of it."""
+"""Half of the time that one surface takes to give way to the next, in PARTS."""
 
 
 @wp.struct

@@ -26,7 +26,7 @@ UNKNOWN = wp.constant(1.0e30)
 """Stands for a change of ln I that cannot be looked up in a keyframe."""
 STEEPEST = wp.constant(1.0e30)
 PARTS = wp.constant(64)
-"""Parts of the time from one instant to the next; times of changes are whole numbers of them."""
+"""Parts of the time from one instant to the next."""
 
 
 @wp.struct

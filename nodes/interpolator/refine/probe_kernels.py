@@ -72,11 +72,11 @@ def make_find_thin(lens: str) -> wp.Kernel:
         # out
         missed: wp.array2d(dtype=wp.int64),
     ):
-        """Adds up how often things pass a pixel unseen between two of least, 2 least, 4 least, ... z-buffers per gap.
+        """Adds up, for least, 2 least, 4 least .. z-buffers per gap, how often things pass a pixel between two of them
+        unseen: missed [E, levels], over all rows.
 
-        turn, shift: [rows, N + 2], motion of the bodies relative to the camera over a short time before. gaps: float
-        [E], length of a gap in such times. held: [E], 1 for environments without a gap. packed: [rows, H, W],
-        z-buffers. missed: int64 [E, levels], added to over all rows.
+        turn, shift [rows, N + 2]: how bodies have moved since a short time before, against the camera; gaps [E]: how
+        many such times a gap has. packed [rows, H, W]: z-buffers, by environment in `held` [E].
         """
         row, y, part = wp.tid()
         if held[row % envs] == 1:

@@ -1,4 +1,4 @@
-"""Draws z-buffers between the coarse frames of a gap: the thinner and faster things are, the more of them."""
+"""Z-buffers between the coarse frames of a gap, as close in time as what moves in the image asks for."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ from nodes.interpolator.rigid.slots import Slots
 from nodes.renderer.raster.visibility import Visibility
 
 LEAST, LEAST_PER_FRAME, MOST = 16, 2, 1024
-"""Z-buffers per gap: least, least per coarse interval, and most."""
+"""Times per gap at which it is found out what all pixels see: least, least per coarse interval, and most."""
 ROOM = 1 << 25
-"""Most pixels of all z-buffers of an environment."""
+"""Pixels of all these z-buffers of an environment, at most."""
 MISSED = 0.03
-"""How often per pixel and gap something thin may pass between two z-buffers unseen, on average."""
+"""How often something thin may pass a pixel unseen in a gap, on the average."""
 SHORT_NS = 10_000
-"""Time over which the speed of things in the image is measured [ns]."""
+"""Time over which it is found how fast things are."""
 
 
 class Probes:
-    """Draws the z-buffers of one gap after another.
+    """Draws z-buffers at instants of one gap after another.
 
     packed uint64 [rows, H, W]: at the middle of each coarse interval, then at its quarters, at its odd eighths, and so
-    on, those of all coarse intervals at each level; see path_kernels.entry_at. each int32 [E]: how many parts they make
-    of a coarse interval, by environment; most: the greatest of these.
+    on, all coarse intervals of a kind after each other; see path_kernels.entry_at. each int32 [E]: how many there are
+    per coarse interval, itself included, that an environment goes by; most: of all environments.
     """
 
     def __init__(self, rigid: Rigid, threads: int) -> None:
         coarse, layout = rigid.visibility, rigid.layout
         self._rigid, self._envs, self._coarse = rigid, layout.envs, layout.upsampling
         self._least = least_of(layout.upsampling)
-        # The least number that any gap has is drawn by one call.
+        # What there is in any case is drawn at once.
         self._at_once = layout.upsampling * (self._least - 1)
         sparse = True if len(rigid.placement.movers) else None
         v = self._v = Visibility(
@@ -64,7 +64,7 @@ class Probes:
         states: tuple[States, States],
         held: np.ndarray,
     ) -> None:
-        """Draws the z-buffers that a gap needs, after its coarse frames were drawn.
+        """Draws what a gap needs, whose coarse frames are drawn.
 
         stamps: of its instants, int64 [n] or [E, n] ns. lengths: of the gap, int64 [E] ns. places: at all instants.
         states: to the keyframes at its start and at its end. held: bool [E], environments that have no gap.
@@ -97,7 +97,7 @@ class Probes:
         states: tuple[States, States],
         held: np.ndarray,
     ) -> np.ndarray:
-        """Computes into how many parts z-buffers must divide a coarse interval in each environment, int64 [E], 2^n."""
+        """How many z-buffers per coarse interval each environment needs, int64 [E], powers of two."""
         v, coarse, rigid = self._v, self._coarse, self._rigid
         pixels = v.shape[1] * v.shape[2]
         most = min(MOST, ROOM // pixels) // coarse
@@ -122,7 +122,7 @@ class Probes:
         return least << enough.argmax(axis=1)
 
     def _displace(self, at: np.ndarray, states: tuple[States, States], held: np.ndarray) -> None:
-        """Computes how bodies move relative to the camera in SHORT_NS before coarse frames, at: [K] or [E, K] ns."""
+        """How bodies move against the camera in the short time before each coarse frame, stamps [K] or [E, K] ns."""
         rigid, v, before = self._rigid, self._rigid.visibility, self._before
         before.begin(np.concatenate([at - SHORT_NS, at[..., -1:]], axis=-1), *states, held)
         # The last coarse frame, the keyframe, has the first slot.
@@ -134,13 +134,13 @@ class Probes:
 
 
 def least_of(upsampling: int) -> int:
-    """Gives the least number of parts of a coarse interval, 2^n, for K frames per gap."""
+    """Gives the least z-buffers per coarse interval, a power of two, for K frames per gap."""
     wanted = max(LEAST_PER_FRAME, -(-LEAST // upsampling))
     return 1 << (wanted - 1).bit_length()
 
 
 def order_of(instants: Instants, each: int) -> list[int]:
-    """Lists the instants, counted from 0, of the `each` - 1 z-buffers inside every coarse interval: middles first."""
+    """Lists the instants, counted from 0, of `each` - 1 z-buffers within every coarse interval: middles first."""
     length, order = 1 << instants.depth, []
     step = length
     while step > length // each:

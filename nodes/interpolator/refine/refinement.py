@@ -28,7 +28,7 @@ PLAIN = 0.1
 SPARE = 1.5
 """Allocated size over needed size, so that lists seldom grow."""
 LOOKS, LEAST_LOOKS = 32, 4
-"""Instants per gap, and least per coarse interval, at which the strength of flickering light is looked at."""
+"""Instants per gap and, at least, per coarse interval, at which light that flickers is looked at."""
 
 
 class Lists:
@@ -86,7 +86,7 @@ class Refinement:
         self.evaluated = self.shaded = 0
         """How many samples the last gap has, and how many of them were shaded."""
         self.reached = True
-        """Whether the instants of the last gap were as close as the tolerance of time asks for."""
+        """Whether these are as close as the tolerance of time asks for, where need be."""
 
     def further(self, a: KeyframeView, b: KeyframeView, held: np.ndarray, frames: wp.array) -> Further | None:
         """Computes the samples between the frames [E K, h, w] of the gap made last; None without any."""

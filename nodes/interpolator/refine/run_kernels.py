@@ -30,8 +30,8 @@ wp.set_module_options({"enable_backward": False})
 
 @cache
 def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.Kernel]:
-    """Makes the kernels `find_plain`, for pixels that show one surface all through a coarse interval, and `find_runs`,
-    for all others; arguments as of make_look_up."""
+    """Makes the kernels `find_plain` and `find_runs`, of pixels that show one surface all along, and of all others;
+    arguments as of make_look_up."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
     Keyframes: Any = make_keyframes(channels, flicker)
     Instances: Any = make_instances(channels)
@@ -48,8 +48,8 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, 
         strength: wp.array(dtype=float),
         within: wp.array(dtype=float),
     ):
-        """Finds the instant at which flickering light moves ln I furthest from a straight line; 0 = at none by more
-        than cut.bend. at: index of the pixel in keyframe B."""
+        """Finds the instant at which light that flickers has a pixel furthest off a straight line; 0 where it is not
+        off by more than cut.bend. at: of the pixel in keyframe B."""
         worst = cut.bend
         place = wp.int32(0)
         logs = keys.logs[keys.first[1] + at]
@@ -65,7 +65,7 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, 
         return place
 
     @wp.func
-    def walk_a_keyframe(
+    def go(
         view: CameraView,
         cut: Cut,
         keys: Keyframes,
@@ -82,7 +82,7 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, 
         band: int,
         count: wp.array(dtype=int),
     ):
-        """Walks a run as `walk` does, in the keyframe nearer in time, or in the other where that does not show it."""
+        """Does as `walk` does, in the nearer keyframe, or in the other one where that does not show the way."""
         nearer = wp.where(2 * spot.k >= cut.coarse and spot.k > 0, 1, 0)
         new = last
         rise = pixel(UNKNOWN)
@@ -121,12 +121,12 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, 
         others: wp.array(dtype=int),
         others_count: wp.array(dtype=int),
     ):
-        """Lists the samples that pixels need which show one surface at both ends of a coarse interval and all probes.
+        """Lists the instants at which pixels are to be looked at that show one surface at both ends of a coarse
+        interval and at all probes, from `room` on, `most` at most; count[band]: how many there would be. What shows
+        several is listed in `others`, from others0 on, as indices into [intervals, E, h, w].
 
-        instances: written from `room` on, at most `most`. count[band]: how many there are, also where that is more.
-        others: pixels that show several surfaces, from others0 on, indices into [intervals, E, h, w]. strength [rows],
-        within [slots E]: of lights that flicker, at coarse frames and at slots. image, start: keyframe A and its
-        z-buffer, with the margin. frames: [E K, h, w].
+        strength [rows], within [slots E]: of lights that flicker, at coarse frames and within. image, start: keyframe A
+        and its z-buffer, with the margin. frames: [E K, h, w].
         """
         n, row, part = wp.tid()
         env = n % cut.envs
@@ -165,7 +165,7 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, 
                 rise = pixel(UNKNOWN)
                 whole = wp.bool(True)
                 if changed or not equal(a, b):
-                    last, rise, whole = walk_a_keyframe(
+                    last, rise, whole = go(
                         view, cut, keys, stage, instances, spot, 0, each, ends.before, ends.after, last, room, most,
                         band, count,
                     )  # fmt: skip
@@ -201,8 +201,8 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, 
         instances: Instances,
         count: wp.array(dtype=int),
     ):
-        """Lists the samples that pixels need which show one surface after the other: on both sides of each change, and
-        along each run. Arguments as of `find_plain`."""
+        """Lists the instants at which pixels are to be looked at that show one surface after the other; arguments as of
+        `find_plain`."""
         each = cut.slots + 1
         inner = cut.envs * cut.height * cut.width
         j = wp.tid()
@@ -225,7 +225,7 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, 
                     then = changes.after[c]
                     later = changes.later[c]
                     if low > begun:
-                        last, rise, _whole = walk_a_keyframe(
+                        last, rise, _whole = go(
                             view, cut, keys, stage, instances, spot, begun, low, seen, hit, last, room, most, band,
                             count,
                         )  # fmt: skip
@@ -241,7 +241,7 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, 
                     c = changes.following[c]
             if last >= 0:
                 if begun <= cut.slots:
-                    last, rise, _whole = walk_a_keyframe(
+                    last, rise, _whole = go(
                         view, cut, keys, stage, instances, spot, begun, each, seen, ends.after, last, room, most, band,
                         count,
                     )  # fmt: skip
