@@ -20,9 +20,9 @@ import warp as wp
 
 from bench import command
 from bench.roofline.plot import plot_roofline
+from bench.throughput.attempts import Limits
 from bench.throughput.cases import CASES
 from bench.throughput.sections import SECTIONS, Measurement
-from bench.throughput.tries import Limits
 
 COMMAND = "evis bench gpu_graph"
 

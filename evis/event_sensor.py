@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from evis.gpu.exchange import NUMPY, as_kind, as_warp, kind_of
-from nodes.event_sensor.further import Further
+from nodes.event_sensor.input.further import Further
 from nodes.event_sensor.make import make_sensor
 from nodes.event_sensor.parameters import frames_only, resolve_sensor
 

@@ -30,6 +30,16 @@ def own_rows() -> Any:
     return array("int64", "E 4", "own stamp, origin [ns], seed, number of the reset: see msgs.own_time", optional=True)
 
 
+def rows_of_shared_time(episodes: np.ndarray, stamp_ns: int) -> np.ndarray:
+    """Makes the rows of `own`, int64 [E, 4], of environments whose time is that of the stamps.
+
+    episodes: int32 [E]. stamp_ns: of the message.
+    """
+    rows = np.zeros((len(episodes), 4), np.int64)
+    rows[:, STAMP], rows[:, SEED], rows[:, NUMBER] = stamp_ns, CONFIGURED, episodes
+    return rows
+
+
 def alike(own: np.ndarray) -> list[slice]:
     """Finds the longest runs of neighbouring environments that one engine can take together.
 

@@ -24,7 +24,7 @@ from evis.gpu.append_kernels import take_room
 from nodes.event_sensor.cuda import ideal_kernels
 from nodes.event_sensor.cuda.ideal import IdealPasses
 from nodes.event_sensor.cuda.side import DeviceSide
-from nodes.event_sensor.device_events import CALLS
+from nodes.event_sensor.readout.device_events import CALLS
 from nodes.event_sensor.sensor import EventSensor
 
 COMMAND = "python -m bench.event_sensor.gpu"

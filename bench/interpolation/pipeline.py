@@ -12,7 +12,7 @@ import numpy as np
 from evis.events.measure.distance import EventStream, log_error
 from evis.runtime.clock import NS, keyframe_count, keyframe_stamp
 from evis.scene.model import Camera, Scene
-from nodes.event_sensor.further import Further
+from nodes.event_sensor.input.further import Further
 from nodes.event_sensor.sensor import EventSensor
 from nodes.interpolator.auto.setting import LIGHT
 from nodes.interpolator.auto.world import World

@@ -67,7 +67,7 @@ def _row(case: Case, one: Trial, other: Trial) -> str:
     angle = np.degrees(2 * np.arctan2(np.linalg.norm(turn[..., :3], axis=-1), np.abs(turn[..., 3]))).max()
     errors = " | ".join("diverged" if math.isnan(trial.error) else f"{trial.error:.2g}" for trial in (one, other))
     intervals = math.ceil(case.seconds / 0.02 - 1e-9)
-    again = f"{other.looked_at} of {intervals}"
+    again = f"{other.checked} of {intervals}"
     what = f"{case.name} | {one.method.step} | {case.unit} | {case.limit:g}"
     return f"| {what} | {errors} | {apart:.1g} m, {angle:.1g} deg | {again} |"
 

@@ -59,7 +59,7 @@ class Trial:
 
     ended_s: simulated time. foretold: before the first step. said: while it ran and at its end. fault: why it diverged,
     or "". estimate: how wrong the run itself says it is, None where it does not know. course: what was published.
-    looked_at: how many intervals between stamps were stepped with a look at each state, by MuJoCo.
+    checked: how many intervals between stamps were stepped with a check of each state, by MuJoCo.
     """
 
     case: Case
@@ -72,7 +72,7 @@ class Trial:
     fault: str = ""
     estimate: Estimate | None = None
     course: Course | None = None
-    looked_at: int = 0
+    checked: int = 0
 
     @property
     def estimated(self) -> float | None:
@@ -138,7 +138,7 @@ def run(case: Case, method: Method, folder: Path, warp: str | None = None) -> Tr
         said.append(text)
     seconds = stamp * 1e-9
     return Trial(
-        case, method, error, spent / seconds, seconds, foretold, tuple(said), fault, worst, course, engine.looked_at
+        case, method, error, spent / seconds, seconds, foretold, tuple(said), fault, worst, course, engine.checked
     )
 
 

@@ -1,4 +1,4 @@
-"""What a device can do at most: bytes a second from its memory and from its caches, float32 operations a second."""
+"""Measures the greatest rates of a device: bytes per second from memory and caches, float32 operations per second."""
 
 from __future__ import annotations
 

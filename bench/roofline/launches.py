@@ -13,7 +13,7 @@ Beside = Callable[[wp.Kernel, Any], AbstractContextManager[None]]
 
 
 def watch(beside: Beside) -> None:
-    """Has `beside` surround each launch from now on, whether by `wp.launch` or of a recorded command."""
+    """Enters the context `beside` around each launch from now on, by `wp.launch` or of a recorded command."""
     launch, again = wp.launch, wp.Launch.launch
 
     def launched(kernel: Any, *args: Any, **options: Any) -> Any:

@@ -31,15 +31,15 @@ class Case:
 
     @property
     def name(self) -> str:
-        """What the row is called: `warehouse 8 x 60x4`, `disk 30x8 recorded`."""
+        """Gives the name of the row: `warehouse 8 x 60x4`, `disk 30x8 recorded`."""
         envs = f"{self.envs} x " if self.envs > 1 else ""
         small = f" {self.size[0]}x{self.size[1]}" if self.size != SIZE else ""
         scene = "disk" if self.scene == DISK else self.scene
         return f"{scene} {envs}{self.rate}x{self.upsampling}{small}{' recorded' if self.record else ''}"
 
     @property
-    def together(self) -> bool:
-        """Whether it is told by the simulated seconds of all its environments together."""
+    def speed_of_all(self) -> bool:
+        """Tells whether its speed is that of all environments together, in env-s/s, rather than of each."""
         return self.envs >= MANY
 
     def args(self, device: str, **others: Any) -> dict[str, Any]:

@@ -27,7 +27,7 @@ MOST_RECORDED = 24
 
 
 class PhysicsNode(physics.PhysicsNode):
-    """Is the physics node, and measures the run that it drives.
+    """Publishes states as the physics node does, and measures the run that it drives.
 
     A window of gaps lasts `window_s`; after the last of `windows` the device's work is recorded for as many gaps as
     last about a window, and with `ends` the run ends there. What was measured is the result `meter` of the run.
@@ -50,7 +50,7 @@ class PhysicsNode(physics.PhysicsNode):
         self.counting = Counting(self.measured) if self.params["counts"] else None
 
     def setup(self) -> None:
-        """Makes ready what measures; the rest is as ever."""
+        """Prepares the node and the measurement."""
         super().setup()
         self.waited_s = 0.0
         self.windows: list[dict[str, float]] = []
@@ -76,12 +76,12 @@ class PhysicsNode(physics.PhysicsNode):
         return timed
 
     def step(self, inputs: Mapping[str, Message]) -> bool:
-        """Publishes the state at the next stamp, after a look at the clock."""
+        """Measures up to now and publishes the state at the next stamp."""
         over = self._look(self.k) if self.counting is None else self._count(self.counting, self.k)
         return super().step(inputs) and not (over and self.params["ends"])
 
     def _look(self, k: int) -> bool:
-        """Says whether all is measured at the beginning of gap k, and ends what ends here."""
+        """Ends a window that is over at the beginning of gap k; gives whether everything is measured."""
         now, p = time.perf_counter(), self.params
         if k == 0:
             self._origin = (0, now, 0.0)
@@ -105,7 +105,7 @@ class PhysicsNode(physics.PhysicsNode):
         return False
 
     def _count(self, counting: Counting, k: int) -> bool:
-        """Counts in some gaps, and says whether it is done."""
+        """Switches counting on for COUNTED_GAPS gaps; gives whether they are over."""
         counting.on = WARM_GAPS <= k < WARM_GAPS + COUNTED_GAPS
         if k == WARM_GAPS + COUNTED_GAPS:
             self.runtime.result(self, "meter", {"counted": counting.kernels})
@@ -116,6 +116,7 @@ class PhysicsNode(physics.PhysicsNode):
         return {name: node.busy_s for name, node in self.runtime.profile.nodes.items()}  # type: ignore[attr-defined]
 
     def _say(self, k: int) -> None:
+        """Publishes the windows so far, memory, and the time per gap of each node as the result `meter`."""
         first, before = self._begun
         nodes = {name: 1e3 * (s - before.get(name, 0.0)) / (k - first) for name, s in self._busy().items()}
         memory = (self.measured.total_memory - self.measured.free_memory) / 1e9 if self.measured.is_cuda else None

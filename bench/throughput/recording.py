@@ -1,4 +1,4 @@
-"""What a device does for a while: every kernel, copy and fill, with its time by the device's own clock."""
+"""Records every kernel, copy and fill of a device, with its time by the device's own clock."""
 
 from __future__ import annotations
 

@@ -10,9 +10,9 @@ import warp as wp
 
 from bench.roofline import ceilings
 from bench.throughput import sensors
+from bench.throughput.attempts import Limits
 from bench.throughput.cases import CASES, DEFAULTS, ROOFS, STARTS, chosen
 from bench.throughput.tables import DEFAULT_S, default_row, frames_row, kernel_rows, roofline_rows, start_row
-from bench.throughput.tries import Limits
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def roofline(m: Measurement) -> dict[str, Any]:
     }
 
 
-def beside(m: Measurement) -> dict[str, Any]:
+def sensors_of_others(m: Measurement) -> dict[str, Any]:
     """Measures our event sensor beside those of others, which EVIS_PEERS names."""
     if m.words:
         return {}
@@ -102,6 +102,6 @@ SECTIONS: Mapping[str, Callable[[Measurement], dict[str, Any]]] = {
     "defaults": defaults,
     "starts": starts,
     "roofline": roofline,
-    "sensors": beside,
+    "sensors": sensors_of_others,
 }
 """Name -> what measures it, which may give more sections than one."""

@@ -12,7 +12,7 @@ from bench.event_sensor import disk
 from bench.event_sensor.gpu import Loop
 from bench.event_sensor.gpu_peers import THRESHOLD, Call, peers
 from bench.event_sensor.signals import SECOND
-from nodes.event_sensor.device_events import CALLS
+from nodes.event_sensor.readout.device_events import CALLS
 from nodes.event_sensor.sensor import EventSensor
 
 PERIOD = SECOND // 1000

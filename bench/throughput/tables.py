@@ -9,8 +9,8 @@ from typing import Any
 
 from bench.roofline import kernels as roofline
 from bench.roofline.ceilings import Ceilings
+from bench.throughput.attempts import Limits, NotRun, attempt
 from bench.throughput.cases import Case
-from bench.throughput.tries import Limits, NotRun, attempt
 
 FRAMES_COLUMNS = (
     "run", "unit", "median", "min", "max", "goal", "of the goal", "gap [ms]", "host [ms a gap]", "device [ms a gap]",
@@ -51,8 +51,8 @@ def frames_row(case: Case, device: str, limits: Limits) -> dict[str, Any]:
     if not windows:
         cells["not measured"] = cells["not measured"] or "the run ended before a window was over"
         return cells | {"recorded": {}}
-    scale = case.envs if case.together else 1
-    cells |= {"unit": "env-s/s" if case.together else "RTF", "windows": len(windows)}
+    scale = case.envs if case.speed_of_all else 1
+    cells |= {"unit": "env-s/s" if case.speed_of_all else "RTF", "windows": len(windows)}
     cells |= spread([scale * window["rtf"] for window in windows])
     if case.goal is not None and device != "cpu":
         cells |= {"goal": case.goal, "of the goal": f"{100 * cells['median'] / case.goal:.0f} %"}

@@ -10,15 +10,13 @@ it, so what is launched after the last release comes after all that reads.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from evis.bus.errors import BusError
-from evis.bus.slots import MOST_SLOTS, aligned, rounded
+from evis.bus.slots import Loans, Pinned, aligned, rounded
 from msgs.codec import check_layout
 from msgs.fields import array_specs
 from msgs.header import Message
@@ -93,17 +91,16 @@ def on_host(message: Message, loan: Callable[..., Mapping[str, np.ndarray]]) -> 
     return moved
 
 
-class DeviceSlot:
-    """Owns a block of device memory. `pins`: how many still need its contents; at zero it goes back to its pool."""
+class DeviceSlot(Pinned):
+    """Owns one block of device memory."""
 
     def __init__(self, pool: DevicePool, device: Any, size: int) -> None:
         import warp as wp
 
-        self._pool = pool
+        super().__init__(pool)
         self.device, self.size = device, size
         self._memory: wp.array = wp.empty(size, dtype=wp.uint8, device=device)
         self._views: dict[Any, dict[str, Any]] = {}
-        self.pins = 0
 
     def arrays(self, asked: Asked) -> dict[str, Any]:
         """Returns arrays behind each other in the slot; the same objects for the same question."""
@@ -126,33 +123,17 @@ class DeviceSlot:
         """Says whether the array lies in this slot."""
         return not isinstance(array, np.ndarray) and 0 <= array.ptr - self._memory.ptr < self.size
 
-    def pin(self) -> None:
-        """Keeps the contents for one more user."""
-        self.pins += 1
 
-    def unpin(self) -> None:
-        """Takes one user away. Raises BusError when there was none."""
-        if self.pins <= 0:
-            raise BusError(f"{self._pool.name}: a message was released more often than it was kept")
-        self.pins -= 1
-        if not self.pins:
-            self._pool.give_back(self)
-
-
-class DevicePool:
+class DevicePool(Loans[DeviceSlot]):
     """Owns the device slots of one topic, all of one device and size.
 
     A bigger message, or another device, has them anew.
     """
 
     def __init__(self, name: str) -> None:
-        self.name = name
-        self.live = 0
+        super().__init__(name)
         self._of: tuple[Any, int] = (None, 0)
         self._free: list[DeviceSlot] = []
-        self._loans: list[DeviceSlot] = []
-        self._shared: list[DeviceSlot] = []
-        """Loans that several messages lie in, which are being sent."""
 
     def loan(self, device: Any, asked: Asked) -> dict[str, Any]:
         """Returns Warp arrays to write the next message into; they hold until the next claim. Raises BusError."""
@@ -162,10 +143,7 @@ class DevicePool:
             self.live -= len(self._free)
             self._free.clear()
         if not self._free:
-            if self.live >= MOST_SLOTS:
-                raise BusError(
-                    f"{self.name}: all {self.live} slots are kept by consumers: a node calls keep() without release()"
-                )
+            self._check_room()
             self._free.append(DeviceSlot(self, *self._of))
             self.live += 1
         slot = self._free.pop()
@@ -176,7 +154,7 @@ class DevicePool:
     def claim(self, message: Message) -> DeviceSlot | None:
         """Returns the loan that the message's arrays lie in, with its pin now the caller's; other loans lapse.
 
-        Without loans it is one that is shared by messages `together`, pinned once more.
+        Without loans it is one that messages share (`sharing_loans`), pinned once more.
         """
         loans, self._loans = self._loans, []
         claimed = None
@@ -191,17 +169,6 @@ class DevicePool:
             else:
                 slot.unpin()
         return claimed
-
-    @contextmanager
-    def together(self) -> Iterator[None]:
-        """Within the block each loan that there is now is for any number of messages."""
-        self._shared, self._loans = self._loans, []
-        try:
-            yield
-        finally:
-            shared, self._shared = self._shared, []
-            for slot in shared:
-                slot.unpin()
 
     def give_back(self, slot: DeviceSlot) -> None:
         """Takes back a slot whose last pin is gone; called by the slot."""

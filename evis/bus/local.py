@@ -79,9 +79,9 @@ class LocalPublisher:
         return self._on_device.claim(message)
 
     @contextmanager
-    def together(self) -> Iterator[None]:
-        """Within the block the messages that are sent may share the loans made before it."""
-        with self._pool.together(), self._on_device.together():
+    def sharing_loans(self) -> Iterator[None]:
+        """Lets the messages sent within the block lie in the loans made before it, several in one."""
+        with self._pool.sharing_loans(), self._on_device.sharing_loans():
             yield
 
     def passed(self, message: Message) -> None:

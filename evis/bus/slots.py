@@ -15,7 +15,7 @@ import mmap
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -32,22 +32,20 @@ MOST_SLOTS = 64
 _ids = itertools.count(1)
 
 
-class Slot:
-    """Owns one block of memory. `pins`: how many still need its contents; at zero it goes back to its pool."""
+class Pool(Protocol):
+    """Owns blocks of memory of one topic."""
 
-    kind: ClassVar[str] = "heap"
+    name: str
 
-    def __init__(self, pool: SlotPool, generation: int, memory: np.ndarray) -> None:
+    def give_back(self, slot: Any) -> None:
+        """Takes back a block whose last pin is gone."""
+
+
+class Pinned:
+    """Counts the users of a block of memory: `pins`. At zero the block goes back to its pool."""
+
+    def __init__(self, pool: Pool) -> None:
         self.pool = pool
-        self.generation = generation
-        self.memory = memory
-        self.size = memory.nbytes
-        self.address = address(memory)
-        self.used = 0
-        self.header: tuple[Any, bytes] = None, b""
-        """All but the moment of the last message that was sent from here, and its packed header."""
-        self.placed: list[tuple[np.ndarray, int]] = []
-        """Arrays given out since it was taken, and where they are."""
         self.pins = 0
 
     def pin(self) -> None:
@@ -61,6 +59,59 @@ class Slot:
         self.pins -= 1
         if not self.pins:
             self.pool.give_back(self)
+
+
+S = TypeVar("S", bound=Pinned)
+
+
+class Loans(Generic[S]):
+    """Holds the loans of one topic: slots that were given out to be written, and that no message has claimed yet.
+
+    live: slots that exist. Where several messages are sent from one loan, `_shared` holds it while they are sent.
+    """
+
+    def __init__(self, name: str) -> None:
+        """name: of the topic, for errors."""
+        self.name = name
+        self.live = 0
+        self._loans: list[S] = []
+        self._shared: list[S] = []
+
+    @contextmanager
+    def sharing_loans(self) -> Iterator[None]:
+        """Lets any number of messages sent within the block claim the loans made before it."""
+        self._shared, self._loans = self._loans, []
+        try:
+            yield
+        finally:
+            shared, self._shared = self._shared, []
+            for slot in shared:
+                slot.unpin()
+
+    def _check_room(self) -> None:
+        """Raises BusError where a topic has MOST_SLOTS slots already."""
+        if self.live >= MOST_SLOTS:
+            raise BusError(
+                f"{self.name}: all {self.live} slots are kept by consumers: a node calls keep() without release()"
+            )
+
+
+class Slot(Pinned):
+    """Owns one block of host memory."""
+
+    kind: ClassVar[str] = "heap"
+
+    def __init__(self, pool: SlotPool, generation: int, memory: np.ndarray) -> None:
+        super().__init__(pool)
+        self.generation = generation
+        self.memory = memory
+        self.size = memory.nbytes
+        self.address = address(memory)
+        self.used = 0
+        self.header: tuple[Any, bytes] = None, b""
+        """All but the moment of the last message that was sent from here, and its packed header."""
+        self.placed: list[tuple[np.ndarray, int]] = []
+        """Arrays given out since it was taken, and where they are."""
 
     def place(self, shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
         """Returns the next aligned array of this shape behind those already placed."""
@@ -156,7 +207,7 @@ def rounded(size: int) -> int:
     return max(SMALLEST, -(-size // step) * step)
 
 
-class SlotPool:
+class SlotPool(Loans[Slot]):
     """Owns the slots of one topic: `slots` of them, all of one size and kind.
 
     A bigger message starts a new generation; older slots are closed when their last pin goes. When every slot is pinned
@@ -164,19 +215,15 @@ class SlotPool:
     """
 
     def __init__(self, name: str, slots: int = 3, *, shared: bool = False) -> None:
-        self.name = name
+        super().__init__(name)
         self.slots = slots
         self.shared = shared
         self.pinned = False
         self.spares = 0
         self.generation = 0
-        self.live = 0
         self._size = 0
         self._made = 0
         self._free: list[Slot] = []
-        self._loans: list[Slot] = []
-        self._shared: list[Slot] = []
-        """Loans that several messages lie in, which are being sent."""
 
     def loan(self, arrays: Mapping[str, tuple[tuple[int, ...], Any]]) -> dict[str, np.ndarray]:
         """Returns aligned arrays to write the next message into, name -> (shape, dtype), until the next claim."""
@@ -188,7 +235,7 @@ class SlotPool:
     def claim(self, arrays: Mapping[str, np.ndarray]) -> Slot | None:
         """Returns the loaned slot that (most of) the arrays lie in, its pin now the caller's; other loans lapse.
 
-        Without loans it is one that is shared by messages `together`, pinned once more.
+        Without loans it is one that messages share (`sharing_loans`), pinned once more.
         """
         if not self._loans:
             return self._claim_shared(arrays) if self._shared else None
@@ -211,17 +258,6 @@ class SlotPool:
                 return slot
         return None
 
-    @contextmanager
-    def together(self) -> Iterator[None]:
-        """Within the block each loan that there is now is for any number of messages."""
-        self._shared, self._loans = self._loans, []
-        try:
-            yield
-        finally:
-            shared, self._shared = self._shared, []
-            for slot in shared:
-                slot.unpin()
-
     def ready(self) -> bool:
         """Says whether a slot is free to be taken."""
         return bool(self._free)
@@ -236,10 +272,7 @@ class SlotPool:
             self._size = rounded(size)
             self._renew()
         if not self._free:
-            if self.live >= MOST_SLOTS:
-                raise BusError(
-                    f"{self.name}: all {self.live} slots are kept by consumers: a node calls keep() without release()"
-                )
+            self._check_room()
             self._free.append((MemorySlot if self.shared else HeapSlot)(self, self.generation, self._size))
             self.live += 1
             self._made += 1

@@ -1,1 +1,6 @@
-"""From a launch file to a running graph: expression, file, planner; run directory, control, supervisor."""
+"""From a launch file and its arguments to the plan of a graph.
+
+`target.py` finds the launch file and the scene that a user names, `files.py` reads it with its includes, `arguments.py`
+and `node_arguments.py` give its arguments values, and `expand.py` makes a flat list of nodes. The room `graph/` joins
+these by topics and decides what runs, where and in which order; `planner.py` puts the plan together.
+"""

@@ -15,17 +15,17 @@ from evis.config.document import LaunchError
 from evis.config.secret import Redactor
 from evis.launch import catalog
 from evis.launch.catalog import comes_with_evis, files_of
-from evis.launch.checks import check_files
-from evis.launch.demand import Demand, Pruner, globs_of, left_out
 from evis.launch.expand import Expanded, NodeSpec, expand
 from evis.launch.files import LaunchFile, load
-from evis.launch.order import data_flow_order
-from evis.launch.pace import check_pace
-from evis.launch.sharing import over_devices
-from evis.launch.single import why_single
+from evis.launch.graph.checks import check_files
+from evis.launch.graph.demand import Demand, Pruner, globs_of, left_out
+from evis.launch.graph.order import data_flow_order
+from evis.launch.graph.pace import check_pace
+from evis.launch.graph.sharing import over_devices
+from evis.launch.graph.single import why_single
+from evis.launch.graph.wiring import Wired, publishers, secret_values, wire
 from evis.launch.target import read_target, values_of_scene, with_scene_arguments
 from evis.launch.unused_arguments import check_effect
-from evis.launch.wiring import Wired, publishers, secret_values, wire
 from evis.runtime.node import Node
 from evis.runtime.plan import Edge, LeftOut, NodePlan, Plan, TopicPlan
 from msgs.camera import Image, Keyframe

@@ -1,4 +1,4 @@
-"""What stands after `evis launch`: a launch file or a scene, with arguments for the file and for its scene."""
+"""Reads what a user names after `evis launch`: a launch file or a scene, with arguments for either."""
 
 from __future__ import annotations
 

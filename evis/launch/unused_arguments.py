@@ -13,7 +13,7 @@ from evis.launch.arguments import ArgumentError
 from evis.launch.catalog import load
 from evis.launch.expand import Expanded, NodeSpec
 from evis.launch.files import LaunchFile
-from evis.launch.sharing import named_in_share
+from evis.launch.graph.sharing import named_in_share
 from evis.runtime.plan import Plan
 
 BESIDE = ("params", "otherwise", "spares")

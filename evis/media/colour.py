@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-LUMINANCE_RED, LUMINANCE_GREEN, LUMINANCE_BLUE = REC709 = (0.2126, 0.7152, 0.0722)
+REC709 = (0.2126, 0.7152, 0.0722)
 """Weights of linear R, G and B in luminance (ITU-R BT.709), equation (3)."""
 
 

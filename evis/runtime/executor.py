@@ -394,7 +394,7 @@ class Executor:
             return
         publisher, profile = host.publishers[topic], self.profile.node(node.name)
         consumers = [(consumer, port) for consumer, port, consumed in host.downstream if consumed == topic]
-        with publisher.together():
+        with publisher.sharing_loans():
             for message in messages:
                 profile.saw(topic, message)
                 with self.profile.inside("bus"):

@@ -1,4 +1,4 @@
-"""How many environments or cameras each of several shares has."""
+"""Divides environments or cameras among shares."""
 
 from __future__ import annotations
 

@@ -12,15 +12,15 @@ from evis.geometry import se3
 from evis.scene.model import Camera, Scene
 from msgs.header import Header
 from msgs.world import WorldState
+from nodes.audit.brute_force.instants import Samples, Sampling, base_stamps, sample
+from nodes.audit.brute_force.looking import Looking
+from nodes.audit.brute_force.motion import Motion
 from nodes.audit.comparison import Comparison, Train
 from nodes.audit.drawing import Drawing
-from nodes.audit.instants import Samples, Sampling, base_stamps, sample
-from nodes.audit.looking import Looking
-from nodes.audit.motion import Motion
 from nodes.audit.report import AuditReport, Units
 from nodes.audit.run_events import NONE, Gap, RunEvents
 from nodes.audit.sampled_sensor import SampledSensor
-from nodes.event_sensor.further import Further
+from nodes.event_sensor.input.further import Further
 from nodes.event_sensor.sensor import EventSensor
 
 if TYPE_CHECKING:

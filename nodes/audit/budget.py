@@ -1,4 +1,4 @@
-"""How many pixels an audit looks at if nobody says: as many as cost less than a fixed share of the run.
+"""Chooses how many pixels an audit computes by default: as many as cost less than a fixed share of the run.
 
 Costs are estimates of a scene's work in nanoseconds of one core, from its size and what is in it; no clock is read, so
 that the same command audits the same pixels everywhere.

@@ -1,4 +1,4 @@
-"""How far the events of two runs of the same pixels are apart, pixel by pixel, as they come."""
+"""Measures the distance between the events of two runs of the same pixels, pixel by pixel, as they come."""
 
 from __future__ import annotations
 

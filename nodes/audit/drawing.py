@@ -11,7 +11,7 @@ from evis.media.colour import REC709
 from evis.scene.model import Camera, Scene
 from nodes.audit.gather_kernels import gather
 from nodes.audit.pixels import Blocks, chances, draw, scan_times, scores_of
-from nodes.event_sensor.further import Further
+from nodes.event_sensor.input.further import Further
 
 _ENVS = 3
 """Part of the key of the random numbers that choose environments."""

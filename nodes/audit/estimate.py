@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-CONFIDENCE = 0.95
-
 UNSEEN = 1.5
 """Pixels of the largest weight that have events and were not drawn, as many as are allowed for."""
 

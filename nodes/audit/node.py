@@ -161,7 +161,7 @@ class AuditNode(Node):
         else:
             image, t, margin = (message.rgb if message.luminance is None else message.luminance), message.t, 0
             if isinstance(message, Samples) and message.offset.size:
-                from nodes.event_sensor.further import Further
+                from nodes.event_sensor.input.further import Further
 
                 value = message.further_rgb if message.further is None else message.further
                 further = Further(message.first, message.offset, value)

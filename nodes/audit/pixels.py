@@ -1,4 +1,4 @@
-"""Which pixels are audited: drawn from the seed, more of them where the picture is going to change.
+"""Draws the pixels to audit from the seed, more of them where the picture is going to change.
 
 A pixel's chance of being drawn is known and never 0, so that sums weighted by its inverse are unbiased whatever the
 picture does (Horvitz and Thompson, "A generalization of sampling without replacement from a finite universe", 1952).

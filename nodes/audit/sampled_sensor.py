@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from nodes.audit.events_kernels import PixelStates, sense_samples
-from nodes.event_sensor.engines import sensor_struct
+from nodes.event_sensor.engines.engine import sensor_struct
 from nodes.event_sensor.model.keys import KeyLayout
 
 

@@ -1,1 +1,1 @@
-"""The environment join: one message of all environments for the messages that several devices make of their shares."""
+"""Joins the messages that several devices publish of their shares of the environments."""

@@ -1,4 +1,4 @@
-"""Which messages of several shares belong together."""
+"""Matches messages of several shares of the environments by their stamps."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Key = tuple[int, int, int]
 
 @dataclass
 class Waiting:
-    """Holds a message until those of the other shares are there. after_loss: messages before it did not arrive."""
+    """Holds a message that waits for those of other shares. after_loss: messages before it did not arrive."""
 
     key: Key
     message: Message
@@ -22,10 +22,11 @@ class Waiting:
 
 
 class Alignment:
-    """Lines up messages by episode and stamp, of one stamp the n-th of each share.
+    """Matches messages of the shares by episode and stamp; several of one stamp in their order.
 
-    A share that publishes nothing where another one does, as a sensor that holds no event back at the end, is told from
-    one whose message was lost (a tap) by its sequence numbers. `lost` counts messages that were released since.
+    A share may publish nothing at a stamp at which others do: a sensor that holds no events back at the end. Where a
+    message was lost instead (on a tap), a gap in the share's sequence numbers tells. Messages that lack one which was
+    lost are released unused; `lost` counts them.
     """
 
     def __init__(self, shares: int) -> None:
@@ -46,7 +47,7 @@ class Alignment:
         self._queues[share].append(Waiting(key, message, after_loss))
 
     def complete(self, over: bool = False) -> Iterator[list[Message | None]]:
-        """Gives what belongs together, one entry per share, None where it has none. over: nothing more will come."""
+        """Yields matched messages, one per share, None for a share without. over: no more messages will come."""
         while any(self._queues) and (over or all(self._queues)):
             key = min(queue[0].key for queue in self._queues if queue)
             mine = [bool(queue) and queue[0].key == key for queue in self._queues]
@@ -61,7 +62,7 @@ class Alignment:
                     self.lost += 1
 
     def release(self) -> None:
-        """Lets go of what waits."""
+        """Releases all messages that wait."""
         for queue in self._queues:
             while queue:
                 queue.popleft().message.release()

@@ -18,10 +18,10 @@ from nodes.environment_join.alignment import Alignment
 
 
 class EnvironmentJoinNode(Node):
-    """Publishes what a node that has all environments would, once every share has sent its part."""
+    """Publishes one message of all environments when every share has sent its own."""
 
     PARAMS: ClassVar[Mapping[str, Param]] = {
-        "topic": Param(str, "cam0/events", "what is joined, without its leading slash"),
+        "topic": Param(str, "cam0/events", "topic whose messages are joined, without its leading slash"),
         "shares": Param(int, 2, "how many shares there are", "", 1, MOST),
         "envs": Param(int, 2, "environments of all shares", "", 1, 65536),
     }
@@ -32,11 +32,11 @@ class EnvironmentJoinNode(Node):
 
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
-        """As many as there are shares."""
+        """Needs one input for each share."""
         return frozenset(f"share{k}" for k in range(params["shares"]))
 
     def setup(self) -> None:
-        """Waits for the first messages."""
+        """Prepares a queue for each share."""
         shares = self.params["shares"]
         self._envs = bounds(self.params["envs"], shares)
         self._alignment = Alignment(shares)
@@ -73,11 +73,11 @@ class EnvironmentJoinNode(Node):
             self.count("unmatched_inputs", unmatched)
 
     def finish(self) -> None:
-        """Publishes what only some shares had at the end."""
+        """Publishes messages that only some shares have sent by the end."""
         self._publish(over=True)
 
     def close(self) -> None:
-        """Lets go of messages that wait."""
+        """Releases messages that wait for those of other shares."""
         alignment: Alignment | None = getattr(self, "_alignment", None)
         if alignment is not None:
             alignment.release()

@@ -1,1 +1,1 @@
-"""The environment share: the messages of some of the environments, for the nodes of one device."""
+"""Cuts messages of all environments to one share of them, for the nodes of one device."""

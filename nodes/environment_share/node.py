@@ -1,4 +1,4 @@
-"""The environment share node: messages of all environments in, those of some of them out."""
+"""The environment share node: messages of all environments in, the same messages of one share of them out."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from msgs.header import Header, Message
 
 
 class EnvironmentShareNode(Node):
-    """Publishes a message for every one that comes, of the environments of its share alone."""
+    """Publishes every message cut to the environments of one share."""
 
     PARAMS: ClassVar[Mapping[str, Param]] = {
-        "topic": Param(str, "state", "what is dealt out, without its leading slash"),
+        "topic": Param(str, "state", "topic whose messages are cut, without its leading slash"),
         "share": Param(int, 0, "which share this is", "", 0, MOST - 1),
         "shares": Param(int, 1, "how many there are", "", 1, MOST),
     }
@@ -25,11 +25,11 @@ class EnvironmentShareNode(Node):
     OUTPUTS: ClassVar[Mapping[str, Output]] = {"part": Output("/share{share}/{topic}")}
 
     def rewind(self, params: Mapping[str, Any]) -> bool:
-        """Has nothing to forget."""
+        """Keeps no state, so nothing is to be undone."""
         return dict(params) == self.params
 
     def update(self, inputs: Mapping[str, Message]) -> None:
-        """Publishes the part of a message."""
+        """Cuts a message to the share and publishes it."""
         message: Any = inputs["whole"]
         part = cut(message, bounds(environments(message), self.params["shares"])[self.params["share"]])
         arrays = self.loan("part", **{name: (array.shape, array.dtype) for name, array in part.items()})

@@ -1,4 +1,4 @@
-"""Which parameters of a sensor change nothing, given its others, so that nobody believes they did."""
+"""Finds parameters of a sensor that change nothing beside its others, so that a user can be told."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ NEEDS: dict[str, tuple[str, ...]] = {
     "bandwidth_exponent": ("bandwidth_hz", "bandwidth_level"),
     "bandwidth_poles": ("bandwidth_hz",),
 }
-"""Parameters that only say how something is that others turn on."""
+"""Parameter -> parameters that must not be 0 for it to have an effect."""
 PAPER = {
     "crossing": ("frame", "its events carry the stamps of frames"),
     "leak_model": ("bernoulli", "its leak is the paper's coin"),
 }
-"""Of model evis-paper: what it is bound to, and why."""
+"""Parameter -> (value that model evis-paper always has, why)."""
 
 
 RANDOM: dict[str, tuple[str, ...]] = {
@@ -38,7 +38,7 @@ RANDOM: dict[str, tuple[str, ...]] = {
 
 
 def random(resolved: Mapping[str, Any]) -> tuple[str, ...]:
-    """What in a sensor depends on its seed, for all of SENSOR, resolved; nothing: every seed gives the same events."""
+    """Names what in a sensor depends on its seed; () where all seeds give the same events. resolved: all of SENSOR."""
     model = resolved["model"]
     if model == "dvs_voltmeter":
         return ("its model of every crossing",)

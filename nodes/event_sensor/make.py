@@ -10,13 +10,35 @@ from nodes.event_sensor.sensor import EventSensor
 
 
 def make_sensor(
-    parameters: Mapping[str, Any], shape: tuple[int, int], envs: int = 1, *, colour: bool, device: str, seed: int
+    parameters: Mapping[str, Any],
+    shape: tuple[int, int],
+    envs: int = 1,
+    *,
+    colour: bool,
+    device: str,
+    seed: int,
+    time_seed: int | None = None,
+    marked: bool = False,
 ) -> Any:
-    """Makes the sensor of resolved `parameters`; shape: (height, width). Raises ValueError."""
+    """Makes the sensor that resolved parameters ask for.
+
+    Args:
+        parameters: all of nodes.event_sensor.parameters.SENSOR, resolved.
+        shape: (height, width) [px].
+        envs: environments, E.
+        colour: events of R, G and B rather than of luminance.
+        device: where kernels run.
+        seed: of environment 0.
+        time_seed, marked: as of EventSensor.
+
+    Raises ValueError.
+    """
     model = parameters["model"]
     if model.startswith("evis"):
         channels = 3 if colour else 1
-        return EventSensor(*shape, envs, channels=channels, device=device, seed=seed, **parameters)
+        return EventSensor(
+            *shape, envs, channels=channels, device=device, seed=seed, time_seed=time_seed, marked=marked, **parameters
+        )
     if colour or device != "cpu":
-        raise ValueError(f"event model {model} takes luminance on the cpu only; evis does colour and cuda")
-    return make_model(model, *shape, envs, seed=seed, **parameters)
+        raise ValueError(f"event model {model} takes luminance on the cpu; evis does colour and cuda")
+    return make_model(model, *shape, envs, seed=seed if time_seed is None else time_seed, **parameters)

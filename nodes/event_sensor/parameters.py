@@ -76,7 +76,7 @@ def resolve_sensor(owner: str, preset: str, given: Mapping[str, Any]) -> dict[st
 
 
 def preset_values(owner: str, preset: str) -> dict[str, Any]:
-    """What a preset says, by parameter. Raises ParamError, or LaunchError for a file that is no map."""
+    """Gives the values of a preset, by parameter. Raises ParamError, or LaunchError for a file that is no map."""
     preset = PRESET.convert(owner, "preset", preset)
     if preset in PRESETS:
         return dict(PRESETS[preset].values)

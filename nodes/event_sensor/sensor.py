@@ -33,21 +33,21 @@ import numpy as np
 import warp as wp
 
 from evis.gpu.devices import device_named
-from nodes.event_sensor.arrays import on_device, shape_of
-from nodes.event_sensor.batch import Batch, SampleLists, Size
 from nodes.event_sensor.cpu.listing import Listing
-from nodes.event_sensor.device_events import DeviceEvents, Pending, Ready
-from nodes.event_sensor.engines import FLOOR as FLOOR
-from nodes.event_sensor.engines import make_engine, sensor_struct, unlit_rate
-from nodes.event_sensor.further import Further as Further
-from nodes.event_sensor.further import check
-from nodes.event_sensor.look_ahead import LookAhead
+from nodes.event_sensor.engines.engine import FLOOR as FLOOR
+from nodes.event_sensor.engines.engine import make_engine, sensor_struct, unlit_rate
+from nodes.event_sensor.input.arrays import on_device, shape_of
+from nodes.event_sensor.input.batch import Batch, SampleLists, Size
+from nodes.event_sensor.input.further import Further as Further
+from nodes.event_sensor.input.further import check
+from nodes.event_sensor.input.look_ahead import LookAhead
 from nodes.event_sensor.messages.limit import check_noise
 from nodes.event_sensor.model.features import marks
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS
 from nodes.event_sensor.optics.optics import Optics
 from nodes.event_sensor.parameters import frames_only, resolve_sensor
+from nodes.event_sensor.readout.device_events import DeviceEvents, Pending, Ready
 from nodes.event_sensor.readout.packet import Events as Events
 from nodes.event_sensor.readout.packet import merged, parted
 
@@ -140,7 +140,7 @@ class EventSensor:
         self._left: tuple[dict[str, np.ndarray], np.ndarray] | None = None
 
     def _make_side(self, size: Size) -> Any:
-        """Where events are listed and sorted: on the host or on a GPU."""
+        """Makes what lists and sorts the events: on the host or on a GPU."""
         total = size.envs * size.pixels
         if not self._device.is_cuda:
             ordered = self._readout is None or self._readout.queues
@@ -162,12 +162,12 @@ class EventSensor:
 
     @property
     def begins_again(self) -> bool:
-        """Whether another episode has other random numbers although its time is the same."""
+        """Tells whether another episode at the same times has other random numbers."""
         return self._readout is None
 
     @property
     def takes_further(self) -> bool:
-        """Whether it takes further samples of single pixels between the frames."""
+        """Tells whether it takes further samples of single pixels between the frames."""
         return not frames_only(self.parameters)
 
     def takes_at_once(self, t: np.ndarray) -> bool:
@@ -229,7 +229,7 @@ class EventSensor:
         return Ready(DeviceEvents.of(self._events(n), self._device, span))
 
     def flush(self) -> Events:
-        """What is still held back, at the end of a stream: `finish`, then `read` into new arrays."""
+        """Gives the events still held back at the end of a stream: `finish`, then `read` into new arrays."""
         return self._events(self.finish())
 
     def _events(self, n: int) -> Events:
@@ -240,7 +240,7 @@ class EventSensor:
         return events
 
     def columns(self) -> dict[str, type]:
-        """Columns of an event and their dtypes."""
+        """Gives the columns of an event and their dtypes."""
         columns: dict[str, type] = {"t": np.int64, "x": np.uint16, "y": np.uint16, "p": np.uint8}
         if self.channels == 3:
             columns["c"] = np.uint8
@@ -273,7 +273,7 @@ class EventSensor:
     def _take(
         self, luminance: Any, t: np.ndarray, episodes: np.ndarray, dlog_dt: Any, further: Further | None
     ) -> tuple[Batch, np.ndarray]:
-        """A message, checked, seen through the optics, joined to the frame that is held; and where episodes begin."""
+        """Checks a message, applies the optics, joins the frame held back; gives the batch and bool [E], who begins."""
         t = np.ascontiguousarray(t, dtype=np.int64)
         episodes = np.asarray(episodes, dtype=np.int32)
         fresh = self._fresh(shape_of(luminance), t, episodes)
@@ -308,7 +308,7 @@ class EventSensor:
         return self._batch(images, slopes, t, len(t) - 1, t_base, begins, of), begins[0]
 
     def _lists(self, further: Further | None, t: np.ndarray, t_base: int, fresh: np.ndarray) -> SampleLists | None:
-        """Further samples of a message, checked; None where there are none."""
+        """Checks the further samples of a message; None without any."""
         if further is None:
             return None
         why = frames_only(self.parameters)
@@ -369,7 +369,7 @@ class EventSensor:
         episodes: list[np.ndarray],
         lists: SampleLists | None = None,
     ) -> Batch:
-        """The first `count` frames, after which the sensor's time is; later frames are only looked at."""
+        """Makes a batch whose first `count` frames settle, and moves the sensor's time on; later ones give slopes."""
         self.t_base = t_base
         flags = begins[0]
         for k, more in enumerate(begins[1:], 1):
@@ -383,7 +383,7 @@ class EventSensor:
         return batch
 
     def _settle(self, batch: Batch, begins: np.ndarray) -> int:
-        """Events of a batch, sorted."""
+        """Lists the events of a batch, sorted; gives their number."""
         self._side.fill(batch, self._settled)
         self._left = None
         if self._readout is None:
@@ -404,7 +404,7 @@ class EventSensor:
         return len(self._left[0]["t"])
 
     def counts(self) -> dict[str, int]:
-        """What was set aside so far.
+        """Counts what was set aside so far.
 
         nonfinite: samples that were NaN, infinite, negative, or 0 without dark current (the last good one is held).
         clipped: samples below FLOOR that were a reference or left the pixel's inactive range. dropped: events beyond

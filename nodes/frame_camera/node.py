@@ -12,7 +12,7 @@ from evis.runtime.node import Input, Node, Output
 from evis.scene.parameters import seeds_of
 from msgs.camera import Frames, Image, Keyframe
 from msgs.header import Header, Message
-from msgs.own_time import STAMP
+from msgs.own_time import STAMP, rows_of_shared_time
 from nodes.frame_camera.parameters import AUTO, NODE, PRESET, settings_of
 
 if TYPE_CHECKING:
@@ -97,13 +97,11 @@ class FrameCameraNode(Node):
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         """Takes the frames of a gap."""
-        from nodes.event_sensor.apart import common
-
         message = inputs[self.params["source"]]
         assert isinstance(message, Keyframe | Frames)
         image, t = self._light(message)
         envs, episodes = len(message.episodes), np.array(message.episodes)
-        rows = common(episodes, message.header.stamp_ns) if message.own is None else np.array(message.own)
+        rows = rows_of_shared_time(episodes, message.header.stamp_ns) if message.own is None else np.array(message.own)
         own_t = message.own_t if isinstance(message, Frames) else None
         if own_t is None:
             own_t = rows[:, [STAMP]] if message.own is not None else np.broadcast_to(t, (envs, len(t)))

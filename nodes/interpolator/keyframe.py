@@ -1,4 +1,4 @@
-"""What an interpolation method gets and gives."""
+"""The interface of an interpolation method: keyframes and states in, frames and counts out."""
 
 from __future__ import annotations
 

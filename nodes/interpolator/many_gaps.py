@@ -1,4 +1,4 @@
-"""Several gaps between keyframes at once, for who does not wait for each of them."""
+"""Makes the frames of several gaps between keyframes at once, where nobody waits for each gap."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ class Arrived:
 
 
 class ManyGaps(Interpolator):
-    """Makes the frames of up to `gaps` gaps in a row at once, as environments whose times differ: the same, bit for
-    bit, as one by one.
+    """Makes the frames of up to `gaps` consecutive gaps at once, bit for bit as one by one.
 
-    For method rigid, one environment, frames alone. gaps: 1 where the scene does not allow more.
+    The gaps are given to the method as environments with times of their own. For method rigid, one environment, and
+    frames without samples between them. gaps: 1 where the scene does not allow more.
     """
 
     def __init__(self, method: str, upsampling: int, gaps: int, **how: Any) -> None:
@@ -40,16 +40,22 @@ class ManyGaps(Interpolator):
         super().__init__(method, upsampling, **how)
         self.gaps = gaps
         self._rigid: tuple[Any, Rigid] | None = None
-        """With the size that it is for."""
+        """The method for several gaps, and the image size ((E, H, W), margin) that it was made for."""
         self._row: tuple[KeyframeView, KeyframeView] | None = None
-        """B of the gaps made last, and the last of them by itself."""
+        """Views B of the gaps made last, and the last of these views by itself."""
 
     def push_all(
         self, keyframes: Sequence[Arrived], margin: int = 0, allocate: Allocate = new_frames
     ) -> Iterator[list[tuple[np.ndarray, Any]]]:
-        """Yields what `push` returns of each keyframe, in order, with arguments as there: those together whose frames
-        are made at once, in memory from one `allocate`. `report` is of those before, so that nobody waits for a GPU:
-        `end` gives the last one."""
+        """Yields what `push` returns for each keyframe, in order, in lists of those whose frames are made at once.
+
+        The frames of a list lie in memory from one call of `allocate`. `report` is that of the list before, so that
+        the host does not wait for a GPU; `end` makes it that of the last list.
+
+        Args:
+            keyframes: in the order of time.
+            margin, allocate: as of `push`.
+        """
         self._fit((1, *keyframes[0].image.shape[1:3]), margin)
         images = self._image(joined([one.image for one in keyframes]))
         start = 0
@@ -63,13 +69,16 @@ class ManyGaps(Interpolator):
             start = end
 
     def end(self) -> None:
-        """Has `report` be of the gaps made last."""
+        """Makes `report` that of the gaps made last."""
         self.report = Report() if self._rigid is None else self._rigid[1].last_report()
 
     def _between(
         self, keyframes: Sequence[Arrived], images: wp.array, margin: int, allocate: Allocate
     ) -> list[tuple[np.ndarray, Any]]:
-        """The gaps that end with these keyframes of one episode. Fewer than fit begin behind gaps of no length."""
+        """Makes the gaps that end with these keyframes of one episode.
+
+        Fewer than `gaps` are preceded by gaps of length 0, whose frames nobody gets.
+        """
         last = self._last
         assert last is not None and last.states is not None
         stamps = [self._stamp, *(one.stamp_ns for one in keyframes)]
@@ -116,7 +125,7 @@ class ManyGaps(Interpolator):
         self._image(np.ones((1, 2, 2, 3), np.float16))
         image, episodes = made_up.images(envs, height, width)[0], np.full(envs, -1, np.int32)
         runs = 1 if self._device.is_cpu else made_up.RECORDED
-        # To look up many bodies' paths for every keyframe would take longer than all else.
+        # Paths of many bodies are looked up for three keyframes only: for all it would take longer than all else.
         swayed = [made_up.states(self._scene, self._camera, envs, k * made_up.GAP_NS) for k in range(3)]
         stamps = list(made_up.stamps(runs * self.gaps))
         states = [swayed[0], *(swayed[1 + k % 2].at(stamps[k : k + 2]) for k in range(len(stamps) - 1))]
@@ -127,7 +136,7 @@ class ManyGaps(Interpolator):
         self._warmed = True
 
     def _method_in_a_row(self) -> Rigid:
-        """Gives what makes the gaps, built when it is first needed."""
+        """Gives the method that makes several gaps, built at the first call."""
         if self._rigid is None or self._rigid[0] != self._size:
             assert self._size is not None
             (_, height, width), margin = self._size

@@ -33,15 +33,21 @@ class Further:
 
 
 def none_of(pixels: int, colour: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Gives first, offset and value of that many pixels without any."""
+    """Gives first, offset and value of pixels without samples."""
     return np.zeros(pixels + 1, np.int32), np.zeros(0, np.int32), np.zeros((0, 3) if colour else 0, np.float32)
 
 
 def joined(
     parts: Sequence[tuple[np.ndarray, np.ndarray, Further | None]], envs: int, pixels: int, device: Any
 ) -> Further | None:
-    """Joins the samples of groups of the E environments, of that many pixels each, on a device: of each group which
-    environments it has, in which rows of its own they are, and its samples. None where there are none."""
+    """Joins the samples of several groups of environments to those of all E, on a device; None without any.
+
+    Args:
+        parts: of each group its environments int [n], their rows within the group int [n], and its samples.
+        envs: E.
+        pixels: of an environment.
+        device: where the result lies.
+    """
     import warp as wp
 
     lists: list[tuple[np.ndarray, np.ndarray, np.ndarray] | None] = [None] * envs

@@ -1,4 +1,4 @@
-"""What a program outside a running graph, or its caller, may ask of physics: actions, checked before they act."""
+"""Actions from a program outside a running graph, or from its caller, checked before they act."""
 
 from __future__ import annotations
 

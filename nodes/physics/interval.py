@@ -1,4 +1,4 @@
-"""What a physics engine gives for one step of the graph, and the sub-step grid that engines share."""
+"""The result of a physics engine for one step of the graph, and the grid of sub-steps that engines share."""
 
 from __future__ import annotations
 

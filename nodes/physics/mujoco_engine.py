@@ -19,13 +19,13 @@ from evis.scene.mjcf.dynamics import compile_model
 from evis.scene.model import Scene
 from nodes.physics.dynamics.actuators import actuators_of
 from nodes.physics.dynamics.assembly import Assembly
+from nodes.physics.dynamics.batch_stepper import BatchStepper, make_batch_stepper, why_not_batched
 from nodes.physics.dynamics.contacts import contacts_of, gather
 from nodes.physics.dynamics.rest import Rest
 from nodes.physics.dynamics.start import put_to_start
 from nodes.physics.dynamics.states import State, between, snapshot
-from nodes.physics.dynamics.stride import Before, Trace, take_steps
-from nodes.physics.dynamics.strides import Strode
-from nodes.physics.dynamics.together import Together, stepped_apart, together
+from nodes.physics.dynamics.stepped_states import SteppedStates
+from nodes.physics.dynamics.traced_steps import SavedState, Trace, take_steps
 from nodes.physics.dynamics.unsupported import Unsupported
 from nodes.physics.interval import Interval, check_controls, grid_inside
 from nodes.physics.precision.errors import Errors
@@ -86,11 +86,11 @@ class MujocoEngine:
         # Without a handler MuJoCo writes a log file into the working directory; the watchdog reads the counters.
         mujoco.set_mju_user_warning(lambda text: None)
         self.scene, self.envs = scene, envs
-        apart = stepped_apart(scene, tolerance)
-        if apart and warp is not None:
-            raise Unsupported(apart)
-        many = not apart and (envs > 1 or warp is not None)
-        self.model = compile_model(scene, deepest=many and warp is None)
+        unbatched = why_not_batched(scene, tolerance)
+        if unbatched and warp is not None:
+            raise Unsupported(unbatched)
+        batched = not unbatched and (envs > 1 or warp is not None)
+        self.model = compile_model(scene, deepest=batched and warp is None)
         # MuJoCo would put a diverged state back to its start and go on as if nothing had happened.
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.step_ns = step_length(self.model.opt.timestep, timestep)
@@ -106,15 +106,16 @@ class MujocoEngine:
         finest = self.model.opt.timestep / (1 if tolerance is None else 2**FINEST)
         self._watchdogs = [Watchdog(self.model, speed_limit, finest) for _ in range(envs)]
         self._assembly = Assembly(scene, self.model)
-        judge = self._watchdogs[0].calm
-        self._together: Together | None = together(self.model, envs, threads, warp, judge) if many else None
+        self._batch: BatchStepper | None = None
+        if batched:
+            self._batch = make_batch_stepper(self.model, envs, threads, warp, self._watchdogs[0].calm)
         self._warp = warp is not None
         self._rows = list(range(envs))
-        """Which environments of `_together` these are."""
+        """Rows of the environments in `_batch`."""
         self._prepared = -1
-        """The stamp up to which steps were asked for."""
-        self.looked_at = 0
-        """How often an environment was stepped to a stamp with a look at each state."""
+        """The stamp up to which steps were requested."""
+        self.checked = 0
+        """How often an environment was stepped to a stamp with a check of each state."""
         self._constrained = False
         """Whether anything was touched or limited, in the environment that the shadow follows, at its last step."""
         self._shadow = shadow_of(self.model, errors) if errors is not None else None
@@ -130,7 +131,7 @@ class MujocoEngine:
         self._begin([seed + k for k in range(self.envs)], [0] * self.envs)
 
     def _begin(self, seeds: list[int], numbers: list[int]) -> None:
-        """All environments to their start at stamp 0: seeds and how often each began anew with its seed."""
+        """Puts all environments to their start at stamp 0; numbers: how often each has begun anew with its seed."""
         self._seeds, self._numbers = seeds, numbers
         self._stamp, self._grid = 0, 0
         self._left: set[int] = set()
@@ -145,7 +146,7 @@ class MujocoEngine:
         """The state at the stamp published last, where the next message begins."""
 
     def leave(self, env: int) -> None:
-        """Steps an environment no more."""
+        """Stops stepping an environment."""
         self._left.add(env)
 
     def anew(self, envs: Sequence[int], seeds: Sequence[int | None], numbers: Sequence[int]) -> MujocoEngine:
@@ -182,9 +183,9 @@ class MujocoEngine:
                 data.ctrl[:] = values
         self._prepared = to_ns
         grid = range(self._grid, to_ns, self.step_ns)
-        if self._together is not None and len(grid):
+        if self._batch is not None and len(grid):
             for k in self._awake():
-                self._together.ask(self._rows[k], self.data[k], grid)
+                self._batch.request(self._rows[k], self.data[k], grid)
 
     def advance(self, to_ns: int, controls: np.ndarray | None = None) -> Interval:
         """Moves on to stamp `to_ns` [ns] under controls [E, nu].
@@ -199,16 +200,16 @@ class MujocoEngine:
         grid = self._grid
         for parts in self._sub_steps or ():
             parts.taken.clear()
-        interval = self._awake_to(to_ns)
+        interval = self._step_to(to_ns)
         self._measure((self._grid - grid) // self.step_ns, interval)
         return interval
 
     def _awake(self) -> list[int]:
-        """Environments that are to be stepped."""
+        """Gives the environments that are to be stepped."""
         return [k for k in range(self.envs) if k not in self._left and not self._rests[k].now]
 
     def _resting(self, to_ns: int) -> Interval:
-        """Goes on to a stamp without a step: all that MuJoCo moves stays where it is."""
+        """Advances to a stamp without a step: all bodies of MuJoCo stay where they are."""
         inner = grid_inside(self._stamp, to_ns, self.step_ns) if self._assembly.moves else ()
         times = np.array([self._stamp, *inner, to_ns], np.int64)
         self._grid += -(-max(to_ns - self._grid, 0) // self.step_ns) * self.step_ns
@@ -246,8 +247,8 @@ class MujocoEngine:
             parts = self._sub_steps[env].taken if self._sub_steps is not None else None
             self._shadow.follow(self.data[env], steps, before, now, self._constrained, parts)
 
-    def _awake_to(self, to_ns: int) -> Interval:
-        """Goes on to a stamp, by steps of those that do not rest."""
+    def _step_to(self, to_ns: int) -> Interval:
+        """Advances to a stamp by steps of the environments that do not rest."""
         grid, awake = range(self._grid, to_ns, self.step_ns), self._awake()
         # The states at all grid points, that of now the first.
         made = {n: np.empty((len(value), len(grid) + 1, *value.shape[1:])) for n, value in self._now.items()}
@@ -256,12 +257,12 @@ class MujocoEngine:
             for k in {*range(self.envs)} - {*awake}:
                 made[name][k] = value[k]
         faults: dict[int, str] = {}
-        looked_at, again = self.looked_at, 0
+        checked, again = self.checked, 0
         if len(grid):
             for k in awake:
-                for name, value in (self._strode(k, grid) or self._looked_at(k, grid, faults)).items():
+                for name, value in (self._stepped(k, grid) or self._stepped_with_checks(k, grid, faults)).items():
                     made[name][k, 1:] = value
-            again = self.looked_at - looked_at if self._warp else 0
+            again = self.checked - checked if self._warp else 0
             for k, watchdog in enumerate(self._watchdogs):
                 if k not in self._left:
                     watchdog.passed(self.data[k])
@@ -283,18 +284,18 @@ class MujocoEngine:
         self._watch_rest(int(times[0]), course)
         return interval
 
-    def _strode(self, k: int, grid: range) -> State | None:
-        """The states of environment k after steps from the times of `grid`, [S, ...].
+    def _stepped(self, k: int, grid: range) -> State | None:
+        """Gives the states [S, ...] of environment k after a step from each time of `grid`, checked all together.
 
-        None, and nothing has happened, where each of them must be looked at.
+        None where a check of each state must tell what is wrong; the environment is then where it was.
         """
         if len(self._assembly.followers):
             return None
-        if self._together is not None:
-            found = self._together.trace(self._rows[k])
+        if self._batch is not None:
+            found = self._batch.result(self._rows[k])
             before = level = None
         else:
-            before = Before(self.model, self.data[k])
+            before = SavedState(self.model, self.data[k])
             level = self._sub_steps[k].kept() if self._sub_steps is not None else None
             found = self._alone(k, grid)
         if found is None:
@@ -307,27 +308,29 @@ class MujocoEngine:
             if self._sub_steps is not None and level is not None:
                 self._sub_steps[k].restore(level)
             return None
-        if self._together is not None:
-            self._together.bring(self._rows[k], self.data[k])
+        if self._batch is not None:
+            self._batch.write_state(self._rows[k], self.data[k])
         if k == self._shadowed:
             self._constrained = found.constrained
         return state
 
-    def _alone(self, k: int, grid: range) -> Strode:
-        """Takes steps of environment k by itself."""
+    def _alone(self, k: int, grid: range) -> SteppedStates:
+        """Takes the steps of environment k outside any batch."""
         trace = Trace.empty(self.model, len(grid))
-        take_steps(self.model, self.data[k], grid, trace, self._taker(k))
+        take_steps(self.model, self.data[k], grid, trace, self._step_function(k))
         twist, pose = trace.twist_and_pose(self.model)
-        return Strode(pose, twist, trace.qpos, trace.qvel, trace.nearest, trace.warnings, trace.constrained, False)
+        return SteppedStates(
+            pose, twist, trace.qpos, trace.qvel, trace.nearest, trace.warnings, trace.constrained, False
+        )
 
-    def _looked_at(self, k: int, grid: range, faults: dict[int, str]) -> State:
-        """The same, with a look at the state after each step; notes into `faults` if the environment diverges."""
+    def _stepped_with_checks(self, k: int, grid: range, faults: dict[int, str]) -> State:
+        """Does as `_stepped`, with a check of each state; adds to `faults` if the environment diverges."""
         data, states = self.data[k], []
-        self.looked_at += 1
+        self.checked += 1
         for t in grid:
             # MuJoCo adds up its time in floating point; ours is exact.
             data.time = t * 1e-9
-            self._taker(k)(self.model, data)
+            self._step_function(k)(self.model, data)
             # mj_step leaves poses and velocities of the state before the step.
             mujoco.mj_kinematics(self.model, data)
             mujoco.mj_comPos(self.model, data)
@@ -344,8 +347,8 @@ class MujocoEngine:
         states += states[-1:] * (len(grid) - len(states))
         return {name: np.concatenate([state[name] for state in states]) for name in states[0]}
 
-    def _taker(self, k: int) -> Callable[[Any, Any], None]:
-        """What takes a step of environment k."""
+    def _step_function(self, k: int) -> Callable[[Any, Any], None]:
+        """Gives the function that steps environment k."""
         return mujoco.mj_step if self._sub_steps is None else self._sub_steps[k].step
 
     def missed(self) -> int:
@@ -353,7 +356,7 @@ class MujocoEngine:
         return sum(parts.missed for parts in self._sub_steps or ())
 
     def _reset(self, k: int) -> None:
-        """Environment k to its start."""
+        """Puts environment k to its start."""
         put_to_start(self.scene, self.model, self.data[k], self._seeds[k], self._numbers[k])
         self._watchdogs[k].restart(self.data[k])
         if self._sub_steps is not None:
@@ -377,7 +380,7 @@ class MujocoEngine:
         return between(self.model, self._before, self._now, np.array([self._grid - self.step_ns, self._grid]), t)
 
     def _interval(self, t: np.ndarray, course: State, faults: list[tuple[int, str]], still: bool = False) -> Interval:
-        """What is published of the states at times t [ns]. still: the engine's bodies rest."""
+        """Makes the interval of states at times t [ns]. still: the engine's bodies rest."""
         result = self._assembly.interval(t, course["pose"], course["twist"], still)
         result.faults, result.warnings = faults, self._warnings
         self._warnings = []

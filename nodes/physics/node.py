@@ -205,7 +205,7 @@ class PhysicsNode(Node):
 
             inside = partial(self.wants, "state", "moving_pose")
             return PrescribedEngine(scene, envs, p["accelerations"], p["keyframe_rate"], p["envs"], inside)
-        from nodes.physics.dynamics.side_by_side import threads_for
+        from nodes.physics.dynamics.mujoco_threads import threads_for
         from nodes.physics.dynamics.unsupported import Unsupported
         from nodes.physics.mujoco_engine import MujocoEngine
 

@@ -10,8 +10,8 @@ import numpy as np
 from evis.scene.model import Scene, Trajectory
 from evis.scene.motion import Prescribed
 from nodes.physics.accelerations import prescribed_accelerations
-from nodes.physics.closed_form.ahead import BLOCK, Ahead
-from nodes.physics.closed_form.together import PrescribedTogether
+from nodes.physics.closed_form.ahead import BLOCK, StatesAhead
+from nodes.physics.closed_form.prescribed_batch import PrescribedBatch
 from nodes.physics.from_outside import Actuators
 from nodes.physics.interval import Interval
 
@@ -45,7 +45,9 @@ class PrescribedEngine:
         """Stands at stamp 0."""
         states, block = self._states, BLOCK * self.envs // self._beside
         self._now = 0
-        self._ahead = Ahead(states.of_moving, len(states.moving), self.scene.timestep_ns, self._keyframe_rate, block)
+        self._ahead = StatesAhead(
+            states.of_moving, len(states.moving), self.scene.timestep_ns, self._keyframe_rate, block
+        )
 
     def start(self) -> Interval:
         """Gives the state at stamp 0."""
@@ -87,7 +89,7 @@ class PrescribedEngine:
 
 
 class PrescribedStates:
-    """Computes closed-form states of a scene's bodies; those that never move are looked at once.
+    """Computes closed-form states of a scene's bodies; those of bodies that never move only once.
 
     moving: int32 [B], bodies on a path along which they move. rest: float64 [N, 7], poses of those that never do, NaN
     for the others.
@@ -106,11 +108,11 @@ class PrescribedStates:
             else:
                 paths.append((n, body.trajectory))
         self.moving = np.array([n for n, _ in paths], np.int32)
-        # Their places among those that move.
+        # With their rows among the moving bodies.
         self._alone = [(m, path) for m, (_, path) in enumerate(paths) if not isinstance(path, Prescribed)]
         known = [(m, path) for m, (_, path) in enumerate(paths) if isinstance(path, Prescribed)]
         self._known = np.array([m for m, _ in known], np.int64)
-        self._together = PrescribedTogether([path for _, path in known])
+        self._batch = PrescribedBatch([path for _, path in known])
 
     def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Computes poses [S, N, 7] and twists [S, N, 6] at times int64 [S] ns; NaN for bodies that a physics engine
@@ -123,14 +125,14 @@ class PrescribedStates:
     def of_moving(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Computes poses [S, B, 7] and twists [S, B, 6] of the bodies of `moving` alone."""
         if not self._alone:
-            return self._together.at(t)
+            return self._batch.at(t)
         pose, twist = np.empty((len(t), len(self.moving), 7)), np.empty((len(t), len(self.moving), 6))
-        pose[:, self._known], twist[:, self._known] = self._together.at(t)
+        pose[:, self._known], twist[:, self._known] = self._batch.at(t)
         for m, path in self._alone:
             pose[:, m], twist[:, m] = path.pose(t), path.twist(t)
         return pose, twist
 
 
 def prescribed_states(scene: Scene, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Computes what PrescribedStates.at gives, for who asks once."""
+    """Computes what PrescribedStates.at gives, for a single call."""
     return PrescribedStates(scene).at(t)

@@ -1,4 +1,4 @@
-"""How many keyframes, and gaps between them, are made at once where nobody waits for a single one."""
+"""Chooses how many keyframes, or gaps between them, are computed at once where nobody waits for a single one."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from typing import Any
 from evis.gpu.devices import device_named
 
 MOST = 16
-"""Keyframes at once from which on more of them save next to nothing."""
+"""Most keyframes at once: beyond, more of them save next to no time."""
 PIXELS = 1 << 25
-"""Pixels of frames that are made at once, at most: so many keep any GPU busy."""
+"""Most pixels of frames that are made at once: so many keep any GPU busy."""
 BYTES = 120
-"""Device memory for each of these, in all nodes."""
+"""Device memory per pixel of a frame, of all nodes [bytes]."""
 SHARE = 4
 """Of the device's memory, at most one in so many is taken without being asked for."""
 
 
 def at_once(name: str, asked: int, device: str, envs: int, pixels: int, frames: int) -> int:
-    """Finds how many keyframes a node makes at once.
+    """Computes how many keyframes a node makes at once.
 
     Args:
         name: the node's, for errors.
         asked: the parameter `batch`.
         device: where the kernels run.
-        envs: parallel environments, which are a batch already: with more than one it is 1.
+        envs: parallel environments; more than one are a batch already, so that the result is 1.
         pixels: of a keyframe.
         frames: made of each keyframe.
 
@@ -43,5 +43,5 @@ def at_once(name: str, asked: int, device: str, envs: int, pixels: int, frames: 
     if asked or envs > 1 or where.is_cpu:
         return max(asked, 1)
     room = min(PIXELS, where.total_memory // (SHARE * BYTES)) // each
-    # The same for nodes that count a few pixels more or less.
+    # A power of two is the same for nodes whose pixel counts differ by a margin.
     return 1 << (max(min(room, MOST), 1).bit_length() - 1)

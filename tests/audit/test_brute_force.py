@@ -7,7 +7,7 @@ import pytest
 from audit_rig import LIGHT_SCENES, poses_at, small
 
 from evis.scene.model import Camera, Scene
-from nodes.audit.brute_force import BruteForce
+from nodes.audit.brute_force.brute_force import BruteForce
 from nodes.interpolator.rigid.placement import Placement
 from nodes.renderer.paths.paths import PathOptions
 from nodes.renderer.renderer import Renderer

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nodes.audit.instants import Samples, Sampling, base_stamps, sample
+from nodes.audit.brute_force.instants import Samples, Sampling, base_stamps, sample
 from nodes.audit.sampled_sensor import SampledSensor
 from nodes.event_sensor.parameters import resolve_sensor
 from nodes.event_sensor.sensor import EventSensor

@@ -19,7 +19,7 @@ from evis.bag.writer import BagWriter
 from evis.events import Events, open_writer
 from evis.files import named_pipe
 from evis.files.whole_file import whole_file
-from evis.launch.checks import check_writable
+from evis.launch.graph.checks import check_writable
 
 
 def record(path: Path) -> None:

@@ -18,11 +18,11 @@ from bench.roofline import kernels as roofline
 from bench.roofline.ceilings import Ceilings
 from bench.roofline.counted_source import HIDDEN, ONE, READ, counted, kind_of
 from bench.roofline.launches import symbol_of
+from bench.throughput.attempts import Limits, NotRun, attempt
 from bench.throughput.cases import CASES, Case, chosen
 from bench.throughput.recording import by_name, union
 from bench.throughput.sensors import of_ours
 from bench.throughput.tables import frames_row
-from bench.throughput.tries import Limits, NotRun, attempt
 
 TINY = Case("spinning_disk", 30, 8, size=(32, 24))
 COUNTED = """

@@ -14,7 +14,7 @@ def test_messages_sent_together_share_a_loan():
     loan = publisher.loan(depth=((3, 4, 5), np.float32))["depth"]
     other = publisher.loan(depth=((1, 4, 5), np.float32))["depth"]
     sent = []
-    with publisher.together():
+    with publisher.sharing_loans():
         for k in range(3):
             publisher.send(message := Depth(Header(k), loan[k : k + 1]))
             sent.append(message)
@@ -32,7 +32,7 @@ def test_messages_sent_together_share_a_loan():
 def test_a_loan_that_no_message_lies_in_is_free_after_the_last():
     publisher = LocalPublisher("/cam0/depth", "painter", Depth)
     loan = publisher.loan(depth=((2, 4, 5), np.float32))["depth"]
-    with publisher.together():
+    with publisher.sharing_loans():
         assert publisher.send(Depth(Header(0), np.zeros((1, 4, 5), np.float32))) is None
         assert publisher.send(Depth(Header(1), loan[:1])) is not None
     publisher.loan(depth=((2, 4, 5), np.float32))
@@ -43,7 +43,7 @@ def test_messages_on_a_device_share_a_loan_too():
     pool = DevicePool("/cam0/depth")
     device = wp.get_device("cpu")
     loan = pool.loan(device, {"depth": ((2, 4, 5), wp.float32)})["depth"]
-    with pool.together():
+    with pool.sharing_loans():
         slots = [pool.claim(Depth(Header(k), loan[k : k + 1])) for k in range(2)]
     assert slots[0] is slots[1] and slots[0].pins == 2
     for slot in slots:

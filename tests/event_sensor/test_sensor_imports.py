@@ -15,7 +15,7 @@ sensor.process(np.ones((1, 2, 4, 4), np.float32), np.array([1, 2]), np.zeros(1, 
 print("\\n" + json.dumps([name for name in sys.modules if name.startswith("nodes.event_sensor.")]))
 """
 FAULTS = {
-    "nonideal",
+    "engines.nonideal",
     "cpu.nonideal_kernels",
     "model.pixel_kernels",
     "model.pixel_step_kernels",
@@ -24,7 +24,7 @@ FAULTS = {
 }
 PARTS = {
     "faults": FAULTS,
-    "paper": {"model.paper_kernels", "paper"},
+    "paper": {"model.paper_kernels", "engines.paper"},
     "defocus": {"optics.defocus", "optics.defocus_kernels"},
     "photoreceptor": {"optics.photoreceptor", "optics.photoreceptor_kernels", "optics.photoreceptor_simd_kernels"},
     "readout": {"readout.readout", "readout.readout_kernels"},

@@ -16,9 +16,9 @@ from evis.runtime.node import Node
 from evis.runtime.plan import Plan
 from msgs.header import Header, Message
 from msgs.world import Reset
-from nodes.event_sensor.device_events import DeviceEvents
 from nodes.event_sensor.messages.flights import Flights
 from nodes.event_sensor.node import EventSensorNode
+from nodes.event_sensor.readout.device_events import DeviceEvents
 from nodes.event_sensor.sensor import EventSensor
 from nodes.renderer.at_once import at_once
 from nodes.renderer.renderer import Renderer

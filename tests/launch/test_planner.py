@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from evis.config.document import LaunchError
 from evis.launch.explain import as_dict, as_text
-from evis.launch.order import data_flow_order
+from evis.launch.graph.order import data_flow_order
 from evis.launch.planner import Options, plan_file
 from evis.runtime.plan import Plan
 

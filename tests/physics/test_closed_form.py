@@ -17,7 +17,7 @@ from msgs.codec import decode, encode
 from msgs.header import Header
 from msgs.world import WorldState
 from nodes.physics.closed_form.ahead import BLOCK, ROW
-from nodes.physics.closed_form.together import PrescribedTogether
+from nodes.physics.closed_form.prescribed_batch import PrescribedBatch
 from nodes.physics.interval import grid_inside
 from nodes.physics.prescribed import PrescribedEngine, PrescribedStates
 
@@ -53,7 +53,7 @@ def drawn_paths(count: int, seed: int) -> list[Prescribed]:
 def test_many_bodies_are_as_each_by_itself(count):
     paths = drawn_paths(count, seed=count)
     t = np.concatenate([[0, 1], np.sort(np.random.default_rng(1).integers(0, 10**11, 301))])
-    pose, twist = PrescribedTogether(paths).at(t)
+    pose, twist = PrescribedBatch(paths).at(t)
     assert pose.shape == (303, count, 7) and twist.shape == (303, count, 6)
     for n, path in enumerate(paths):
         for part in (slice(0, 1), slice(1, 35), slice(0, 303)):
@@ -63,9 +63,9 @@ def test_many_bodies_are_as_each_by_itself(count):
 
 def test_carriers_that_are_no_bodies_themselves_and_none_at_all():
     arm = drawn_paths(9, 5)
-    pose, _ = PrescribedTogether([arm[8], arm[3]]).at(np.array([5, 6]))
+    pose, _ = PrescribedBatch([arm[8], arm[3]]).at(np.array([5, 6]))
     assert pose[:, 1].tobytes() == arm[3].pose(np.array([5, 6])).tobytes()
-    assert PrescribedTogether([]).at(np.array([5, 6]))[0].shape == (2, 0, 7)
+    assert PrescribedBatch([]).at(np.array([5, 6]))[0].shape == (2, 0, 7)
 
 
 class Corkscrew:

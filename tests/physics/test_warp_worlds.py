@@ -7,7 +7,7 @@ import pytest
 from test_threads import controls, engine_of, told
 
 from evis.scene import load_scene
-from nodes.physics.dynamics.side_by_side import SideBySide
+from nodes.physics.dynamics.mujoco_threads import MujocoThreads
 from nodes.physics.dynamics.unsupported import Unsupported
 from nodes.physics.environments import Environments
 from nodes.physics.mujoco_engine import MujocoEngine
@@ -40,7 +40,7 @@ def test_it_is_the_same_world(tmp_path: Path, device: str) -> None:
         assert np.array_equal(found.t, expected.t) and np.array_equal(found.contacts.env, expected.contacts.env)
         np.testing.assert_allclose(found.contacts.force, expected.contacts.force, atol=0.02 * 9.81, rtol=0.02)
         assert found.faults == expected.faults == []
-    assert len(found.contacts.env) >= 3 and not other.looked_at
+    assert len(found.contacts.env) >= 3 and not other.checked
 
 
 def test_what_goes_wrong_in_one_is_told_as_mujoco_tells_it(tmp_path: Path, device: str) -> None:
@@ -54,7 +54,7 @@ def test_what_goes_wrong_in_one_is_told_as_mujoco_tells_it(tmp_path: Path, devic
         assert found.faults == expected.faults and found.warnings == expected.warnings
         np.testing.assert_allclose(found.pose, expected.pose, atol=2e-5)
         assert (n == 3) == bool(found.faults) == bool(found.again)
-    assert other.looked_at == 1
+    assert other.checked == 1
 
 
 def test_single_ones_are_reset(tmp_path: Path, device: str) -> None:
@@ -101,4 +101,4 @@ def test_it_is_never_chosen_by_itself() -> None:
     said: list[str] = []
     node.warn = said.append  # type: ignore[method-assign]
     node.setup()
-    assert isinstance(node.engine._together, SideBySide) and not said
+    assert isinstance(node.engine._batch, MujocoThreads) and not said

@@ -136,7 +136,7 @@ def make_plan(args: argparse.Namespace) -> Any:
     from evis.cli.graph.auto import told, warn
     from evis.config import paths
     from evis.launch.arguments import parse_pairs
-    from evis.launch.checks import check_writable
+    from evis.launch.graph.checks import check_writable
     from evis.launch.planner import Options, plan_launch
     from evis.launch.target import read_target
     from evis.simulation.auto import without_auto

@@ -73,8 +73,8 @@ def _alone(spec: Any, args: argparse.Namespace) -> dict[str, Any]:
 
     from evis.cli.progress import Progress
     from evis.launch.expand import Expanded
+    from evis.launch.graph.wiring import wire
     from evis.launch.planner import Options, plan_nodes
-    from evis.launch.wiring import wire
     from evis.supervisor.report import as_table
     from evis.supervisor.supervisor import Supervisor
 
@@ -130,7 +130,7 @@ def _attached(spec: Any, args: argparse.Namespace) -> dict[str, Any]:
 def _unread(plan: Any, node: str, topic: str) -> str:
     """Why what an attached node publishes reaches nobody in the graph, and what to do."""
     from evis.config.suggestions import nearest
-    from evis.launch.demand import untaken
+    from evis.launch.graph.demand import untaken
 
     taken = untaken(plan)
     if topic in taken:

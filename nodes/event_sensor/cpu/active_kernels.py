@@ -1,4 +1,4 @@
-"""Which pixels of a row something may happen to in a message, on a CPU: in C++, sixteen pixels at a time.
+"""Finds the pixels of a row that may have an event in a message, on a CPU: in C++, sixteen pixels at a time.
 
 For straight lines between frames; nodes.event_sensor.cpu.run_kernels is the same for curves.
 """

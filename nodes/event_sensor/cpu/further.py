@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from nodes.event_sensor.batch import Batch, SampleLists
 from nodes.event_sensor.cpu import further_kernels as kernels
 from nodes.event_sensor.cpu.order import sort_keys
 from nodes.event_sensor.cpu.simd_kernels import IdealState
+from nodes.event_sensor.input.batch import Batch, SampleLists
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import EVENTS, Sensor
 

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from nodes.event_sensor.batch import Batch, SampleLists
 from nodes.event_sensor.cpu.ideal_kernels import (
     AT_STEP,
     FULL,
@@ -21,6 +20,7 @@ from nodes.event_sensor.cpu.ideal_kernels import (
     ideal_kernel,
 )
 from nodes.event_sensor.cpu.simd_kernels import IdealState, room_for_block
+from nodes.event_sensor.input.batch import Batch, SampleLists
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import EVENTS, LEFT, Sensor
 from nodes.event_sensor.model.state_kernels import Reference

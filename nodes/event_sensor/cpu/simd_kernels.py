@@ -171,7 +171,7 @@ def leave_further(
 ) -> wp.int32:
     """Takes those with further samples out of the n listed pixels; returns how many are left.
 
-    first, shared: see batch.Lists. index: of the block's first pixel.
+    first, shared: see batch.SampleLists. index: of the block's first pixel.
     """
     ...
 

@@ -11,10 +11,10 @@ import warp as wp
 
 from nodes.event_sensor.cuda import call_kernels
 from nodes.event_sensor.cuda.order import Order
-from nodes.event_sensor.device_events import DeviceEvents, Pending
 from nodes.event_sensor.model.key_kernels import Columns
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS, Sensor
+from nodes.event_sensor.readout.device_events import DeviceEvents, Pending
 
 FIRST_CAPACITY = 1 << 20
 """Most events for which there is room before a call has needed more."""
@@ -23,7 +23,7 @@ GRAPHS = 16
 
 
 class Source(Protocol):
-    """What lists the events of a call.
+    """Lists the events of a call.
 
     repeats: it lists all of them again where they did not fit, and not only those that did not. records: its launches
     may be recorded.

@@ -21,9 +21,9 @@ from nodes.event_sensor.cuda.call_kernels import (
 from nodes.event_sensor.cuda.ideal import IdealPasses
 from nodes.event_sensor.cuda.pipeline import Pipeline
 from nodes.event_sensor.cuda.relaunched import Relaunched
-from nodes.event_sensor.device_events import CALLS, DeviceEvents, Pending
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import Sensor
+from nodes.event_sensor.readout.device_events import CALLS, DeviceEvents, Pending
 
 
 class DeviceSide:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -108,8 +107,3 @@ def _still_rate(clip: Clip, light: Light, blur: float, values: dict[str, Any]) -
 def off_by(one: Compared) -> dict[str, float]:
     """How far the simulation of a recording is off, relative, by statistic."""
     return {name: one.simulated[name] / one.real[name] - 1 for name in TEXTS if one.real[name] > 0}
-
-
-def threshold_deviation(fit: Fit, name: str, contrast: float, deviation: float) -> float:
-    """Standard deviation of a threshold [ln I]: of the fit and of the assumed contrast together."""
-    return fit.values[name] * math.hypot(fit.motion.deviation[name], deviation / contrast)

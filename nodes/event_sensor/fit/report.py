@@ -8,8 +8,6 @@ from typing import Any
 from nodes.event_sensor.fit.clip import Light
 from nodes.event_sensor.fit.fit import Compared, Fit, off_by
 
-LAWS = "corner ~ light^k up to the scene's white"
-
 MUCH = 0.2
 """Deviation of a statistic from which on a fit is warned of."""
 

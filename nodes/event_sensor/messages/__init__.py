@@ -1,1 +1,1 @@
-"""Messages of frames: how much one may hold, and several of them as one."""
+"""From messages to the arrays of a sensor: their images, several messages as one call, calls under way on a GPU."""

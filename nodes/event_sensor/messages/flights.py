@@ -1,4 +1,4 @@
-"""Calls of a sensor on a GPU whose events are fetched when the next call is on its way, so that nobody waits for it."""
+"""Calls of a sensor on a GPU that are under way: the events of one are fetched when the next one has begun."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any
 
 from msgs.header import Message
 from nodes.event_sensor.cuda.cuts import Cuts
-from nodes.event_sensor.device_events import DeviceEvents, Ready
+from nodes.event_sensor.readout.device_events import DeviceEvents, Ready
 
 
 @dataclass
 class Landed:
-    """Holds the events of a call, on the device. ends: how many of them there are up to the end of each message."""
+    """Holds the events of a finished call, on the device. ends: number of events up to the stamp of each message."""
 
     events: DeviceEvents
     messages: Sequence[Message]
@@ -21,24 +21,24 @@ class Landed:
 
 
 class Flights:
-    """Holds the calls in their order, with the messages that they read."""
+    """Holds the calls under way in their order, with the messages whose frames they read."""
 
     def __init__(self, device: Any) -> None:
         self._cuts = Cuts(device)
         self._flying: list[tuple[Any, Sequence[Message]]] = []
 
     def begin(self, call: Any, messages: Sequence[Message]) -> None:
-        """Takes a call that `EventSensor.process_async` has begun, of these messages, whose frames are kept for it."""
+        """Adds a call that `EventSensor.process_async` has begun, and keeps the messages whose frames it reads."""
         for message in messages:
             message.keep()
         self._flying.append((call, messages))
 
     def due(self) -> bool:
-        """Tells whether the first call is to be landed: another one is on its way, or its events are there already."""
+        """Tells whether the first call is to be finished: another one is under way, or its events are there already."""
         return len(self._flying) > 1 or bool(self._flying and isinstance(self._flying[0][0], Ready))
 
     def land(self) -> Landed | None:
-        """Gives the first call's events, None where none is on its way; waits for that call alone."""
+        """Waits for the first call and gives its events; None where no call is under way."""
         if not self._flying:
             return None
         call, messages = self._flying.pop(0)

@@ -1,4 +1,4 @@
-"""What messages carry for a sensor: images, and samples of single pixels between them."""
+"""Reads the images of messages, and further samples of single pixels between them, for a sensor."""
 
 from __future__ import annotations
 
@@ -9,18 +9,21 @@ from evis.gpu.in_a_row import joined
 from msgs.camera import Frames, Keyframe, Samples
 
 if TYPE_CHECKING:
-    from nodes.event_sensor.further import Further
+    from nodes.event_sensor.input.further import Further
 
 
 class Images:
-    """Takes from messages what a sensor of luminance or of `colour` on a device reads. name: the node's, for errors."""
+    """Reads from messages the arrays that a sensor takes: luminance or, with `colour`, RGB. name: of the node."""
 
     def __init__(self, name: str, colour: bool, device: Any) -> None:
         self._name, self._colour, self._device = name, colour, device
 
     def of(self, messages: Sequence[Keyframe | Frames | Samples]) -> Any:
-        """Gives [E, K, h, w(, 3)] of the messages' images, of several those of one environment behind each other; on a
-        GPU [E, K, h, w] of float32 or vec3. Raises ValueError where they carry the wrong one of luminance and RGB."""
+        """Gives the images of messages, [E, K, h, w(, 3)]; on a GPU [E, K, h, w] of float32 or vec3.
+
+        The images of several messages, of one environment, follow one another along K. Raises ValueError for messages
+        that carry luminance where RGB is needed, or the other way round.
+        """
         keys = [message for message in messages if isinstance(message, Keyframe)]
         if keys:
             made = self._of_keyframe(keys[0], joined([key.image for key in keys]))
@@ -29,8 +32,8 @@ class Images:
         return made if len(messages) == 1 else made.reshape((1, made.shape[0] * made.shape[1], *made.shape[2:]))
 
     def further(self, message: Samples) -> Further:
-        """Gives the samples of a message between its frames. Raises ValueError as `of`."""
-        from nodes.event_sensor.further import Further
+        """Gives the further samples of a message. Raises ValueError as `of` does."""
+        from nodes.event_sensor.input.further import Further
 
         value = message.further_rgb if self._colour else message.further
         if value is None:
@@ -40,8 +43,10 @@ class Images:
         return Further(message.first, message.offset, value)
 
     def _of_keyframe(self, message: Keyframe, image: Any) -> Any:
-        """[E, 1, h, w(, 3)] of a message's image, or of several like it, without the margin, its RGB or its luminance;
-        on a GPU [E, 1, h, w] of float32 or vec3."""
+        """Gives keyframes without their margin, [E, 1, h, w(, 3)]; on a GPU [E, 1, h, w] of float32 or vec3.
+
+        message: one of them. image: theirs, [E, H, W(, 3)].
+        """
         from nodes.interpolator.luminance import luminance_of, rgb_of
 
         m, colour = message.margin, self._colour

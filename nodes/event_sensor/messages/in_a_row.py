@@ -1,4 +1,4 @@
-"""Messages of frames that follow each other, as one: what is sensed at once."""
+"""Finds consecutive messages of frames that a sensor may take in one call."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ def stamps(message: Any) -> np.ndarray:
 
 
 def runs(messages: Sequence[Any], episodes: np.ndarray, fits: Callable[[np.ndarray], bool]) -> list[list[Any]]:
-    """Parts messages into those whose frames a sensor may take at once.
+    """Splits messages into runs whose frames a sensor may take in one call.
 
     Args:
         messages: in order; of one environment.
-        episodes: of the message before, int32 [1]. A message with which an episode begins is by itself.
-        fits: whether the sensor takes images at these times int64 ns at once.
+        episodes: int32 [1], of the message before. A message with which an episode begins is a run by itself.
+        fits: tells whether the sensor takes images at times int64 [K] ns in one call.
     """
     found: list[list[Any]] = []
     begun = True
@@ -40,7 +40,7 @@ def _times(messages: Sequence[Any]) -> np.ndarray:
 
 
 def _alike(message: Any, before: Any) -> bool:
-    """Whether the images of a message can be in one array with those of the message before."""
+    """Tells whether the images of a message can be in one array with those of the message before."""
     if type(message) is not type(before) or not isinstance(message, Frames | Keyframe):
         return False
     if message.own is not None or before.own is not None or len(message.episodes) != 1:

@@ -1,4 +1,4 @@
-"""What one message of frames may hold: a gap in the stamps must not ask for all of the memory."""
+"""Limits the events of one message: a gap in the stamps must not ask for all of the memory."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""When a signal crosses a threshold inside a step: on a straight line, and on a cubic.
+"""Computes when a signal crosses a threshold inside a step: on a straight line, and on a cubic.
 
 A straight line has two texts. The ideal sensor's lines run from sample to sample, so that one division serves all
 events of a step (crossing_on_line). A line with leak or between two happenings is cut at any place u of a step, and its

@@ -1,5 +1,5 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""How a pixel with a curve or a fault writes its events."""
+"""Writes the events of a pixel with a curve or a fault."""
 
 from functools import lru_cache
 from typing import Any

@@ -1,4 +1,4 @@
-"""What a pixel is made with, and what an episode's first good sample makes of it."""
+"""Initialises a pixel: its fixed pattern when the sensor is made, its state at an episode's first good sample."""
 
 from functools import lru_cache
 from typing import Any

@@ -1,4 +1,4 @@
-"""What of the sensor with curves and faults is compiled: one kernel for each set of features."""
+"""Chooses which curves and faults are compiled into a kernel: one kernel for each set of features."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Features:
-    """What a kernel has."""
+    """Names the curves and faults that a kernel has."""
 
     crossing: str
     leak: bool = False

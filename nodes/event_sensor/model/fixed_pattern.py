@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from evis.random_numbers import GOLDEN, mix, open_uniform
-from nodes.event_sensor.batch import Size
+from nodes.event_sensor.input.batch import Size
 
 THRESHOLD_ON, THRESHOLD_OFF, LEAK, HOT, HOT_RATE = range(5)
 """What a number is for."""

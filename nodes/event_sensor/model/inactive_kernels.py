@@ -1,4 +1,4 @@
-"""Whether a step's curve surely stays in the inactive range, and the range that a step leaves behind."""
+"""Tests whether a step surely makes no event (its curve stays in the inactive range), and updates that range."""
 
 from functools import lru_cache
 from typing import Any

@@ -1,4 +1,4 @@
-"""Where each field of an event's key starts: 63 bits that sort to environment, time, row, column.
+"""Lays out the key of an event: 63 bits whose order is environment, time, row, column.
 
 A key holds, from the top: environment, t - t_base [ns], y, x, colour channel (2 bits), polarity (1 bit), and, where
 events are marked, whether noise made it (1 bit, at the bottom, so that no order hangs on it). Columns take
@@ -19,7 +19,7 @@ KEY_BITS = 63
 
 @dataclass(frozen=True)
 class KeyLayout:
-    """Where each field of a key starts."""
+    """Gives the first bit of each field of a key."""
 
     x: int
     y: int

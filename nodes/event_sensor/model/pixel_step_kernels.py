@@ -1,4 +1,4 @@
-"""What happens to a pixel within a step, in the order of time; only what is asked for is compiled.
+"""Advances a pixel through a step, event by event in the order of time; only the faults asked for are compiled.
 
 Inside a step a pixel goes from one happening to the next: a crossing, a candidate of its noise process, the end
 of its dead time, the end of the step. Leak moves the signal here, S(t) = L(t) + rate C_on (t - origin), and not the

@@ -29,7 +29,7 @@ LEFT = wp.constant(len(COUNTERS))
 
 @wp.struct
 class Sensor:
-    """What kernels know of a sensor; a field of a parameter's name is filled from it.
+    """Holds the parameters of a sensor for kernels; a field with a parameter's name has its value.
 
     Thresholds in ln I; dark_level, floor, shot_white in radiance units; rates in Hz; the shifts lay out a key.
     """

@@ -1,4 +1,4 @@
-"""What is kept of a pixel between messages: what every step reads, and what only a step with an event reads.
+"""The state of a pixel between messages: what every step reads, and what only a step with an event reads.
 
 Intensities in a pixel's inactive range [low, high] cannot fire; low infinite: it has no reference yet. Its reference is
 threshold_kernels.reference_level of base, net and n_off (which wraps after 2^31 OFF events; that matters where C_on and
@@ -46,7 +46,7 @@ class Pixel:
 
 @wp.struct
 class FrequentState:
-    """What every step reads, per pixel and channel. Intensities in [low, high] cannot fire before `wake` [ns].
+    """Holds what every step reads, per pixel and channel. Intensities in [low, high] cannot fire before `wake` [ns].
 
     early, earlier: what a curve looks back at, see Frequent. Element i of the arrays of runs is the RUN values from i
     on. wake is empty where nothing is timed, early and earlier where there is no curve.
@@ -68,7 +68,7 @@ class FrequentState:
 
 @wp.struct
 class Frequent:
-    """What every step reads of one pixel, see FrequentState.
+    """Holds what every step reads of one pixel, see FrequentState.
 
     early, earlier: the samples before the last one (cubic, monotone; negative: unknown), or the slopes dL/dt [1/s] at
     the last and before (hermite).
@@ -84,7 +84,7 @@ class Frequent:
 
 @wp.struct
 class Rare:
-    """What only a step that may have an event reads of a pixel, 64 bytes together."""
+    """Holds what only a step that may have an event reads of a pixel: 64 bytes, one cache line."""
 
     base: wp.float64
     net: wp.int32

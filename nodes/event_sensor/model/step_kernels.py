@@ -1,11 +1,11 @@
-"""What the functions of a pixel hand to each other: where it is, the step, the light in it, how far it has come."""
+"""Structs that the functions of a pixel share: its place, the step, the light in it, how far it has advanced."""
 
 from typing import TYPE_CHECKING, Any
 
 import warp as wp
 
 if TYPE_CHECKING:
-    from nodes.event_sensor.batch import SampleLists
+    from nodes.event_sensor.input.batch import SampleLists
 
 wp.set_module_options({"enable_backward": False})
 
@@ -87,7 +87,7 @@ class Place:
 
 @wp.struct
 class Sample:
-    """What a step reads of the frame at its end and, where its curve needs it, of the one after (following)."""
+    """Holds the frame at the end of a step and, where its curve needs it, of the one after (following)."""
 
     light: wp.float32
     slope: wp.float32  # dL/dt [1/s], of hermite
@@ -125,7 +125,7 @@ class Levels:
 
 @wp.struct
 class Signal:
-    """What a pixel sees in a step: the curve S(u), u in [0, 1], L at the step's end, and the light at both ends."""
+    """Holds a pixel's signal in a step: the curve S(u), u in [0, 1], L at its end, and the light at both ends."""
 
     s: wp.vec4d
     l1: wp.float64
@@ -135,7 +135,7 @@ class Signal:
 
 @wp.struct
 class Own:
-    """What differs from pixel to pixel: thresholds, drift of S by its leak [1/ns], and its noise.
+    """Holds what differs from pixel to pixel: thresholds, drift of S by its leak [1/ns], and its noise.
 
     rate: of the candidates of the noise [Hz]; hot_share: how many of them are those of a hot pixel.
     """
@@ -149,7 +149,7 @@ class Own:
 
 @wp.struct
 class Walk:
-    """How far a pixel has come in a step: at place u in [0, 1], with the last happening at time `here` [ns].
+    """Holds how far a pixel has advanced in a step: at place u in [0, 1], with the last happening at time `here` [ns].
 
     reference: L_ref there. fired: events so far. coin_at: when a leak's coin falls, NEVER where it does not or has.
     stream: of the pixel's random numbers, where `named`. key_on, key_off: of its events, but for their time.

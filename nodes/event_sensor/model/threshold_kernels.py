@@ -1,4 +1,4 @@
-"""How many thresholds a pixel's signal has crossed, where its reference stands, and what intensities cannot fire."""
+"""Counts the thresholds that a pixel's signal has crossed, moves its reference, bounds intensities that cannot fire."""
 
 import warp as wp
 

@@ -1,4 +1,4 @@
-"""What comes before the threshold: the lens's blur and the photoreceptor, each only where it is asked for."""
+"""Applies what comes before the threshold: the lens's blur and the photoreceptor, each only where asked for."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from nodes.event_sensor.batch import SampleLists
+from nodes.event_sensor.input.batch import SampleLists
 from nodes.event_sensor.optics import slope_kernels
 
 CHORD = 1 / 50
@@ -49,7 +49,7 @@ class Optics:
 
     @property
     def traces(self) -> bool:
-        """What comes out is a curve between the samples of what goes in."""
+        """Tells whether the output is a curve between the samples of the input."""
         return self._photoreceptor is not None
 
     def traced(

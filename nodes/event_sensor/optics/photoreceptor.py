@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from nodes.event_sensor.batch import SampleLists
+from nodes.event_sensor.input.batch import SampleLists
 from nodes.event_sensor.optics import photoreceptor_kernels as kernels
 from nodes.event_sensor.optics import photoreceptor_simd_kernels as simd
 from nodes.event_sensor.optics.photoreceptor_simd_kernels import Receptor

@@ -1,1 +1,17 @@
-"""Single pixels between the frames of a gap, where what they show changes: error falls, cost follows events."""
+"""Further samples of single pixels between the frames of a gap, where what a pixel shows changes (`time_tolerance`).
+
+The words of this room:
+
+- A gap between keyframes A and B has K *coarse intervals*; the frames of `rigid` stand at their ends (coarse frames).
+- A coarse interval is divided by 2^depth - 1 *instants* inside it. They alone are candidates for samples, and those of
+  a *window* of neighbouring coarse intervals are placed together, one per *slot*.
+- *Probes* are z-buffers without any light at some of the instants; they tell which surfaces a pixel shows in between.
+- A *change* is the instant at which a pixel passes from one surface to another; between two changes is a *run* of one
+  surface.
+- A *sample* is the radiance I of one pixel at one instant.
+
+The way of the data (`refinement.py` has it in order): `instants.py` chooses the instants, `probes.py` draws the probes,
+`change_kernels.py` finds the changes, `run_kernels.py` with `path_kernels.py` lists the samples that each run needs,
+`sight_kernels.py` and `evaluator.py` compute them, `interval_kernels.py` halves intervals that are still not straight,
+and `further_kernels.py` sorts all samples by pixel and time.
+"""

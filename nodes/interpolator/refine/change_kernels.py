@@ -1,4 +1,4 @@
-"""When a pixel passes from one surface to another between two coarse samples: from probe to probe, by halves."""
+"""Finds the instants at which pixels pass from one surface to another: between two probes, by bisection."""
 
 import warp as wp
 
@@ -19,7 +19,7 @@ SHARP = wp.constant(2)
 
 @wp.struct
 class Ends:
-    """Holds z-buffer entries at the ends of a coarse interval."""
+    """Holds a pixel's z-buffer entries at both ends of a coarse interval."""
 
     before: wp.uint64
     after: wp.uint64
@@ -27,9 +27,12 @@ class Ends:
 
 @wp.struct
 class Changes:
-    """Holds a list of passages from one surface to another. low: the instant before; before, after: z-buffer entries at
-    that one and the next; later: when it passes, in PARTS after `low`, 0 where that is not known; following: place of
-    the next one between the same probes, -1 for none. first: of each listed pixel and probe, the place of the first."""
+    """Holds a list of changes from one surface to another.
+
+    low: the last instant of the old surface. before, after: z-buffer entries at `low` and at the next instant. later:
+    time of the change, in PARTS after `low`, 0 = unknown. following: index of the next change between the same probes,
+    -1 = none. first: index of the first change of each listed pixel and probe, -1 = none.
+    """
 
     low: wp.array(dtype=int)
     before: wp.array(dtype=wp.uint64)
@@ -41,7 +44,7 @@ class Changes:
 
 @wp.func
 def spot_of(view: CameraView, cut: Cut, k: int, q: int):
-    """Gives coarse interval k of the pixel at q in [E, h, w]."""
+    """Makes the Spot of coarse interval k and pixel q, an index into [E, h, w]."""
     spot = Spot()
     spot.k = k
     spot.q = q
@@ -54,7 +57,7 @@ def spot_of(view: CameraView, cut: Cut, k: int, q: int):
 
 @wp.func
 def ends_of(cut: Cut, stage: Stage, start: wp.array3d(dtype=wp.uint64), spot: Spot):
-    """Reads the z-buffer at both ends of a coarse interval; start: of keyframe A."""
+    """Reads the z-buffer entries at both ends of a coarse interval; start: z-buffer of keyframe A."""
     ends = Ends()
     if spot.k == 0:
         ends.before = start[spot.env, spot.y, spot.x]
@@ -83,8 +86,11 @@ def find_changes(
     changes: Changes,
     count: wp.array(dtype=int),
 ):
-    """Lists when pixels pass from one surface to another, from `room` on, `most` at most; count[band]: how many there
-    would be. others: which pixels, from others0 on, as indices into [coarse intervals, E, h, w]."""
+    """Lists the changes of pixels that show several surfaces.
+
+    others: these pixels, from others0 on, indices into [coarse intervals, E, h, w]. changes: written from `room` on,
+    at most `most`. count[band]: how many there are, also where that is more than `most`.
+    """
     inner = cut.envs * cut.height * cut.width
     job = wp.tid()
     while job < others_count[band] * cut.probes:

@@ -1,4 +1,4 @@
-"""Single pixels at instants of their own: seen, looked up in both keyframes, and shaded where neither shows them."""
+"""Computes the radiance of single pixels at instants: looked up in the keyframes, or shaded if neither shows it."""
 
 from __future__ import annotations
 
@@ -22,15 +22,14 @@ from nodes.renderer.lights.lights import waveform_strength
 from nodes.renderer.raster.visibility import Visibility
 
 LISTS = DEEPEST + 2
-"""Lists of a window, at most: the first one, and one for each time that an interval is halved."""
+"""Most lists of a window: the first one, and one for each time that an interval is halved."""
 
 
 class Evaluator:
-    """Evaluates listed pixels at the instants that are in its slots, `slots` x E rows, for the gap that a `Rigid` has
-    just made frames of.
+    """Evaluates listed pixels at the instants of one window, in the gap whose frames a `Rigid` made last.
 
-    hits uint64 [list]: z-buffer entries, to be written before; values [list]: radiance. bands: threads, each with a
-    part of the list. strength float32 [slots E]: of lights that flicker, empty without such.
+    hits: uint64 [list], z-buffer entries, which the caller writes first. values: [list], the radiance found. bands:
+    parts of the list, each for a CPU thread. strength: float32 [slots E], of lights that flicker, empty without such.
     """
 
     def __init__(self, rigid: Rigid, slots: int, threads: int, light_samples: int) -> None:
@@ -82,7 +81,7 @@ class Evaluator:
 
     @property
     def moved(self) -> tuple[wp.array, wp.array]:
-        """Gives how bodies have moved since A, then since B, mat33 and vec3 [2 R, N + 2]."""
+        """Gives the motion of each body since A (rows 0 .. R - 1) and since B (R ..), mat33 and vec3 [2 R, N + 2]."""
         return self._turn, self._shift
 
     @property
@@ -91,12 +90,12 @@ class Evaluator:
         return self._shaded + (int(self._counts.numpy().sum()) if self._lists else 0)
 
     def begin(self, stamps: np.ndarray, a: States, b: States, held: np.ndarray) -> None:
-        """Begins a gap; arguments as of Slots.begin, for all instants."""
+        """Begins a gap; arguments as of Slots.begin, with the stamps of all instants."""
         self._stamps, self._lists, self._shaded = stamps, 0, 0
         self.places.begin(stamps, a, b, held)
 
     def place(self, instants: Sequence[int], upsampling: int) -> None:
-        """Places what may move at instants, counted from 1 of `upsampling`, one for each slot."""
+        """Places moving bodies at an instant for each slot; instants: counted from 1, of `upsampling` in the gap."""
         v, rigid, shading = self.visibility, self._rigid, self.shading
         self._shaded, self._lists = self.shaded, 0
         self._counts.zero_()
@@ -120,7 +119,7 @@ class Evaluator:
                 self.strength.assign(np.array(strength, np.float32))
 
     def reserve(self, size: int) -> None:
-        """Makes room for lists; what is there is lost where there is none."""
+        """Makes room for lists of `size` pixels; entries there are lost where the arrays must grow."""
         if size > self._room:
             self._room = size + size // 2
             with wp.ScopedDevice(self.visibility.device):
@@ -129,8 +128,10 @@ class Evaluator:
                 self._anew, self._places = (wp.empty(self._room, dtype=wp.int32) for _ in range(2))
 
     def evaluate(self, listed: wp.array, starts: Sequence[int], counts: Sequence[int]) -> None:
-        """Computes `values` of listed pixels, int32 indices into [slots, E, h, w]: of band k, counts[k] from starts[k]
-        on."""
+        """Computes `values` of listed pixels.
+
+        listed: int32, indices into [slots, E, h, w]. starts, counts: where each band begins, and its length.
+        """
         v, rigid = self.visibility, self._rigid
         unseen = self._counts[self._lists * self.bands : (self._lists + 1) * self.bands]
         self._lists += 1
@@ -145,7 +146,7 @@ class Evaluator:
             given: list[Any] = [v.view, start, start + count, max(threads, 1), k, *how, listed, self._none]
             launches.append((self._gather, threads, [*given, values, self._anew, self._places, unseen]))
         rigid.sampling.launch([one for one in launches if one[1]])
-        # A GPU is not waited for.
+        # On a GPU reading the count would wait for the kernel, so the shading is launched in any case.
         if v.device.is_cpu and not unseen.numpy().any():
             return
         self.shading.shade_list(self._radiance, self._anew, unseen, list(starts), True)
@@ -155,7 +156,7 @@ class Evaluator:
             wp.launch(self._place, workers, [*given, self._radiance], [values], device=v.device)
 
     def _portion(self) -> Any:
-        """What the gather reads of the slots and of the scene."""
+        """Fills in the struct that the gather kernel reads of the slots and of the scene."""
         portion: Any = Portion()
         layout, rigid = self._rigid.layout, self._rigid
         portion.slot0, portion.count, portion.envs, portion.frames = 0, self._slots, self._envs, 1

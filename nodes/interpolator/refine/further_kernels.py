@@ -1,4 +1,4 @@
-"""Samples of single pixels, as they were made, sorted by pixel and time."""
+"""Sorts samples by pixel and time."""
 
 from functools import cache
 from typing import Any
@@ -17,7 +17,7 @@ def count_samples(
     # out
     count: wp.array(dtype=int),
 ):
-    """Counts the samples of each pixel q, at count[q + 1]."""
+    """Counts the samples of each pixel q in count[q + 1]."""
     wp.atomic_add(count, pixels[wp.tid()] + 1, 1)
 
 
@@ -31,7 +31,7 @@ def place_samples(
     # out
     order: wp.array(dtype=int),
 ):
-    """Puts the number of each sample among those of its pixel, in any order."""
+    """Groups the numbers of the samples by pixel, in any order within a pixel."""
     j = wp.tid()
     q = pixels[j]
     order[first[q] + wp.atomic_add(taken, q, 1)] = j
@@ -56,8 +56,10 @@ def make_sort(channels: int) -> wp.Kernel:
         offset: wp.array(dtype=int),
         value: wp.array(dtype=pixel),
     ):
-        """Puts each sample where it comes in time among those of its pixel. order: samples by pixel; since [E,
-        instants]: ns after the gap's start; inner: pixels of an environment."""
+        """Writes each sample to its place in time among those of its pixel.
+
+        inner: pixels of an environment. since: [E, instants], ns from the gap's start. order: samples by pixel.
+        """
         j = order[wp.tid()]
         q = pixels[j]
         t = instants[j]

@@ -10,8 +10,7 @@ import numpy as np
 from evis.runtime.clock import subframe_stamps
 
 ROWS, MOST = 1 << 23, 1 << 27
-"""Pixels of all instants that are placed together, of which little is touched: as many as a window has, if it holds
-several coarse intervals, and most."""
+"""Most pixels of all slots of a window: on a CPU where a window has several coarse intervals, and in any case."""
 
 DEEPEST = 10
 """Most times that a coarse interval is halved."""
@@ -19,8 +18,11 @@ DEEPEST = 10
 
 @dataclass(frozen=True)
 class Instants:
-    """Says how finely a gap is cut: K coarse intervals of 2^depth instants each, `windows` of which are worked on one
-    after the other; per_window: coarse intervals of one. reached: whether that is fine enough."""
+    """Says how finely a gap is divided.
+
+    coarse: K coarse intervals, each divided into 2^depth by the instants inside it. per_window: coarse intervals that
+    are worked on at once. reached: whether the instants are as close as the tolerance of time asks for.
+    """
 
     coarse: int
     depth: int
@@ -29,17 +31,17 @@ class Instants:
 
     @property
     def count(self) -> int:
-        """Gives the instants of a gap, coarse ones included."""
+        """Counts the instants of a gap, with the ends of coarse intervals."""
         return self.coarse << self.depth
 
     @property
     def inside(self) -> int:
-        """Gives the instants within a coarse interval."""
+        """Counts the instants inside a coarse interval, without its ends."""
         return (1 << self.depth) - 1
 
     @property
     def slots(self) -> int:
-        """Gives the instants of a window, without the coarse ones."""
+        """Counts the instants of a window, without the ends of coarse intervals."""
         return self.per_window * self.inside
 
     def windows(self) -> list[tuple[int, int]]:
@@ -47,8 +49,10 @@ class Instants:
         return [(k, min(k + self.per_window, self.coarse)) for k in range(0, self.coarse, self.per_window)]
 
     def of_window(self, first: int) -> list[int]:
-        """Gives the instant, counted from 1, of each slot of the window that begins with a coarse interval; those left
-        over repeat the last one."""
+        """Gives the instant, counted from 1, of each slot of the window that begins with coarse interval `first`.
+
+        Slots beyond the gap's end repeat its last instant.
+        """
         each = 1 << self.depth
         made = [k * each + j for k in range(first, first + self.per_window) for j in range(1, each)]
         return [min(i, self.count) for i in made]
@@ -59,10 +63,15 @@ class Instants:
 
 
 def instants_of(gap_ns: int, coarse: int, tolerance_ns: float, pixels: int, looks: int, cpu: bool) -> Instants:
-    """Finds instants so close that a crossing between two of them is known to the tolerance, from their middle.
+    """Chooses instants so close that the middle between two of them is within the tolerance of any crossing there.
 
-    pixels: of an instant, in all environments. looks: instants per coarse interval, at least, a power of two. cpu:
-    whether the device is one.
+    Args:
+        gap_ns: length of the gap.
+        coarse: K.
+        tolerance_ns: greatest error wanted in the time of a crossing.
+        pixels: of all environments at one instant.
+        looks: least number of parts of a coarse interval, a power of two.
+        cpu: whether kernels run on a CPU.
     """
     wanted = max(0, math.ceil(math.log2(max(gap_ns / coarse / (2 * tolerance_ns), 1e-9))))
     least = looks.bit_length() - 1

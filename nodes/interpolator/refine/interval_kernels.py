@@ -1,4 +1,4 @@
-"""Intervals of single pixels between two of their samples: which are cut, where, and which are straight."""
+"""Decides which intervals between two samples of a pixel are halved, until ln I is straight between samples."""
 
 from functools import cache
 from typing import Any
@@ -16,15 +16,15 @@ from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
 wp.set_module_options({"enable_backward": False})
 
 LENGTHS = wp.constant(1 << 15)
-"""More than the instants of a coarse interval."""
+"""Greater than the number of instants of a coarse interval; packs two of them into one number."""
 
 
 @cache
 def make_intervals(channels: int) -> Any:
     """Makes the struct of a list of intervals; channels: 1 (luminance) or 3 (RGB).
 
-    at: the instant at which it is cut and the pixel, index into [slots, E, h, w]. ends: LENGTHS times the instant of
-    its start, counted from that of its coarse interval, plus that of its end. start, end: ln of radiance at its ends;
+    at: the instant at which the interval is halved and its pixel, index into [slots, E, h, w]. ends: LENGTHS times
+    the instant of its start, counted within the coarse interval, plus that of its end. start, end: ln I at its ends.
     before, after: z-buffer entries there.
     """
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
@@ -56,7 +56,7 @@ def see(
     # out
     hits: wp.array(dtype=wp.uint64),
 ):
-    """Finds what is seen where intervals first .. last - 1 are cut, as z-buffer entries; arguments as of Intervals."""
+    """Computes z-buffer entries where intervals first .. last - 1 are halved; at, before, after: of Intervals."""
     j = first + wp.tid()
     while j < last:
         x = at[j] % cut.width + cut.margin
@@ -68,7 +68,10 @@ def see(
 
 @cache
 def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
-    """Makes the kernels `check` and `split`; channels: 1 (luminance) or 3 (RGB)."""
+    """Makes the kernels `check` (after the first list) and `split` (after later ones).
+
+    Both add evaluated pixels to the samples and list the intervals to halve next. channels: 1 (luminance) or 3 (RGB).
+    """
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
     Intervals: Any = make_intervals(channels)
     Instances: Any = make_instances(channels)
@@ -86,7 +89,7 @@ def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
         before: wp.uint64,
         after: wp.uint64,
     ):
-        """Writes an interval into a list, to be cut in the middle. at: index of the pixel at one of its instants."""
+        """Writes the interval from `low` to `high` into a list. at: its pixel at any slot of the coarse interval."""
         inner = cut.envs * cut.height * cut.width
         k = at // inner // cut.slots
         intervals.at[place] = (k * cut.slots + (low + high) // 2 - 1) * inner + at % inner
@@ -98,7 +101,7 @@ def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
 
     @wp.func
     def suspect(cut: Cut, rise: pixel, actual: pixel):
-        """Tells whether what a keyframe tells of a change of ln I is not what has happened."""
+        """Tells whether ln I has changed otherwise than looked up in a keyframe; rise: looked up, or UNKNOWN."""
         if apart(rise, pixel(0.0)) >= UNKNOWN:
             return apart(actual, pixel(0.0)) > cut.jump
         return apart(rise, actual) > cut.bend
@@ -127,8 +130,8 @@ def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
         intervals: Intervals,
         count: wp.array(dtype=int),
     ):
-        """Notes pixels at instants first .. last - 1, of that radiance, as samples, from `known` on, and lists the
-        intervals beside them that are to be cut, from `room` on; image, start, frames: as of `find_runs`."""
+        """Adds entries first .. last - 1 of `instances` to the samples, from `known` on, and lists the intervals beside
+        them that are to be halved, from `room` on. image, start, frames: as of `find_plain`."""
         j = first + wp.tid()
         inner = cut.envs * cut.height * cut.width
         while j < last:
@@ -203,8 +206,8 @@ def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
         halves: Intervals,
         count: wp.array(dtype=int),
     ):
-        """Notes where intervals first .. last - 1 were cut, of that radiance, as samples, from
-        `known` on, and lists their parts that are to be cut, from `room` on."""
+        """Adds the middles of intervals first .. last - 1 to the samples, from `known` on, and lists those of their
+        halves that are to be halved again, from `room` on."""
         j = first + wp.tid()
         inner = cut.envs * cut.height * cut.width
         while j < last:

@@ -1,4 +1,4 @@
-"""`rigid` with further samples of single pixels between its frames."""
+"""Method `rigid` with further samples of single pixels between its frames."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from nodes.interpolator.samples import Further
 
 
 class Refined:
-    """Makes the frames of `Rigid`, few of them, and finds when what single pixels show changes between them.
+    """Makes the frames of `Rigid`, and samples of single pixels between them where what they show changes.
 
-    further: of the gap made last, None without any.
+    further: the samples of the gap made last, None without any.
     """
 
     def __init__(self, rigid: Rigid, tolerance_ns: float, threads: int = 1, light_samples: int = 16) -> None:
-        """tolerance_ns: of the time of a crossing."""
+        """tolerance_ns: greatest error wanted in the time of a threshold crossing [ns]."""
         self.rigid, self.refinement = rigid, Refinement(rigid, tolerance_ns, threads, light_samples)
         self.further: Further | None = None
 

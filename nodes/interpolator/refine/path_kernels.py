@@ -1,4 +1,4 @@
-"""The way of a pixel over a surface between two coarse samples, looked up roughly in a keyframe: where it bends."""
+"""Follows the point that a pixel sees over a surface, looked up in a keyframe, and finds where ln I bends."""
 
 from functools import cache
 from typing import Any
@@ -15,15 +15,15 @@ from nodes.renderer.raster.view_kernels import CameraView
 wp.set_module_options({"enable_backward": False})
 
 LEAST_STEP = wp.constant(0.02)
-"""Way [px] over a surface that tells nothing."""
+"""Shortest way [px] over a surface along which ln I is looked up."""
 MOST_STEPS = wp.constant(48)
 PER_PIXEL = wp.constant(1.5)
-"""Steps per pixel of a path."""
+"""Look-ups per pixel of the way, of at most MOST_STEPS."""
 ROUGH_STEP = wp.constant(0.5)
-"""Way [px] over a surface whose neighbouring pixels differ, after which it is looked at: interpolation between these
-pixels may hide the most of what it shows."""
+"""Way [px] over a surface whose neighbouring pixels differ, after which a sample is taken: interpolation between these
+pixels may hide most of the surface's contrast."""
 UNKNOWN = wp.constant(1.0e30)
-"""Change of ln I that no keyframe tells."""
+"""Stands for a change of ln I that cannot be looked up in a keyframe."""
 STEEPEST = wp.constant(1.0e30)
 PARTS = wp.constant(64)
 """Parts of the time from one instant to the next."""
@@ -31,12 +31,15 @@ PARTS = wp.constant(64)
 
 @wp.struct
 class Cut:
-    """Says when an interval is cut. jump: difference of ln I of its ends; bend: distance of a sample in it from the
-    straight line, or from what a keyframe tells; straight: the same within a keyframe; rough: difference of
-    neighbouring pixels there from which on it does not tell all. first, coarse: the coarse interval with which the
-    slots begin, and how many the gap has. slots: instants within a coarse interval, 2^depth - 1; probes:
-    z-buffers that are drawn per coarse interval, 2^n, the coarse one included; looks: instants per coarse interval at
-    which light that flickers is looked at, 2^n; rows: of the coarse frames."""
+    """Holds the limits beyond which an interval is halved, and the sizes of the present window.
+
+    jump: difference of ln I between the ends of an interval. bend: distance of ln I inside it from the straight line,
+    or from what was looked up. straight: the same distance within a keyframe. rough: difference of ln I between
+    neighbouring pixels of a keyframe, beyond which look-ups may miss contrast. first: the window's first coarse
+    interval. coarse: coarse intervals of the gap, K. slots: instants inside a coarse interval, 2^depth - 1. probes:
+    parts that z-buffers make of a coarse interval, 2^n. looks: parts at whose ends flickering light is looked at, 2^n.
+    rows: of the coarse frames' z-buffers. height, width [px]: of a frame, without margin [px].
+    """
 
     jump: float
     bend: float
@@ -57,8 +60,11 @@ class Cut:
 
 @wp.struct
 class Spot:
-    """Says which pixel and coarse interval is looked at: place with the margin, ray, environment, and where it is in
-    [E, h, w]."""
+    """Holds a pixel and a coarse interval.
+
+    env: environment. x, y: pixel in the image with its margin. q: its index into [E, h, w]. k: number of the coarse
+    interval. d: the pixel's ray; depth times d is the point that it sees.
+    """
 
     env: int
     x: int
@@ -70,8 +76,11 @@ class Spot:
 
 @wp.struct
 class Stage:
-    """Holds what is where at the instants of the slots: how bodies have moved since A, then since B, [2 R, N + 2], and
-    z-buffers [rows, H, W] of B and of the sub-frames 1 .. K - 1; `probed` and `probes`: packed and each of Probes."""
+    """Holds the scene at the instants of a window.
+
+    turn, shift: [2 R, N + 2], motion of the bodies since A, then since B. packed: [rows, H, W], z-buffers of B and of
+    sub-frames 1 .. K - 1. probed, probes: `packed` and `each` of Probes. targets: what rays can meet.
+    """
 
     turn: wp.array2d(dtype=wp.mat33)
     shift: wp.array2d(dtype=wp.vec3)
@@ -85,11 +94,11 @@ class Stage:
 def make_instances(channels: int) -> Any:
     """Makes the struct of a list of pixels at instants; channels: 1 (luminance) or 3 (RGB).
 
-    at: index into [slots, E, h, w]. before, after: z-buffer entries at known instants before and after. previous: of
-    the same pixel in the same coarse interval, the place in the list, -1 for none. later: how much later it is than the
-    instant at which it is looked at, in PARTS. rise: by how much ln I has changed since the previous one, or since the
-    coarse sample before, by what a keyframe tells; ends: 1 of the last one of its coarse interval; tail: by how much it
-    will then change until the coarse sample after.
+    at: index into [slots, E, h, w]. before, after: z-buffer entries at known instants before and after. previous: index
+    in the list of the one before, of the same pixel and coarse interval, -1 = none. later: time of the sample after its
+    instant, in PARTS, negative = before it. rise: change of ln I since the previous one, or since the coarse frame
+    before, looked up in a keyframe, or UNKNOWN. ends: 1 for the last one of a coarse interval. tail: change of ln I
+    from there to the coarse frame after.
     """
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
 
@@ -109,7 +118,7 @@ def make_instances(channels: int) -> Any:
 
 @wp.func
 def outside(slope: wp.float32, low: wp.float32, high: wp.float32):
-    """Tells whether a slope is not between two; in RGB in any channel."""
+    """Tells whether a slope is below `low` or above `high`, in RGB in any channel."""
     return slope < low or slope > high
 
 
@@ -123,7 +132,7 @@ def outside(slope: Any, low: Any, high: Any):  # noqa: F811 - overloaded by its 
 
 @wp.func
 def entry_at(cut: Cut, stage: Stage, spot: Spot, i: int):
-    """Gives the z-buffer entry of a probe, at instant i of the coarse interval."""
+    """Reads the z-buffer entry of the probe at instant i of the coarse interval."""
     half = wp.int32(1)
     odd = (cut.slots + 1) // 2
     while i % odd != 0:
@@ -135,7 +144,7 @@ def entry_at(cut: Cut, stage: Stage, spot: Spot, i: int):
 
 @wp.func
 def slot_row(cut: Cut, spot: Spot, i: int):
-    """Gives the row of an instant within the coarse interval among those of the slots."""
+    """Gives the row of instant i of the coarse interval in arrays of all slots, [slots E, ...]."""
     return ((spot.k - cut.first) * cut.slots + i - 1) * cut.envs + spot.env
 
 
@@ -160,7 +169,7 @@ def make_note(channels: int) -> Any:
         band: int,
         count: wp.array(dtype=int),
     ):
-        """Lists an instant of a pixel, from `room` on, if there are not `most` yet; gives its place."""
+        """Adds instant i of a pixel to the list, from `room` on, unless it has `most` entries. Gives its index."""
         n = take_place(count, band)
         if n < most:
             instances.at[room + n] = slot_row(cut, spot, i) // cut.envs * cut.envs * cut.height * cut.width + spot.q
@@ -198,8 +207,10 @@ def make_walk(lens: str, channels: int, flicker: bool) -> Any:
         body: int,
         away: float,
     ):
-        """Gives where [px] in keyframe `which` the point is that a pixel sees at instant i, `away` on its ray, if it
-        is on a body."""
+        """Computes where [px] keyframe `which` shows the point that a pixel sees at instant i.
+
+        body: that the point is on. away: its distance along the ray, in multiples of `spot.d`.
+        """
         middle = wp.vec2(float(spot.x), float(spot.y))
         if which + i + spot.k == 0:
             return middle
@@ -217,12 +228,12 @@ def make_walk(lens: str, channels: int, flicker: bool) -> Any:
 
     @wp.func
     def inside(view: CameraView, at: wp.vec2):
-        """Tells whether all pixels about a place are there."""
+        """Tells whether all four pixels around a place are in the image."""
         return at[0] >= 0.0 and at[1] >= 0.0 and at[0] < float(view.width - 1) and at[1] < float(view.height - 1)
 
     @wp.func
     def between_pixels(view: CameraView, keys: Keyframes, base: int, at: wp.vec2, patch: int):
-        """Interpolates log radiance linearly, or takes the nearest pixel's where not all about a place show a patch."""
+        """Interpolates ln I of a keyframe bilinearly; takes the nearest pixel's where not all four show the patch."""
         left = int(at[0])
         top = int(at[1])
         fx = at[0] - float(left)
@@ -237,7 +248,7 @@ def make_walk(lens: str, channels: int, flicker: bool) -> Any:
 
     @wp.func
     def roughness(view: CameraView, keys: Keyframes, base: int, at: wp.vec2):
-        """Gives by how much the four pixels about a place differ."""
+        """Computes the greatest difference of ln I between the four pixels around a place."""
         here = base + int(at[1]) * view.width + int(at[0])
         below = here + view.width
         a = keys.logs[here]
@@ -265,11 +276,11 @@ def make_walk(lens: str, channels: int, flicker: bool) -> Any:
         band: int,
         count: wp.array(dtype=int),
     ):
-        """Goes the way of a pixel over the surface that it shows from instant `start` to `end` of a coarse interval, in
-        keyframe `which`, and lists the instants between which ln of radiance is straight enough.
+        """Follows a pixel over one surface from instant `start` to `end` in keyframe `which`, and lists the instants
+        between which ln I is straight within cut.straight.
 
-        before, after: z-buffer entries then. last: place of the instant listed before. Gives the same again, by how
-        much ln of radiance has changed since, and whether the keyframe shows all of the way.
+        before, after: z-buffer entries at `start` and `end`. last: index of the entry listed before, -1 = none. Gives
+        the index of the last entry listed, the change of ln I since, and whether the keyframe shows all of the way.
         """
         patch = wp.int32(0)
         body = keys.turn.shape[1] - 1

@@ -1,4 +1,4 @@
-"""How close in time z-buffers have to be, so that no thin thing passes a pixel between two of them."""
+"""Counts how often thin things would pass a pixel between two z-buffers without being seen in either."""
 
 from functools import cache
 
@@ -11,11 +11,11 @@ from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
 wp.set_module_options({"enable_backward": False})
 
 REACH = wp.constant(64)
-"""Way [px] beyond which a thing is not looked at: what is wider is not missed."""
+"""Widest thing [px] that is measured; wider ones are not missed."""
 THIN = wp.constant(0.125)
-"""Width [px] of a thing that is seen in one pixel alone: it may be much thinner than that."""
+"""Width [px] taken for a thing that one pixel alone shows, as it may be much thinner than a pixel."""
 MOST_NEEDED = wp.constant(4096)
-"""Z-buffers per gap beyond which it does not matter how many more would be needed."""
+"""Most z-buffers per gap that are counted as needed."""
 
 
 @wp.func
@@ -29,8 +29,10 @@ def width_to(
     along: wp.vec2,
     reach: int,
 ):
-    """Counts the pixels from one on along a direction up to where what it shows ends before something farther; 0 where
-    it does not within `reach`, or goes on behind something nearer or beyond the image."""
+    """Counts the pixels from (x, y) along a direction to where its instance ends in front of something farther.
+
+    Gives 0 where it does not end within `reach` pixels, or is cut off by something nearer or by the image's border.
+    """
     shown = instance[triangle_of(hit)]
     for s in range(1, reach + 1):
         i = int(wp.floor(float(x) + along[0] * float(s) + 0.5))

@@ -1,4 +1,4 @@
-"""Samples of single pixels between frames: where they are needed, and rounds of cuts where no keyframe tells that."""
+"""Finds the samples of single pixels between frames: first along runs, then by halving intervals in rounds."""
 
 from __future__ import annotations
 
@@ -21,17 +21,18 @@ from nodes.interpolator.samples import Further
 from nodes.renderer.lighting import LIST_WORKERS
 
 PART = 0.5
-"""Part of the tolerance of ln I that the ends of an interval may differ by, and its middle be off a straight line."""
+"""Share of the tolerance of ln I within which an interval is left whole: the ends may differ by so much, and the middle
+lie so far off the straight line between them."""
 PLAIN = 0.1
-"""Part of it that what a keyframe shows may be off a straight line: looking there costs little."""
+"""Share of that tolerance within which ln I looked up in a keyframe counts as a straight line: look-ups are cheap."""
 SPARE = 1.5
-"""Room that is made, of what is needed."""
+"""Allocated size over needed size, so that lists seldom grow."""
 LOOKS, LEAST_LOOKS = 32, 4
 """Instants per gap and, at least, per coarse interval, at which light that flickers is looked at."""
 
 
 class Lists:
-    """Holds a list on a device, as long as there is need of; `kernel`: the struct of its arrays."""
+    """Holds a growing list on a device, as a struct of arrays for kernels: `kernel`, of `size` entries."""
 
     def __init__(self, struct: Any, pixel: Any, device: Any) -> None:
         """pixel: the type of ln I."""
@@ -42,7 +43,7 @@ class Lists:
         self._device, self.size = device, 0
 
     def reserve(self, size: int) -> None:
-        """Makes room; what is there is lost where there is none."""
+        """Makes room for `size` entries; entries there are lost where the arrays must grow."""
         if size > self.size:
             self.size = int(SPARE * size)
             for name, dtype in self._types.items():
@@ -50,16 +51,16 @@ class Lists:
 
 
 ENTRIES = ("before", "after")
-"""Arrays of z-buffer entries."""
+"""Fields that hold z-buffer entries, uint64."""
 VALUES = ("start", "end", "rise", "tail")
-"""Arrays of ln I and of its changes."""
+"""Fields that hold ln I or changes of it."""
 
 
 class Refinement:
-    """Finds further samples of single pixels between the frames that a `Rigid` has just made."""
+    """Finds further samples of single pixels between the frames that a `Rigid` made last."""
 
     def __init__(self, rigid: Rigid, tolerance_ns: float, threads: int, light_samples: int) -> None:
-        """tolerance_ns: of the time of a crossing."""
+        """tolerance_ns: greatest error wanted in the time of a threshold crossing [ns]."""
         self._rigid, self._tolerance_ns = rigid, tolerance_ns
         self._threads, self._light_samples = threads, light_samples
         layout = rigid.layout
@@ -81,14 +82,14 @@ class Refinement:
         self._made: list[wp.array] = [wp.empty(0, dtype=t, device=v.device) for t in (int, int, self._pixel)]
         self._held = wp.zeros(layout.envs, dtype=wp.int32, device=v.device)
         self._most = self._most_changes = 0
-        """Instants and passages that a band has been found to need in a window."""
+        """Most entries of `_instances` and of `_changes` that a band has needed in a window so far."""
         self.evaluated = self.shaded = 0
-        """Samples of the last gap, and those of them that were shaded."""
+        """How many samples the last gap has, and how many of them were shaded."""
         self.reached = True
         """Whether these are as close as the tolerance of time asks for, where need be."""
 
     def further(self, a: KeyframeView, b: KeyframeView, held: np.ndarray, frames: wp.array) -> Further | None:
-        """Gives samples between the frames [E K, h, w] of the gap just made, None where there are none."""
+        """Computes the samples between the frames [E K, h, w] of the gap made last; None without any."""
         rigid = self._rigid
         envs = rigid.layout.envs
         starts, ends = a.times(envs), b.times(envs)
@@ -116,7 +117,7 @@ class Refinement:
         return self._sorted(total, since.astype(np.int32)) if total else None
 
     def _evaluator(self, instants: Instants) -> Evaluator:
-        """The evaluator with that many slots; gaps differ by a nanosecond, and hardly ever by more."""
+        """Gives the evaluator for these instants; one is kept, as gaps seldom differ by more than a nanosecond."""
         if instants.slots not in self._evaluators:
             self._evaluators = {
                 instants.slots: Evaluator(self._rigid, instants.slots, self._threads, self._light_samples)
@@ -126,7 +127,7 @@ class Refinement:
     def _window(
         self, instants: Instants, evaluator: Evaluator, first: int, last: int, frames: wp.array, total: int
     ) -> int:
-        """Refines coarse intervals first .. last - 1. Gives how many samples there are then, `total` before."""
+        """Refines coarse intervals first .. last - 1; total: samples so far. Returns the samples then."""
         evaluator.place(instants.of_window(first), instants.count)
         cut, stage = self._cut(instants, evaluator, first), self._stage(evaluator)
         starts, counts = self._runs(evaluator, cut, stage, last, frames)
@@ -150,7 +151,10 @@ class Refinement:
     def _evaluate(
         self, evaluator: Evaluator, cut: Any, stage: Any, listed: Lists, starts: list[int], counts: list[int]
     ) -> None:
-        """Finds what listed pixels see, and their radiance: of band k, counts[k] from starts[k] on."""
+        """Computes z-buffer entries and radiance of the listed pixels.
+
+        starts, counts: where the entries of each band begin in the list, and how many there are.
+        """
         evaluator.reserve(listed.size)
         pixels = listed.kernel
         launches = []
@@ -164,8 +168,10 @@ class Refinement:
     def _round(
         self, kernel: Any, cut: Any, starts: list[int], counts: list[int], given: list[Any], there: Lists, total: int
     ) -> tuple[list[int], list[int], int]:
-        """Notes what was evaluated as samples, and lists the intervals that are to be cut, in `there`: where they
-        start, and counts, by band."""
+        """Adds what was evaluated to the samples, and lists the intervals that are to be halved next in `there`.
+
+        kernel: `check` or `split`. Returns starts and counts by band of that list, and the number of samples.
+        """
         known = (total + np.concatenate([[0], np.cumsum(counts)])).tolist()
         rooms = (2 * np.concatenate([[0], np.cumsum(counts)])).tolist()
         there.reserve(rooms[-1])
@@ -184,8 +190,10 @@ class Refinement:
     def _runs(
         self, evaluator: Evaluator, cut: Any, stage: Any, last: int, frames: wp.array
     ) -> tuple[list[int], list[int]]:
-        """Lists the instants at which pixels are looked at in a window up to coarse interval `last`, by band: where
-        they start, and counts."""
+        """Lists the pixels and instants at which runs need a sample, in the window from cut.first to last - 1.
+
+        The lists grow, and the kernels run again, until everything fits. Returns starts and counts by band.
+        """
         rigid, v, bands = self._rigid, evaluator.visibility, evaluator.bands
         height, width = evaluator.size
         envs = rigid.layout.envs
@@ -245,7 +253,7 @@ class Refinement:
         return stage
 
     def _room_for(self, count: int, kept: int) -> list[wp.array]:
-        """Makes room for so many samples more than there are, which are kept."""
+        """Makes room for `count` more samples; the first `kept` stay."""
         size = kept + count
         if size > self._made[0].size:
             grown = []
@@ -258,7 +266,7 @@ class Refinement:
         return self._made
 
     def _sorted(self, total: int, since: np.ndarray) -> Further:
-        """The samples by pixel and time. since: of each instant, ns after the gap's start, int32 [E, instants]."""
+        """Sorts the samples by pixel and time. since: int32 [E, instants], ns from the gap's start to each instant."""
         layout, device = self._rigid.layout, self._device
         envs, (height, width) = layout.envs, self._rigid.size
         count = envs * height * width

@@ -1,4 +1,4 @@
-"""What a pixel shows between two coarse samples, run by run of one surface: the instants to look at it, all at once."""
+"""Lists the samples that pixels need: at both ends of each run of one surface, and where ln I bends along it."""
 
 from functools import cache
 from typing import Any
@@ -212,7 +212,7 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, 
             ends = ends_of(cut, stage, start, spot)
             last = wp.int32(-1)
             none = pixel(UNKNOWN)
-            # The run so far: where it began, and what was seen there.
+            # The present run: the instant at which it began, and the z-buffer entry there.
             begun = wp.int32(0)
             seen = ends.before
             for n in range(stage.probes[spot.env]):

@@ -1,4 +1,4 @@
-"""What single pixels see at instants of their own: what they saw just before and after, else whatever a ray meets."""
+"""Computes z-buffer entries of single pixels by rays, first against what the pixel saw before and after."""
 
 import warp as wp
 
@@ -15,16 +15,19 @@ FAR = wp.constant(1.0e30)
 """Depth [m] behind everything."""
 OUTSIDE = wp.constant(-1.0e30)
 BESIDE = wp.constant(-1.0)
-"""Least weight of a corner up to which a smooth patch goes on as the plane of a triangle that a ray just misses."""
+"""Least weight of a corner with which a ray that just misses a triangle still counts as meeting its smooth patch."""
 BACKS = wp.constant(8)
-"""Faces seen from behind that a ray goes through before it is given up."""
+"""Most back faces that a ray passes before it is given up."""
 
 
 @wp.struct
 class Targets:
-    """Holds what rays are asked of: triangles, their instances' places [R, I] in the camera's frame (`casters`, with a
-    structure for each mesh), which of these are two-sided and have triangles first[i] ..; pieces: body and patch of
-    each triangle; vertices: as of triangle_kernels.corner."""
+    """Holds what rays can meet.
+
+    vertices: as of triangle_kernels.corner. triangles: corners of each triangle. instance: of each triangle. two_sided:
+    of each instance, 0 or 1. first: first triangle of each instance. pieces: body and patch of each triangle. casters:
+    poses [R, I] of the instances in the camera's frame, with an acceleration structure for each mesh.
+    """
 
     vertices: wp.array2d(dtype=wp.vec3)
     triangles: wp.array(dtype=wp.vec3i)
@@ -37,14 +40,16 @@ class Targets:
 
 @wp.func
 def entry_of(z: float, t: int):
-    """Packs a z-buffer entry."""
+    """Packs depth z [m] and triangle t into a z-buffer entry."""
     return (wp.uint64(wp.cast(z, wp.uint32)) << wp.uint64(32)) | wp.uint64(t)
 
 
 @wp.func
 def met(view: CameraView, targets: Targets, row: int, t: int, d: wp.vec3):
-    """Gives where a ray meets the plane of a triangle (its depth), and the least weight of a corner there: 0 or more
-    inside, as the raster tells it, OUTSIDE where the triangle is not seen."""
+    """Computes the depth [m] at which a ray meets the plane of a triangle, and the least weight of a corner there.
+
+    The weight is 0 or more inside the triangle, by the raster's rule, and OUTSIDE where its front is not seen.
+    """
     i = targets.instance[t]
     turn = targets.casters.rotation[row, i]
     place = targets.casters.translation[row, i]
@@ -66,8 +71,7 @@ def met(view: CameraView, targets: Targets, row: int, t: int, d: wp.vec3):
 
 @wp.func
 def traced(view: CameraView, targets: Targets, row: int, i: int, d: wp.vec3, until: float):
-    """Gives the depth and the triangle at which a ray meets instance i before the depth `until`; else that depth and
-    MISS."""
+    """Casts a ray at instance i: gives depth [m] and triangle, or `until` and MISS if it meets none before that."""
     casters = targets.casters
     centre = casters.translation[row, i]
     length = wp.length(d)
@@ -91,7 +95,7 @@ def traced(view: CameraView, targets: Targets, row: int, i: int, d: wp.vec3, unt
 
 @wp.func
 def seen_of_all(view: CameraView, targets: Targets, row: int, d: wp.vec3):
-    """Gives the z-buffer entry of a ray that is tried against everything."""
+    """Casts a ray at all instances and gives its z-buffer entry."""
     z = float(FAR)
     t = wp.int32(MISS)
     for i in range(targets.casters.mesh.shape[0]):
@@ -106,7 +110,7 @@ def seen_of_all(view: CameraView, targets: Targets, row: int, d: wp.vec3):
 
 @wp.func
 def seen_between(view: CameraView, targets: Targets, row: int, d: wp.vec3, before: wp.uint64, after: wp.uint64):
-    """Gives the z-buffer entry of a ray at an instant between two at which it had those entries."""
+    """Computes the z-buffer entry of a ray at an instant between two at which its entries were `before` and `after`."""
     t = triangle_of(before)
     u = triangle_of(after)
     z = float(FAR)
@@ -156,8 +160,10 @@ def seen_between(view: CameraView, targets: Targets, row: int, d: wp.vec3, befor
 
 @wp.func
 def passing(view: CameraView, targets: Targets, low: int, high: int, d: wp.vec3, before: wp.uint64, after: wp.uint64):
-    """Gives the fraction of the time between two instants, rows `low` and `high`, at which a ray passes from what it
-    meets at the first one to what it meets at the second one: over an edge of the nearer triangle."""
+    """Computes when a ray passes over the edge of the nearer triangle between two instants, as a share of their time.
+
+    low, high: rows of the instants. before, after: z-buffer entries there.
+    """
     t = triangle_of(before)
     u = triangle_of(after)
     nearer = t

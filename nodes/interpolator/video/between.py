@@ -1,4 +1,4 @@
-"""What makes the frames between two frames of a video: the splat along optical flow, or a class of the user's."""
+"""Makes the frames between two frames of a video: the splat along optical flow, or a class of the user's."""
 
 from __future__ import annotations
 

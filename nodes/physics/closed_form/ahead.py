@@ -1,4 +1,4 @@
-"""Closed-form states of many keyframes ahead: they depend on nothing but time, and many cost hardly more than one."""
+"""Computes closed-form states of many keyframes ahead: they depend on time alone, so many cost little more."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from evis.runtime.clock import NS, keyframe_stamp
 from nodes.physics.interval import grid_inside
 
 BLOCK = 1 << 20
-"""Bytes of states that are computed at once, at most, where one interval has fewer: what a core's cache holds."""
+"""Most bytes of states that are computed at once, unless one interval has more: what a core's cache holds."""
 
 ROW = 13 * 8
 """Bytes of a body's pose and twist."""
@@ -20,9 +20,11 @@ States = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Of an interval: sub-step times int64 [S] ns, poses float64 [S, B, 7] and twists [S, B, 6]; not to be written to."""
 
 
-class Ahead:
-    """Gives the states of one interval after another, computed in blocks of 1, 2, 4, ... of them, so that the first one
-    comes as soon as by itself."""
+class StatesAhead:
+    """Gives the states of one interval after another, computed in blocks of 1, 2, 4, ... intervals.
+
+    The first block is one interval, so that its states are there as soon as without blocks.
+    """
 
     def __init__(
         self,
@@ -33,8 +35,8 @@ class Ahead:
         block: int = BLOCK,
     ) -> None:
         """states: computes poses [S, B, 7] and twists [S, B, 6] of `bodies` B at times int64 [S] ns. timestep_ns:
-        sub-step. keyframe_rate: of the stamps that intervals are asked for between [Hz], None = any, none is foreseen.
-        block: bytes of states that are held at most, where one interval has fewer."""
+        sub-step. keyframe_rate: rate [Hz] of the stamps at which intervals begin and end, None = unknown: a block is
+        then one interval. block: most bytes of states in a block, unless one interval has more."""
         self._states, self._bodies, self._timestep, self._rate = states, bodies, timestep_ns, keyframe_rate
         self._fits = block // (ROW * max(bodies, 1))
         self._stamps: list[int] = []
@@ -44,7 +46,7 @@ class Ahead:
 
     def between(self, start_ns: int, end_ns: int, inside: bool = True) -> States:
         """Gives the states from one stamp to the next: at both, and at the sub-steps inside, where these are wanted."""
-        # Where nothing moves nothing happens at sub-steps.
+        # Without bodies there are no states at sub-steps.
         inside = inside and self._bodies > 0
         if self._stamps[self._next : self._next + 2] != [start_ns, end_ns] or inside != self._inside:
             goes_on = self._stamps[-1:] == [start_ns]
@@ -54,7 +56,7 @@ class Ahead:
         return self._block[self._next - 1]
 
     def _compute(self, start_ns: int, end_ns: int, count: int) -> None:
-        """A block of up to `count` intervals."""
+        """Computes a block of up to `count` intervals."""
         stamps = self._foreseen(start_ns, end_ns, count)
         grids = [np.array([start_ns], np.int64)]
         for a, b in pairwise(stamps):
@@ -68,7 +70,7 @@ class Ahead:
         self._stamps, self._block, self._next = stamps, [(t[row], pose[row], twist[row]) for row in rows], 0
 
     def _foreseen(self, start_ns: int, end_ns: int, count: int) -> list[int]:
-        """Stamps of the next intervals, as many as fit into a block; of this one alone where others cannot be told."""
+        """Gives the stamps of as many intervals as fit into a block; of this one alone where the next are unknown."""
         if self._rate is None:
             return [start_ns, end_ns]
         steps = 1 + (end_ns - start_ns) // self._timestep if self._inside else 1

@@ -1,4 +1,4 @@
-"""What an engine of a MuJoCo model gives, put together: its own bodies, prescribed ones, and those mounted on them."""
+"""Joins the states of a MuJoCo model's bodies, of prescribed ones, and of those mounted on either."""
 
 from __future__ import annotations
 

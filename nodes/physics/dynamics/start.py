@@ -1,4 +1,4 @@
-"""Where the environments of a model start: the scene's keyframe, moved a little by a seed and an episode's number."""
+"""Puts environments of a model to their start: the scene's keyframe, perturbed by seed and number of the episode."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""What MuJoCo Warp says no to."""
+"""The error of a model that MuJoCo Warp cannot take."""
 
 
 class Unsupported(Exception):
-    """Is raised for what MuJoCo Warp cannot take; its text says what."""
+    """Says what of a model MuJoCo Warp cannot take."""

@@ -1,4 +1,4 @@
-"""What is done between the steps of MuJoCo Warp: worlds are held or let go, and what is published is written down.
+"""Kernels between the steps of MuJoCo Warp: they hold worlds that have taken all steps, and record the states.
 
 Arrays are of E worlds; `count` [E] are the steps that each is to take, `step` [1] the number of the present one.
 """

@@ -1,7 +1,7 @@
-"""Steps of many environments of a model at once, by MuJoCo Warp: float32, on a GPU, or slowly on Warp's CPU.
+"""Steps many environments of a model at once by MuJoCo Warp: float32, on a GPU, or slowly on Warp's CPU.
 
-It stands in the place of SideBySide: states of MjData go in before the steps, and come out where nothing was wrong.
-An environment in which something looks wrong is stepped again by MuJoCo itself, which says what it is.
+It is a BatchStepper as MujocoThreads is: MjData is copied to the device before the steps and written back after them.
+An environment that diverges, or loses contacts for lack of room, is stepped again by MuJoCo itself, which tells why.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import warp as wp
 
 from evis.gpu.building import build_together
 from nodes.physics.dynamics import warp_kernels as kernels
-from nodes.physics.dynamics.strides import Judge, Strode, strides
+from nodes.physics.dynamics.stepped_states import CalmTest, SteppedStates, by_environment
 from nodes.physics.dynamics.unsupported import Unsupported
 from nodes.physics.dynamics.warp_launches import launches
 
@@ -30,12 +30,12 @@ _MOST = 8192
 class WarpWorlds:
     """Steps environments of one model on a device."""
 
-    def __init__(self, model: Any, count: int, device: str, judge: Judge) -> None:
+    def __init__(self, model: Any, count: int, device: str, calm: CalmTest) -> None:
         """Puts `count` worlds of a model on a device. Raises Unsupported for a model that MuJoCo Warp cannot take.
 
-        judge: tells which of them have nothing to tell.
+        calm: see CalmTest.
         """
-        self._judge = judge
+        self._calm = calm
         try:
             import mujoco_warp
         except ImportError:
@@ -48,7 +48,7 @@ class WarpWorlds:
         try:
             with wp.ScopedDevice(self._device):
                 self._model = mujoco_warp.put_model(self._host)
-                # What is lost is looked at here, and the steps are taken again.
+                # Overflows are read below, and such steps are taken again.
                 self._model.opt.warn_overflow = False
                 # The same seed gives the same bytes.
                 self._model.opt.deterministic = True
@@ -69,32 +69,32 @@ class WarpWorlds:
         self._room = 0
         self._graph: Any = None
         self._asked: dict[int, tuple[Any, range]] = {}
-        self._found: dict[int, Strode] = {}
+        self._found: dict[int, SteppedStates] = {}
         # Kernels are compiled before the start.
         self._make_room(1)
         with wp.ScopedDevice(self._device):
             build_together(self._device, launches(self._launch))
-        self._one()
+        self._step_worlds()
 
-    def ask(self, row: int, data: Any, grid: range) -> None:
-        """Asks for steps of an environment, which are taken with those of all others that were asked for."""
+    def request(self, row: int, data: Any, grid: range) -> None:
+        """Requests steps of an environment, which are taken together with those of all others requested."""
         self._asked[row] = data, grid
         self._found.pop(row, None)
 
-    def trace(self, row: int) -> Strode | None:
-        """Gives what the steps left that were asked for; None where the environment diverged, or something was lost."""
+    def result(self, row: int) -> SteppedStates | None:
+        """Gives the states after the requested steps; None where the environment diverged or lost contacts."""
         if row in self._asked:
             self._take()
         return self._found.pop(row, None)
 
-    def bring(self, row: int, data: Any) -> None:
+    def write_state(self, row: int, data: Any) -> None:
         """Writes the state after the steps that were taken last into an MjData."""
         for name in _STATE:
             getattr(data, name)[:] = self._staged[name][row]
         data.time = self._ends[row]
 
     def _take(self) -> None:
-        """Takes all steps."""
+        """Takes all requested steps."""
         asked, self._asked = self._asked, {}
         counts = np.zeros(self._worlds, np.int32)
         times, self._ends = np.zeros(self._worlds), np.zeros(self._worlds)
@@ -113,7 +113,7 @@ class WarpWorlds:
         self._data.overflow.zero_()
         self._make_room(int(counts.max()))
         for _ in range(int(counts.max())):
-            self._one()
+            self._step_worlds()
         self._staged |= {name: kept.numpy() for name, kept in self._kept.items()}
         overflow = self._data.overflow.numpy()
         lost = (self._diverged.numpy() != 0) | (overflow & self._loss != 0)
@@ -123,7 +123,7 @@ class WarpWorlds:
             rows = [row for row in asked if counts[row] == steps and not lost[row]]
             made = [values[rows, :steps].astype(np.float64) for values in arrays]
             warnings = [np.array(asked[row][0].warning.number) for row in rows]
-            found = strides(made, nearest[rows], warnings, constrained[rows], self._judge)
+            found = by_environment(made, nearest[rows], warnings, constrained[rows], self._calm)
             self._found |= zip(rows, found)
         if (overflow & self._loss).any() and max(self._contacts, self._constraints) < _MOST:
             self._grow()
@@ -149,8 +149,8 @@ class WarpWorlds:
         self._qpos, self._qvel = (make((worlds, steps, n), float) for n in (self._host.nq, self._host.nv))
         self._graph = None
 
-    def _one(self) -> None:
-        """All worlds one step on: the first time as it comes, for kernels to be compiled, then as a graph."""
+    def _step_worlds(self) -> None:
+        """Steps all worlds once: the first time launch by launch, which compiles kernels, then as a CUDA graph."""
         if self._graph is not None:
             wp.capture_launch(self._graph)
             return

@@ -1,1 +1,1 @@
-"""How wrong a simulated course is, and steps short enough to keep it right."""
+"""Measures the error of a simulated trajectory, and shortens steps to keep it within a tolerance."""

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 import warp as wp
 
-from nodes.event_sensor.batch import Batch
 from nodes.event_sensor.cuda import order_kernels
 from nodes.event_sensor.cuda.ideal import IdealPasses
 from nodes.event_sensor.cuda.side import DeviceSide
-from nodes.event_sensor.device_events import CALLS
-from nodes.event_sensor.engines import sensor_struct
+from nodes.event_sensor.engines.engine import sensor_struct
+from nodes.event_sensor.input.batch import Batch
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.parameters import resolve_sensor
+from nodes.event_sensor.readout.device_events import CALLS
 
 MS = 1_000_000
 C_ON, C_OFF = 0.2, 0.23

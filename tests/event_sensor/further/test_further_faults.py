@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from further_rig import Gap, random_gaps, sensed, sensed_alone
 
-from nodes.event_sensor.further import Further
+from nodes.event_sensor.input.further import Further
 
 S = 1_000_000_000
 FAULTS = {

@@ -5,10 +5,10 @@ import pytest
 import warp as wp
 from further_rig import random_gaps, sensed, sensor_for, tell
 
-from nodes.event_sensor.batch import Batch, Size
 from nodes.event_sensor.cuda.ideal import IdealPasses
 from nodes.event_sensor.cuda.side import DeviceSide
-from nodes.event_sensor.engines import sensor_struct
+from nodes.event_sensor.engines.engine import sensor_struct
+from nodes.event_sensor.input.batch import Batch, Size
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.step_kernels import between
 from nodes.event_sensor.optics.photoreceptor import Photoreceptor

@@ -8,7 +8,7 @@ from evis.bag.environments import join, split
 from msgs.camera import Frames, Samples
 from msgs.header import Header
 from msgs.own_time import CONFIGURED
-from nodes.event_sensor.further import Further
+from nodes.event_sensor.input.further import Further
 from nodes.event_sensor.node import EventSensorNode
 
 

@@ -8,8 +8,8 @@ import pytest
 import warp as wp
 from further_rig import Gap, in_parts, random_gaps, sensed
 
-from nodes.event_sensor.batch import Size
-from nodes.event_sensor.further import Further
+from nodes.event_sensor.input.batch import Size
+from nodes.event_sensor.input.further import Further
 from nodes.event_sensor.optics.photoreceptor import Photoreceptor
 
 S = 1_000_000_000

@@ -1,0 +1,73 @@
+"""Files that parameters name: looked for before a process starts."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+from evis.config.document import LaunchError
+from evis.config.params import ParamError
+from evis.config.suggestions import closest
+from evis.files.whole_file import written_at
+from evis.launch.arguments import ArgumentError
+from evis.launch.graph.wiring import Wired
+
+
+def check_files(node: Wired) -> None:
+    """Checks that `scene` with its `scene_args`, `file`, `bag` and `emulate` exist, and that a recorder's `path` is
+    writable.
+
+    Raises LaunchError naming node, file and remedy, ArgumentError for what a user gave.
+    """
+    where = f"{node.spec.where}: '{node.name}'"
+    for key in ("file", "bag", "emulate"):
+        value = node.params.get(key)
+        if key == "emulate" and isinstance(value, str) and not (os.sep in value or "." in value):
+            continue  # a camera model and no recording
+        if isinstance(value, str) and value and not Path(value).exists():
+            raise LaunchError(f"{where}: no {key} '{value}'{_beside(Path(value))}")
+    _check_device(node)
+    if isinstance(node.params.get("scene"), str):
+        _check_scene(node, where)
+    target = node.params.get("path")
+    if isinstance(target, str) and target and not node.outputs:
+        check_writable(Path(target), where)
+
+
+def _check_scene(node: Wired, where: str) -> None:
+    from evis.scene.load import parse_args, scene_values
+
+    try:
+        scene_values(node.params["scene"], parse_args(node.params.get("scene_args")))
+    except (ParamError, FileNotFoundError) as error:
+        raise ArgumentError(str(error)) from None
+    except (ValueError, OSError) as error:
+        raise LaunchError(f"{where}: {error}") from None
+
+
+def _check_device(node: Wired) -> None:
+    """Whether the device is there only its kernels can say; whether it can be one is known now."""
+    device = node.params.get("device")
+    if isinstance(device, str) and not re.fullmatch(r"cpu|cuda(:\d{1,3})?", device):
+        raise ArgumentError(f"device is '{device}', must be cpu, cuda or cuda:N")
+
+
+def check_writable(path: Path, where: str) -> None:
+    """Raises LaunchError unless a file can be made at `path`."""
+    place = written_at(path)
+    folder = place.parent
+    if path.is_dir():
+        raise LaunchError(f"{where} cannot write '{path}': it is a folder; name a file such as {path / 'a.mcap'}")
+    if not folder.is_dir():
+        raise LaunchError(f"{where} cannot write '{path}': there is no folder '{folder}'")
+    if not os.access(place if place.exists() else folder, os.W_OK):
+        raise LaunchError(f"{where} cannot write '{path}': permission denied")
+
+
+def _beside(path: Path) -> str:
+    """A hint from the same folder."""
+    if not path.parent.is_dir():
+        return f"; there is no folder '{path.parent}'"
+    near = closest(path.name, (p.name for p in path.parent.iterdir()))
+    return f"; did you mean '{path.with_name(near)}'?" if near else ""

@@ -1,0 +1,54 @@
+"""Decides whether somebody waits for each keyframe of a graph, or nodes may make several at once (`batch`)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from evis.config.document import LaunchError
+from evis.launch.graph.wiring import Wired
+from evis.runtime.plan import Plan
+
+BATCH = "batch"
+"""Parameter of nodes that can process several keyframes at once: how many, 0 = as many as make them faster."""
+
+
+def why_single(plan: Plan, nodes: Sequence[Wired], stepped: bool) -> str:
+    """Says why every keyframe of a graph is made by itself; "" where nobody waits for one.
+
+    A program outside that can publish to a delayed input, such as /action, may wait for keyframes. Where the user asks
+    for several at once, these inputs are taken out of the plan, so that no program outside can.
+
+    Args:
+        plan: of the graph; `outside` of its nodes is changed.
+        nodes: those of the plan.
+        stepped: the caller steps the graph (`evis.Simulation`).
+
+    Raises LaunchError where several keyframes at once are asked for, and somebody waits for each.
+    """
+    asked = [node for node in nodes if (node.params.get(BATCH) or 0) > 1]
+    why = _who_waits(plan, nodes, stepped)
+    if asked and why:
+        node = asked[0]
+        raise LaunchError(
+            f"{node.spec.where}: {BATCH}:={node.params[BATCH]} makes several keyframes at once, but {why}"
+        )
+    for node in nodes:
+        ports = [port for port in plan.nodes[node.name].outside if node.cls.INPUTS[port].delayed]
+        if asked:
+            for port in ports:
+                del plan.nodes[node.name].outside[port]
+        elif ports and node.cls.moved_from_outside(node.params):
+            return f"a program outside may give {plan.nodes[node.name].outside[ports[0]]}"
+    return why
+
+
+def _who_waits(plan: Plan, nodes: Sequence[Wired], stepped: bool) -> str:
+    if stepped:
+        return "its caller takes one step at a time"
+    if plan.mode != "lockstep":
+        return f"a {plan.mode} graph keeps the pace of the clock"
+    awake = [plan.nodes[node.name] for node in nodes if not node.spec.tap and not plan.nodes[node.name].dormant]
+    if len({planned.process for planned in awake}) > 1:
+        return "its nodes run as several processes (--compose makes them one)"
+    closed = [topic.name for topic in plan.topics.values() if any(edge.kind == "delayed" for edge in topic.edges)]
+    return f"{closed[0]} closes the loop" if closed else ""

@@ -1,0 +1,1 @@
+"""Luminance of chosen pixels at any instant by brute force: every ray cast, every point shaded, nothing reused."""

@@ -1,0 +1,146 @@
+"""Chooses the instants at which a pixel is computed: close together where its light changes, and nowhere else.
+
+Every pixel is computed `BASE` times a second. An interval over which ln I changes by more than a part of the
+threshold, or at whose ends different bodies are seen, is cut into four. Where ln I is not on the line between the ends
+then, parts over which it changes are halved in turn, down to 31 us: a silhouette is placed to within 16 us.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+BASE = 500.0
+"""Least looks at a pixel [Hz]."""
+
+FINEST = 40_000
+"""Length up to which an interval is not cut any more [ns]."""
+
+CHANGE = 0.2
+"""Part of a contrast threshold up to which a change over an interval makes no events that a line would not."""
+
+BEND = 0.1
+"""Part of a contrast threshold by which the middle of an interval may be off the line."""
+
+FIRST_PARTS = 4
+"""Parts that an interval between two of the least looks is cut into, so that less is missed within it."""
+
+PARTS = 2
+"""Parts that an interval is cut into from then on."""
+
+Look = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Gives luminance float32 [Q] and instance int32 [Q] of pixels int64 [Q] at times int64 [Q] ns."""
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """Holds how closely a pixel is looked at; see the constants of this file."""
+
+    base: float = BASE
+    finest: int = FINEST
+    change: float = CHANGE
+    bend: float = BEND
+
+
+@dataclass
+class Samples:
+    """Holds looks at pixels: pixel int64 [S], t int64 [S] ns, luminance float32 [S], instance int32 [S]."""
+
+    pixel: np.ndarray
+    t: np.ndarray
+    luminance: np.ndarray
+    instance: np.ndarray
+
+    def ordered(self) -> Samples:
+        """Gives them by pixel and time."""
+        # What comes in a few ascending runs is sorted in little time.
+        first = int(self.t.min(initial=0))
+        order = np.argsort(self.pixel * (int(self.t.max(initial=0)) - first + 1) + (self.t - first), kind="stable")
+        return Samples(*(a[order] for a in (self.pixel, self.t, self.luminance, self.instance)))
+
+
+def base_stamps(stamps: np.ndarray, rate: float) -> np.ndarray:
+    """Gives int64 ns after stamps[0] up to stamps[-1], with each of `stamps`, no further apart than 1 / rate [s]."""
+    parts = []
+    for a, b in zip(stamps[:-1].tolist(), stamps[1:].tolist()):
+        n = max(1, -int(-(b - a) * rate // 1_000_000_000))
+        parts.append(a + (2 * np.arange(1, n + 1, dtype=np.int64) * (b - a) + n) // (2 * n))
+    return np.concatenate(parts) if parts else np.zeros(0, np.int64)
+
+
+def sample(look: Look, start: Samples, stamps: np.ndarray, how: Sampling, threshold: float) -> Samples:
+    """Looks at the pixels of `start`, one look at each, at `stamps` int64 [K] ns after it and wherever it is needed.
+
+    Gives all looks after `start`, by pixel and time.
+    """
+    count, length = len(start.pixel), len(stamps)
+    at = Samples(np.repeat(start.pixel, length), np.tile(stamps, count), *_nothing(0))
+    at.luminance, at.instance = look(at.pixel, at.t)
+    rows = [
+        np.concatenate([np.asarray(s)[:, None], values.reshape(count, length)], 1)
+        for s, values in ((start.t, at.t), (start.luminance, at.luminance), (start.instance, at.instance))
+    ]
+    levels = _log(rows[1])
+    found = [at]
+    part = _Intervals(
+        np.repeat(start.pixel, length),
+        *(v.reshape(-1) for row in (rows[0], levels, rows[2]) for v in (row[:, :-1], row[:, 1:])),
+    )
+    part = part.only((np.abs(part.l_b - part.l_a) > how.change * threshold) | (part.i_a != part.i_b))
+    parts = FIRST_PARTS
+    while len(part := part.only(part.t_b - part.t_a > how.finest)):
+        inner = part.inner(parts)
+        pixel = np.repeat(part.pixel, parts - 1)
+        light, instance = look(pixel, inner.reshape(-1))
+        found.append(Samples(pixel, inner.reshape(-1), light, instance))
+        level = _log(light).reshape(inner.shape)
+        line = part.l_a[:, None] + (part.l_b - part.l_a)[:, None] * np.arange(1, parts) / parts
+        bent = (np.abs(level - line) > how.bend * threshold).any(1)
+        part = part.parts(inner, level, instance.reshape(inner.shape)).only(np.repeat(bent, parts))
+        part = part.only((np.abs(part.l_b - part.l_a) > how.change * threshold) | (part.i_a != part.i_b))
+        parts = PARTS
+    names = ("pixel", "t", "luminance", "instance")
+    return Samples(*(np.concatenate([getattr(f, name) for f in found]) for name in names)).ordered()
+
+
+@dataclass
+class _Intervals:
+    """Intervals of pixels, with time, ln I and instance at both ends, each [Q]."""
+
+    pixel: np.ndarray
+    t_a: np.ndarray
+    t_b: np.ndarray
+    l_a: np.ndarray
+    l_b: np.ndarray
+    i_a: np.ndarray
+    i_b: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.pixel)
+
+    def only(self, chosen: np.ndarray) -> _Intervals:
+        """Those that are chosen, bool [Q]."""
+        return _Intervals(*(values[chosen] for values in vars(self).values()))
+
+    def inner(self, parts: int) -> np.ndarray:
+        """Times int64 [Q, P - 1] that cut them into P equal parts."""
+        return self.t_a[:, None] + (self.t_b - self.t_a)[:, None] * np.arange(1, parts) // parts
+
+    def parts(self, t: np.ndarray, level: np.ndarray, instance: np.ndarray) -> _Intervals:
+        """The P parts, with what was seen at the inner times [Q, P - 1]."""
+        ends = [np.repeat(self.pixel, t.shape[1] + 1)]
+        for a, middle, b in ((self.t_a, t, self.t_b), (self.l_a, level, self.l_b), (self.i_a, instance, self.i_b)):
+            row = np.concatenate([a[:, None], middle, b[:, None]], 1)
+            ends += [row[:, :-1].reshape(-1), row[:, 1:].reshape(-1)]
+        return _Intervals(*ends)
+
+
+def _log(luminance: np.ndarray) -> np.ndarray:
+    """ln I in float64, of dark or senseless light that of the sensor's floor."""
+    return np.log(np.fmax(luminance.astype(np.float64), 2.0**-24))
+
+
+def _nothing(count: int) -> tuple[np.ndarray, np.ndarray]:
+    return np.zeros(count, np.float32), np.zeros(count, np.int32)

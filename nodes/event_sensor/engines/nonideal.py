@@ -1,0 +1,70 @@
+"""The engine of curves and faults."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from nodes.event_sensor.cpu.nonideal_kernels import rows_kernel
+from nodes.event_sensor.cuda.nonideal_kernels import pixels_kernel
+from nodes.event_sensor.input.batch import Batch, Size
+from nodes.event_sensor.model.features import features_of
+from nodes.event_sensor.model.fixed_pattern import pattern_of
+from nodes.event_sensor.model.sensor_kernels import Sensor
+from nodes.event_sensor.model.state_kernels import FrequentState, Rare, arrays_of, frequent_state, runs_of
+from nodes.event_sensor.model.step_kernels import between
+
+
+class NonIdeal:
+    """An engine, see `engines`: any curve through the samples, and faults."""
+
+    sorts = False
+
+    def __init__(self, size: Size, seed: int, p: Mapping[str, Any], device: Any) -> None:
+        total = size.envs * size.pixels
+        features = self._features = features_of(p)
+        self._make = pixels_kernel if device.is_cuda else rows_kernel
+        self._make(features)
+        self._size, self._device, self.in_place = size, device, not device.is_cuda
+
+        def state() -> tuple[FrequentState, wp.array]:
+            side: wp.array = wp.zeros(0 if self.in_place else total, dtype=wp.int32, device=device)
+            return frequent_state(total, features.timed, features.curved, device), side
+
+        self._before = state()
+        self._after = self._before if self.in_place else state()
+        self._active: wp.array = wp.zeros(size.width * size.channels + 1, dtype=wp.int32, device=device)
+        struct: Any = Rare
+        rare: Any = np.zeros((1 if self.in_place else 2, total), struct.numpy_dtype())
+        for name, values in zip(("c_on", "c_off", "leak", "hot"), pattern_of(size, seed, p)):
+            if values.size:
+                rare[name] = values.reshape(-1)
+        self._rare: wp.array = wp.array(rare, dtype=Rare, device=device)
+
+    def arrays(self) -> tuple[wp.array, ...]:
+        """Everything that is kept per pixel."""
+        states = (self._before,) if self.in_place else (self._before, self._after)
+        kept = (a for state, side in states for a in (*arrays_of(state), side))
+        return *kept, self._rare
+
+    def launch(self, sensor: Sensor, batch: Batch, keys: wp.array, counters: wp.array, resume: int) -> None:
+        """Events of a batch to `keys`, as many as fit. In place: from pixel resume - 1 to the first without room."""
+        b = batch
+        message = [b.images, b.slopes, b.frames, b.count, b.t, b.t_base, b.t_before, b.episodes]
+        message.append(between(b.further))
+        if self.in_place:
+            runs = [runs_of(b.images), runs_of(b.slopes)]
+            inputs = [sensor, b.begin, *message, *runs, resume]
+            outputs = [*self._before, self._active, self._rare, keys, counters]
+        else:
+            inputs = [sensor, b.begin, *message, *self._before]
+            outputs = [*self._after, self._rare, keys, counters]
+        kernel = self._make(replace(self._features, further=b.further is not None))
+        wp.launch(kernel, self._size.threads(not self.in_place), inputs, outputs, device=self._device)
+
+    def swap(self) -> None:
+        self._before, self._after = self._after, self._before

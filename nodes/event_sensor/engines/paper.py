@@ -1,0 +1,48 @@
+"""The engine of the paper's equations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import warp as wp
+
+from nodes.event_sensor.input.batch import Batch, Size
+from nodes.event_sensor.model import paper_kernels
+from nodes.event_sensor.model.fixed_pattern import pattern_of
+from nodes.event_sensor.model.sensor_kernels import Sensor
+
+
+class Paper:
+    """An engine, see `engines`: equations (3) and (4) as they stand."""
+
+    sorts = False
+
+    def __init__(self, size: Size, seed: int, p: Mapping[str, Any], device: Any) -> None:
+        total = size.envs * size.pixels
+        row = size.width * size.channels
+        self._columns = 1 if device.is_cuda else row
+        self._threads = (size.envs, size.height, row // self._columns)
+        self._device, self.in_place = device, False
+        pattern = pattern_of(size, seed, p)
+        self._pattern: tuple[wp.array, ...] = tuple(wp.array(a, dtype=wp.float32, device=device) for a in pattern)
+        self._before: wp.array = wp.zeros(total, dtype=paper_kernels.PaperPixel, device=device)
+        self._after: wp.array = wp.zeros(total, dtype=paper_kernels.PaperPixel, device=device)
+
+    def arrays(self) -> tuple[wp.array, ...]:
+        """Everything that is kept per pixel."""
+        return self._before, self._after, *self._pattern
+
+    def launch(self, sensor: Sensor, batch: Batch, keys: wp.array, counters: wp.array, resume: int) -> None:
+        """Events of a batch to `keys`, as many as fit; all are counted."""
+        b = batch
+        wp.launch(
+            paper_kernels.paper,
+            self._threads,
+            [sensor, b.begin, b.episodes, b.images, b.t, b.t_base, self._columns, *self._pattern, self._before],
+            [self._after, keys, counters],
+            device=self._device,
+        )
+
+    def swap(self) -> None:
+        self._before, self._after = self._after, self._before

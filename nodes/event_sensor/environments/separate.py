@@ -1,0 +1,91 @@
+"""Senses environments whose sensors have different parameters: a sensor for each, their events in one packet."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from nodes.event_sensor.readout.packet import Events
+
+if TYPE_CHECKING:
+    from nodes.event_sensor.input.further import Further
+
+
+class SeparateSensors:
+    """Senses environment k by sensor k, a sensor of one environment, with the methods of EventSensor and of Model."""
+
+    def __init__(self, sensors: Sequence[Any]) -> None:
+        """sensors: of one environment each, all of one size and device."""
+        self._sensors = list(sensors)
+        self._counts = np.zeros(len(self._sensors), np.int64)
+        self.t_base = 0
+
+    def process(self, luminance: Any, stamps: np.ndarray, episodes: np.ndarray) -> Events:
+        """Takes frames and gives their events, as Model.process does."""
+        parts = [s.process(luminance[k : k + 1], stamps, episodes[k : k + 1]) for k, s in enumerate(self._sensors)]
+        t, x, y, p = (np.concatenate([getattr(part, name) for part in parts]) for name in ("t", "x", "y", "p"))
+        self._told([len(part.t) for part in parts])
+        return Events(t, x, y, p, None, self.env_offsets())
+
+    def advance(self, luminance: Any, t: np.ndarray, episodes: np.ndarray, *, further: Further | None = None) -> int:
+        """Takes frames and returns how many events they make, as EventSensor.advance does.
+
+        Of samples between the frames a sensor that takes frames alone gets none.
+        """
+        counts = []
+        for k, sensor in enumerate(self._sensors):
+            one = slice(k, k + 1)
+            between = None if further is None or not sensor.takes_further else further.of(one, len(self._sensors))
+            counts.append(sensor.advance(luminance[one], t, episodes[one], further=between))
+        return self._told(counts)
+
+    def finish(self) -> int:
+        """Takes no more frames; returns how many events were held back."""
+        return self._told([sensor.finish() for sensor in self._sensors])
+
+    def _told(self, counts: list[int]) -> int:
+        self._counts = np.array(counts, np.int64)
+        self.t_base = getattr(self._sensors[0], "t_base", 0)
+        return int(self._counts.sum())
+
+    @property
+    def takes_further(self) -> bool:
+        """Tells whether any of its sensors takes further samples between the frames."""
+        return any(getattr(sensor, "takes_further", False) for sensor in self._sensors)
+
+    @property
+    def begins_again(self) -> bool:
+        """Tells whether its environments may begin anew together, as EventSensor.begins_again tells."""
+        return all(getattr(sensor, "begins_again", False) for sensor in self._sensors)
+
+    def columns(self) -> dict[str, type]:
+        """Gives the types of the columns, as EventSensor.columns does."""
+        columns: dict[str, type] = self._sensors[0].columns()
+        return columns
+
+    def counts(self) -> dict[str, int]:
+        """Counts the samples and events set aside so far, of all environments."""
+        found: dict[str, int] = {}
+        for sensor in self._sensors:
+            for name, count in sensor.counts().items():
+                found[name] = found.get(name, 0) + count
+        return found
+
+    @property
+    def on_gpu(self) -> Any:
+        """The GPU that the events are on; None where those of an environment are on the host."""
+        devices = [sensor.on_gpu for sensor in self._sensors]
+        return devices[0] if all(devices) else None
+
+    def read(self, out: Any) -> None:
+        """Writes the events to arrays of `columns()`, name -> array, environment after environment."""
+        offsets = self.env_offsets()
+        for sensor, first, end in zip(self._sensors, offsets[:-1].tolist(), offsets[1:].tolist()):
+            if end > first:
+                sensor.read({name: column[first:end] for name, column in out.items()})
+
+    def env_offsets(self) -> np.ndarray:
+        """Gives int64 [E + 1], where the events of each environment begin and end."""
+        return np.concatenate(([0], np.cumsum(self._counts)))

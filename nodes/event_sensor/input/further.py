@@ -1,0 +1,136 @@
+"""Further samples of single pixels between the frames of a message, which resolve time where the light changes.
+
+ln I is taken to be a straight line between neighbouring samples of a pixel, whether of frames or further ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from nodes.event_sensor.input.arrays import on_device
+from nodes.event_sensor.input.batch import SampleLists, Size
+
+MOST = (1 << 31) - 1
+"""Most samples of one message."""
+
+
+@dataclass
+class Further:
+    """Further samples of E x H x W pixels: numpy, Warp, or what has __cuda_array_interface__ as `value`.
+
+    Pixel (y, x) of environment e, q = (e H + y) W + x, has the entries first[q] to first[q + 1] - 1, ascending in time.
+
+    first: int32 [E H W + 1]. offset: int32 [R] ns after the stamp before the message's first frame (after that frame
+    itself where all episodes begin with it); none of a pixel's is at the stamp of a frame, none before the first frame
+    of its episode. value: float32 [R], in colour [R, 3], linear as the frames.
+    """
+
+    first: Any
+    offset: Any
+    value: Any
+
+    @classmethod
+    def of_pixels(cls, shape: tuple[int, ...], y: Any, x: Any, offset: Any, value: Any, env: Any = 0) -> Further:
+        """Sorts samples that are in any order.
+
+        Args:
+            shape: (H, W) or (E, H, W) of the sensor.
+            y, x, env: pixel of each sample, whole numbers [R]; env may be left out where E is 1.
+            offset: int [R] ns, as of the class.
+            value: float [R], in colour [R, 3].
+
+        Raises ValueError for a pixel that is not there.
+        """
+        size = (1, *shape)[-3:]
+        given = np.broadcast_arrays(env, y, x, offset)
+        for name, at, length in zip(("environment", "y", "x"), given, size):
+            if at.size and not 0 <= at.min() <= at.max() < length:
+                raise ValueError(f"further samples have {name} {at.min()} to {at.max()}; there are 0 to {length - 1}")
+        q = np.ravel_multi_index([np.asarray(a, np.int64) for a in given[:3]], size)
+        order = np.lexsort((given[3], q))
+        counts = np.bincount(q, minlength=int(np.prod(size)))
+        first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+        return cls(first, given[3][order].astype(np.int32), np.asarray(value, np.float32)[order])
+
+    def of(self, envs: slice, total: int) -> Further:
+        """Gives the samples of neighbouring environments; total: E of this object."""
+        first = self.first.numpy() if isinstance(self.first, wp.array) else np.asarray(self.first)
+        pixels = (len(first) - 1) // total
+        first = first[envs.start * pixels : envs.stop * pixels + 1]
+        own = slice(int(first[0]), int(first[-1]))
+        return Further(first - first[:1], self.offset[own], self.value[own])
+
+    def without(self, left_out: np.ndarray) -> Further:
+        """Gives the samples without those of the environments left_out, bool [E]."""
+        if not left_out.any():
+            return self
+        first, offset, value = (
+            a.numpy() if isinstance(a, wp.array) else np.asarray(a) for a in (self.first, self.offset, self.value)
+        )
+        counts, kept = np.diff(first), np.repeat(~left_out, (len(first) - 1) // len(left_out))
+        mine = np.repeat(kept, counts)
+        first = np.concatenate([[0], np.cumsum(np.where(kept, counts, 0))]).astype(np.int32)
+        return Further(first, offset[mine], value[mine])
+
+    def none(self) -> Further:
+        """Gives an object of as many pixels without any samples."""
+        return Further(np.zeros(len(self.first), np.int32), self.offset[:0], self.value[:0])
+
+    def on(self, size: Size, device: Any) -> SampleLists:
+        """Gives the samples on a sensor's device. Raises ValueError for lengths and types that do not fit."""
+        pixels, shared = size.envs * size.pixels // size.channels, size.channels
+        first, offset = (_whole(getattr(self, name), name, device) for name in ("first", "offset"))
+        value = on_device(self.value, device).flatten()
+        if first.size != pixels + 1:
+            raise ValueError(f"further samples have {first.size} entries in first, {pixels} pixels take {pixels + 1}")
+        if value.size != offset.size * shared:
+            raise ValueError(
+                f"further samples have {offset.size} offsets and {value.size} values, expected {offset.size * shared}"
+            )
+        if value.size > MOST:
+            raise ValueError(f"event sensor got {value.size} further samples in one message, 2^31 are too many")
+        return SampleLists(first, offset, value, shared)
+
+
+def check(lists: SampleLists, size: Size, t: np.ndarray, t_base: int, fresh: np.ndarray) -> None:
+    """Raises ValueError where lists do not ascend, or leave the message.
+
+    t: int64 [K] ns, stamps of the frames. t_base: [ns], where offsets are 0. fresh: bool [E], environments that begin
+    an episode with the first frame.
+    """
+    from nodes.event_sensor.input.further_kernels import FINE, REASONS, check_lists
+
+    device = lists.first.device
+    stamps: wp.array = wp.array(np.asarray(t - t_base, np.int64), device=device)
+    begins: wp.array = wp.array(np.asarray(fresh, np.int32), device=device)
+    found: wp.array = wp.full(1, FINE, dtype=wp.int64, device=device)
+    pixels = size.pixels // size.channels
+    threads = (size.envs, pixels if wp.get_device(device).is_cuda else 1)
+    each = 1 if wp.get_device(device).is_cuda else pixels
+    wp.launch(
+        check_lists, threads, [lists.first, lists.offset, stamps, begins, pixels, each], [found], device=device
+    )  # fmt: skip
+    worst = int(found.numpy()[0])
+    if worst != FINE:
+        pixel, reason = divmod(worst, len(REASONS))
+        env, inner = divmod(pixel, pixels)
+        y, x = divmod(inner, size.width)
+        raise ValueError(f"further samples of pixel x {x}, y {y} of environment {env} {REASONS[reason]}")
+
+
+def _whole(values: Any, name: str, device: Any) -> wp.array:
+    """Gives whole numbers as int32 [n] on the device. Raises ValueError."""
+    if isinstance(values, wp.array):
+        if values.dtype is not wp.int32:
+            raise ValueError(f"further samples have {name} of {values.dtype.__name__}, expected int32")
+        return (values if values.device == device else values.to(device)).flatten()
+    whole = np.asarray(values)
+    if whole.dtype.kind not in "iu" or whole.ndim != 1:
+        raise ValueError(f"further samples have {name} of {whole.dtype} {whole.shape}, expected int32 in one row")
+    if whole.size and (whole.min() < -MOST or whole.max() > MOST):
+        raise ValueError(f"further samples have {name} up to {whole.max()}, expected int32")
+    return wp.array(np.ascontiguousarray(whole, np.int32), dtype=wp.int32, device=device, copy=False)

@@ -1,0 +1,129 @@
+"""Events on the sensor's device, copied to the host only where asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from nodes.event_sensor.readout.packet import Events
+
+CALLS = 4
+"""Calls in flight at most, and how many calls later a call's arrays are used again."""
+
+
+class DeviceEvents:
+    """Sorted events of one call: Warp arrays t int64 [ns], x, y uint16, p uint8, c uint8 or None, all [count].
+
+    env_offsets: int64 [E + 1], on the host. t_base, stamp: the events lie in (t_base, stamp]. The arrays belong to the
+    sensor, which writes others into them CALLS calls later; reading them through this object then raises ValueError.
+    `copy` and `numpy` give arrays that stay.
+    """
+
+    def __init__(
+        self,
+        columns: dict[str, wp.array],
+        count: int,
+        env_offsets: np.ndarray,
+        span: tuple[int, int],
+        alive: Callable[[], bool] = lambda: True,
+    ) -> None:
+        self._columns, self._alive = columns, alive
+        self.count, self.env_offsets = count, env_offsets
+        self.t_base, self.stamp = span
+
+    @staticmethod
+    def of(events: Events, device: Any, span: tuple[int, int]) -> DeviceEvents:
+        """Events of the host on a device; on a CPU the arrays are shared."""
+        host = {n: getattr(events, n) for n in ("t", "x", "y", "p", "c") if getattr(events, n) is not None}
+        columns: dict[str, wp.array] = {n: wp.array(a, device=device, copy=False) for n, a in host.items()}
+        return DeviceEvents(columns, len(events.t), events.env_offsets, span)
+
+    def __len__(self) -> int:
+        return self.count
+
+    def column(self, name: str) -> wp.array:
+        """One of t, x, y, p and, with colour, c. Raises ValueError when the sensor has written over it."""
+        if not self._alive():
+            raise ValueError("these events are gone: their arrays hold a later call's; copy() keeps them")
+        return self._columns[name][: self.count]
+
+    @property
+    def t(self) -> wp.array:
+        """Times [ns]."""
+        return self.column("t")
+
+    @property
+    def x(self) -> wp.array:
+        """Columns."""
+        return self.column("x")
+
+    @property
+    def y(self) -> wp.array:
+        """Rows."""
+        return self.column("y")
+
+    @property
+    def p(self) -> wp.array:
+        """1 = ON."""
+        return self.column("p")
+
+    @property
+    def c(self) -> wp.array | None:
+        """Colour channels, None without colour."""
+        return self.column("c") if "c" in self._columns else None
+
+    def copy(self) -> DeviceEvents:
+        """Copies the events to arrays of their own, on the device."""
+        columns = {name: wp.clone(self.column(name)) for name in self._columns}
+        return DeviceEvents(columns, self.count, self.env_offsets, (self.t_base, self.stamp))
+
+    def read(self, out: Mapping[str, np.ndarray | wp.array]) -> None:
+        """Write the columns to arrays of their length and dtype: numpy's, or the device's, which nobody waits for."""
+        for name, values in out.items():
+            if self.count:
+                target: Any = values
+                if isinstance(values, np.ndarray):
+                    target = wp.array(values, copy=False, device="cpu", dtype=self._columns[name].dtype)
+                wp.copy(target, self.column(name))
+        if any(not isinstance(values, np.ndarray) for values in out.values()):
+            return
+        if wp.get_device(self._columns["t"].device).is_cuda:
+            wp.synchronize_stream(self._columns["t"].device)
+
+    def numpy(self) -> Events:
+        """Copies the events to the host."""
+        out = {n: np.empty(self.count, wp.dtype_to_numpy(a.dtype)) for n, a in self._columns.items()}
+        self.read(out)
+        return Events(out["t"], out["x"], out["y"], out["p"], out.get("c"), self.env_offsets)
+
+
+class Pending:
+    """A call that was submitted. `result` waits for its events; calls before it are completed too."""
+
+    def __init__(self, collect: Callable[[Pending], DeviceEvents], serial: int, frames: int, span: tuple[int, int],
+                 keep: Any) -> None:  # fmt: skip
+        self._collect = collect
+        self.serial, self.frames, self.span, self.keep = serial, frames, span, keep
+        self.events: DeviceEvents | None = None
+
+    def result(self) -> DeviceEvents:
+        """Its events, on the device."""
+        if self.events is None:
+            self._collect(self)
+        assert self.events is not None
+        return self.events
+
+
+@dataclass
+class Ready:
+    """A call whose events are there already."""
+
+    events: DeviceEvents
+
+    def result(self) -> DeviceEvents:
+        """Its events, on the device."""
+        return self.events

@@ -1,0 +1,54 @@
+"""Steps taken at once leave what steps taken one by one leave, to the bit, also where something goes wrong."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from evis.scene import load_scene
+
+pytest.importorskip("mujoco")
+from nodes.physics.mujoco_engine import MujocoEngine
+
+FALL = """<mujoco><option timestep="0.001" gravity="0 0 -18000"/><worldbody>
+<body name="rock" pos="0 0 0.3"><freejoint/><geom size=".1" mass="1"/></body></worldbody></mujoco>"""
+
+
+def course(engine: MujocoEngine, stamps: list[int]) -> Iterator[tuple]:
+    """What the engine gives at each stamp, as bytes and texts, under controls that change."""
+    for n, stamp in enumerate(stamps):
+        found = engine.advance(stamp, np.full((engine.envs, engine.controls), 0.3 * np.sin(n)))
+        arrays = (found.t, found.end_pose, found.moving_pose, found.moving_twist, found.qpos, found.qvel)
+        assert found.contacts is not None
+        contacts = tuple(np.asarray(a).tobytes() for a in vars(found.contacts).values())
+        yield tuple(a.tobytes() for a in arrays), contacts, found.faults, found.warnings
+
+
+@pytest.mark.parametrize("scene", ["cart_pole", "pong", "robot_arm", "falling_objects"])
+@pytest.mark.parametrize("gap_ns", [33_333_333, 20_000_000, 400_000])
+def test_it_is_the_same_course(scene: str, gap_ns: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stamps on the grid, beside it, and closer together than its steps."""
+    stamps = [gap_ns * (k + 1) for k in range(12)]
+    at_once, one_by_one = (
+        MujocoEngine(load_scene(scene, visuals=False), 3, 2, joints=True, contacts=True) for _ in "ab"
+    )
+    monkeypatch.setattr(one_by_one, "_stepped", lambda k, grid: None)
+    looked_at = []
+    look = at_once._stepped_with_checks
+    monkeypatch.setattr(at_once, "_stepped_with_checks", lambda *args: looked_at.append(args[0]) or look(*args))
+    assert list(course(at_once, stamps)) == list(course(one_by_one, stamps))
+    assert len(looked_at) < 2 * len(stamps), "steps were taken at once"
+
+
+def test_a_divergence_is_found_at_its_step(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The steps are taken again, one by one: same time, same words, same start of the next episode."""
+    (tmp_path / "fall.xml").write_text(FALL)
+    stamps = [20_000_000 * (k + 1) for k in range(8)]
+    found = []
+    for looked_at in (False, True):
+        engine = MujocoEngine(load_scene(str(tmp_path / "fall.xml")), 0, 2, joints=True, contacts=True)
+        if looked_at:
+            monkeypatch.setattr(engine, "_stepped", lambda k, grid: None)
+        found.append(list(course(engine, stamps)))
+    assert found[0] == found[1]
+    assert any(faults for _, _, faults, _ in found[0])
