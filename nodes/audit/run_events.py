@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from nodes.audit.comparison import Comparison, Train
-from nodes.event_sensor.further import Further
+from nodes.event_sensor.input.further import Further
 from nodes.event_sensor.sensor import EventSensor
 
 NONE = (np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.uint8))

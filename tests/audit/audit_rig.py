@@ -15,7 +15,7 @@ from evis.scene.model import Scene
 from msgs.header import Header
 from msgs.world import WorldState
 from nodes.audit.audit import Audit, AuditOptions
-from nodes.event_sensor.further import Further
+from nodes.event_sensor.input.further import Further
 from nodes.interpolator.interpolator import Interpolator
 from nodes.interpolator.keyframe import States
 from nodes.renderer.renderer import Renderer
