@@ -67,15 +67,15 @@ LAYERS: tuple[tuple[str, str, tuple[tuple[str, ...], ...]], ...] = (
 )
 """Title, colour, and rows of rooms, from the top to the bottom: imports run downwards."""
 TELLS = {
-    "bench": "figures of docs/performance.md",
-    "evis/cli": "a module per command",
-    "evis/simulation": "a graph held in Python",
+    "bench": "figures of docs/",
+    "evis/cli": "commands",
+    "evis/simulation": "a graph in Python",
     "evis/env": "tasks, Gymnasium",
     "evis/dataset": "labelled sequences",
     "evis/demo": "make demo, gallery",
-    "evis/client": "a running graph, from Python",
+    "evis/client": "a running graph",
     "evis/shares": "parts of messages",
-    "nodes/physics": "closed form, MuJoCo: /state",
+    "nodes/physics": "/state",
     "nodes/recorder": "a bag",
     "nodes/rate_divider": "every n-th state",
     "nodes/environment_share": "a device's environments",
@@ -103,7 +103,7 @@ TELLS = {
     "evis/recordings": "evis.open",
     "evis/console": "terminal, signals",
     "evis/files": "safe files",
-    "evis/gpu": "graphs, appending",
+    "evis/gpu": "CUDA graphs",
     "msgs": "topic table, a dataclass per message, wire codec",
 }
 """What a room holds, in a few words."""
