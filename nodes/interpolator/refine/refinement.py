@@ -15,7 +15,7 @@ from nodes.interpolator.refine.further_kernels import count_samples, make_sort, 
 from nodes.interpolator.refine.instants import Instants, instants_of
 from nodes.interpolator.refine.interval_kernels import make_intervals, make_rounds, see
 from nodes.interpolator.refine.path_kernels import Cut, Stage, make_instances
-from nodes.interpolator.refine.probes import Probes
+from nodes.interpolator.refine.probing.probes import Probes
 from nodes.interpolator.refine.run_kernels import make_find_runs
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.samples import Further
