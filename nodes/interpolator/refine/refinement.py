@@ -88,6 +88,8 @@ class Refinement:
         """Samples of the last gap, and those of them that were shaded."""
         self.reached = True
         """Whether these are as close as the tolerance of time asks for, where need be."""
+        self.unseen = False
+        """Whether something is so fast that part of it passes pixels between two looks at them."""
 
     def further(self, a: KeyframeView, b: KeyframeView, held: np.ndarray, frames: wp.array) -> Further | None:
         """Gives samples between the frames [E K, h, w] of the gap just made, None where there are none."""
@@ -96,6 +98,7 @@ class Refinement:
         starts, ends = a.times(envs), b.times(envs)
         gap = int((ends - starts)[~held].max(initial=0))
         self.evaluated = self.shaded = 0
+        self.unseen = False
         coarse, cpu = rigid.layout.upsampling, self._device.is_cpu
         looks = max(self._looks, 1 << (-(-self._flicker.instants(gap) // coarse) - 1).bit_length())
         instants = instants_of(gap, coarse, self._tolerance_ns, self._pixels, looks, cpu)
@@ -110,6 +113,7 @@ class Refinement:
         assert a.states is not None and b.states is not None
         evaluator.begin(stamps, a.states, b.states, held)
         self._probes.draw(instants, stamps, ends - starts, evaluator.places, (a.states, b.states), held)
+        self.unseen = self._probes.unseen
         self._held.assign(held.astype(np.int32))
         self._flicker.find(starts, stamps, coarse)
         total = 0

@@ -118,6 +118,12 @@ def test_a_thing_that_turns_a_hundred_times_in_a_gap_is_fast():
     assert drawn(gap_of(scene)) == [K << instants_of(GAP, K, 50_000, 1, 8, True).depth]
 
 
+@pytest.mark.parametrize(("speed", "unseen"), [(150, False), (300, False), (3000, True)])
+def test_what_is_too_fast_is_told(speed, unseen):
+    """3 px wide: at 3000 px per gap it is on a pixel for 10 us, a fifth of the tolerance."""
+    assert gap_of(passing(3, speed)).refinement.unseen == unseen
+
+
 def test_each_is_of_its_own_instant():
     """In the order in which path_kernels.entry_at looks for them: each against a z-buffer of its own."""
     scene = passing(3, 150)

@@ -55,6 +55,8 @@ class Probes:
             self.packed = wp.empty((0, *v.shape[1:]), dtype=wp.uint64)
             self.each = wp.zeros(self._envs, dtype=wp.int32)
         self.most = self._least
+        self.unseen = False
+        """Whether more would be needed than there may be."""
 
     def draw(
         self,
@@ -72,6 +74,7 @@ class Probes:
         """
         rigid, coarse = self._rigid, self._coarse
         pixels = self._v.shape[1] * self._v.shape[2]
+        self.unseen = False
         shortest = 0 if held.all() else int(lengths[~held].min())
         # How fast things are is found over a time that is shorter than what lies between two of them.
         most = min(MOST, ROOM // pixels, shortest // (2 * SHORT_NS)) // coarse
@@ -151,6 +154,7 @@ class Probes:
         unseen, all_of_it = found[:, :-1], found[:, -1:]
         once = pixels * looked_at[:, None]
         enough = (unseen <= MISSED * once) & ((unseen <= MISSED_OF_ALL * all_of_it) | (unseen <= FEW * once))
+        self.unseen = bool((~enough[:, -1] & ~held).any())
         enough[:, -1] = True
         return np.maximum(least << enough.argmax(axis=1), begun)
 
