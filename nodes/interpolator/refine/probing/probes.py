@@ -22,8 +22,9 @@ ROOM = 1 << 25
 """Pixels of all these z-buffers of an environment, at most."""
 MISSED = 0.03
 """How often something thin may pass a pixel unseen in a gap, on the average."""
-MISSED_OF_ALL, FEW = 0.25, 0.003
-"""Part of what passes that may be unseen, unless that is few: so often a pixel, on the average."""
+MISSED_OF_ALL, OF_VISITS, FEW = 0.25, 0.1, 0.003
+"""Part of what passes that may be unseen, and where something visits the image in between, unless that is few: so
+often a pixel, on the average."""
 SHORT_NS = 10_000
 """Time over which it is found how fast things are."""
 
@@ -152,8 +153,9 @@ class Probes:
             wp.launch(self._find_thin, (rows, v.shape[1], v.shape[2] // span), given, [missed], device=v.device)
         found = missed.numpy()
         unseen, all_of_it = found[:, :-1], found[:, -1:]
+        of_all = np.where(begun > least, OF_VISITS, MISSED_OF_ALL)[:, None]
         once = pixels * looked_at[:, None]
-        enough = (unseen <= MISSED * once) & ((unseen <= MISSED_OF_ALL * all_of_it) | (unseen <= FEW * once))
+        enough = (unseen <= MISSED * once) & ((unseen <= of_all * all_of_it) | (unseen <= FEW * once))
         self.unseen = bool((~enough[:, -1] & ~held).any())
         enough[:, -1] = True
         return np.maximum(least << enough.argmax(axis=1), begun)
