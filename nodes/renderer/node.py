@@ -404,4 +404,6 @@ def same_lens(a: Camera, b: Camera) -> bool:
 def _seen_at(params: Mapping[str, Any]) -> float:
     """Gives the rate [Hz] at which what is fast is seen: that of frames, or of single pixels between them."""
     resolved = params["resolved"]
-    return max(params["frame_rate"], 1.0 / resolved) if resolved else params["frame_rate"]
+    if not resolved or params["supersampling"] > 1 or parameters.by_paths(params):
+        return params["frame_rate"]
+    return max(params["frame_rate"], 1.0 / resolved)
