@@ -16,7 +16,7 @@ from bench.interpolation.pipeline import reference, simulate
 from evis.events.measure.distance import victor_purpura
 from evis.geometry import se3
 from evis.runtime.clock import NS
-from evis.scene.model import Material, Scene
+from evis.scene.model import Material, Scene, Waveform
 from evis.scene.motion import Linear, Motion, Prescribed, Sinusoid, Spin
 from nodes.interpolator.auto.world import World
 
@@ -74,6 +74,21 @@ def turning_camera() -> Scene:
     return scene_of(things, from_zero((0, 0, 0), Spin(np.array([0.0, 1.0, 0.0]), 25.0)))
 
 
+def pulsed_lamp() -> Scene:
+    """A lamp at 240 Hz, on for a fifth of each period, a blade that turns and a square that passes before a wall."""
+    led = lamp(waveform=Waveform("square", 240.0, 0.9, 0.1, 0.2))
+    square_goes = (square(0.15), plain(0.9), from_zero((-0.5, 0.3, DEPTH), Linear(np.array([10.0, 0.0, 0.0]))))
+    blade_turns = (square(0.4, 0.05), plain(0.7), from_zero((0.3, -0.1, DEPTH), Spin(TURN, 40.0)))
+    return scene_of([wall(), square_goes, blade_turns], lights=[led], sky=0.1)
+
+
+def bullet() -> Scene:
+    """A square 10 px wide that crosses the image in 2 ms, between two frames of a gap."""
+    pace = 106.0 * DEPTH / FOCAL / 2e-3
+    flight = Linear(np.array([pace, 0.0, 0.0]))
+    return scene_of([wall(), (square(5.0 * DEPTH / FOCAL), plain(0.9), from_zero((-pace * 0.018, 0.1, DEPTH), flight))])
+
+
 SCENES: dict[str, Callable[[], Scene]] = {
     "pole, up to 20 px per eighth of a gap": pole,
     "propeller at 300 rad/s": lambda: blade(300.0),
@@ -81,11 +96,13 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "texture finer than a pixel": fine_texture,
     "camera turning at 25 rad/s": turning_camera,
     "spinner at 10,000 rad/s": lambda: blade(10_000.0),
+    "lamp pulsed at 240 Hz": pulsed_lamp,
+    "square that crosses the image in 2 ms": bullet,
 }
 
 
 def measure(quick: bool = False) -> dict[str, Any]:
-    """Measures all ways on six scenes; quick: on two, against 4 kHz."""
+    """Measures all ways on eight scenes; quick: on two, against 4 kHz."""
     duration, truth_hz = round(GAPS * NS / RATE), TRUTH_HZ / 4 if quick else TRUTH_HZ
     rows = []
     for name, make in list(SCENES.items())[: 2 if quick else None]:

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 from evis.config.document import submap
-from evis.config.expression import names_in
+from evis.config.expression import ExpressionError, names_in, substitute
 from evis.config.params import resolve
 from evis.launch import node_arguments
 from evis.launch.arguments import ArgumentError
@@ -57,6 +57,7 @@ def _uses(
             yield ""
         params = submap(entry, "params")
         read = [param for param in params if name in names_in(params[param])]
+        read = [param for param in read if _differs(params[param], name, launch, expanded)]
         read += node_arguments.passed_on(entry, {name: None}, nodes.where(key))
         if not read:
             continue
@@ -66,6 +67,19 @@ def _uses(
         for spec in specs:
             for param in read:
                 yield _idle(spec, param, plan)
+
+
+def _differs(text: Any, name: str, launch: LaunchFile, expanded: Expanded) -> bool:
+    """Whether what a parameter is made from is another value with an argument than without it, as far as can be
+    told."""
+    if name not in launch.arguments:
+        return True
+    left_out = {**expanded.values, name: launch.arguments[name].param.default}
+    try:
+        return bool(substitute(text, expanded.values) != substitute(text, left_out))
+    except ExpressionError:
+        # What is made for each camera by itself has names of its own.
+        return True
 
 
 def _idle(spec: NodeSpec, param: str, plan: Plan) -> str:

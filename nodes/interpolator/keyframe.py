@@ -126,7 +126,8 @@ class Report:
     radiance is not finite. reshaded: shaded anew at their own time. samples: all pixels of the sub-frames that were
     made. sampled: those of them that `rigid` looked up or shaded, the others being as in the later keyframe or between
     two that it did; on a GPU without such, all. refined: further samples of single pixels between the frames.
-    unreached: 1 where these are not as close as the tolerance of time asks for.
+    unreached: 1 where these are not as close as the tolerance of time asks for. unseen: 1 where things are so fast that
+    some of them passes pixels between two looks at them.
     """
 
     filled: int = 0
@@ -136,6 +137,7 @@ class Report:
     sampled: int = 0
     refined: int = 0
     unreached: int = 0
+    unseen: int = 0
 
 
 class Method(Protocol):

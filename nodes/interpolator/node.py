@@ -302,6 +302,7 @@ class InterpolatorNode(Node):
         report = self.interpolator.report
         counts = {"filled_pixels": report.filled, "reshaded_pixels": report.reshaded}
         counts |= {"further_samples": report.refined, "gaps_above_time_tolerance": report.unreached}
+        counts["gaps_passed_unseen"] = report.unseen
         counts["nonfinite_pixels" if self._method == "rigid" else "nonfinite_motion"] = report.nonfinite
         for name, amount in counts.items():
             if amount:

@@ -63,6 +63,7 @@ class RendererNode(Node):
         "batch": BATCH,
         "keyframe_rate": Param(float, 30.0, "rate of the states, told to readers in /info", "Hz", 0),
         "frame_rate": Param(float, 0.0, "rate at which things are seen, to warn of what is too fast; 0 = any", "Hz", 0),
+        "resolved": Param(float, 0.0, "time to which single pixels are seen between frames; 0 = frames only", "s", 0),
     }
     PER_ENVIRONMENT = True
     INPUTS = {"state": Input("/state")}
@@ -113,7 +114,7 @@ class RendererNode(Node):
         if params.get("scene") and params.get("frame_rate"):
             # Whoever loads the scene says what is wrong with it.
             with contextlib.suppress(ValueError, OSError):
-                return tuple(undersampled(scene_of("renderer", params, textures=False), params["frame_rate"]))
+                return tuple(undersampled(scene_of("renderer", params, textures=False), _seen_at(params)))
         return ()
 
     def setup(self) -> None:
@@ -127,9 +128,9 @@ class RendererNode(Node):
         self.renderer = self._renderers(worlds.groups(appearance))
         self.renderer.prepare(self._wanted())
         if p["frame_rate"]:
-            for line in undersampled(self.scene, p["frame_rate"]):
+            for line in undersampled(self.scene, _seen_at(p)):
                 self.warn(line)
-        self._turns = Turns(self.scene, p["frame_rate"])
+        self._turns = Turns(self.scene, _seen_at(p))
         self._names = [body.name for body in self.scene.bodies]
         self._begin()
         self.publish("info", self._info(Header(0)))
@@ -398,3 +399,11 @@ class RendererNode(Node):
 def same_lens(a: Camera, b: Camera) -> bool:
     """Tells whether two cameras see a point of their frame in the same pixel."""
     return bool(np.array_equal(a.k, b.k)) and a.distortion == b.distortion
+
+
+def _seen_at(params: Mapping[str, Any]) -> float:
+    """Gives the rate [Hz] at which what is fast is seen: that of frames, or of single pixels between them."""
+    resolved = params["resolved"]
+    if not resolved or params["supersampling"] > 1 or parameters.by_paths(params):
+        return params["frame_rate"]
+    return max(params["frame_rate"], 1.0 / resolved)

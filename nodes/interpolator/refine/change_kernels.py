@@ -3,7 +3,7 @@
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
-from nodes.interpolator.refine.path_kernels import PARTS, Cut, Spot, Stage, entry_at, slot_row
+from nodes.interpolator.refine.path_kernels import PARTS, SHARP, Cut, Spot, Stage, entry_at, slot_row
 from nodes.interpolator.refine.sight_kernels import passing, seen_between
 from nodes.interpolator.rigid.plan_kernels import joined
 from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
@@ -13,8 +13,6 @@ wp.set_module_options({"enable_backward": False})
 PENDING = wp.types.vector(length=12, dtype=wp.int32)
 SEEN_THEN = wp.types.vector(length=12, dtype=wp.uint64)
 """Ends of halves of an interval between probes that are still to be looked at: as often as it can be halved."""
-SHARP = wp.constant(2)
-"""Half of the time that one surface takes to give way to the next, in PARTS."""
 
 
 @wp.struct

@@ -115,8 +115,9 @@ class Evaluator:
             shading.set_times(shown)
             waveform = rigid.layout.waveform
             if waveform is not None:
-                strength = [waveform_strength(waveform, int(t)) for t in shown]
-                self.strength.assign(np.array(strength, np.float32))
+                times, which = np.unique(shown, return_inverse=True)
+                strength = np.array([waveform_strength(waveform, int(t)) for t in times], np.float32)
+                self.strength.assign(strength[which.reshape(-1)])
 
     def reserve(self, size: int) -> None:
         """Makes room for lists of `size` pixels; entries there are lost where the arrays must grow."""

@@ -70,7 +70,9 @@ def make_sort(channels: int) -> wp.Kernel:
         env = q // inner
         i = t // PARTS
         part = t % PARTS
-        ns = since[env, i - 1]
+        ns = wp.int32(0)
+        if i > 0:
+            ns = since[env, i - 1]
         if part > 0:
             ns += (since[env, i] - ns) * part // PARTS
         offset[place] = ns

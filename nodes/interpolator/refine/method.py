@@ -39,4 +39,5 @@ class Refined:
         self.further = self.refinement.further(a, b, np.asarray(held, bool), self.rigid.frames)
         report.refined, report.reshaded = self.refinement.evaluated, report.reshaded + self.refinement.shaded
         report.unreached = int(not self.refinement.reached)
+        report.unseen = int(self.refinement.unseen)
         return report

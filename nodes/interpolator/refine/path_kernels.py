@@ -27,6 +27,8 @@ UNKNOWN = wp.constant(1.0e30)
 STEEPEST = wp.constant(1.0e30)
 PARTS = wp.constant(64)
 """Parts of the time from one instant to the next."""
+SHARP = wp.constant(2)
+"""Half of the time that one surface takes to give way to the next, and light to be switched, in PARTS."""
 
 
 @wp.struct
@@ -50,7 +52,6 @@ class Cut:
     slots: int
     depth: int
     probes: int
-    looks: int
     rows: int
     envs: int
     height: int

@@ -10,11 +10,12 @@ import warp as wp
 from nodes.interpolator.keyframe import KeyframeView, own_subframes
 from nodes.interpolator.refine.change_kernels import Changes, find_changes
 from nodes.interpolator.refine.evaluator import Evaluator
+from nodes.interpolator.refine.flicker import Flicker
 from nodes.interpolator.refine.further_kernels import count_samples, make_sort, place_samples
 from nodes.interpolator.refine.instants import Instants, instants_of
 from nodes.interpolator.refine.interval_kernels import make_intervals, make_rounds, see
 from nodes.interpolator.refine.path_kernels import Cut, Stage, make_instances
-from nodes.interpolator.refine.probes import Probes
+from nodes.interpolator.refine.probing.probes import Probes
 from nodes.interpolator.refine.run_kernels import make_find_runs
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.samples import Further
@@ -28,7 +29,7 @@ PLAIN = 0.1
 SPARE = 1.5
 """Allocated size over needed size, so that lists seldom grow."""
 LOOKS, LEAST_LOOKS = 32, 4
-"""Instants per gap and, at least, per coarse interval, at which light that flickers is looked at."""
+"""Instants per gap and per coarse interval, at least."""
 
 
 class Lists:
@@ -71,7 +72,8 @@ class Refinement:
         self._looks = 1 << (max(LEAST_LOOKS, -(-LOOKS // layout.upsampling)) - 1).bit_length()
         channels = layout.channels
         self._pixel: Any = wp.float32 if channels == 1 else wp.vec3
-        self._find_plain, self._find_runs = make_find_runs(v.lens, channels, layout.exact_flicker)
+        self._find_plain, self._find_runs = make_find_runs(v.lens, channels, layout.exact_flicker, layout.relight)
+        self._flicker = Flicker((light.waveform for light in v.scene.lights), PLAIN * layout.tolerance, v.device)
         self._others = wp.empty(0, dtype=wp.int32, device=v.device)
         self._first = wp.empty(0, dtype=wp.int32, device=v.device)
         self._changes = Lists(Changes, self._pixel, v.device)
@@ -87,6 +89,8 @@ class Refinement:
         """How many samples the last gap has, and how many of them were shaded."""
         self.reached = True
         """Whether these are as close as the tolerance of time asks for, where need be."""
+        self.unseen = False
+        """Whether something is so fast that part of it passes pixels between two looks at them."""
 
     def further(self, a: KeyframeView, b: KeyframeView, held: np.ndarray, frames: wp.array) -> Further | None:
         """Computes the samples between the frames [E K, h, w] of the gap made last; None without any."""
@@ -95,9 +99,11 @@ class Refinement:
         starts, ends = a.times(envs), b.times(envs)
         gap = int((ends - starts)[~held].max(initial=0))
         self.evaluated = self.shaded = 0
+        self.unseen = False
         coarse, cpu = rigid.layout.upsampling, self._device.is_cpu
-        instants = instants_of(gap, coarse, self._tolerance_ns, self._pixels, self._looks, cpu)
-        self.reached = instants.reached and gap < 1 << 31
+        looks = max(self._looks, 1 << (-(-self._flicker.instants(gap) // coarse) - 1).bit_length())
+        instants = instants_of(gap, coarse, self._tolerance_ns, self._pixels, looks, cpu)
+        self.reached = instants.reached and gap < 1 << 31 and self._flicker.follows(gap)
         if gap <= 0 or gap >= 1 << 31 or instants.depth == 0:
             return None
         if a.own is None and b.own is None:
@@ -108,7 +114,9 @@ class Refinement:
         assert a.states is not None and b.states is not None
         evaluator.begin(stamps, a.states, b.states, held)
         self._probes.draw(instants, stamps, ends - starts, evaluator.places, (a.states, b.states), held)
+        self.unseen = self._probes.unseen
         self._held.assign(held.astype(np.int32))
+        self._flicker.find(starts, stamps, coarse)
         total = 0
         for first, last in instants.windows():
             total = self._window(instants, evaluator, first, last, frames, total)
@@ -217,15 +225,15 @@ class Refinement:
             launches: list[list[tuple[Any, Any, list[Any]]]] = [[], [], []]
             for k in range(bands):
                 rows, other = edges[k + 1] - edges[k], intervals * envs * width * edges[k]
-                keys, start = rigid.pair.kernel(), rigid.pair.a.packed
+                keys, start, marks = rigid.pair.kernel(), rigid.pair.a.packed, self._flicker.kernel
                 given = [v.view, cut, edges[k], span, k * most, most, other, k, self._held, keys, stage]
-                given += [rigid.strength, evaluator.strength]
+                given += [marks, rigid.strength, evaluator.strength]
                 given += [rigid.pair.a.image, start, frames, self._instances.kernel, found, self._others, others]
                 launches[0].append((self._find_plain, (intervals * envs, rows, width // span), given))
                 given = [v.view, cut, workers, k * most_changes, most_changes, other, k, self._others, others]
                 launches[1].append((find_changes, workers, [*given, stage, start, changes, changed]))
                 given = [v.view, cut, workers, k * most, most, other, k, self._others, others, changes, keys, stage]
-                launches[2].append((self._find_runs, workers, [*given, start, self._instances.kernel, found]))
+                launches[2].append((self._find_runs, workers, [*given, marks, start, self._instances.kernel, found]))
             for each in launches:
                 rigid.sampling.launch(each)
             counts, needed = found.numpy().tolist(), int(changed.numpy().max())
@@ -239,7 +247,7 @@ class Refinement:
         cut.jump = cut.bend = PART * layout.tolerance
         cut.straight, cut.rough = PLAIN * layout.tolerance, layout.tolerance
         cut.first, cut.coarse, cut.slots, cut.depth = first, instants.coarse, instants.inside, instants.depth
-        cut.probes, cut.looks = self._probes.most, self._looks
+        cut.probes = self._probes.most
         cut.rows = self._rigid.visibility.envs
         cut.envs, cut.margin = layout.envs, evaluator.visibility.margin
         cut.height, cut.width = evaluator.size

@@ -6,9 +6,11 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
-from nodes.interpolator.refine.change_kernels import SHARP, Changes, ends_of, spot_of
+from nodes.interpolator.refine.change_kernels import Changes, ends_of, spot_of
+from nodes.interpolator.refine.flicker_kernels import Marks, entry_near, make_note_marks, marks_of
 from nodes.interpolator.refine.path_kernels import (
     PARTS,
+    SHARP,
     UNKNOWN,
     Cut,
     Spot,
@@ -17,52 +19,26 @@ from nodes.interpolator.refine.path_kernels import (
     make_instances,
     make_note,
     make_walk,
-    slot_row,
 )
 from nodes.interpolator.rigid.keyframe_kernels import equal, log_of
-from nodes.interpolator.rigid.log_kernels import apart, radiance_of
+from nodes.interpolator.rigid.log_kernels import apart
 from nodes.interpolator.rigid.look_up_kernels import make_keyframes
 from nodes.interpolator.rigid.plan_kernels import joined
+from nodes.renderer.raster.depth_kernels import MISS, triangle_of
 from nodes.renderer.raster.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 
 
 @cache
-def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.Kernel]:
+def make_find_runs(lens: str, channels: int, flicker: bool, relit: bool) -> tuple[wp.Kernel, wp.Kernel]:
     """Makes the kernels `find_plain` and `find_runs`, of pixels that show one surface all along, and of all others;
-    arguments as of make_look_up."""
+    arguments as of make_look_up. relit: whether lights flicker each in its own way: then surfaces are shaded anew."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
     Keyframes: Any = make_keyframes(channels, flicker)
     Instances: Any = make_instances(channels)
     walk, note = make_walk(lens, channels, flicker), make_note(channels)
-
-    @wp.func
-    def flickers(
-        cut: Cut,
-        keys: Keyframes,
-        spot: Spot,
-        at: int,
-        log_a: pixel,
-        log_b: pixel,
-        strength: wp.array(dtype=float),
-        within: wp.array(dtype=float),
-    ):
-        """Finds the instant at which light that flickers has a pixel furthest off a straight line; 0 where it is not
-        off by more than cut.bend. at: of the pixel in keyframe B."""
-        worst = cut.bend
-        place = wp.int32(0)
-        logs = keys.logs[keys.first[1] + at]
-        after = wp.where(spot.k + 1 == cut.coarse, 0, spot.k + 1)
-        end = log_of(radiance_of(logs, strength[after * cut.envs + spot.env]))
-        for n in range(1, cut.looks):
-            i = n * (cut.slots + 1) // cut.looks
-            value = log_b + log_of(radiance_of(logs, within[slot_row(cut, spot, i)])) - end
-            off = apart(value, log_a + float(n) / float(cut.looks) * (log_b - log_a))
-            if off > worst:
-                worst = off
-                place = i
-        return place
+    note_marks = make_note_marks(channels)
 
     @wp.func
     def go(
@@ -96,6 +72,46 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, 
             tries += 1
         return new, rise, whole
 
+    @wp.func
+    def through(
+        view: CameraView,
+        cut: Cut,
+        keys: Keyframes,
+        stage: Stage,
+        instances: Instances,
+        marks: Marks,
+        spot: Spot,
+        start: int,
+        end: int,
+        before: wp.uint64,
+        after: wp.uint64,
+        last: int,
+        room: int,
+        most: int,
+        band: int,
+        count: wp.array(dtype=int),
+    ):
+        """Does as `go` does, from one mark to the next where lights flicker."""
+        begun = start
+        seen = before
+        if wp.static(flicker or relit):
+            first, past = marks_of(marks, spot)
+            for n in range(first, past):
+                i = marks.at[n]
+                if i > start and i < end:
+                    hit = entry_near(cut, stage, spot, i, begun, seen)
+                    last, told, _all = go(
+                        view, cut, keys, stage, instances, spot, begun, i, seen, hit, last, room, most, band, count
+                    )
+                    last = note(cut, instances, spot, i, hit, hit, told, last, room, most, band, count)
+                    instances.later[last] = marks.later[n]
+                    begun = i
+                    seen = hit
+        last, rise, whole = go(
+            view, cut, keys, stage, instances, spot, begun, end, seen, after, last, room, most, band, count
+        )
+        return last, rise, whole
+
     @wp.kernel(module="unique", enable_backward=False)
     def find_plain(
         # in
@@ -110,6 +126,7 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, 
         held: wp.array(dtype=int),
         keys: Keyframes,
         stage: Stage,
+        marks: Marks,
         strength: wp.array(dtype=float),
         within: wp.array(dtype=float),
         image: wp.array3d(dtype=pixel),
@@ -125,8 +142,8 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, 
         interval and at all probes, from `room` on, `most` at most; count[band]: how many there would be. What shows
         several is listed in `others`, from others0 on, as indices into [intervals, E, h, w].
 
-        strength [rows], within [slots E]: of lights that flicker, at coarse frames and within. image, start: keyframe A
-        and its z-buffer, with the margin. frames: [E K, h, w].
+        marks: of lights that flicker; strength [rows], within [slots E]: how strong they are at coarse frames and
+        within. image, start: keyframe A and its z-buffer, with the margin. frames: [E K, h, w].
         """
         n, row, part = wp.tid()
         env = n % cut.envs
@@ -150,33 +167,36 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, 
                 hit = then
             a = wp.where(k == 0, image[env, spot.y, spot.x], frames[env * cut.coarse + wp.max(k - 1, 0), y, x])
             b = frames[env * cut.coarse + k, y, x]
+            done = wp.bool(False)
+            if wp.static(flicker):
+                if one and not changed:
+                    done = True
+                    at_b = (env * view.height + spot.y) * view.width + spot.x
+                    last, rise = note_marks(
+                        cut, keys, instances, marks, spot, at_b, hit, log_of(a), log_of(b), strength, within, room,
+                        most, band, count,
+                    )  # fmt: skip
+                    if last >= 0:
+                        instances.tail[last] = rise
+                        instances.ends[last] = 1
             if not one:
                 others[others0 + take_place(others_count, band)] = (
                     n // cut.envs * (cut.envs * cut.height * cut.width) + spot.q
                 )
-            elif changed or not equal(a, b) or wp.static(flicker):
+            elif not done and (changed or not equal(a, b) or (wp.static(relit) and triangle_of(hit) != MISS)):
                 log_a = log_of(a)
                 log_b = log_of(b)
-                place = wp.int32(0)
-                if wp.static(flicker):
-                    at_b = (env * view.height + spot.y) * view.width + spot.x
-                    place = flickers(cut, keys, spot, at_b, log_a, log_b, strength, within)
-                last = wp.int32(-1)
-                rise = pixel(UNKNOWN)
-                whole = wp.bool(True)
-                if changed or not equal(a, b):
-                    last, rise, whole = go(
-                        view, cut, keys, stage, instances, spot, 0, each, ends.before, ends.after, last, room, most,
-                        band, count,
-                    )  # fmt: skip
-                    if last < 0 and place == 0 and apart(log_a, log_b) > cut.jump:
-                        if not whole or apart(rise, log_b - log_a) > cut.bend:
-                            place = each // 2
-                if last < 0 and place > 0:
-                    rise = pixel(UNKNOWN)
-                    last = note(
-                        cut, instances, spot, place, ends.before, ends.after, rise, last, room, most, band, count
-                    )
+                last, rise, whole = through(
+                    view, cut, keys, stage, instances, marks, spot, 0, each, ends.before, ends.after, -1, room, most,
+                    band, count,
+                )  # fmt: skip
+                if last < 0 and apart(log_a, log_b) > cut.jump:
+                    if not whole or apart(rise, log_b - log_a) > cut.bend:
+                        rise = pixel(UNKNOWN)
+                        last = note(
+                            cut, instances, spot, each // 2, ends.before, ends.after, rise, last, room, most, band,
+                            count,
+                        )  # fmt: skip
                 if last >= 0:
                     instances.tail[last] = rise
                     instances.ends[last] = 1
@@ -196,6 +216,7 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, 
         changes: Changes,
         keys: Keyframes,
         stage: Stage,
+        marks: Marks,
         start: wp.array3d(dtype=wp.uint64),
         # in or out
         instances: Instances,
@@ -225,9 +246,9 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, 
                     then = changes.after[c]
                     later = changes.later[c]
                     if low > begun:
-                        last, rise, _whole = go(
-                            view, cut, keys, stage, instances, spot, begun, low, seen, hit, last, room, most, band,
-                            count,
+                        last, rise, _whole = through(
+                            view, cut, keys, stage, instances, marks, spot, begun, low, seen, hit, last, room, most,
+                            band, count,
                         )  # fmt: skip
                         last = note(cut, instances, spot, low, hit, hit, rise, last, room, most, band, count)
                     if later > 0:
@@ -241,9 +262,9 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, 
                     c = changes.following[c]
             if last >= 0:
                 if begun <= cut.slots:
-                    last, rise, _whole = go(
-                        view, cut, keys, stage, instances, spot, begun, each, seen, ends.after, last, room, most, band,
-                        count,
+                    last, rise, _whole = through(
+                        view, cut, keys, stage, instances, marks, spot, begun, each, seen, ends.after, last, room, most,
+                        band, count,
                     )  # fmt: skip
                     instances.tail[last] = rise
                 instances.ends[last] = 1

@@ -182,7 +182,9 @@ class Sampling:
             for kernel, dim, given in launches:
                 wp.launch(kernel, dim, given, device=self._v.device)
             return
-        recorded = [wp.launch(kernel, dim, given, device="cpu", record_cmd=True) for kernel, dim, given in launches]
+        # A band may have nothing to do, and a launch of no threads cannot be recorded.
+        some = [one for one in launches if one[1]]
+        recorded = [wp.launch(kernel, dim, given, device="cpu", record_cmd=True) for kernel, dim, given in some]
         list(self._pool.map(lambda command: command.launch(), recorded))
 
     def _join(self, pieces: wp.array, counts: wp.array, at: int, starts: list[int]) -> wp.array:

@@ -9,7 +9,7 @@ from evis.scene.model import Mesh
 from evis.scene.motion import Linear, Prescribed, Spin
 from nodes.interpolator.refine.instants import instants_of
 from nodes.interpolator.refine.method import Refined
-from nodes.interpolator.refine.probes import LEAST, order_of
+from nodes.interpolator.refine.probing.probes import LEAST, order_of
 from nodes.interpolator.rigid import Rigid, RigidOptions
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.renderer import Renderer
@@ -70,6 +70,40 @@ def test_as_many_as_a_thing_that_passes_is_wide(width, speed, wanted):
     assert drawn(gap_of(passing(width, speed))) == [wanted]
 
 
+def test_a_small_thing_counts_although_the_image_hardly_changes():
+    """A square of 4 px on its way over 200 px is on a pixel for a fiftieth of the gap."""
+    scene = passing(4, 200)
+    scene.instances[1].mesh = quad(2.0 * DEPTH / FOCAL)
+    assert drawn(gap_of(scene)) == [64]
+
+
+@pytest.mark.parametrize("camera_turns", [False, True])
+def test_a_thing_that_comes_and_goes_between_two_looks_is_seen(camera_turns):
+    """It is in the image for a 26th of the gap, between two of the 16 z-buffers that there are in any case, and 150 us
+    on a pixel."""
+    speed = 4000 * DEPTH / FOCAL / (GAP * 1e-9)
+    start = pose(-speed * (START + 0.593 * GAP) * 1e-9, 0, DEPTH)
+    flight = Prescribed(start, [Linear(np.array([speed, 0.0, 0.0]))])
+    things = [(quad(8.0), plain(0.2), Prescribed(pose(z=3.0))), (strip(60), plain(0.9), flight)]
+    turn = Prescribed(pose(), [Spin(np.array([0.0, 0.0, 1.0]), 1.0)]) if camera_turns else None
+    method = gap_of(world(things, camera_motion=turn))
+    first, offset, value = method.further.arrays(False)
+    pixels = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    bright = value > 0.15
+    # Z-buffers are as close as that in the end, or a little less.
+    assert len(np.unique(pixels[bright])) > 0.9 * (len(first) - 1)
+    assert 0.56 * GAP < offset[bright].min() and offset[bright].max() < 0.63 * GAP
+
+
+def test_what_stays_in_the_image_or_out_of_it_asks_for_no_more():
+    speed = 20 * DEPTH / FOCAL / (GAP * 1e-9)
+    for away in (0.0, 5.0):
+        start = pose(away - speed * START * 1e-9, 0, DEPTH)
+        flight = Prescribed(start, [Linear(np.array([speed, 0.0, 0.0]))])
+        things = [(quad(8.0), plain(0.2), Prescribed(pose(z=3.0))), (strip(20), plain(0.9), flight)]
+        assert drawn(gap_of(world(things))) == [LEAST]
+
+
 def test_a_textured_wall_that_goes_fast_needs_no_more_than_the_least():
     speed = 150 * DEPTH / FOCAL / (GAP * 1e-9)
     flight = Prescribed(pose(-speed * START * 1e-9, 0, DEPTH), [Linear(np.array([speed, 0.0, 0.0]))])
@@ -82,6 +116,12 @@ def test_a_thing_that_turns_a_hundred_times_in_a_gap_is_fast():
     blade = (strip(3), plain(0.9), Prescribed(pose(0, 0, DEPTH), [turns]))
     scene = world([(quad(8.0), plain(0.2), Prescribed(pose(z=3.0))), blade])
     assert drawn(gap_of(scene)) == [K << instants_of(GAP, K, 50_000, 1, 8, True).depth]
+
+
+@pytest.mark.parametrize(("speed", "unseen"), [(150, False), (300, False), (3000, True)])
+def test_what_is_too_fast_is_told(speed, unseen):
+    """3 px wide: at 3000 px per gap it is on a pixel for 10 us, a fifth of the tolerance."""
+    assert gap_of(passing(3, speed)).refinement.unseen == unseen
 
 
 def test_each_is_of_its_own_instant():

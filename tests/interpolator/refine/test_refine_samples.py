@@ -1,5 +1,7 @@
 """Samples of single pixels between the frames: their values against frames there, their times against closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rigid_rig import (
@@ -124,6 +126,39 @@ def test_values_under_a_lamp_that_flickers():
     errors = errors_of(world(things, lights=lights))
     assert len(errors) > 10_000
     assert np.median(errors) < 0.005 and np.quantile(errors, 0.98) < 0.1
+
+
+@pytest.mark.parametrize("alike", [True, False])
+def test_lamps_that_are_switched_many_times_between_frames(alike):
+    """ln I is a line between a pixel's samples: against dense rendering at times of its own, beside a disc that turns.
+    alike: one lamp; else two that flicker each in its own way."""
+    waves = [Waveform("square", 700.0, 0.8, 0.1, 0.3), None if alike else Waveform("sine", 330.0, 0.6)]
+    lights = [replace(lamp(waveform=w), name=f"lamp{n}") for n, w in enumerate(waves)]
+    turn = Spin(np.array([0.0, 0.0, 1.0]), 20.0)
+    things = [(quad(4.0), painted(), Prescribed(pose(z=3.0))), (disc(0.4), plain(0.7), Prescribed(pose(z=2.5), [turn]))]
+    scene = world(things, lights=lights)
+    frames, (pixels, ns, values) = refined(scene, 4, 100_000)
+    renderer = Renderer(scene, scene.cameras[0])
+    dense = {}
+    for t in np.random.default_rng(1).integers(0.26 * GAP, GAP, 60).tolist():
+        # It may be a lamp's switch that is looked at: then either side is right.
+        around = [
+            luminance(renderer.render(at.pose[:, 0], t_ns=START + s)["radiance"]).reshape(-1)
+            for s in (t - 15_000, t, t + 15_000)
+            for at in [closed_form(scene, np.array([START + s]))]
+        ]
+        dense[t] = np.log(np.array(around))
+    stamps = subframe_stamps(0, GAP, 4)
+    errors = []
+    for q in range(0, frames[0].size, 53):
+        mine = pixels == q
+        times, lit = np.concatenate([stamps, ns[mine]]), np.concatenate([frames.reshape(4, -1)[:, q], values[mine]])
+        order = np.argsort(times)
+        for t, near in dense.items():
+            found = np.interp(t, times[order], np.log(lit[order]))
+            errors.append(max(near[:, q].min() - found, found - near[:, q].max(), 0.0))
+    assert len(errors) > 5000
+    assert np.quantile(errors, 0.98) < 0.03
 
 
 @pytest.mark.parametrize("speed", [10.0, 20.0, -8.0])

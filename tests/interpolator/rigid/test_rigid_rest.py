@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 from rigid_rig import GAP, START, closed_form, keyframe, painted, pose, quad, world
 
-from evis.scene.motion import Prescribed
+from evis.scene.motion import Linear, Prescribed
 from nodes.interpolator.refine.method import Refined
 from nodes.interpolator.rigid import Rigid, RigidOptions
 from nodes.renderer.renderer import Renderer
@@ -76,3 +76,16 @@ def test_samples_between_frames_are_spared_too():
     for one, other in zip(further, all_further):
         assert (one is None) == (other is None)
         assert one is None or all(np.array_equal(a, b) for a, b in zip(one, other))
+
+
+def test_threads_that_have_nothing_to_do():
+    """Something moves, but out of sight."""
+    flight = Prescribed(pose(0, 0, -2.0), [Linear(np.array([0.3, 0.0, 0.0]))])
+    scene = world([(quad(4.0), painted(), Prescribed(pose(z=3.0))), (quad(0.4), painted(), flight)])
+    view = scene.cameras[0]
+    renderer, rigid = Renderer(scene, view), Rigid(scene, view, 1, 4, threads=3)
+    times = [np.array([START - GAP, START]), np.linspace(START, START + GAP, 5).round().astype(np.int64)]
+    a, b = (keyframe(renderer, closed_form(scene, t), None, int(t[-1])) for t in times)
+    frames = np.zeros((1, 4, view.height, view.width), np.float32)
+    rigid.between(a, b, [False], frames)
+    assert (frames == b.image.numpy()[:, None]).all()

@@ -60,10 +60,11 @@ def make_find_thin(lens: str) -> wp.Kernel:
         # in
         view: CameraView,
         envs: int,
+        row0: int,
         span: int,
         gaps: wp.array(dtype=float),
         least: int,
-        held: wp.array(dtype=int),
+        own: wp.array(dtype=int),
         turn: wp.array2d(dtype=wp.mat33),
         shift: wp.array2d(dtype=wp.vec3),
         pieces: wp.array(dtype=wp.vec2i),
@@ -73,13 +74,13 @@ def make_find_thin(lens: str) -> wp.Kernel:
         missed: wp.array2d(dtype=wp.int64),
     ):
         """Adds up, for least, 2 least, 4 least .. z-buffers per gap, how often things pass a pixel between two of them
-        unseen: missed [E, levels], over all rows.
+        unseen: missed [E, levels + 1], over all rows; last, how often they pass.
 
         turn, shift [rows, N + 2]: how bodies have moved since a short time before, against the camera; gaps [E]: how
-        many such times a gap has. packed [rows, H, W]: z-buffers, by environment in `held` [E].
+        many such times a gap has. packed [rows, H, W]: z-buffers, from row0 on, of which an environment has own [E].
         """
         row, y, part = wp.tid()
-        if held[row % envs] == 1:
+        if (row0 + row) // envs >= own[row % envs]:
             return
         for x in range(part * span, wp.min(part * span + span, view.width)):
             hit = packed[row, y, x]
@@ -103,7 +104,9 @@ def make_find_thin(lens: str) -> wp.Kernel:
                         if ahead + behind == 2:
                             width = THIN
                         needed = int(wp.min(speed / width, float(MOST_NEEDED)))
-                        for level in range(missed.shape[1]):
+                        levels = missed.shape[1] - 1
+                        wp.atomic_add(missed, row % envs, levels, wp.int64(needed))
+                        for level in range(levels):
                             short = needed - (least << level)
                             if short > 0:
                                 wp.atomic_add(missed, row % envs, level, wp.int64(short))

@@ -1,0 +1,129 @@
+"""The instants of a gap at which light that flickers is looked at: those between which its logarithm is on a line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from evis.scene.model import Waveform
+from nodes.interpolator.refine.flicker_kernels import Marks
+from nodes.interpolator.refine.path_kernels import PARTS, SHARP
+from nodes.renderer.lights.lights import waveform_strength
+
+NS = 1_000_000_000
+LEAST_STRENGTH = 0.01
+"""Of a light, relative to its mean, below which its logarithm does not matter: something else is about as bright."""
+PER_PERIOD = 32
+"""Instants of a period of a sine that there are, of which those are taken that it takes."""
+MOST_PERIODS = 64
+"""Periods in a gap up to which each is looked at."""
+
+
+class Flicker:
+    """Finds the marks of one gap after another, for the waveforms of a scene's lights.
+
+    kernel: the struct of what was found last.
+    """
+
+    def __init__(self, waveforms: Iterable[Waveform | None], bend: float, device: Any) -> None:
+        """bend: how far ln of a strength may be off a straight line."""
+        self._waveforms = sorted({w for w in waveforms if w is not None and w.depth > 0 and w.frequency > 0}, key=repr)
+        self._bend, self._device = bend, device
+        self.kernel: Any = Marks()
+        self.kernel.first = wp.zeros((1, 1), dtype=wp.int32, device=device)
+        self.kernel.at, self.kernel.later = (wp.empty(0, dtype=wp.int32, device=device) for _ in range(2))
+
+    def instants(self, gap_ns: int) -> int:
+        """Gives how many instants a gap has to have at least, so that no period is missed."""
+        return max((int(_per_period(w) * gap_ns * 1e-9 * w.frequency) + 1 for w in self._slow(gap_ns)), default=1)
+
+    def follows(self, gap_ns: int) -> bool:
+        """Tells whether all of them are slow enough to be followed."""
+        return len(self._slow(gap_ns)) == len(self._waveforms)
+
+    def find(self, starts: np.ndarray, stamps: np.ndarray, coarse: int) -> None:
+        """Finds the marks of a gap.
+
+        starts: of the gap, int64 [E] ns. stamps: of its instants, int64 [n] or, of environments apart, [E, n] ns.
+        coarse: intervals of which each has as many of them, the last at its end.
+        """
+        if not self._waveforms:
+            return
+        rows = stamps[None] if stamps.ndim == 1 else stamps
+        each = rows.shape[1] // coarse
+        firsts = np.zeros((len(rows), coarse + 1), np.int32)
+        at: list[int] = []
+        later: list[int] = []
+        known: dict[bytes, list[dict[int, int]]] = {}
+        for row, (start, instants) in enumerate(zip(starts, rows)):
+            t = np.concatenate([[start], instants])
+            if t.tobytes() not in known:
+                known[t.tobytes()] = self._of(t, coarse, each)
+            for k, marks in enumerate(known[t.tobytes()]):
+                firsts[row, k] = len(at)
+                at += sorted(marks)
+                later += [marks[i] for i in sorted(marks)]
+            firsts[row, coarse] = len(at)
+        self.kernel.first = wp.array(firsts, dtype=wp.int32, device=self._device)
+        for name, values in (("at", at), ("later", later)):
+            setattr(self.kernel, name, wp.array(np.array(values, np.int32), dtype=wp.int32, device=self._device))
+
+    def _slow(self, gap_ns: int) -> list[Waveform]:
+        return [w for w in self._waveforms if w.frequency * gap_ns * 1e-9 <= MOST_PERIODS]
+
+    def _of(self, t: np.ndarray, coarse: int, each: int) -> list[dict[int, int]]:
+        """The marks within each coarse interval, and how much later they are, for instants t [n + 1]."""
+        found: list[dict[int, int]] = [{} for _ in range(coarse)]
+        for waveform in self._slow(int(t[-1] - t[0])):
+            for k, marks in enumerate(found):
+                mine = t[k * each : (k + 1) * each + 1]
+                new = _switches(waveform, mine) if waveform.kind == "square" else _bends(waveform, mine, self._bend)
+                for i, by in new.items():
+                    # What one light is sharp at is not to be moved by another.
+                    marks[i] = by if by or i not in marks else marks[i]
+        return found
+
+
+def _per_period(waveform: Waveform) -> float:
+    """Instants of a period, so that a square wave is seen before and after each switch."""
+    if waveform.kind == "square":
+        return 2.0 / max(min(waveform.duty, 1.0 - waveform.duty), 1e-3)
+    return PER_PERIOD
+
+
+def _switches(waveform: Waveform, t: np.ndarray) -> dict[int, int]:
+    """Marks before and after each switch of a square wave within instants t, whose ends are none."""
+    strength = [waveform_strength(waveform, int(s)) for s in t]
+    marks: dict[int, int] = {}
+    for i in range(len(t) - 1):
+        if strength[i] != strength[i + 1]:
+            cycles = Fraction(waveform.frequency) * int(t[i]) / NS + Fraction(waveform.phase)
+            phase = float(cycles % 1)
+            ahead = (waveform.duty if phase < waveform.duty else 1.0) - phase
+            part = int(ahead / waveform.frequency * NS / int(t[i + 1] - t[i]) * int(PARTS))
+            part = min(max(part, int(SHARP)), int(PARTS) - int(SHARP))
+            if i > 0:
+                marks[i] = part - int(SHARP)
+            if i + 1 < len(t) - 1:
+                marks[i + 1] = part + int(SHARP) - int(PARTS)
+    return marks
+
+
+def _bends(waveform: Waveform, t: np.ndarray, bend: float) -> dict[int, int]:
+    """Marks of a smooth waveform within instants t, between which its logarithm is on a straight line."""
+    value = np.log(np.maximum([waveform_strength(waveform, int(s)) for s in t], LEAST_STRENGTH))
+    marks: dict[int, int] = {}
+    begun, low, high = 0, -np.inf, np.inf
+    for i in range(1, len(t)):
+        slope = (value[i] - value[begun]) / (i - begun)
+        if not low <= slope <= high:
+            begun, low, high = i - 1, -np.inf, np.inf
+            marks[begun] = 0
+        over = 1.0 / (i - begun)
+        low = max(low, (value[i] - bend - value[begun]) * over)
+        high = min(high, (value[i] + bend - value[begun]) * over)
+    return marks

@@ -1,0 +1,120 @@
+"""Instants at which pixels are looked at because light flickers."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from nodes.interpolator.refine.path_kernels import (
+    PARTS,
+    STEEPEST,
+    Cut,
+    Spot,
+    Stage,
+    entry_at,
+    make_instances,
+    make_note,
+    outside,
+    slot_row,
+)
+from nodes.interpolator.rigid.keyframe_kernels import log_of
+from nodes.interpolator.rigid.log_kernels import radiance_of
+from nodes.interpolator.rigid.look_up_kernels import make_keyframes
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Marks:
+    """Holds the marks of a gap: first [E or 1, K + 1]: where those of a coarse interval begin; at: instant within it,
+    counted from 1; later: how much later than that they are, in PARTS."""
+
+    first: wp.array2d(dtype=int)
+    at: wp.array(dtype=int)
+    later: wp.array(dtype=int)
+
+
+@wp.func
+def marks_of(marks: Marks, spot: Spot):
+    """Gives where the marks of a coarse interval begin and end."""
+    row = wp.min(spot.env, marks.first.shape[0] - 1)
+    return marks.first[row, spot.k], marks.first[row, spot.k + 1]
+
+
+@wp.func
+def entry_near(cut: Cut, stage: Stage, spot: Spot, i: int, start: int, before: wp.uint64):
+    """Gives what a run that began at instant `start` with the entry `before` showed last, up to instant i."""
+    each = (cut.slots + 1) // stage.probes[spot.env]
+    probe = i // each * each
+    if probe <= start:
+        return before
+    return entry_at(cut, stage, spot, probe)
+
+
+@cache
+def make_note_marks(channels: int) -> Any:
+    """Makes the function `note_marks`; channels: 1 (luminance) or 3 (RGB)."""
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    Keyframes: Any = make_keyframes(channels, True)
+    Instances: Any = make_instances(channels)
+    note = make_note(channels)
+
+    @wp.func
+    def note_marks(
+        cut: Cut,
+        keys: Keyframes,
+        instances: Instances,
+        marks: Marks,
+        spot: Spot,
+        at: int,
+        hit: wp.uint64,
+        log_a: pixel,
+        log_b: pixel,
+        strength: wp.array(dtype=float),
+        within: wp.array(dtype=float),
+        room: int,
+        most: int,
+        band: int,
+        count: wp.array(dtype=int),
+    ):
+        """Lists those marks of a pixel that shows the same point all along between which ln I is on a straight line.
+
+        at: of the pixel in keyframe B. log_a, log_b: ln I at both ends. Gives the place of the last one, -1 without
+        any, and by how much ln I changes from there to the end.
+        """
+        first, end = marks_of(marks, spot)
+        logs = keys.logs[keys.first[1] + at]
+        after = wp.where(spot.k + 1 == cut.coarse, 0, spot.k + 1)
+        base = log_b - log_of(radiance_of(logs, strength[after * cut.envs + spot.env]))
+        last = wp.int32(-1)
+        anchor = log_a
+        anchored = wp.float32(0.0)
+        value = log_a
+        then = wp.float32(0.0)
+        low = pixel(-STEEPEST)
+        high = pixel(STEEPEST)
+        for n in range(first, end + 1):
+            now = float(cut.slots + 1)
+            fresh = log_b
+            if n < end:
+                i = marks.at[n]
+                now = float(i) + float(marks.later[n]) / float(PARTS)
+                fresh = base + log_of(radiance_of(logs, within[slot_row(cut, spot, i)]))
+            if outside((fresh - anchor) / (now - anchored), low, high):
+                last = note(
+                    cut, instances, spot, marks.at[n - 1], hit, hit, value - anchor, last, room, most, band, count
+                )
+                instances.later[last] = marks.later[n - 1]
+                anchor = value
+                anchored = then
+                low = pixel(-STEEPEST)
+                high = pixel(STEEPEST)
+            over = 1.0 / (now - anchored)
+            bend = pixel(cut.straight)
+            low = wp.max(low, (fresh - bend - anchor) * over)
+            high = wp.min(high, (fresh + bend - anchor) * over)
+            value = fresh
+            then = now
+        return last, log_b - anchor
+
+    return note_marks

@@ -1,0 +1,73 @@
+"""Things that are in the image for a short part of a gap alone: how close z-buffers have to be to see them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from nodes.interpolator.refine.instants import Instants
+from nodes.interpolator.refine.probing.visit_kernels import Boxes, find_visits
+from nodes.interpolator.rigid.placement import Placement
+from nodes.interpolator.rigid.slots import Slots
+from nodes.renderer.raster.visibility import Visibility
+from nodes.renderer.shadows.occlusion import half_extents
+
+TWICE = 2
+"""Z-buffers in which a thing is seen that visits the image."""
+DEEP = 0.125
+"""Part of the image, of its width or height, into which it comes at least."""
+LEAST_Z = 0.05
+"""z of a ray of length 1 below which the image is too wide to have four sides."""
+
+
+class Visits:
+    """Finds the shortest visit of what moves by itself, in one gap after another."""
+
+    def __init__(self, visibility: Visibility, placement: Placement) -> None:
+        v, movers = visibility, placement.movers
+        geometry = v.geometry
+        which = np.flatnonzero(np.isin(geometry.body, movers) & (geometry.body != v.camera_body))
+        self._sides = sides_of(v)
+        self._count = len(which) if self._sides is not None else 0
+        self._near, self._camera_body = float(v.view.near), v.camera_body
+        camera = np.flatnonzero(movers == v.camera_body)
+        self._camera = int(camera[0]) if len(camera) else -1
+        # All that is here is on the host, where the poses are.
+        with wp.ScopedDevice("cpu"):
+            self._boxes: Any = Boxes()
+            self._boxes.mover = wp.array(np.searchsorted(movers, geometry.body[which]).astype(np.int32), dtype=wp.int32)
+            self._boxes.rotation = wp.array(geometry.rotation[which], dtype=wp.mat33d)
+            self._boxes.translation = wp.array(geometry.translation[which], dtype=wp.vec3d)
+            self._boxes.half = wp.array(half_extents(v)[which], dtype=wp.vec3d)
+
+    def needed(self, instants: Instants, places: Slots, least: int) -> np.ndarray:
+        """Gives how many z-buffers per coarse interval each environment needs for them, int64 [E], powers of two, and
+        `least` at least. places: at all instants of the gap."""
+        envs, most = places.rest.shape[0], 1 << instants.depth
+        if not self._count or least >= most or self._sides is None:
+            return np.full(envs, least)
+        sides = self._sides
+        deep = DEEP * min(sides[1] - sides[0], sides[3] - sides[2])
+        with wp.ScopedDevice("cpu"):
+            shortest: wp.array = wp.full(envs, instants.count, dtype=wp.int32)
+            eye: wp.array = wp.array(np.ascontiguousarray(places.rest[:, self._camera_body]), dtype=wp.transformd)
+            poses: wp.array = wp.array(np.ascontiguousarray(places.moved), dtype=wp.transformd)
+            given = [self._boxes, self._camera, self._near, wp.vec4d(*sides), deep, eye, poses]
+            wp.launch(find_visits, (envs, self._count), given, [shortest])
+        apart = np.maximum(shortest.numpy() // TWICE, 1)
+        return np.clip(most >> np.floor(np.log2(apart)).astype(np.int64), least, most)
+
+
+def sides_of(visibility: Visibility) -> tuple[float, float, float, float] | None:
+    """Gives the least and greatest x / z, then y / z, of a camera's rays; None where it looks too far sideways."""
+    view = visibility.view
+    if view.distorted:
+        rays = view.rays.numpy().reshape(-1, 3)
+        if rays[:, 2].min() < LEAST_Z:
+            return None
+        across, down = (rays[:, axis] / rays[:, 2] for axis in (0, 1))
+    else:
+        across, down = view.columns.numpy(), view.rows.numpy()
+    return float(across.min()), float(across.max()), float(down.min()), float(down.max())
