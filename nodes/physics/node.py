@@ -105,12 +105,12 @@ class PhysicsNode(Node):
 
     @classmethod
     def moved_from_outside(cls, params: Mapping[str, Any]) -> bool:
-        """Says that there may be actuators where there are dynamics."""
-        from evis.scene.load import is_dynamic
+        """Says whether there may be actuators."""
+        from evis.scene.load import may_be_driven
 
         scene = params.get("scene")
         with contextlib.suppress(OSError, ValueError):  # who loads it says so
-            return not scene or is_dynamic(scene)
+            return not scene or may_be_driven(scene)
         return True
 
     @classmethod

@@ -166,8 +166,11 @@ def test_several_at_once_only_where_nobody_waits() -> None:
     assert composed("spinning_disk").single == ""
     assert "several processes" in composed("spinning_disk", "default").single
     assert "pace of the clock" in composed("spinning_disk", pace="realtime").single
-    assert "a program outside may give /action" in composed("falling_objects").single
-    asked = composed("falling_objects", batch=4)
+    # It has no actuators; who asks for control is told so.
+    assert composed("falling_objects").single == ""
+    assert set(composed("falling_objects").nodes["physics"].outside) == {"action", "reset"}
+    assert "a program outside may give /action" in composed("robot_arm").single
+    asked = composed("robot_arm", batch=4)
     assert asked.single == ""
     assert list(asked.nodes["physics"].outside) == ["reset"]
     with pytest.raises(LaunchError, match="batch:=4 makes several keyframes at once, but a realtime graph keeps"):
