@@ -134,6 +134,7 @@ class InterpolatorNode(Node):
 
     def setup(self) -> None:
         from evis.gpu.devices import device_named
+        from nodes.renderer.at_once import LEAST_OF_PIXEL, LEAST_OF_RIGID, check_room
 
         p = self.params
         self._method = method = usable(p)
@@ -150,6 +151,9 @@ class InterpolatorNode(Node):
         n = p["supersampling"] or camera.supersampling if camera else 1
         height, width = (n * ((length or 0) + 2 * p["margin"]) for length in size)
         self._expected = (height, width) if all(size) else None
+        if self._expected is not None:
+            least = LEAST_OF_RIGID if method == "rigid" else LEAST_OF_PIXEL
+            check_room(self.name, p["device"], p["envs"], width, height, p["upsampling"], least)
         self._gaps = self._at_once(height * width)
         self._fineness = n
         told = by_frames_alone(camera, p) if self._sampled and camera else ""
@@ -374,4 +378,6 @@ class InterpolatorNode(Node):
             self._count_report()
 
     def close(self) -> None:
-        self._release()
+        """Lets go of keyframes, also where another node's setup failed before its own."""
+        if hasattr(self, "_kept"):
+            self._release()
