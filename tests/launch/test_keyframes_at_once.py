@@ -12,6 +12,7 @@ import pytest
 from launcher import Launcher
 from mcap.reader import make_reader
 
+from evis.client.requests import taker
 from evis.config.document import LaunchError
 from evis.launch.explain import as_text
 from evis.launch.planner import COMPOSED, Options, plan_target
@@ -173,6 +174,9 @@ def test_several_at_once_only_where_nobody_waits() -> None:
     asked = composed("robot_arm", batch=4)
     assert asked.single == ""
     assert list(asked.nodes["physics"].outside) == ["reset"]
+    with pytest.raises(ConnectionRefusedError, match=r"robot_arm takes no /action .* makes 4 keyframes at once"):
+        taker(asked, "/action")
+    assert taker(composed("falling_objects", batch=4), "/action") == "physics", "which says that it has no actuators"
     with pytest.raises(LaunchError, match="batch:=4 makes several keyframes at once, but a realtime graph keeps"):
         composed("spinning_disk", pace="realtime", batch=4)
     stepped = Options(view=False, grouping="compose", stepped=True)
