@@ -33,11 +33,14 @@ def taker(plan: Plan, topic: str) -> str:
     for node in plan.nodes.values():
         if topic in node.outside.values():
             return node.name
+    at_once = max((int(node.params.get("batch") or 0) for node in plan.nodes.values()), default=0)
     offered = sorted({name for node in plan.nodes.values() for name in node.outside.values()})
     if topic in plan.topics:
         why = f"{plan.topics[topic].node}, which the launch file declares, publishes it"
     elif any(node.target.endswith(":ReplayerNode") for node in plan.nodes.values()):
         why = "it replays a bag, in which everything has happened already"
+    elif topic == ACTION and offered and at_once > 1:
+        why = f"it makes {at_once} keyframes at once (batch), and nobody can act between them"
     elif offered:
         why = f"nobody in it reads that; it takes {' and '.join(offered)}"
     else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import resource
 import signal
@@ -45,7 +46,12 @@ def _main(argv: list[str]) -> int:
     try:
         with uncollected():
             executor = Executor(plan, process, request=control.want, tell=control.tell, redactor=hide)
-            executor.setup()
+            try:
+                executor.setup()
+            except Exception:
+                with contextlib.suppress(NodeFailed):  # what went wrong first is told
+                    executor.close_nodes()
+                raise
         _run(executor, control, termination)
         return 0
     except Exception as error:

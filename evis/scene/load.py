@@ -124,6 +124,15 @@ def is_dynamic(name_or_path: str) -> bool:
     return "mjcf" in _document(path)
 
 
+def may_be_driven(name_or_path: str) -> bool:
+    """Returns False when the scene has no actuators, as far as its YAML and the text of the model it names tell."""
+    from evis.scene.mjcf.actuated import may_be_driven as driven
+
+    path = find_scene(name_or_path)
+    model = _document(path).get("mjcf")
+    return model is not None and driven(path.parent / str(model))
+
+
 def sets_sensor(name_or_path: str) -> bool:
     """Returns True when the scene has parameters of the event sensor. Reads the YAML only, as `is_dynamic` does."""
     return "sensor" in _document(find_scene(name_or_path))

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from msgs.camera import CameraInfo, EventPacket, EventSignal, Samples
+from msgs.camera import CameraInfo, EventPacket, EventSignal, Frames, Samples
 from msgs.fields import array_specs, environment_key
 from msgs.header import Header, Message
 
@@ -63,10 +63,27 @@ def join(parts: Sequence[Message | None], envs: Sequence[slice]) -> Joined:
     joined = Joined(kind, Header(h.stamp_ns, clock=h.clock, episode=h.episode), others)
     if not complete(parts):
         raise ValueError(f"a share lacks its {kind.__name__} at {h.stamp_ns} ns")
+    arrays = [_over_gap(part, there) for part in there]
     for name in first.arrays():
-        pieces = [np.asarray(getattr(part, name)) for part in there]
+        pieces = [np.asarray(found[name]) for found in arrays]
         joined.pieces[name] = _ends(parts, envs) if name == "env_offsets" else _pieces(name, kind, pieces, envs)
     return joined
+
+
+def _over_gap(part: Message, parts: Sequence[Message]) -> dict[str, Any]:
+    """The arrays of a part. Where all its environments begin an episode while others go on, its one frame of each holds
+    for the whole gap, as it does among them.
+    """
+    arrays: dict[str, Any] = dict(part.arrays())
+    if not isinstance(part, Frames | Samples):
+        return arrays
+    times: list[np.ndarray] = [other.t for other in parts if isinstance(other, Frames | Samples)]
+    longest = max(times, key=len)
+    if len(part.t) != 1 or len(longest) == 1 or part.t[-1] != longest[-1]:
+        return arrays
+    specs = array_specs(type(part))
+    held = {n: np.repeat(a, len(longest), axis=1) for n, a in arrays.items() if specs[n].dims[:2] == ("E", "K")}
+    return {**arrays, **held, "t": longest}
 
 
 def _pieces(name: str, kind: type[Message], pieces: list[np.ndarray], envs: Sequence[slice]) -> list[np.ndarray]:

@@ -81,6 +81,8 @@ class AuditNode(Node):
         """Of keyframes luminance will do, unless the run's events are of colours; of motion in closed form its ends."""
         if port == "state":
             return ends_alone(params.get("scene"))
+        if port == "frames":
+            return frozenset({"rgb" if params["colour"] else "luminance"})
         return frozenset({"radiance" if params["colour"] else "luminance"}) if port == "keyframe" else None
 
     @classmethod

@@ -97,7 +97,9 @@ class EventSensorNode(Node):
 
     @classmethod
     def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
-        """Of keyframes luminance will do, unless there are sensors for each colour."""
+        """Of keyframes luminance will do, unless there are sensors for each colour; of frames nobody needs counts."""
+        if port == "frames":
+            return frozenset({"rgb" if params["colour"] else "luminance"})
         return frozenset({"radiance" if params["colour"] else "luminance"}) if port == "keyframe" else None
 
     def setup(self) -> None:

@@ -32,6 +32,9 @@ if TYPE_CHECKING:
     from nodes.interpolator.keyframe import States
     from nodes.interpolator.separate import SeparateInterpolators
 
+COUNTS = "reshaded"
+"""What a message of frames counts, which is there last: of several gaps at once only their sum is known."""
+
 
 def usable(params: Mapping[str, Any]) -> str:
     """Gives the method asked for, or splat where it needs a scene and there is none."""
@@ -131,6 +134,7 @@ class InterpolatorNode(Node):
 
     def setup(self) -> None:
         from evis.gpu.devices import device_named
+        from nodes.renderer.at_once import LEAST_OF_PIXEL, LEAST_OF_RIGID, check_room
 
         p = self.params
         self._method = method = usable(p)
@@ -147,6 +151,9 @@ class InterpolatorNode(Node):
         n = p["supersampling"] or camera.supersampling if camera else 1
         height, width = (n * ((length or 0) + 2 * p["margin"]) for length in size)
         self._expected = (height, width) if all(size) else None
+        if self._expected is not None:
+            least = LEAST_OF_RIGID if method == "rigid" else LEAST_OF_PIXEL
+            check_room(self.name, p["device"], p["envs"], width, height, p["upsampling"], least)
         self._gaps = self._at_once(height * width)
         self._fineness = n
         told = by_frames_alone(camera, p) if self._sampled and camera else ""
@@ -162,13 +169,13 @@ class InterpolatorNode(Node):
     def _at_once(self, pixels: int) -> int:
         """How many gaps are made at once. Raises ValueError where they do not fit.
 
-        Only `rigid` makes more than one, and frames alone.
+        Only `rigid` makes more than one, and frames alone; none does for a reader of what single gaps count.
         """
         from nodes.renderer.at_once import at_once
 
         p = self.params
         alone = self._method != "rigid" or self._sampled or p["upsampling"] == 1
-        if alone or not self.may_gather:
+        if alone or not self.may_gather or self.wants("frames", COUNTS):
             return 1
         return at_once(self.name, p["batch"], p["device"], p["envs"], pixels, p["upsampling"])
 
@@ -268,15 +275,18 @@ class InterpolatorNode(Node):
             self._publish_samples(key, t, frames, header)
             if not self.wants("frames"):
                 return
-        self.publish("frames", self._frames(key, t, frames, True))
+        message, report = self._frames(key, t, frames), self.interpolator.report
+        message.filled, message.reshaded = report.filled, report.reshaded
+        self.publish("frames", message)
 
     def update_all(self, inputs: Sequence[Mapping[str, Message]]) -> None:
-        """Makes the frames of several gaps at once, until an environment was reset by itself."""
+        """Makes the frames of several gaps at once, until an environment was reset by itself, and unless somebody reads
+        the counts of each, as a viewer may that comes during the run."""
         from nodes.interpolator.many_gaps import Arrived, ManyGaps
 
         keys = [key for one in inputs if isinstance(key := one["keyframe"], Keyframe)]
-        many = self.interpolator
-        if not isinstance(many, ManyGaps) or many.gaps == 1 or any(key.own is not None for key in keys):
+        many, singly = self.interpolator, self.wants("frames", COUNTS) or any(key.own is not None for key in keys)
+        if not isinstance(many, ManyGaps) or many.gaps == 1 or singly:
             super().update_all(inputs)
             return
         arrived = [
@@ -286,9 +296,7 @@ class InterpolatorNode(Node):
         begun = iter(keys)
         for made in many.push_all(arrived, keys[0].margin, self._allocate):
             self._count_report()
-            last = len(made) - 1
-            messages = [self._frames(next(begun), *found, n == last) for n, found in enumerate(made)]
-            self.publish_all("frames", messages)
+            self.publish_all("frames", [self._frames(next(begun), *found) for found in made])
         self._hold(inputs[-1])
 
     def _hold(self, inputs: Mapping[str, Message]) -> None:
@@ -308,13 +316,10 @@ class InterpolatorNode(Node):
             if amount:
                 self.count(name, amount)
 
-    def _frames(self, key: Keyframe, t: np.ndarray, frames: Any, reports: bool) -> Frames:
-        """The message of a gap. reports: it carries the counts of the gaps that `report` is of."""
-        report, images = self.interpolator.report, {self._field: frames}
+    def _frames(self, key: Keyframe, t: np.ndarray, frames: Any) -> Frames:
+        """The message of a gap, without its counts."""
         header = Header(key.header.stamp_ns, clock=key.header.clock, episode=key.header.episode)
-        message = Frames(header, t=t, episodes=np.array(key.episodes), **images)
-        if reports:
-            message.filled, message.reshaded = report.filled, report.reshaded
+        message = Frames(header, t=t, episodes=np.array(key.episodes), **{self._field: frames})
         if key.own is not None:
             message.own, message.own_t = np.array(key.own), self.interpolator.own_t
         return message
@@ -374,4 +379,6 @@ class InterpolatorNode(Node):
             self._count_report()
 
     def close(self) -> None:
-        self._release()
+        """Lets go of keyframes, also where another node's setup failed before its own."""
+        if hasattr(self, "_kept"):
+            self._release()

@@ -105,12 +105,12 @@ class PhysicsNode(Node):
 
     @classmethod
     def moved_from_outside(cls, params: Mapping[str, Any]) -> bool:
-        """Says that there may be actuators where there are dynamics."""
-        from evis.scene.load import is_dynamic
+        """Says whether there may be actuators."""
+        from evis.scene.load import may_be_driven
 
         scene = params.get("scene")
         with contextlib.suppress(OSError, ValueError):  # who loads it says so
-            return not scene or is_dynamic(scene)
+            return not scene or may_be_driven(scene)
         return True
 
     @classmethod
@@ -152,6 +152,7 @@ class PhysicsNode(Node):
         scene = self.scene = worlds.scenes[0]
         for note in scene.notes:
             self.warn(f"scene {scene.name}: {note}")
+        self._told: set[str] = set()
         self.errors = Errors()
         """Of environment 0, which stands for the others."""
         self.engine: Engine
@@ -218,7 +219,10 @@ class PhysicsNode(Node):
             try:
                 return make(warp=p["device"])
             except Unsupported as why:
-                self.warn(f"MuJoCo Warp cannot take scene {scene.name}: {why}; MuJoCo itself moves it")
+                text = f"MuJoCo Warp cannot take scene {scene.name}: {why}; MuJoCo itself moves it"
+                if text not in self._told:  # each environment may have an engine
+                    self._told.add(text)
+                    self.warn(text)
         return make()
 
     def _other_engines(self, envs: list[int], seeds: list[int]) -> list[tuple[list[int], Engine]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from evis.gpu.devices import device_named
+from evis.gpu.room import free_memory
 
 MOST = 16
 """Most keyframes at once: beyond, more of them save next to no time."""
@@ -14,6 +15,10 @@ BYTES = 120
 """Device memory per pixel of a frame, of all nodes [bytes]."""
 SHARE = 4
 """Of the device's memory, at most one in so many is taken without being asked for."""
+LEAST_OF_PIXEL, LEAST_OF_FRAME = 80, 4
+"""Memory that every run takes at least, in all nodes, for a pixel of a keyframe and for each of its frames [bytes]."""
+LEAST_OF_RIGID = 250
+"""Of a pixel where sub-frames are drawn; measured were 420 on a CPU and 800 on a GPU."""
 
 
 def at_once(name: str, asked: int, device: str, envs: int, pixels: int, frames: int) -> int:
@@ -45,3 +50,32 @@ def at_once(name: str, asked: int, device: str, envs: int, pixels: int, frames: 
     room = min(PIXELS, where.total_memory // (SHARE * BYTES)) // each
     # A power of two is the same for nodes whose pixel counts differ by a margin.
     return 1 << (max(min(room, MOST), 1).bit_length() - 1)
+
+
+def check_room(
+    name: str, device: str, envs: int, width: int, height: int, frames: int, least: int = LEAST_OF_PIXEL
+) -> None:
+    """Raises ValueError, before anything is made, where so many environments take more memory than the device has left.
+
+    Args:
+        name: the node's, for errors.
+        device: where the kernels run.
+        envs: parallel environments.
+        width, height: of a keyframe, with its margin and all samples.
+        frames: made of each keyframe.
+        least: bytes that a pixel of a keyframe takes, its frames aside.
+    """
+    if envs == 1:
+        return
+    where: Any = device_named(device)
+    each = width * height * (least + LEAST_OF_FRAME * frames)
+    free = free_memory(where)
+    if free is None or envs * each <= free:
+        return
+    need, left = (f"{size / 1e9:,.1f} GB" for size in (envs * each, free))
+    most = free // each
+    remedy = f"envs:={most} are the most that may fit" if most > 1 else "take a smaller image, or one environment"
+    raise ValueError(
+        f"{name}: envs:={envs} of {width}x{height} with {frames} frames a keyframe take {need} of memory at least on "
+        f"{where.alias}, of which {left} are free; {remedy}"
+    )

@@ -136,15 +136,16 @@ class RendererNode(Node):
         self.publish("info", self._info(Header(0)))
 
     def _at_once(self, samples: int) -> int:
-        """How many keyframes are rendered at once. Raises ValueError where they do not fit."""
-        from nodes.renderer.at_once import at_once
+        """How many keyframes are rendered at once. Raises ValueError where they or the environments do not fit."""
+        from nodes.renderer.at_once import at_once, check_room
 
+        p, camera = self.params, camera_of(self.scene, self.params["camera"])
+        width, height = (samples * (length + 2 * p["margin"]) for length in (camera.width, camera.height))
+        frames = round(p["frame_rate"] / p["keyframe_rate"])
+        check_room(self.name, p["device"], p["envs"], width, height, frames)
         if not self.may_gather:
             return 1
-        p, camera = self.params, camera_of(self.scene, self.params["camera"])
-        pixels = samples**2 * (camera.height + 2 * p["margin"]) * (camera.width + 2 * p["margin"])
-        frames = round(p["frame_rate"] / p["keyframe_rate"])
-        count = at_once(self.name, p["batch"], p["device"], p["envs"], pixels, frames)
+        count = at_once(self.name, p["batch"], p["device"], p["envs"], width * height, frames)
         if count > 1:
             self.result("batch", count)
         return count

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+import evis
 from evis.config.params import ParamError
+from evis.simulation.errors import SimulationError
 from msgs.camera import Depth, Frames, Keyframe, Motion
 from msgs.header import Header
 from msgs.world import WorldState
@@ -273,3 +275,9 @@ def test_pixels_that_go_by_frames_alone_are_told_and_counted(params, why):
             message._slot = Slot([])
         deliver(node, messages)
     assert node.runtime.counted["pixels_by_frames_alone"] == 2 * 8 * 6
+
+
+def test_an_error_of_another_node_is_not_hidden_by_its_end():
+    """The sensor is set up first."""
+    with pytest.raises(SimulationError, match="there is no device 'cuda:99' here"):
+        evis.Simulation("spinning_disk", device="cuda:99", width=32, height=24)

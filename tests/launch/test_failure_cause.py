@@ -1,8 +1,10 @@
 """Of several processes that ended, the one that is named, and how."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from mcap.reader import make_reader
 
 from evis.supervisor.failure_cause import describe_failure, ended_by_force, first_cause
 
@@ -47,3 +49,13 @@ def test_one_and_several_that_were_ended_by_force():
     assert ended_by_force([DEAD, SAID], 5.0, True).startswith(
         "dead, said were ended by force, as a second Ctrl-C asks; their"
     )
+
+
+def test_a_bag_is_whole_where_another_node_of_the_process_cannot_be_set_up(launch, tmp_path):
+    bag = tmp_path / "a.mcap"
+    words = ("device:=cuda:99", "--compose", "--no-view", "--duration", "0.1", "--record", str(bag))
+    code, _, err = launch(Path("spinning_disk"), *words).end()
+    assert code == 1 and "there is no device 'cuda:99' here" in err
+    with bag.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None and summary.statistics.message_count == 0

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from launcher import Launcher
+from mcap.reader import make_reader
 
+from evis.client.requests import taker
 from evis.config.document import LaunchError
 from evis.launch.explain import as_text
 from evis.launch.planner import COMPOSED, Options, plan_target
@@ -114,14 +119,64 @@ def test_a_reset_amid_a_batch_is_followed() -> None:
     assert published("spinning_disk", reset, batch=4, **given) == want
 
 
+def test_every_topic_of_a_bag_is_the_same(launch: Callable[..., Launcher], tmp_path: Path) -> None:
+    """With what single messages count, beside their arrays."""
+    found = []
+    for batch in (1, 4):
+        bag = tmp_path / f"{batch}.mcap"
+        words = ("width:=48", "height:=36", "time_tolerance:=0", f"batch:={batch}", "--duration", str(LENGTH_S))
+        topics = ("--record", str(bag), "--record-topics", "*,/cam0/frames")
+        code, out, err = launch(Path("balls"), *words, "--compose", "--no-view", *topics).end()
+        assert code == 0, out + err
+        with bag.open("rb") as file:
+            messages = list(make_reader(file).iter_messages(log_time_order=False))
+        # But for how fast it went.
+        found.append(
+            [(c.topic, m.log_time, m.data) for _, c, m in messages if c.topic not in ("/clock", "/diagnostics")]
+        )
+    counts = [re.search(rb'"reshaded": *([0-9]+)', data) for topic, _, data in found[0] if topic == "/cam0/frames/meta"]
+    assert sum(count is not None and int(count[1]) > 0 for count in counts) > 5
+    assert sorted(found[0]) == sorted(found[1])
+
+
+def test_who_looks_at_frames_for_a_while_changes_nothing() -> None:
+    """Gaps are made one by one meanwhile, so that each message has its own counts."""
+    counts: list[int] = []
+
+    def look(executor: Executor, k: int) -> None:
+        wants, made = executor.wants, executor.publish
+        if k == 3:
+            executor.wants = lambda *asked: asked[1:] == ("frames", "reshaded") or wants(*asked)  # type: ignore[method-assign]
+        elif k == 6:
+            del executor.wants
+        elif k == 0:
+
+            def publish(node: Node, port: str, message: Message) -> None:
+                made(node, port, message)
+                counts.append(getattr(message, "reshaded", 0))
+
+            executor.publish = publish  # type: ignore[method-assign]
+
+    given = {"time_tolerance": 0}
+    want = published("balls", batch=1, **given)
+    assert published("balls", look, batch=2, **given) == want
+    assert sum(count > 0 for count in counts) >= 2
+
+
 def test_several_at_once_only_where_nobody_waits() -> None:
     assert composed("spinning_disk").single == ""
     assert "several processes" in composed("spinning_disk", "default").single
     assert "pace of the clock" in composed("spinning_disk", pace="realtime").single
-    assert "a program outside may give /action" in composed("falling_objects").single
-    asked = composed("falling_objects", batch=4)
+    # It has no actuators; who asks for control is told so.
+    assert composed("falling_objects").single == ""
+    assert set(composed("falling_objects").nodes["physics"].outside) == {"action", "reset"}
+    assert "a program outside may give /action" in composed("robot_arm").single
+    asked = composed("robot_arm", batch=4)
     assert asked.single == ""
     assert list(asked.nodes["physics"].outside) == ["reset"]
+    with pytest.raises(ConnectionRefusedError, match=r"robot_arm takes no /action .* makes 4 keyframes at once"):
+        taker(asked, "/action")
+    assert taker(composed("falling_objects", batch=4), "/action") == "physics", "which says that it has no actuators"
     with pytest.raises(LaunchError, match="batch:=4 makes several keyframes at once, but a realtime graph keeps"):
         composed("spinning_disk", pace="realtime", batch=4)
     stepped = Options(view=False, grouping="compose", stepped=True)

@@ -13,6 +13,7 @@ from nodes.physics.environments import Environments
 from nodes.physics.mujoco_engine import MujocoEngine
 from nodes.physics.node import PhysicsNode
 from nodes.physics.precision.tolerance import Tolerance
+from nodes.physics.separate import SeparateEngines
 
 GAP_NS = 33_333_333
 
@@ -93,6 +94,16 @@ def test_what_it_cannot_take_is_said(tmp_path: Path) -> None:
     node.setup()
     assert isinstance(node.engine, MujocoEngine)
     assert any("MuJoCo Warp cannot take scene cart_pole" in text and "\n" not in text for text in said)
+
+
+def test_it_is_said_once_for_environments_with_worlds_of_their_own() -> None:
+    params = {"scene": "cart_pole", "scene_args": "vary=1", "envs": 3, "physics_tolerance": [1e-3], "duration": 0.1}
+    node = PhysicsNode("physics", {**params, "engine": "mujoco_warp"})
+    said: list[str] = []
+    node.warn = said.append  # type: ignore[method-assign]
+    node.setup()
+    assert isinstance(node.engine, SeparateEngines)
+    assert sum("MuJoCo Warp cannot take scene cart_pole" in text for text in said) == 1
 
 
 def test_it_is_never_chosen_by_itself() -> None:

@@ -66,6 +66,17 @@ def test_a_bag_keeps_the_graph_as_it_was_asked_for() -> None:
     assert {body["params"]["device"] for body in nodes.values() if "device" in body["params"]} == {"cpu,cpu"}
 
 
+@pytest.mark.parametrize("given", [{"interpolator": "none"}, {"upsampling": "1"}])
+def test_the_interpolator_may_be_left_out(given: dict[str, str]) -> None:
+    """What the sensor reads is then a share's keyframe, and nothing that nobody makes is dealt out."""
+    made = plan(device="cpu,cpu", envs="2", audit="0", **given)
+    assert {node.name for node in made.nodes.values() if node.process == "share1"} >= {
+        "share1/state", "share1/renderer", "share1/event_sensor",
+    }  # fmt: skip
+    assert made.nodes["share1/event_sensor"].inputs == {"keyframe": ["/share1/cam0/keyframe"]}
+    assert not [name for name in made.nodes if name.endswith(("/frames", "/samples", "/interpolator"))]
+
+
 def test_what_looks_at_all_environments_is_on_the_first_device() -> None:
     made = plan(options=recorded(), device="cpu,cuda", envs="2")
     assert made.nodes["audit"].params["device"] == "cpu" and made.nodes["audit"].params["envs"] == 2

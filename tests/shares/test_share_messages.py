@@ -126,6 +126,36 @@ def test_samples_begin_behind_those_of_the_other_share() -> None:
     assert whole.first[-1] == len(whole.further) == 48 and whole.first[19] - whole.first[18] == 1
 
 
+def test_a_share_whose_environments_all_begin_an_episode_holds_its_frame_for_the_gap_of_the_others() -> None:
+    """As an environment does that begins one while others of its share go on."""
+
+    def frames(envs: int, t: list[int]) -> Frames:
+        light = np.arange(envs * len(t), dtype=np.float32).reshape(envs, len(t), 1, 1)
+        own = np.arange(envs * 4, dtype=np.int64).reshape(envs, 4)
+        return Frames(Header(4), np.array(t), np.zeros(envs, np.int32), light, own=own, own_t=np.tile(t, (envs, 1)))
+
+    whole = joined([frames(3, [4]), frames(2, [2, 4])], 2)
+    whole.check()
+    assert whole.t.tolist() == [2, 4] and whole.own_t.tolist() == [[4, 4]] * 3 + [[2, 4]] * 2
+    assert whole.luminance[:, :, 0, 0].tolist() == [[0, 0], [1, 1], [2, 2], [0, 1], [2, 3]]
+    assert joined([frames(3, [4]), frames(2, [4])], 2).luminance.shape == (5, 1, 1, 1)
+    with pytest.raises(ValueError, match=r"Frames\.t each, which must be one for all"):
+        joined([frames(3, [3]), frames(2, [2, 4])], 2)
+
+
+def test_such_a_share_has_no_further_samples() -> None:
+    def samples(t: list[int], further: int) -> Samples:
+        first = np.minimum(np.arange(3, dtype=np.int32), further)
+        light, offset = np.ones((1, len(t), 1, 2), np.float32), np.ones(further, np.int32)
+        return Samples(
+            Header(4), np.array(t), np.zeros(1, np.int32), first, offset, light, further=light.ravel()[:further]
+        )
+
+    whole = joined([samples([2, 4], 2), samples([4], 0)], 2)
+    whole.check()
+    assert whole.luminance.shape == (2, 2, 1, 2) and whole.first.tolist() == [0, 1, 2, 2, 2]
+
+
 def test_rows_of_boxes_tell_their_environment_among_all() -> None:
     def boxes(envs: list[int]) -> Labels:
         n = len(envs)

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from evis.bag.reader import BagReader
+from msgs.camera import EventPacket
 from msgs.header import Message
 
 Bag = dict[str, list[Message]]
@@ -105,6 +106,40 @@ def test_events_are_counted_once(runs: dict[int, tuple[dict[str, Any], Bag]], sh
     assert {key: several[key] for key in ("events", "keyframes", "frames", "drops", "audit")} == {
         key: one[key] for key in ("events", "keyframes", "frames", "drops", "audit")
     }
+
+
+SPRING = """
+<mujoco><worldbody><geom type="plane" size="2 2 0.1"/><body name="cart" pos="0 0 0.5">
+<joint name="j" type="slide" axis="1 0 0" stiffness="1000"/><geom type="box" size="0.1 0.1 0.1"/></body></worldbody>
+</mujoco>
+"""
+WILD = """
+args: {kick: {default: {from: 0, to: 1500}, help: speed of the cart at the start}}
+mjcf: spring.xml
+initial_joints: {j: {velocity: "${kick}"}}
+cameras: {cam0: {position: [0, -3, 1], look_at: [0, 0, 0.5], fov: 50 deg}}
+environment: 0.5
+"""
+
+
+def test_a_share_in_which_all_diverge_goes_on_with_the_others(runtime: Path, tmp_path: Path) -> None:
+    """The last of three is too fast, in every gap anew, and has a share of its own."""
+    (tmp_path / "spring.xml").write_text(SPRING)
+    (tmp_path / "wild.yaml").write_text(WILD)
+    found = []
+    for device in ("cpu", "cpu,cpu"):
+        bag = tmp_path / "a.mcap"
+        words = ("seed:=1", "envs:=3", "width:=32", "height:=24", f"device:={device}", "image:=true")
+        done = launched(runtime, str(tmp_path / "wild.yaml"), *words, "--record", str(bag), "--record-topics", TOPICS)
+        assert done.returncode == 0, done.stderr
+        assert done.stderr.count("environment 2: body 'cart' diverged") >= 3
+        with BagReader(bag) as reader:
+            messages = [(t, m.header.seq, m) for t, m in reader.messages() if t.startswith("/cam0/")]
+        found.append([message for *_, message in sorted(messages, key=lambda row: row[:2])])
+    for a, b in zip(*found, strict=True):
+        differ = [f.name for f in dataclasses.fields(a) if not same(getattr(a, f.name), getattr(b, f.name))]
+        assert not set(differ) - {"reshaded"}, (a.header, differ)
+    assert sum(len(m.t) for m in found[0] if isinstance(m, EventPacket)) > 50
 
 
 def test_a_device_that_is_not_there_is_named_with_those_that_are(runtime: Path) -> None:

@@ -85,7 +85,9 @@ def _by_environments(nodes: list[Wired], devices: Sequence[str], envs: int) -> l
     """Copies nodes for each share of the environments, in a process per share, with nodes that share and join."""
     split = [node for node in nodes if len(devices_of(node.params)) > 1 and node.cls.PER_ENVIRONMENT]
     inner = {topic: node for node in split for topic in node.outputs.values() if topic not in SYSTEM_TOPICS}
-    outer = {topic: node for node in split for topic in node.inputs.values() if topic not in {*inner, *SYSTEM_TOPICS}}
+    # What a sensor reads of an interpolator that is left out, nobody makes.
+    made_here = {topic for node in nodes for topic in node.outputs.values()} - {*inner, *SYSTEM_TOPICS}
+    outer = {topic: node for node in split for topic in node.inputs.values() if topic in made_here}
     made = [node if node in split else _on_first(node, devices) for node in nodes]
     shares = bounds(envs, len(devices))
     parts = [_share(topic, node, k, len(devices)) for topic, node in outer.items() for k in range(len(devices))]

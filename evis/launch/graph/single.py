@@ -34,10 +34,12 @@ def why_single(plan: Plan, nodes: Sequence[Wired], stepped: bool) -> str:
         )
     for node in nodes:
         ports = [port for port in plan.nodes[node.name].outside if node.cls.INPUTS[port].delayed]
+        if not ports or not node.cls.moved_from_outside(node.params):
+            continue  # who asks is told that there is nothing to move
         if asked:
             for port in ports:
                 del plan.nodes[node.name].outside[port]
-        elif ports and node.cls.moved_from_outside(node.params):
+        else:
             return f"a program outside may give {plan.nodes[node.name].outside[ports[0]]}"
     return why
 
