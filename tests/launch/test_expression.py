@@ -119,13 +119,14 @@ PIECES = (
 @given(st.lists(st.sampled_from(PIECES), max_size=14).map(" ".join))
 @settings(max_examples=400, deadline=None)
 def test_any_arrangement_of_tokens_never_escapes(text: str) -> None:
-    started = time.monotonic()
+    started = time.thread_time()
     try:
         value = evaluate(text, NAMES)
     except ExpressionError:
         value = None
     assert isinstance(value, (bool, int, float, str, list, type(None)))
-    assert time.monotonic() - started < 1.0, "an expression may cost no time"
+    # Of this thread: what other programs take of the machine meanwhile is no cost of the expression.
+    assert time.thread_time() - started < 1.0, "an expression may cost no time"
 
 
 def _reference(node: ast.expr) -> float:
