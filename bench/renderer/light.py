@@ -89,7 +89,7 @@ def measure(quick: bool = False) -> dict[str, Any]:
             "command": COMMAND,
             "rows": [shading(*case, repeats) for case in cases],
             "note": "Medians of CPU time, with shadows, every pixel lit anew. An area light has 16 shadow rays where "
-            "something may be in the way; its gloss 32 samples, a map's 32.",
+            "something may be in the way; its gloss 32 samples, a map's 24.",
         },
         "noise": {
             "title": "Standard deviation of log radiance under an area light",

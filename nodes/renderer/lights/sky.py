@@ -19,7 +19,8 @@ CELLS = (64, 128)
 NORMALS = (32, 64)
 """Rows and columns of the irradiance map."""
 
-SPECULAR_SAMPLES = 32
+SPECULAR_SAMPLES = 24
+"""Of a lobe."""
 
 
 def make_sky(visibility: Visibility, gloss: bool) -> Any:
@@ -41,7 +42,7 @@ def make_sky(visibility: Visibility, gloss: bool) -> Any:
     sky.texels = put(np.concatenate([level.reshape(-1, 3) for level in levels]), wp.vec3)
     sky.diffuse = put(diffuse.reshape(-1, 3), wp.vec3)
     sky.albedo = put(directional_albedo() if gloss else np.zeros((0, 0, 2)), wp.vec2)
-    sky.points = put(_points(SPECULAR_SAMPLES), wp.vec2)
+    sky.points = put(_points(SPECULAR_SAMPLES), wp.vec3)
     return sky
 
 
@@ -106,12 +107,12 @@ def _overlap(size: int, parts: int, total: bool) -> np.ndarray:
 
 
 def _points(count: int) -> np.ndarray:
-    """Hammersley's points [count, 2]."""
+    """Gives Hammersley's points as cosine and sine of an angle and a height in (0, 1], float64 [count, 3]."""
     index = np.arange(count)
     bits = np.zeros(count)
     for digit in range(int(np.ceil(np.log2(count)))):
         bits += ((index >> digit) & 1) * 0.5 ** (digit + 1)
-    return np.stack([bits, (index + 0.5) / count], -1)
+    return np.stack([np.cos(2 * np.pi * bits), np.sin(2 * np.pi * bits), 1 - (index + 0.5) / count], -1)
 
 
 def _checked(scene: Scene) -> np.ndarray:

@@ -4,7 +4,17 @@ from typing import Any
 
 import warp as wp
 
-from nodes.renderer.materials.ggx_kernels import masking, sample_density, sample_direction, specular_share, view_masking
+from nodes.renderer.materials.ggx_kernels import (
+    LEAST_COSINE,
+    fresnel_weight,
+    lobe_axes,
+    masking,
+    sample_cap,
+    specular_share,
+    stretched_view,
+    view_masking,
+)
+from nodes.renderer.textures.texture_kernels import wrap
 
 wp.set_module_options({"enable_backward": False})
 
@@ -16,8 +26,9 @@ class Sky:
     """Holds camera [E] to world. levels (first texel, width, height) of the map and its halvings, the last one of
     `diffuse`.
 
-    texels: radiance of all levels. diffuse: irradiance / pi by normal. albedo: `ggx.directional_albedo`. points [N] in
-    the unit square: the samples of the specular lobe, the same for every surface point.
+    texels: radiance of all levels. diffuse: irradiance / pi by normal. albedo: `ggx.directional_albedo`. points [N]:
+    the samples of the specular lobe, cosine and sine of an angle and a height in (0, 1], the same for every surface
+    point.
     """
 
     uniform: wp.vec3
@@ -26,7 +37,7 @@ class Sky:
     texels: wp.array(dtype=wp.vec3)
     diffuse: wp.array(dtype=wp.vec3)
     albedo: wp.array2d(dtype=wp.vec2)
-    points: wp.array(dtype=wp.vec2)
+    points: wp.array(dtype=wp.vec3)
 
 
 @wp.func
@@ -42,19 +53,17 @@ def texel(texels: wp.array(dtype=wp.vec3), level: wp.vec3i, i: int, j: int):
     if row >= h:
         row = 2 * h - 1 - row
         column = column + w // 2
-    column = column % w
-    if column < 0:
-        column = column + w
-    return texels[level[0] + row * w + column]
+    return texels[level[0] + row * w + wrap(column, w)]
 
 
 @wp.func
-def equirect(texels: wp.array(dtype=wp.vec3), level: wp.vec3i, direction: wp.vec3):
-    """Gives linear interpolation between the centres of the texels around a world direction."""
-    azimuth = wp.atan2(direction[1], direction[0]) / (2.0 * PI)
-    polar = wp.atan2(wp.sqrt(direction[0] * direction[0] + direction[1] * direction[1]), direction[2]) / PI
-    x = azimuth * float(level[1]) - 0.5
-    y = polar * float(level[2]) - 0.5
+def at_angles(texels: wp.array(dtype=wp.vec3), level: wp.vec3i, angles: wp.vec2):
+    """Gives linear interpolation between the centres of the texels around a place on the map.
+
+    angles: azimuth / (2 pi) in [-0.5, 0.5] and polar angle / pi in [0, 1].
+    """
+    x = angles[0] * float(level[1]) - 0.5
+    y = angles[1] * float(level[2]) - 0.5
     i = int(wp.floor(x))
     j = int(wp.floor(y))
     fx = x - float(i)
@@ -65,15 +74,46 @@ def equirect(texels: wp.array(dtype=wp.vec3), level: wp.vec3i, direction: wp.vec
 
 
 @wp.func
-def filtered(sky: Sky, direction: wp.vec3, lod: float):
-    """Gives the map, linear between its halvings too."""
+def equirect(texels: wp.array(dtype=wp.vec3), level: wp.vec3i, direction: wp.vec3):
+    """Gives linear interpolation between the centres of the texels around a world direction of any length."""
+    azimuth = wp.atan2(direction[1], direction[0]) / (2.0 * PI)
+    polar = wp.atan2(wp.sqrt(direction[0] * direction[0] + direction[1] * direction[1]), direction[2]) / PI
+    return at_angles(texels, level, wp.vec2(azimuth, polar))
+
+
+@wp.func
+def arctangent(y: float, x: float):
+    """Gives atan2(y, x) for y >= 0 to 3e-7 rad, without a call of the C library (Abramowitz and Stegun, 4.4.49)."""
+    across = wp.abs(x)
+    t = wp.min(y, across) / wp.max(wp.max(y, across), 1.0e-30)
+    s = t * t
+    p = -0.0161657367 + s * 0.0028662257
+    p = -0.0752896400 + s * (0.0429096138 + s * p)
+    p = -0.1420889944 + s * (0.1065626393 + s * p)
+    angle = t * (1.0 + s * (-0.3333314528 + s * (0.1999355085 + s * p)))
+    if y > across:
+        angle = 0.5 * PI - angle
+    return wp.where(x < 0.0, PI - angle, angle)
+
+
+@wp.func
+def angles_of(direction: wp.vec3):
+    """Gives the place on a map, as of `at_angles`, of a world direction, by `arctangent`."""
+    across = wp.sqrt(direction[0] * direction[0] + direction[1] * direction[1])
+    azimuth = arctangent(wp.abs(direction[1]), direction[0]) * (0.5 / PI)
+    return wp.vec2(wp.where(direction[1] < 0.0, -azimuth, azimuth), arctangent(across, direction[2]) / PI)
+
+
+@wp.func
+def filtered(sky: Sky, angles: wp.vec2, lod: float):
+    """Gives the map around a place as of `at_angles`, linear between its halvings too."""
     top = sky.levels.shape[0] - 2
     place = wp.clamp(lod, 0.0, float(top))
     low = int(place)
     f = place - float(low)
-    colour = equirect(sky.texels, sky.levels[low], direction)
+    colour = at_angles(sky.texels, sky.levels[low], angles)
     if f > 0.0:
-        colour = colour * (1.0 - f) + f * equirect(sky.texels, sky.levels[wp.min(low + 1, top)], direction)
+        colour = colour * (1.0 - f) + f * at_angles(sky.texels, sky.levels[wp.min(low + 1, top)], angles)
     return colour
 
 
@@ -91,6 +131,53 @@ def reflectances(sky: Sky, alpha: float, nv: float):
     upper = sky.albedo[j, i] * (1.0 - fx) + sky.albedo[j, i + 1] * fx
     lower = sky.albedo[j + 1, i] * (1.0 - fx) + sky.albedo[j + 1, i + 1] * fx
     return upper * (1.0 - fy) + lower * fy
+
+
+@wp.func
+def mirrored(sky: Sky, env: int, n: wp.vec3, v: wp.vec3, alpha: float):
+    """Estimates what the specular lobe gathers of the map: two means of its radiance, one as Schlick's weight has it
+    where the surface reflects by f0, and one where it reflects whatever f0 is.
+
+    Samples of the visible normals, each as wide as its share of the lobe (Krivanek and Colbert, EGSR 2008), in the
+    surface's own frame: t, b and n.
+    """
+    t, b = lobe_axes(n, v)
+    to_world = sky.camera[env] * wp.matrix_from_cols(t, b, n)
+    # v without the component along b, which it does not have.
+    out = wp.vec2(wp.dot(v, t), wp.dot(v, n))
+    held = wp.clamp(out[1], LEAST_COSINE, 1.0)
+    stretched = stretched_view(alpha, held)
+    whole = sky.levels[0]
+    texels = float(whole[1]) * float(whole[2]) / (2.0 * PI * PI)
+    # The density of l is D G1 / (4 n.v), with D = (h.h / (alpha c.c))^2 / pi of a cap c and h = (alpha c_t, alpha c_b,
+    # c_n).
+    width = texels * 4.0 * PI * held / (float(sky.points.shape[0]) * view_masking(alpha, held))
+    widest = 0.5 * wp.log2(width) + wp.log2(alpha)
+    base = wp.vec3(0.0, 0.0, 0.0)
+    rim = wp.vec3(0.0, 0.0, 0.0)
+    base_weight = wp.float32(0.0)
+    rim_weight = wp.float32(0.0)
+    for k in range(sky.points.shape[0]):
+        point = sky.points[k]
+        cap = sample_cap(stretched, wp.vec2(point[0], point[1]), point[2])
+        h = wp.vec3(alpha * cap[0], alpha * cap[1], wp.max(cap[2], 0.0))
+        hh = wp.dot(h, h)
+        vh = out[0] * h[0] + out[1] * h[2]
+        twice = 2.0 * vh / hh
+        l = wp.vec3(twice * h[0] - out[0], twice * h[1], twice * h[2] - out[1])
+        if l[2] > 0.0:
+            weight = l[2] * masking(alpha, l[2], held)
+            glancing = weight * fresnel_weight(vh / wp.sqrt(hh))
+            colour = filtered(sky, angles_of(to_world * l), widest - wp.log2(hh / wp.dot(cap, cap)))
+            base += (weight - glancing) * colour
+            rim += glancing * colour
+            base_weight += weight - glancing
+            rim_weight += glancing
+    if base_weight > 0.0:
+        base = base / base_weight
+    if rim_weight > 0.0:
+        rim = rim / rim_weight
+    return base, rim
 
 
 def make_sky(mapped: bool) -> tuple[Any, Any, Any]:
@@ -114,31 +201,12 @@ def make_sky(mapped: bool) -> tuple[Any, Any, Any]:
     def gloss(sky: Sky, env: int, n: wp.vec3, v: wp.vec3, alpha: float, f0: wp.vec3):
         """Estimates the radiance from the specular lobe; gives also `reflectances` at this view.
 
-        The mean of the map over samples of the lobe, each as wide as its share (Krivanek and Colbert, EGSR 2008), times
-        the lobe's exact albedo: right under a uniform sky, an approximation where map and Fresnel term vary together.
+        `mirrored` by the exact shares (a, b) of a uniform sky, so that its samples' noise is that of the map alone.
         """
-        nv = wp.dot(n, v)
-        r = reflectances(sky, alpha, nv)
-        albedo = specular_share(r, f0)
-        mean = sky.uniform
+        r = reflectances(sky, alpha, wp.dot(n, v))
         if wp.static(mapped):
-            mean = wp.vec3(0.0, 0.0, 0.0)
-            total = wp.float32(0.0)
-            count = float(sky.points.shape[0])
-            whole = sky.levels[0]
-            texels = float(whole[1]) * float(whole[2]) / (2.0 * PI * PI)
-            for k in range(sky.points.shape[0]):
-                l = sample_direction(alpha, n, v, sky.points[k])
-                nl = wp.dot(n, l)
-                if nl > 0.0:
-                    density = sample_density(alpha, n, v, l)
-                    held = wp.clamp(nv, 1.0e-4, 1.0)
-                    weight = 4.0 * nl * held * masking(alpha, nl, held) / view_masking(alpha, held)
-                    lod = 0.5 * wp.log2(texels / (count * density)) + 1.0
-                    mean += weight * filtered(sky, sky.camera[env] * l, lod)
-                    total += weight
-            if total > 0.0:
-                mean = mean / total
-        return wp.cw_mul(albedo, mean), r
+            base, rim = mirrored(sky, env, n, v, alpha)
+            return r[0] * wp.cw_mul(f0, base) + r[1] * rim, r
+        return wp.cw_mul(specular_share(r, f0), sky.uniform), r
 
     return background, ambient, gloss

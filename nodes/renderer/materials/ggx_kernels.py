@@ -44,11 +44,16 @@ def diffuse_share(r: wp.vec2, metallic: float):
 
 
 @wp.func
+def fresnel_weight(cosine: float):
+    """Gives the share of Schlick's reflectance that does not depend on f0."""
+    m = wp.clamp(1.0 - cosine, 0.0, 1.0)
+    return m * m * m * m * m
+
+
+@wp.func
 def fresnel(f0: wp.vec3, cosine: float):
     """Gives Schlick's reflectance at cosine = v . h."""
-    m = wp.clamp(1.0 - cosine, 0.0, 1.0)
-    weight = m * m * m * m * m
-    return f0 + weight * (wp.vec3(1.0, 1.0, 1.0) - f0)
+    return f0 + fresnel_weight(cosine) * (wp.vec3(1.0, 1.0, 1.0) - f0)
 
 
 @wp.func
@@ -96,20 +101,40 @@ def sample_density(alpha: float, n: wp.vec3, v: wp.vec3, l: wp.vec3):
 
 
 @wp.func
-def sample_direction(alpha: float, n: wp.vec3, v: wp.vec3, u: wp.vec2):
-    """Gives a direction l for u in [0, 1)^2, from the visible normals (Dupuy and Benyoub, HPG 2023); n.l may be < 0."""
-    nv = wp.clamp(wp.dot(n, v), LEAST_COSINE, 1.0)
+def lobe_axes(n: wp.vec3, v: wp.vec3):
+    """Gives unit vectors t and b across n, t on the viewer's side; any where he looks along n."""
     across = v - wp.dot(n, v) * n
     if wp.dot(across, across) < 1.0e-10:
         across = wp.cross(n, wp.vec3(0.0, 1.0, 0.0))
         if wp.abs(n[1]) > 0.7:
             across = wp.cross(n, wp.vec3(1.0, 0.0, 0.0))
     t = wp.normalize(across)
-    b = wp.cross(n, t)
-    stretched = wp.normalize(wp.vec3(alpha * wp.sqrt(1.0 - nv * nv), 0.0, nv))
-    phi = 2.0 * PI * u[0]
-    z = (1.0 - u[1]) * (1.0 + stretched[2]) - stretched[2]
+    return t, wp.cross(n, t)
+
+
+@wp.func
+def stretched_view(alpha: float, nv: float):
+    """Gives the direction of the viewer, by t, b and n, once microfacets are stretched to a hemisphere."""
+    return wp.normalize(wp.vec3(alpha * wp.sqrt(1.0 - nv * nv), 0.0, nv))
+
+
+@wp.func
+def sample_cap(stretched: wp.vec3, turn: wp.vec2, height: float):
+    """Gives a normal of the stretched microfacets, of any length, that the viewer sees (Dupuy and Benyoub, HPG 2023).
+
+    turn: cosine and sine of an angle, and height in (0, 1], both uniform over the samples.
+    """
+    z = height * (1.0 + stretched[2]) - stretched[2]
     r = wp.sqrt(wp.max(1.0 - z * z, 0.0))
-    cap = wp.vec3(r * wp.cos(phi), r * wp.sin(phi), z) + stretched
+    return wp.vec3(r * turn[0], r * turn[1], z) + stretched
+
+
+@wp.func
+def sample_direction(alpha: float, n: wp.vec3, v: wp.vec3, u: wp.vec2):
+    """Gives a direction l for u in [0, 1)^2, from the visible normals; n.l may be < 0."""
+    nv = wp.clamp(wp.dot(n, v), LEAST_COSINE, 1.0)
+    t, b = lobe_axes(n, v)
+    phi = 2.0 * PI * u[0]
+    cap = sample_cap(stretched_view(alpha, nv), wp.vec2(wp.cos(phi), wp.sin(phi)), 1.0 - u[1])
     h = wp.normalize((alpha * cap[0]) * t + (alpha * cap[1]) * b + wp.max(cap[2], 0.0) * n)
     return wp.normalize(2.0 * wp.dot(v, h) * h - v)
