@@ -88,6 +88,11 @@ class Loans(Generic[S]):
             for slot in shared:
                 slot.unpin()
 
+    def part_with(self, slot: S) -> None:
+        """Leaves a slot to who holds its only pin: its arrays stay as they are for as long as somebody has one."""
+        slot.pins = 0
+        self.live -= 1
+
     def _check_room(self) -> None:
         """Raises BusError where a topic has MOST_SLOTS slots already."""
         if self.live >= MOST_SLOTS:
@@ -305,11 +310,6 @@ class SlotPool(Loans[Slot]):
             slot.close()
         self.live -= len(self._free)
         self._free.clear()
-
-    def part_with(self, slot: Slot) -> None:
-        """Leaves a slot to who holds its only pin: its arrays stay as they are for as long as somebody has one."""
-        slot.pins = 0
-        self.live -= 1
 
     def give_back(self, slot: Slot) -> None:
         """Takes back a slot whose last pin is gone; called by the slot."""

@@ -17,6 +17,7 @@ from evis.bus import BusError, Publisher, Subscriber, endpoints_for
 from evis.bus.device import DevicePool
 from evis.runtime.delivery import Delivery
 from evis.runtime.plan import Edge, NodePlan, Plan, TopicPlan
+from evis.simulation.caller import owned
 from msgs.camera import Depth
 from msgs.fields import MessageError
 from msgs.header import Header
@@ -166,6 +167,29 @@ def test_slots_are_used_again_once_released_and_not_before() -> None:
         held.unpin()
     with pytest.raises(BusError, match="released more often"):
         last.unpin()
+
+
+def test_a_message_that_was_handed_over_keeps_its_arrays() -> None:
+    """What `evis.Simulation` returns is the caller's: later loans are other memory, and nothing is copied."""
+    pool, device = DevicePool("/cam0/depth"), wp.get_device("cpu")
+    taken = []
+    for k in range(3):
+        array = pool.loan(device, {"depth": ((1, 4, 5), wp.float32)})["depth"]
+        array.fill_(float(k))
+        message = Depth(Header(0), array)
+        message._slot = pool.claim(message)  # type: ignore[misc]
+        taken.append(owned(message))
+        assert taken[-1].depth is array
+    assert [float(message.depth.numpy().max()) for message in taken] == [0.0, 1.0, 2.0] and pool.live == 0
+
+
+def test_a_message_that_somebody_else_reads_too_is_copied() -> None:
+    pool, device = DevicePool("/cam0/depth"), wp.get_device("cpu")
+    array = pool.loan(device, {"depth": ((1, 4, 5), wp.float32)})["depth"]
+    message = Depth(Header(0), array)
+    message._slot = pool.claim(message)  # type: ignore[misc]
+    message.keep()
+    assert owned(message).depth.ptr != array.ptr and pool.live == 1
 
 
 def test_arrays_of_one_loan_do_not_overlap_and_a_larger_one_has_room() -> None:
