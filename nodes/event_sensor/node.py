@@ -126,7 +126,7 @@ class EventSensorNode(Node):
         if self.may_gather and self._device.is_cuda and self._own_model:
             from nodes.event_sensor.messages.flights import Flights
 
-            self._flights = Flights(self._device)
+            self._flights = Flights()
         # Compile now rather than at the first frame.
         sensor = self._make(2, 2, 1)
         one = np.ones((1, 2, 2, 3), np.float32)

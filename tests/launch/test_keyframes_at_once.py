@@ -249,7 +249,7 @@ def test_events_fetched_a_call_later_are_the_same(monkeypatch: pytest.MonkeyPatc
 
     def setup(self: EventSensorNode) -> None:
         set_up(self)
-        self._flights = Flights(self._device) if self.may_gather else None
+        self._flights = Flights() if self.may_gather else None
 
     want = published("spinning_disk", batch=1, time_tolerance=0)
     set_up = EventSensorNode.setup

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 from nodes.event_sensor.cuda import order_kernels
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import Sensor
 
-BUCKETS = 1 << 9
-"""To begin with."""
-MOST_BUCKETS = 1 << 12
-CROWD = 512
-"""Events of a bucket, on average, from which more buckets are worth their cost,"""
+BUCKETS, MOST_BUCKETS = 1 << 11, 1 << 15
+"""To begin with, and where calls have many events."""
+SOME, MANY = 256, 512
+"""Events of a bucket, on average, for which buckets are made, and from which more buckets are worth their cost,"""
 OFTEN = 3
 """if so many calls in a row have them."""
-THREADS = 1 << 16
-BLOCK = 512
+THREADS = 1 << 18
+SCAN, BLOCK = 1024, 256
+"""Threads that find where buckets begin, and those that sort one."""
 
 
 class Order:
@@ -26,19 +27,28 @@ class Order:
 
     def __init__(self, envs: int, stamped: bool, device: Any) -> None:
         self._envs, self._stamped, self._device = envs, stamped, device
-        self._crowds = 0
+        self._crowds = self._room = 0
         self._make(max(BUCKETS // envs, 1))
 
     def _make(self, of_env: int) -> None:
         self._of_env, self._length = of_env, self._envs * of_env
-        room = self._length * order_kernels.BUCKET
         # Two of each: a call's events are put in order while the next call's are listed.
-        self.filled = [wp.zeros(self._length, dtype=wp.int32, device=self._device) for _ in range(2)]
-        self._buckets = [wp.empty(room, dtype=wp.int64, device=self._device) for _ in range(2)]
+        self.filled = [self._empty(self._length) for _ in range(2)]
+        self._first = [self._empty(self._length + 1) for _ in range(2)]
+
+    def _empty(self, length: int, dtype: Any = wp.int32) -> wp.array:
+        return wp.empty(length, dtype=dtype, device=self._device)
+
+    def reserve(self, capacity: int) -> None:
+        """Makes room for so many events in a call."""
+        if capacity > self._room:
+            self._room = capacity
+            self._slots = [self._empty(capacity) for _ in range(2)]
+            self._buckets = [self._empty(capacity, wp.int64) for _ in range(2)]
 
     def launch(
         self, sensor: Sensor, call: wp.array, frames: int, keys: wp.array, counters: wp.array, following: wp.array,
-        head: wp.array, columns: Any, side: int,
+        head: wp.array, columns: Any, ends: wp.array, side: int,
     ) -> None:  # fmt: skip
         """Puts the listed events in order, writes the columns, and the head.
 
@@ -47,29 +57,44 @@ class Order:
             following: counters that are made ready for a later call, int64 [COUNTS].
             head: what the host wants to know, int64, see call_kernels.
             columns: key_kernels.Columns.
+            ends: of one environment, events up to the stamp of each frame, int64 [K], written.
             side: which buckets, 0 or 1.
         """
-        filled, buckets = self.filled[side], self._buckets[side]
+        filled, first, slots, buckets = self.filled[side], self._first[side], self._slots[side], self._buckets[side]
         threads = min(THREADS, max(keys.size, 1))
-        wp.launch(
-            order_kernels.to_buckets,
-            threads,
-            [sensor, call, frames, self._stamped, self._of_env, threads, keys, counters],
-            [filled, buckets],
+        given = [sensor, call, frames, self._stamped, self._of_env, threads]
+        wp.launch(order_kernels.count_events, threads, [*given, keys, counters], [filled, slots], device=self._device)
+        wp.launch_tiled(
+            order_kernels.place_buckets,
+            dim=[1],
+            inputs=[sensor, self._of_env, filled, counters],
+            outputs=[first, following, head],
+            block_dim=SCAN,
             device=self._device,
         )
+        listed = [*given, keys, counters, slots, first]
+        wp.launch(order_kernels.to_buckets, threads, listed, [buckets], device=self._device)
         wp.launch_tiled(
             order_kernels.in_order,
             dim=[self._length],
-            inputs=[sensor, call, self._of_env, filled, buckets, counters],
-            outputs=[following, head, columns],
+            inputs=[sensor, call, counters, first, buckets],
+            outputs=[columns],
             block_dim=BLOCK,
             device=self._device,
         )
+        self._find_ends(sensor, call, frames, counters, columns, ends)
+
+    def _find_ends(
+        self, sensor: Sensor, call: wp.array, frames: int, counters: wp.array, columns: Any, ends: wp.array
+    ) -> None:
+        if self._envs == 1:
+            given = [sensor, call, counters, columns.t]
+            wp.launch(order_kernels.find_ends, frames, given, [ends], device=self._device)
 
     def sort(
-        self, sensor: Sensor, layout: KeyLayout, span: tuple[int, int], keys: wp.array, count: int, columns: Any
-    ) -> None:
+        self, sensor: Sensor, layout: KeyLayout, span: tuple[int, int], keys: wp.array, count: int, columns: Any,
+        stamps: np.ndarray,
+    ) -> np.ndarray:  # fmt: skip
         """Does the same by a radix sort of the list, whose length the host knows: for times that crowd together.
 
         Args:
@@ -79,6 +104,10 @@ class Order:
             keys: the list, int64 [capacity].
             count: events in it.
             columns: key_kernels.Columns, written.
+            stamps: of the call's frames, int64 [K] ns.
+
+        Returns:
+            Of one environment, events up to each stamp, int64 [K].
         """
         pairs: wp.array = wp.empty(2 * count, dtype=wp.int64, device=self._device)
         wp.copy(pairs, keys, count=count)
@@ -89,14 +118,17 @@ class Order:
             wp.utils.radix_sort_pairs(pairs, nothing, count, layout.env, 63)
         inputs = [sensor, span[0], pairs]
         wp.launch(order_kernels.unpack_all, count, inputs, [columns], device=self._device)
+        times: Any = columns.t[:count].numpy() if self._envs == 1 else np.zeros(0, np.int64)
+        return np.searchsorted(times, stamps, side="right")
 
     def widen(self, count: int) -> bool:
         """Makes more buckets where calls had many events, often; returns True when their arrays are new.
 
         count: events of the call that is done.
         """
-        self._crowds = self._crowds + 1 if count > self._length * CROWD else 0
+        self._crowds = self._crowds + 1 if count > self._length * MANY else 0
         if self._crowds < OFTEN or 2 * self._length > MOST_BUCKETS:
             return False
-        self._make(2 * self._of_env)
+        wanted = min(1 << (count // SOME - 1).bit_length(), MOST_BUCKETS)
+        self._make(wanted // self._envs)
         return True

@@ -1,10 +1,10 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""Events in order without the host: buckets of time, where each begins, and the order inside each.
+"""Events in order without the host: how many each bucket of time takes, where each begins, and the order inside each.
 
 A bucket takes the events of one environment in one part of the call's time, or, where all events of a frame have its
-stamp, of one frame in one part of the image. That is a coarse order of the keys, so what is left is small sorts in
-each bucket, in which an event's place is the number of events before it: no passes, and no order of arrival that could
-show. Where one bucket runs over (many pixels that fire at one nanosecond) the host sorts the list instead.
+stamp, of one frame in one part of the image. That is a coarse order of the keys. Events are counted first, so that each
+bucket has the room it needs, and a block then sorts it. Where one bucket is crowded (many pixels that fire at one
+nanosecond) the host sorts the list instead.
 """
 
 import warp as wp
@@ -29,37 +29,43 @@ from nodes.event_sensor.model.sensor_kernels import EVENTS, Sensor
 
 wp.set_module_options({"enable_backward": False})
 
-BUCKET = 2048
-"""Events for which a bucket has room."""
+CROWD = 1 << 15
+"""Events of a bucket above which the host sorts."""
+ROOM = 1 << 12
+"""Events of a bucket up to which a block sorts in the memory of its own."""
 FEW = 64
 """Events of a bucket up to which each is compared with all the others."""
 
 SORT = """
 #if defined(__CUDA_ARCH__)
-    __shared__ wp::int64 keys[ROOM];
+    __shared__ wp::int64 near[ROOM];
     const int lane = threadIdx.x;
     const int lanes = blockDim.x;
 #else
-    wp::int64* keys = bucket.data + first;
     const int lane = 0;
     const int lanes = 1;
 #endif
     wp::int64* home = bucket.data + first;
-    int size = 1;
-    while (size < count) size *= 2;
-    for (int i = lane; i < size; i += lanes) keys[i] = i < count ? home[i] : wp::int64(0x7FFFFFFFFFFFFFFFll);
+    wp::int64* keys = home;
 #if defined(__CUDA_ARCH__)
+    if (count <= ROOM) {
+        keys = near;
+        for (int i = lane; i < count; i += lanes) keys[i] = home[i];
+    }
     __syncthreads();
 #endif
-    for (int run = 2; run <= size; run *= 2)
+    int pairs = 1;
+    while (2 * pairs < count) pairs *= 2;
+    for (int run = 2; run <= 2 * pairs; run *= 2)
         for (int apart = run / 2; apart > 0; apart /= 2) {
-            for (int pair = lane; pair < size / 2; pair += lanes) {
+            for (int pair = lane; pair < pairs; pair += lanes) {
+                // First each key of a run's first half with its mirror image in the second, then halves of halves. All
+                // put the smaller one first, so that what would be behind the last key stays there, and is left out.
                 const int a = 2 * pair - (pair & (apart - 1));
-                const int b = a + apart;
-                const wp::int64 one = keys[a];
-                const wp::int64 other = keys[b];
-                if ((one > other) == ((a & run) == 0)) {
-                    keys[a] = other;
+                const int b = 2 * apart == run ? a + run - 1 - 2 * (pair & (apart - 1)) : a + apart;
+                if (b < count && keys[a] > keys[b]) {
+                    const wp::int64 one = keys[a];
+                    keys[a] = keys[b];
                     keys[b] = one;
                 }
             }
@@ -70,16 +76,17 @@ SORT = """
 #endif
         }
 #if defined(__CUDA_ARCH__)
-    for (int i = lane; i < count; i += lanes) home[i] = keys[i];
+    if (count <= ROOM)
+        for (int i = lane; i < count; i += lanes) home[i] = keys[i];
 #endif
-""".replace("ROOM", str(BUCKET))
+""".replace("ROOM", str(ROOM))
 
 
 @wp.func_native(SORT)
 def sort_bucket(bucket: wp.array(dtype=wp.int64), first: wp.int32, count: wp.int32):
     """Sorts (bitonic sort, Batcher 1968) the `count` keys from `first` on, by all threads of a block.
 
-    Thread i of n then finds the keys i, i + n, ... in their places; a CPU has room for a power of two of them.
+    Of up to ROOM keys, thread i of n then finds the keys i, i + n, ... in their places.
     """
     ...
 
@@ -128,8 +135,32 @@ def place_at_stamp(
     return place
 
 
+@wp.func
+def bucket_of(
+    sensor: Sensor, call: wp.array(dtype=wp.int64), frames: wp.int32, stamped: wp.bool, of_env: wp.int32, key: wp.int64
+):
+    """Returns the bucket of an event; arguments as of count_events."""
+    t = time_of(sensor, key)
+    place = int(0)
+    if stamped:
+        pixel = row_of(sensor, key) * wp.int64(sensor.width) + column_of(sensor, key)
+        place = place_at_stamp(call, frames, t, pixel, wp.int64(sensor.width * sensor.height), of_env)
+    else:
+        place = place_in_time(call, t, of_env)
+    return wp.int32(key >> sensor.shift_env) * of_env + place
+
+
+@wp.func
+def listed(sensor: Sensor, counters: wp.array(dtype=wp.int64)):
+    """Returns how many events there are to be put in order: none of a call that has to be mended first."""
+    count = wp.int32(0)
+    if counters[BLOCKED] == wp.int64(0) and counters[EVENTS] <= sensor.capacity:
+        count = wp.int32(counters[EVENTS])
+    return count
+
+
 @wp.kernel
-def to_buckets(
+def count_events(
     # in
     sensor: Sensor,
     call: wp.array(dtype=wp.int64),
@@ -141,9 +172,9 @@ def to_buckets(
     counters: wp.array(dtype=wp.int64),
     # out
     filled: wp.array(dtype=wp.int32),
-    buckets: wp.array(dtype=wp.int64),
+    slots: wp.array(dtype=wp.int32),
 ):
-    """Puts events into buckets; a thread takes every `threads`-th.
+    """Counts the events of each bucket; a thread takes every `threads`-th.
 
     Args:
         sensor, call, frames: as in pipeline.Source.
@@ -151,25 +182,97 @@ def to_buckets(
         of_env: buckets of an environment.
         threads: how many there are.
         keys, counters: the list of events, and how many there are.
-        filled: events in each bucket, those too that found no room.
-        buckets: keys, int64 [E of_env BUCKET].
+        filled: events in each bucket.
+        slots: number of each event in its bucket, in no order that matters.
     """
-    if counters[BLOCKED] != wp.int64(0) or counters[EVENTS] > sensor.capacity:
-        return
-    count = wp.int32(counters[EVENTS])
+    count = listed(sensor, counters)
+    i = wp.tid()
+    while i < count:
+        slots[i] = take_place_at(filled, bucket_of(sensor, call, frames, stamped, of_env, keys[i]))
+        i += threads
+
+
+@wp.kernel
+def place_buckets(
+    # in
+    sensor: Sensor,
+    of_env: wp.int32,
+    filled: wp.array(dtype=wp.int32),
+    counters: wp.array(dtype=wp.int64),
+    # out
+    first: wp.array(dtype=wp.int32),
+    following: wp.array(dtype=wp.int64),
+    head: wp.array(dtype=wp.int64),
+):
+    """Finds where each bucket begins, by one block; writes what the host wants to know, and a later call's counters.
+
+    Args:
+        sensor: as in pipeline.Source.
+        of_env: buckets of an environment.
+        filled: events in each bucket.
+        counters: of this call, int64 [COUNTS].
+        first: number of the first event of each bucket, and behind the last that of all events.
+        following: counters of a later call, made ready.
+        head: what the host wants to know, int64, see call_kernels.
+    """
+    _, lane = wp.tid()
+    length = filled.shape[0]
+    each = (length + wp.block_dim() - 1) // wp.block_dim()
+    begin = wp.min(lane * each, length)
+    end = wp.min(begin + each, length)
+    total = int(0)
+    b = begin
+    while b < end:
+        total += filled[b]
+        b += 1
+    place = wp.untile(wp.tile_scan_exclusive(wp.tile(total)))
+    crowded = bool(False)
+    b = begin
+    while b < end:
+        count = filled[b]
+        first[b] = place
+        if b % of_env == 0:
+            head[OFFSETS + b // of_env] = wp.int64(place)
+        crowded = crowded or count > wp.static(CROWD)
+        place += count
+        b += 1
+    if end == length and begin < end:
+        first[length] = place
+        head[OFFSETS + length // of_env] = wp.int64(place)
+        for i in range(wp.static(COUNTS)):
+            head[i] = counters[i]
+            following[i] = wp.int64(0)
+        following[FULL_FROM] = wp.int64(wp.static(NOWHERE))
+        if counters[BLOCKED] != wp.int64(0):
+            head[STATUS] = wp.int64(wp.static(SKIPPED))
+        elif counters[EVENTS] > sensor.capacity:
+            head[STATUS] = wp.int64(wp.static(OUTGROWN))
+    if crowded:
+        head[STATUS] = wp.int64(wp.static(CROWDED))
+
+
+@wp.kernel
+def to_buckets(
+    # in
+    sensor: Sensor,
+    call: wp.array(dtype=wp.int64),
+    frames: wp.int32,
+    stamped: wp.bool,
+    of_env: wp.int32,
+    threads: wp.int32,
+    keys: wp.array(dtype=wp.int64),
+    counters: wp.array(dtype=wp.int64),
+    slots: wp.array(dtype=wp.int32),
+    first: wp.array(dtype=wp.int32),
+    # out
+    buckets: wp.array(dtype=wp.int64),
+):
+    """Puts events into buckets, int64 [capacity]; arguments as of count_events and place_buckets."""
+    count = listed(sensor, counters)
     i = wp.tid()
     while i < count:
         key = keys[i]
-        t = time_of(sensor, key)
-        if stamped:
-            pixel = row_of(sensor, key) * wp.int64(sensor.width) + column_of(sensor, key)
-            place = place_at_stamp(call, frames, t, pixel, wp.int64(sensor.width * sensor.height), of_env)
-        else:
-            place = place_in_time(call, t, of_env)
-        b = wp.int32(key >> sensor.shift_env) * of_env + place
-        slot = take_place_at(filled, b)
-        if slot < wp.static(BUCKET):
-            buckets[b * wp.static(BUCKET) + slot] = key
+        buckets[first[bucket_of(sensor, call, frames, stamped, of_env, key)] + slots[i]] = key
         i += threads
 
 
@@ -178,76 +281,61 @@ def in_order(
     # in
     sensor: Sensor,
     call: wp.array(dtype=wp.int64),
-    of_env: wp.int32,
-    filled: wp.array(dtype=wp.int32),
-    buckets: wp.array(dtype=wp.int64),
     counters: wp.array(dtype=wp.int64),
+    first: wp.array(dtype=wp.int32),
+    buckets: wp.array(dtype=wp.int64),
     # out
-    following: wp.array(dtype=wp.int64),
-    head: wp.array(dtype=wp.int64),
     columns: Columns,
 ):
     """Puts the events of each bucket in order; a block is a bucket.
 
-    Equal keys are equal events, whose order does not matter. The last block writes what the host wants to know, and the
-    counters that a later call begins with.
-
-    Args:
-        sensor, call: as in pipeline.Source.
-        of_env: buckets of an environment.
-        filled, buckets: as of to_buckets.
-        counters: of this call, int64 [COUNTS].
-        following: of a later call, made ready.
-        head: what the host wants to know, int64, see call_kernels.
-        columns: where the events go.
+    Equal keys are equal events, whose order does not matter. Arguments as of count_events, place_buckets and
+    to_buckets; columns: where the events go.
     """
     b, lane = wp.tid()
-    length = filled.shape[0]
-    count = filled[b]
-    if count == 0 and b % of_env != 0 and b != length - 1:
+    start = first[b]
+    count = first[b + 1] - start
+    if count == 0 or count > wp.static(CROWD) or listed(sensor, counters) == 0:
         return
-    before = int(0)
-    j = lane
-    while j < b:
-        before += filled[j]
-        j += wp.block_dim()
-    start = wp.tile_sum(wp.tile(before))[0]
-    blocked = counters[BLOCKED] != wp.int64(0)
-    outgrown = counters[EVENTS] > sensor.capacity
-    if lane == 0:
-        if b % of_env == 0:
-            head[OFFSETS + b // of_env] = wp.int64(start)
-        if b == length - 1:
-            head[OFFSETS + length // of_env] = wp.int64(start + count)
-            for i in range(wp.static(COUNTS)):
-                head[i] = counters[i]
-                following[i] = wp.int64(0)
-            following[FULL_FROM] = wp.int64(wp.static(NOWHERE))
-            if blocked:
-                head[STATUS] = wp.int64(wp.static(SKIPPED))
-            elif outgrown:
-                head[STATUS] = wp.int64(wp.static(OUTGROWN))
-        if count > wp.static(BUCKET):
-            head[STATUS] = wp.int64(wp.static(CROWDED))
-    if blocked or outgrown or count > wp.static(BUCKET):
-        return
-    first = b * wp.static(BUCKET)
     few = count <= wp.static(FEW)
     if not few:
-        sort_bucket(buckets, first, count)
+        sort_bucket(buckets, start, count)
     i = lane
     while i < count:
-        key = buckets[first + i]
+        key = buckets[start + i]
         place = i
         if few:
             place = int(0)
             j = int(0)
             while j < count:
-                other = buckets[first + j]
+                other = buckets[start + j]
                 place += wp.where(other < key or (other == key and j < i), 1, 0)
                 j += 1
         unpack_to(sensor, call[T_BASE], key, start + place, columns)
         i += wp.block_dim()
+
+
+@wp.kernel
+def find_ends(
+    # in
+    sensor: Sensor,
+    call: wp.array(dtype=wp.int64),
+    counters: wp.array(dtype=wp.int64),
+    t: wp.array(dtype=wp.int64),
+    # out
+    ends: wp.array(dtype=wp.int64),
+):
+    """Counts, of the ascending times t of one environment, those up to the stamp of each frame."""
+    k = wp.tid()
+    low = int(0)
+    high = int(listed(sensor, counters))
+    while low < high:
+        middle = (low + high) // 2
+        if t[middle] <= call[STAMPS + k]:
+            low = middle + 1
+        else:
+            high = middle
+    ends[k] = wp.int64(low)
 
 
 @wp.kernel

@@ -63,14 +63,22 @@ class Source(Protocol):
 class CallParameters:
     """The parameters of calls of one number of frames, and the graphs that read them.
 
-    host: where they are filled in, in the pinned memory of `staging`; device: where the kernels read them.
+    host: where they are filled in, in the pinned memory of `staging`; device: where the kernels read them. ends: of one
+    environment, the events up to each frame, int64 [K], in `ends_host`, pinned memory that the device writes to.
     """
 
     frames: int
     host: np.ndarray
     staging: wp.array
     device: wp.array
+    ends_host: wp.array
+    ends: wp.array
     graphs: dict[Any, Any] = field(default_factory=dict)
+
+    @property
+    def stamps(self) -> np.ndarray:
+        """Gives the times of the frames, int64 [K] ns."""
+        return self.host[call_kernels.STAMPS : call_kernels.STAMPS + self.frames]
 
 
 @dataclass(eq=False)
@@ -134,18 +142,26 @@ class Pipeline:
         self.grow(min(max(2 * total, 4096), FIRST_CAPACITY))
 
     def _slot(self, number: int) -> Slot:
-        cuda, length = self._device.is_cuda, call_kernels.OFFSETS + self._envs + 1
-        host: wp.array = wp.zeros(length, dtype=wp.int64, device="cpu", pinned=cuda)
-        # The device writes to the host's memory itself.
-        head: wp.array = wp.array(ptr=host.ptr, shape=(length,), dtype=wp.int64, device=self._device)
+        host = self._pinned(call_kernels.OFFSETS + self._envs + 1)
+        head = self._seen_by_device(host)
         counters: wp.array = wp.array(fresh_counters(), dtype=wp.int64, device=self._device)
-        return Slot(number, counters, head, host, host.numpy(), wp.Event(self._device) if cuda else None)
+        event = wp.Event(self._device) if self._device.is_cuda else None
+        return Slot(number, counters, head, host, host.numpy(), event)
+
+    def _pinned(self, length: int) -> wp.array:
+        """Makes an array of the host, int64, that the device can reach."""
+        return wp.zeros(length, dtype=wp.int64, device="cpu", pinned=self._device.is_cuda)
+
+    def _seen_by_device(self, host: wp.array) -> wp.array:
+        """Gives the memory of a pinned array as one of the device, which writes there by itself."""
+        return wp.array(ptr=host.ptr, shape=host.shape, dtype=host.dtype, device=self._device)
 
     def grow(self, capacity: int) -> None:
         """Makes room for so many events in a call. Events given out keep the arrays that they have."""
         if capacity >= 1 << 31:
             raise ValueError(f"{capacity} events in one message; raise the contrast threshold or keyframe_rate")
         self._sensor.capacity = wp.int64(capacity)
+        self._order.reserve(capacity)
         for slot in self._slots:
             slot.keys = wp.empty(capacity, dtype=wp.int64, device=self._device)
             slot.columns, slot.named = self._columns(capacity)
@@ -184,9 +200,11 @@ class Pipeline:
             if len(slot.by_frames) >= GRAPHS:
                 slot.by_frames.clear()
             length = call_kernels.STAMPS + frames + self._envs
-            staging: wp.array = wp.zeros(length, dtype=wp.int64, device="cpu", pinned=self._device.is_cuda)
+            staging, ends_host = self._pinned(length), self._pinned(frames)
             device: wp.array = wp.zeros(length, dtype=wp.int64, device=self._device)
-            call = slot.by_frames[frames] = CallParameters(frames, staging.numpy(), staging, device)
+            ends = self._seen_by_device(ends_host)
+            call = CallParameters(frames, staging.numpy(), staging, device, ends_host, ends)
+            slot.by_frames[frames] = call
         return call.host
 
     def submit(self, frames: int, span: tuple[int, int], keep: Any = None, defer: bool = False) -> Pending:
@@ -254,7 +272,7 @@ class Pipeline:
         following = self._slots[(slot.number + 2) % self._calls].counters
         self._order.launch(
             self._sensor, slot.call.device, slot.call.frames, slot.keys, slot.counters, following, slot.head,
-            slot.columns, slot.number % 2,
+            slot.columns, slot.call.ends, slot.number % 2,
         )  # fmt: skip
 
     def _list_and_order(self, slot: Slot) -> None:
@@ -297,8 +315,11 @@ class Pipeline:
         self._found(head[: len(COUNTERS)])
         if self._order.widen(int(head[0])):
             self._forget()
+        ends = None
+        if self._envs == 1:
+            ends = slot.call.stamps.copy(), slot.call.ends_host.numpy().copy()
         pending.events = DeviceEvents(
-            slot.named, int(head[0]), offsets, pending.span, lambda: slot.serial == serial
+            slot.named, int(head[0]), offsets, pending.span, lambda: slot.serial == serial, ends
         )  # fmt: skip
         pending.keep = None
 
@@ -311,7 +332,9 @@ class Pipeline:
             self._make_room(slot)
         if slot.view[call_kernels.STATUS] == call_kernels.CROWDED:
             count = int(slot.view[0])
-            self._order.sort(self._sensor, self._layout, pending.span, slot.keys, count, slot.columns)
+            call, span = slot.call, pending.span
+            ends = self._order.sort(self._sensor, self._layout, span, slot.keys, count, slot.columns, call.stamps)
+            call.ends_host.numpy()[:] = ends if self._envs == 1 else 0
         if outgrown:
             # Those after it did nothing.
             for serial in range(pending.serial + 1, self._serial):

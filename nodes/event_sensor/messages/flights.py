@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from msgs.header import Message
-from nodes.event_sensor.cuda.cuts import Cuts
 from nodes.event_sensor.readout.device_events import DeviceEvents, Ready
 
 
@@ -23,8 +22,7 @@ class Landed:
 class Flights:
     """Holds the calls under way in their order, with the messages whose frames they read."""
 
-    def __init__(self, device: Any) -> None:
-        self._cuts = Cuts(device)
+    def __init__(self) -> None:
         self._flying: list[tuple[Any, Sequence[Message]]] = []
 
     def begin(self, call: Any, messages: Sequence[Message]) -> None:
@@ -46,4 +44,4 @@ class Flights:
         for message in messages:
             message.release()
         stamps = [message.header.stamp_ns for message in messages]
-        return Landed(events, messages, self._cuts.of(events.t, stamps) if len(events) else [0] * len(stamps))
+        return Landed(events, messages, events.up_to(stamps))

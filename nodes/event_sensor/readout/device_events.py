@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +20,8 @@ class DeviceEvents:
 
     env_offsets: int64 [E + 1], on the host. t_base, stamp: the events lie in (t_base, stamp]. The arrays belong to the
     sensor, which writes others into them CALLS calls later; reading them through this object then raises ValueError.
-    `copy` and `numpy` give arrays that stay.
+    `copy` and `numpy` give arrays that stay. ends: of one environment, ascending stamps int64 [K] ns and the number of
+    events up to each, where they are known.
     """
 
     def __init__(
@@ -30,8 +31,9 @@ class DeviceEvents:
         env_offsets: np.ndarray,
         span: tuple[int, int],
         alive: Callable[[], bool] = lambda: True,
+        ends: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> None:
-        self._columns, self._alive = columns, alive
+        self._columns, self._alive, self._ends = columns, alive, ends
         self.count, self.env_offsets = count, env_offsets
         self.t_base, self.stamp = span
 
@@ -75,6 +77,16 @@ class DeviceEvents:
     def c(self) -> wp.array | None:
         """Colour channels, None without colour."""
         return self.column("c") if "c" in self._columns else None
+
+    def up_to(self, stamps: Sequence[int]) -> list[int]:
+        """Counts, of the events of one environment, those before or at each stamp [ns]."""
+        if self._ends is not None:
+            known, counts = self._ends
+            at = np.minimum(np.searchsorted(known, stamps), len(known) - 1)
+            if np.array_equal(known[at], stamps):
+                return [int(count) for count in counts[at]]
+        times: Any = self.t.numpy()
+        return [int(count) for count in np.searchsorted(times, stamps, side="right")]
 
     def copy(self) -> DeviceEvents:
         """Copies the events to arrays of their own, on the device."""

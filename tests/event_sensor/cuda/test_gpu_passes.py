@@ -125,7 +125,7 @@ def test_events_without_room_come_all_the_same(device, defer):
 
 
 @pytest.mark.parametrize("device", DEVICES)
-@pytest.mark.parametrize("rows", [4, 40, 60])
+@pytest.mark.parametrize("rows", [1, 4, 40, 100, 700])
 def test_pixels_that_fire_together(device, rows):
     """At one nanosecond, few, many or too many for a bucket."""
     level = np.exp(np.array([0, 0.5, -0.5, 0.9, 0.1, 1.5])).astype(np.float32)
@@ -133,10 +133,38 @@ def test_pixels_that_fire_together(device, rows):
     t = np.arange(1, 7, dtype=np.int64) * MS
     got = Passes(device, rows, 50).run(frames, t, 2)[0]
     want, pixels = expected(frames[0, :, :1, :1], t), 50 * rows
-    assert 40 * 50 < order_kernels.BUCKET < 60 * 50 and len(got) == pixels * len(want)
+    assert 40 * 50 < order_kernels.ROOM < 100 * 50 < order_kernels.CROWD < 700 * 50 and len(got) == pixels * len(want)
     assert np.array_equal(got[:, 0].reshape(-1, pixels), np.repeat(want[:, :1], pixels, 1))
     y, x = np.divmod(np.arange(pixels), 50)
     assert (got[:, 1].reshape(-1, pixels) == y).all() and (got[:, 2].reshape(-1, pixels) == x).all()
+
+
+@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize("crossing", ["linear", "frame"])
+def test_where_frames_end_in_the_events_of_a_call(device, crossing):
+    """Told by the call, also where the host sorted, and counted for any other time."""
+    frames = walk(np.random.default_rng(3), 1, 6, 20, 30)
+    crowded = np.tile(frames[:, :, :1, :1], (1, 1, 700, 50))
+    t = np.arange(1, 7, dtype=np.int64) * MS
+    for images in (frames, crowded):
+        passes = Passes(device, *images.shape[2:], crossing=crossing)
+        events = passes.submit(images, t).result()
+        times = events.numpy().t
+        assert events.up_to(t.tolist()) == [int((times <= stamp).sum()) for stamp in t] and len(times) > 500
+        assert events.up_to([t[1] + 3, t[4]]) == [int((times <= t[1] + 3).sum()), int((times <= t[4]).sum())]
+        assert events.copy().up_to(t.tolist()) == events.up_to(t.tolist())
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_buckets_grow_with_the_events(device):
+    """After some calls with many events there are more buckets, and the events are the same."""
+    frames = walk(np.random.default_rng(4), 1, 24, 40, 50, sigma=0.6)
+    t = np.arange(1, 25, dtype=np.int64) * MS
+    passes = Passes(device, 40, 50)
+    order = passes.side.pipeline._order
+    order._make(4)
+    assert np.array_equal(passes.run(frames, t, 4)[0], expected(frames[0], t))
+    assert order.filled[0].size > 32
 
 
 @pytest.mark.parametrize("device", DEVICES)
