@@ -56,14 +56,15 @@ class Interpolator:
         worlds: Sequence[Scene] = (),
         light_samples: int = 16,
         paths: PathOptions | None = None,
-        tolerance: float = 0.1,
+        tolerance: float | None = None,
         time_tolerance: float = 0.0,
     ) -> None:
         """method: a key of METHODS. upsampling: K. colour: frames are linear RGB instead of luminance.
 
         scene, camera, light_samples, paths: those of the renderer, for methods that use the bodies' states. Raises
         ValueError where these have none. worlds: the scene of each environment, where bodies move differently and all
-        else looks as in `scene`. tolerance: error of log radiance that `rigid` looks for, to shade anew.
+        else looks as in `scene`. tolerance: error of log radiance that `rigid` looks for, to shade anew;
+        0.1, and 0.0125 with `time_tolerance`, unless given.
         time_tolerance: of the time at which what a pixel shows crosses a threshold [s], for which `rigid` takes
         `further` samples of single pixels; 0 = none.
         """

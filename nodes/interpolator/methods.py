@@ -28,7 +28,7 @@ class Gap:
         device: Warp device of keyframes and frames.
         threads: CPU threads.
         scene, camera: those of the renderer; the camera is as fine as the keyframes.
-        light: options of a method that shades: light_samples, paths, tolerance.
+        light: options of a method that shades: light_samples, paths, tolerance; what is None is as it is by default.
         worlds: the scene of each environment where they move differently, and look alike.
         time_tolerance_ns: of the time of a crossing, by further samples of single pixels; 0 = frames only.
         in_a_row: the environments are gaps of one, each of which begins where the one before ends; for `rigid`.
@@ -74,14 +74,15 @@ def _rigid(gap: Gap) -> Method:
     from nodes.interpolator.rigid import Rigid, RigidOptions
 
     assert gap.scene is not None and gap.camera is not None
-    if gap.time_tolerance_ns == 0 or gap.light.get("paths") is not None:
-        options = RigidOptions(**gap.light)
+    asked = {name: value for name, value in gap.light.items() if value is not None}
+    if gap.time_tolerance_ns == 0 or "paths" in asked:
+        options = RigidOptions(**asked)
         rigid = Rigid(gap.scene, gap.camera, *gap.bodies, options, worlds=gap.worlds, in_a_row=gap.in_a_row)
         rigid.build()
         return rigid
-    from nodes.interpolator.refine.method import Refined
+    from nodes.interpolator.refine.method import TOLERANCE, Refined
 
-    options = RigidOptions(**gap.light, single=True)
+    options = RigidOptions(**{"tolerance": TOLERANCE, **asked}, single=True)
     rigid = Rigid(gap.scene, gap.camera, *gap.bodies, options, worlds=gap.worlds)
     rigid.build()
     return Refined(rigid, gap.time_tolerance_ns, gap.threads, options.light_samples)

@@ -60,7 +60,10 @@ class InterpolatorNode(Node):
         "method": Param(str, "rigid", HELP, choices=tuple(METHODS)),
         "upsampling": Param(int, 8, "frames per keyframe interval (K)", "", 1, 4096),
         "tolerance": Param(
-            float, 0.1, "error of ln I that rigid looks for, to shade anew; less costs more", "ln I", 0.001, 10
+            float, None,
+            "error of ln I that rigid looks for, to shade anew; less costs more; 0.1 if not given, and 0.0125 with "
+            "time_tolerance",
+            "ln I", 0.001, 10, optional=True,
         ),
         "time_tolerance": Param(
             float, 0.0,

@@ -38,12 +38,64 @@ def place_samples(
 
 
 @cache
-def make_sort(channels: int) -> wp.Kernel:
-    """Makes the kernel that sorts the samples of pixels by time. channels: 1 (luminance) or 3 (RGB)."""
+def make_sort(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
+    """Makes the kernels `sort_each`, of a thread per pixel, and `rank`, of one per sample; both write the same.
+
+    channels: 1 (luminance) or 3 (RGB).
+    """
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
 
+    @wp.func
+    def comes_before(instants: wp.array(dtype=int), i: int, j: int):
+        """Tells whether sample i is before sample j in time, or has the smaller number at the same time."""
+        return instants[i] < instants[j] or (instants[i] == instants[j] and i < j)
+
+    @wp.func
+    def since_start(since: wp.array2d(dtype=int), env: int, t: int):
+        """Gives the time [ns] since the gap's start, of an instant counted in PARTS."""
+        i = t // PARTS
+        part = t % PARTS
+        ns = wp.int32(0)
+        if i > 0:
+            ns = since[env, i - 1]
+        if part > 0:
+            ns += (since[env, i] - ns) * part // PARTS
+        return ns
+
     @wp.kernel(module="unique", enable_backward=False)
-    def sort(
+    def sort_each(
+        # in
+        inner: int,
+        first: wp.array(dtype=int),
+        instants: wp.array(dtype=int),
+        values: wp.array(dtype=pixel),
+        since: wp.array2d(dtype=int),
+        # in and out
+        order: wp.array(dtype=int),
+        # out
+        offset: wp.array(dtype=int),
+        value: wp.array(dtype=pixel),
+    ):
+        """Sorts the samples of a pixel by Shell's method; arguments as of `rank`."""
+        q = wp.tid()
+        start = first[q]
+        end = first[q + 1]
+        stride = (end - start) // 2
+        while stride > 0:
+            for k in range(start + stride, end):
+                j = order[k]
+                place = k
+                while place >= start + stride and comes_before(instants, j, order[place - stride]):
+                    order[place] = order[place - stride]
+                    place -= stride
+                order[place] = j
+            stride = stride // 2
+        for k in range(start, end):
+            offset[k] = since_start(since, q // inner, instants[order[k]])
+            value[k] = values[order[k]]
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def rank(
         # in
         inner: int,
         first: wp.array(dtype=int),
@@ -62,20 +114,11 @@ def make_sort(channels: int) -> wp.Kernel:
         """
         j = order[wp.tid()]
         q = pixels[j]
-        t = instants[j]
         place = first[q]
         for k in range(first[q], first[q + 1]):
-            if instants[order[k]] < t:
+            if comes_before(instants, order[k], j):
                 place += 1
-        env = q // inner
-        i = t // PARTS
-        part = t % PARTS
-        ns = wp.int32(0)
-        if i > 0:
-            ns = since[env, i - 1]
-        if part > 0:
-            ns += (since[env, i] - ns) * part // PARTS
-        offset[place] = ns
+        offset[place] = since_start(since, q // inner, instants[j])
         value[place] = values[j]
 
-    return sort
+    return sort_each, rank

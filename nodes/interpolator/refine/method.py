@@ -12,6 +12,9 @@ from nodes.interpolator.refine.refinement import Refinement
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.samples import Further
 
+TOLERANCE = 0.0125
+"""Error of ln I that is looked for unless another one is given; frames alone, which err by more in time, bear 0.1."""
+
 
 class Refined:
     """Makes the frames of `Rigid`, and samples of single pixels between them where what they show changes.

@@ -21,11 +21,13 @@ from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.samples import Further
 from nodes.renderer.lighting import LIST_WORKERS
 
-PART = 0.5
-"""Share of the tolerance of ln I within which an interval is left whole: the ends may differ by so much, and the middle
-lie so far off the straight line between them."""
-PLAIN = 0.1
-"""Share of that tolerance within which ln I looked up in a keyframe counts as a straight line: look-ups are cheap."""
+PART = 2.0
+"""Tolerances of ln I within which an interval is left whole: the ends may differ by so much, and the middle lie so far
+off the straight line between them."""
+PLAIN = 0.6
+"""Tolerances within which ln I looked up in a keyframe counts as a straight line: look-ups are cheap."""
+ROUGH = 4.0
+"""Tolerances above which what two instants of a look-up differ by shows a surface finer than the steps."""
 SPARE = 1.5
 """Allocated size over needed size, so that lists seldom grow."""
 LOOKS, LEAST_LOOKS = 32, 4
@@ -78,7 +80,7 @@ class Refinement:
         self._first = wp.empty(0, dtype=wp.int32, device=v.device)
         self._changes = Lists(Changes, self._pixel, v.device)
         self._check, self._split = make_rounds(channels)
-        self._sort = make_sort(channels)
+        self._sort_each, self._rank = make_sort(channels)
         self._instances = Lists(make_instances(channels), self._pixel, v.device)
         self._lists = [Lists(make_intervals(channels), self._pixel, v.device) for _ in range(2)]
         self._made: list[wp.array] = [wp.empty(0, dtype=t, device=v.device) for t in (int, int, self._pixel)]
@@ -245,7 +247,7 @@ class Refinement:
         cut: Any = Cut()
         layout = self._rigid.layout
         cut.jump = cut.bend = PART * layout.tolerance
-        cut.straight, cut.rough = PLAIN * layout.tolerance, layout.tolerance
+        cut.straight, cut.rough = PLAIN * layout.tolerance, ROUGH * layout.tolerance
         cut.first, cut.coarse, cut.slots, cut.depth = first, instants.coarse, instants.inside, instants.depth
         cut.probes = self._probes.most
         cut.rows = self._rigid.visibility.envs
@@ -286,6 +288,11 @@ class Refinement:
             wp.launch(count_samples, total, [pixels, first])
             wp.utils.array_scan(first, first, inclusive=True)
             wp.launch(place_samples, total, [pixels, first, taken, order])
-            given = [height * width, first, pixels, instants, values, wp.array(since, dtype=wp.int32), order]
-            wp.launch(self._sort, total, given, [offset, value])
+            when: wp.array = wp.array(since, dtype=wp.int32)
+            if device.is_cpu:
+                given = [height * width, first, instants, values, when, order]
+                wp.launch(self._sort_each, count, given, [offset, value])
+            else:
+                given = [height * width, first, pixels, instants, values, when, order]
+                wp.launch(self._rank, total, given, [offset, value])
         return Further(first, offset, value)
