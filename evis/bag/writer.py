@@ -161,7 +161,9 @@ class BagWriter:
         name = full + mapping.META if kind in mapping.ROS_TYPES else full
         channel = self._channel(name, topic, schemas.TEXT, kind, "meta", env)
         records.append((channel, message.header.seq, log_time, ros.text(closing)))
-        self.container.add(records, kind not in mapping.UNCOMPRESSED)
+        # What events are packed into is nobody else's.
+        given = isinstance(message, EventPacket) and message.raw is None
+        self.container.add(records, kind not in mapping.UNCOMPRESSED, given)
         self.bytes[topic] += sum(len(b) for *_, buffers in records for b in buffers)
 
     def _encoder(self, topic: str, message: Message) -> Encoder | None:

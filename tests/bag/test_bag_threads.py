@@ -1,6 +1,7 @@
 """Bags whose messages are encoded and compressed by several threads."""
 
 import math
+import time
 import zlib
 
 import numpy as np
@@ -79,15 +80,18 @@ def test_another_reader_finds_every_checksum_right(bags):
 
 
 @pytest.mark.parametrize("envs", [1, 40])
-def test_a_message_is_in_the_file_when_it_was_taken(tmp_path, envs):
-    """Threads hold nothing back: what is lost when the process dies is the open chunk, as with one thread."""
+def test_a_message_is_in_the_file_soon_after_it_was_taken(tmp_path, envs):
+    """Nothing is held back until more comes: what is lost when the process dies is the open chunk, and what a disk has
+    not taken yet of large ones."""
     with BagWriter(tmp_path / "a.mcap", chunk_bytes=1000, chunk_period_s=math.inf, threads=3) as writer:
         for k in range(3):
             writer.write("/cam0/events", packet(k, 400_000, envs))
             assert not writer.container._indexes and not writer.container._full
-            with BagReader(tmp_path / "a.mcap") as reader:
-                assert "end" in reader.problem
-                found = [copied(m) for _, m in reader.messages()]
+            found, until = [], time.monotonic() + 20
+            while len(found) <= k and time.monotonic() < until:
+                with BagReader(tmp_path / "a.mcap") as reader:
+                    assert "end" in reader.problem
+                    found = [copied(m) for _, m in reader.messages()]
             assert len(found) == k + 1 and same(found[-1], packet(k, 400_000, envs))
 
 

@@ -1,9 +1,11 @@
 """Writes an MCAP file so that what was written can be read whatever happens next.
 
 Records go to the file by plain writes, nothing waits in a buffer of this process but the open chunk, and that is at
-most 1 MB or 100 ms old: so much is lost when the process dies. What the system holds back from the disk is lost when
-the machine dies, unless the file is synced every second (`sync`). After a write that fails (full disk) the file is cut
-back to its last whole record and closed with its index, as far as there is room for it.
+most 1 MB or 100 ms old: so much is lost when the process dies. Only chunks that are larger are compressed and written
+behind the caller's back, by a thread, while the next ones are made: at most `behind.MOST` bytes wait. What the system
+holds back from the disk is lost when the machine dies, unless the file is synced every second (`sync`). After a write
+that fails (full disk) the file is cut back to its last whole record and closed with its index, as far as there is room
+for it.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Header, Metadata, Schema
 
 from evis.bag import BagError
+from evis.bag.mcap.behind import Behind
 from evis.bag.mcap.claim import claim
 from evis.bag.mcap.marks import LIBRARY, MAGIC, PROFILE
 from evis.bag.mcap.packing import LARGE, LARGEST, Packed, Packer, Piece
@@ -64,6 +67,9 @@ class Container:
         self._summary = Summary()
         self._body = bytearray()
         self._indexes: _Indexes = {}
+        self._behind = Behind()
+        self._cause: Exception | None = None
+        """What `failure` tells of."""
         self._full: list[tuple[Piece, _Indexes]] = []
         """Chunks that are complete and not yet written, within `together`."""
         self._together = False
@@ -116,16 +122,18 @@ class Container:
         """Writes a named table of texts."""
         with self._lock:
             data = record_bytes(Metadata(name, dict(values)))
-            at = self.end
             self._write([data])
-            self._summary.add_metadata(at, len(data), name)
+            self._summary.add_metadata(self.end - len(data), len(data), name)
 
     # -- messages ----------------------------------------------------------------------------------------------------
 
-    def add(self, messages: Sequence[tuple[int, int, int, Sequence[Piece]]], compress: bool = True) -> None:
+    def add(
+        self, messages: Sequence[tuple[int, int, int, Sequence[Piece]]], compress: bool = True, given: bool = False
+    ) -> None:
         """Writes messages (channel, sequence, log time [ns], pieces) that belong together into one chunk.
 
-        The pieces are copied or written before this returns. Raises BagError, for a full disk too.
+        The pieces are copied or written before this returns; but where they are `given`, they must stay as they are.
+        Raises BagError, for a full disk too, also where it was the disk for earlier ones.
         """
         with self._lock:
             self._raise()
@@ -138,6 +146,8 @@ class Container:
             pieces = self._records(messages, len(self._body))
             size = len(self._body) + sum(map(len, pieces))
             if size >= self.chunk_bytes and not (compress and self._for_one_thread(size)):
+                if compress and not given:
+                    pieces = [bytes(piece) for piece in pieces]
                 self._end_chunk([self._body, *pieces])  # large arrays are not copied
                 return
             for piece in pieces:
@@ -175,6 +185,8 @@ class Container:
             if self._indexes:
                 self._end_chunk([self._body])
             self._write_full()
+            self._behind.wait()
+            self._raise()
 
     def _end_chunk(self, pieces: list[Piece]) -> None:
         """Close the open chunk, and write it now or, within `together`, when there is work for all threads."""
@@ -185,7 +197,12 @@ class Container:
                 self._write_full()
             return
         self._write_full()
-        self._put(self._packer.large(pieces) if self._compressed else self._packer.plain(pieces), indexes)
+        if self._compressed:
+            self._raise()
+            size = sum(map(len, pieces))
+            self._behind.put(lambda: self._append(self._packer.large(pieces), indexes), size)
+        else:
+            self._put(self._packer.plain(pieces), indexes)
 
     def _for_one_thread(self, size: int) -> bool:
         return size < (LARGEST if self._together else LARGE)
@@ -200,17 +217,28 @@ class Container:
 
     def put_chunk(self, compression: str, size: int, crc: int, stored: Sequence[Piece], indexes: _Indexes) -> None:
         """Writes a chunk: its `stored` bytes, and for each channel the (log time, offset) of its messages."""
+        self._behind.wait()
+        self._raise()
+        try:
+            self._append(Packed(compression, size, crc, stored), indexes)
+        except OSError as error:
+            self._fail(error)
+            self._raise()
+
+    def _append(self, packed: Packed, indexes: _Indexes) -> None:
+        """Writes a chunk behind all else, by whoever alone writes now. Raises OSError."""
+        compression, size, crc, stored = packed
         name = compression.encode()
         count = sum(len(p) for p in stored)
         times = [t for entries in indexes.values() for t, _ in entries]
         first, last = min(times), max(times)
         head = struct.pack("<QQQII", first, last, size, crc, len(name)) + name + struct.pack("<Q", count)
         head = struct.pack("<BQ", Opcode.CHUNK, len(head) + count) + head
-        start = self.end
         tail = b"".join(message_index(channel, entries) for channel, entries in indexes.items())
-        self._write([head, *stored, tail])
         counts = {channel: len(entries) for channel, entries in indexes.items()}
-        self._summary.add_chunk(ChunkEntry(start, len(head), count, first, last, size, compression, counts))
+        entry = ChunkEntry(self.end, len(head), count, first, last, size, compression, counts)
+        self._write_all([head, *stored, tail])
+        self._summary.add_chunk(entry)
 
     def _flush_in_time(self) -> None:
         while not self.closed:
@@ -229,6 +257,9 @@ class Container:
     # -- the file ----------------------------------------------------------------------------------------------------
 
     def _raise(self) -> None:
+        error = self._behind.error
+        if error is not None and error is not self._cause:
+            self._fail(error)
         if self.failure:
             self._failure_told = True
             raise self.failure
@@ -237,27 +268,36 @@ class Container:
 
     def _write(self, pieces: Sequence[Piece]) -> None:
         """Write whole records, all or nothing. Raises BagError once and for all when the system refuses."""
+        self._behind.wait()
         self._raise()
         try:
-            self._write_all([memoryview(p).cast("B") for p in pieces if len(p)])
+            self._write_all(pieces)
         except OSError as error:
-            self.failure = BagError(
-                f"{self.path}: {error.strerror} after {self.end / 1e6:.1f} MB; recording has stopped, "
-                f"the {self._summary.messages} messages until then can be read"
-            )
-            with contextlib.suppress(OSError):
-                os.ftruncate(self._descriptor, self.end)
-                os.lseek(self._descriptor, self.end, os.SEEK_SET)
+            self._fail(error)
             self._raise()
-        self.end += sum(len(p) for p in pieces)
 
-    def _write_all(self, views: list[memoryview]) -> None:
+    def _fail(self, error: Exception) -> None:
+        """Cuts the file back to its last whole record, and keeps the failure for who comes next."""
+        self._cause = error
+        why = error.strerror if isinstance(error, OSError) else error
+        self.failure = BagError(
+            f"{self.path}: {why} after {self.end / 1e6:.1f} MB; recording has stopped, "
+            f"the {self._summary.messages} messages until then can be read"
+        )
+        with contextlib.suppress(OSError):
+            os.ftruncate(self._descriptor, self.end)
+            os.lseek(self._descriptor, self.end, os.SEEK_SET)
+
+    def _write_all(self, pieces: Sequence[Piece]) -> None:
+        views = [memoryview(p).cast("B") for p in pieces if len(p)]
+        size = sum(map(len, views))
         while views:
             written = os.writev(self._descriptor, views[:_IOV_MAX])
             while views and written >= len(views[0]):
                 written -= len(views.pop(0))
             if written:
                 views[0] = views[0][written:]
+        self.end += size
 
     def _started_syncer(self) -> Syncer:
         try:
@@ -300,7 +340,7 @@ class Container:
                 return
             try:
                 if not self.failure:
-                    self.flush()
+                    self._flush_quietly()
                 failed, self.failure = self.failure, None
                 with contextlib.suppress(BagError) if failed else contextlib.nullcontext():
                     self._write([*self._summary.pieces(self.end), MAGIC])
@@ -311,6 +351,7 @@ class Container:
             finally:
                 self.closed = True
                 self._wake.set()
+                self._behind.close()
                 os.close(self._descriptor)
 
     def _finish_sync(self) -> None:

@@ -1,0 +1,71 @@
+"""Large chunks, compressed and written by a thread while the next ones are made."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+
+Work = Callable[[], None]
+
+MOST = 64 << 20
+"""Bytes that may wait; whoever has more waits."""
+
+
+class Behind:
+    """Does what is put to it in its order, in a thread that starts with the first.
+
+    error: what the first work that failed has raised, after which nothing more is done.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: deque[tuple[Work, int]] = deque()
+        self._bytes = 0
+        self._changed = threading.Condition()
+        self._thread: threading.Thread | None = None
+        self._over = False
+        self.error: Exception | None = None
+
+    def put(self, work: Work, size: int) -> None:
+        """Adds work that keeps `size` bytes; waits while too much is kept."""
+        with self._changed:
+            self._changed.wait_for(lambda: self.error or not self._waiting or self._bytes + size <= MOST)
+            self._waiting.append((work, size))
+            self._bytes += size
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._run, name="bag-write", daemon=True)
+                self._thread.start()
+            self._changed.notify_all()
+
+    def wait(self) -> None:
+        """Waits until everything is done, or nothing more will be."""
+        if self._thread is not None:
+            with self._changed:
+                self._changed.wait_for(lambda: self.error or not self._waiting)
+
+    def close(self) -> None:
+        """Ends the thread, after what it is doing now. A second call does nothing."""
+        with self._changed:
+            self._over = True
+            self._changed.notify_all()
+        if self._thread is not None:
+            self._thread.join()
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._over or self._waiting)
+                if self._over or self.error:
+                    return
+                work, size = self._waiting[0]
+            error = None
+            try:
+                work()
+            except Exception as failed:
+                error = failed
+            with self._changed:
+                self.error = error
+                if error is None:
+                    self._waiting.popleft()
+                    self._bytes -= size
+                self._changed.notify_all()
