@@ -48,6 +48,11 @@ class LocalPublisher:
         """Names no consumers: those of this process are there."""
         return []
 
+    @property
+    def declared(self) -> bool:
+        """Whether `send` may have to wait for somebody: never."""
+        return False
+
     def credit(self) -> int:
         """Returns how many messages `send` takes: any number."""
         return ENOUGH

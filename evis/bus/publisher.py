@@ -134,6 +134,11 @@ class Publisher:
         self.pump()
         return self._consumers.missing()
 
+    @property
+    def declared(self) -> bool:
+        """Whether consumers are declared: those for which `send` may have to wait."""
+        return bool(self._consumers.all)
+
     def credit(self) -> int:
         """Returns how many messages `send` takes without waiting."""
         return self._consumers.credit()

@@ -32,6 +32,8 @@ from msgs.topics import SYSTEM_TOPICS
 
 IDLE_MS = 50
 """Longest time between two looks at commands, taps and idle hooks."""
+LISTEN_S = 0.005
+"""Longest time, while there is work, between two looks at who comes and goes on topics that only viewers read."""
 Commands = Callable[[], None]
 
 
@@ -73,6 +75,8 @@ class Executor:
         self._subscriptions: list[Subscription] = [s for h in self._hosts.values() for s in h.subscriptions]
         self._publishers: list[AnyPublisher] = [p for h in self._hosts.values() for p in h.publishers.values()]
         self._publishers += self._telemetry.publishers.values()
+        self._declared = [publisher for publisher in self._publishers if publisher.declared]
+        self._listen_at = 0.0
         self._doors = [self._door(host) for host in self._hosts.values() if host.plan.outside]
 
     def _door(self, host: Host) -> Door:
@@ -210,13 +214,20 @@ class Executor:
         progress = False
         if not self.plan.closed:
             with self.profile.inside("bus"):
-                for publisher in self._publishers:
-                    publisher.pump()
+                self._listen()
             progress = self._receive()
         for host in self._hosts.values():
             progress |= self._calls.call(host)
         self._housekeeping(commands)
         return progress
+
+    def _listen(self) -> None:
+        """Handles what consumers and viewers have sent to the publishers."""
+        now, publishers = time.monotonic(), self._declared
+        if now >= self._listen_at:
+            publishers, self._listen_at = self._publishers, now + LISTEN_S
+        for publisher in publishers:
+            publisher.pump()
 
     @property
     def stopping(self) -> bool:
@@ -318,6 +329,7 @@ class Executor:
             self._wakeup.hear(s.subscriber, self._sockets(s))
         for door in self._doors:
             self._wakeup.hear(door, door.sockets())
+        self._listen_at = 0.0  # who wakes it up is heard
         with self.profile.inside("idle"):
             self._wakeup.wait(int(timeout + 0.999))
 

@@ -216,7 +216,7 @@ class Wiring:
             overrides = type(host.node).update_all is not Node.update_all
             host.many = overrides and not plan.single and not host.subscriptions
         for host in self.hosts.values():
-            host.gates = [p for p in host.reachable() if not isinstance(p, LocalPublisher)]
+            host.gates = [p for p in host.reachable() if p.declared]
 
     @staticmethod
     def _is_joined(node: Node, port: str, topic: str) -> bool:

@@ -14,7 +14,7 @@ import numpy as np
 
 from evis.runtime.clock import keyframe_stamp
 from msgs.own_time import CONFIGURED, NUMBER, ORIGIN, SEED, STAMP
-from nodes.physics.interval import Contacts, Engine, Interval, Preparing, check_controls
+from nodes.physics.interval import Contacts, Engine, Interval, check_controls, prepares
 
 
 @dataclass
@@ -59,7 +59,7 @@ class Environments:
         going = [group for group in self._groups if k != group.first]
         stamps = [keyframe_stamp(k - group.first, self._rate) for group in going]
         for group, stamp in zip(going, stamps):
-            if isinstance(group.engine, Preparing):
+            if prepares(group.engine):
                 own = None if controls is None else controls if self.together else controls[group.envs]
                 group.engine.prepare(stamp, own)
         for group, stamp in zip(going, stamps):

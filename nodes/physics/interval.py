@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, TypeGuard
 
 import numpy as np
 
@@ -114,7 +114,6 @@ class Engine(Protocol):
         """
 
 
-@runtime_checkable
 class Preparing(Engine, Protocol):
     """Moves environments together with those of other engines."""
 
@@ -122,6 +121,11 @@ class Preparing(Engine, Protocol):
         """Takes the controls of the way to a stamp, and asks for what engines that belong together do at once;
         `advance` to it, without controls, then waits for that.
         """
+
+
+def prepares(engine: Engine) -> TypeGuard[Preparing]:
+    """Tells whether an engine is a Preparing one; isinstance would take 20 us to look at its methods."""
+    return hasattr(engine, "prepare")
 
 
 def check_controls(controls: np.ndarray, envs: int, actuators: int) -> None:

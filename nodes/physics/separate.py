@@ -7,7 +7,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from nodes.physics.interval import Contacts, Engine, Interval, Preparing, check_controls
+from nodes.physics.interval import Contacts, Engine, Interval, check_controls, prepares
 
 
 class SeparateEngines:
@@ -33,7 +33,7 @@ class SeparateEngines:
         if controls is not None:
             check_controls(controls, len(self.engines), self.controls)
         for k, engine in enumerate(self.engines):
-            if isinstance(engine, Preparing):
+            if prepares(engine):
                 engine.prepare(to_ns, None if controls is None else controls[k : k + 1])
 
     def advance(self, to_ns: int, controls: np.ndarray | None = None) -> Interval:
