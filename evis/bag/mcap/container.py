@@ -199,8 +199,8 @@ class Container:
         self._write_full()
         if self._compressed:
             self._raise()
-            size = sum(map(len, pieces))
-            self._behind.put(lambda: self._append(self._packer.large(pieces), indexes), size)
+            packed, size = self._packer.large(pieces), sum(map(len, pieces))
+            self._behind.put(lambda: self._append(packed(), indexes), size)
         else:
             self._put(self._packer.plain(pieces), indexes)
 
@@ -352,6 +352,7 @@ class Container:
                 self.closed = True
                 self._wake.set()
                 self._behind.close()
+                self._packer.close()
                 os.close(self._descriptor)
 
     def _finish_sync(self) -> None:

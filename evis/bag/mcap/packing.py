@@ -1,14 +1,15 @@
 """Chunks compressed and checked by several threads. The bytes do not depend on how many there are.
 
-Small chunks, and those of environments side by side, are the work of one thread each, several at once. A large one that
-comes alone is cut up by zstd, within one frame.
+Each is the work of one thread, several at once: small ones of environments side by side, and large ones behind each
+other while the graph goes on. Large ones are cut up by zstd, within one frame, so that whoever has more time than cores
+could share one too, with the same bytes.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 from evis.bag.mcap.checksum import crc32
 from evis.bag.threads import ALONE, Threads
@@ -36,12 +37,13 @@ class Packed(NamedTuple):
 
 
 class Packer:
-    """Compresses chunks with zstd. threads: how many share the work."""
+    """Compresses chunks with zstd. threads: how many share the work; large chunks have as many of their own, so that
+    nobody who packs the next message waits behind them."""
 
     def __init__(self, threads: Threads) -> None:
         self._threads = threads
         self._own = threading.local()
-        self._shared: Any = None
+        self._cutters = Threads(threads.count)
 
     def many(self, bodies: Sequence[Piece]) -> list[Packed]:
         """Compresses chunks side by side."""
@@ -54,19 +56,27 @@ class Packer:
             self._own.compressor = zstandard.ZstdCompressor(level=ZSTD_LEVEL)
         return Packed("zstd", len(body), crc32([body], ALONE)(), [self._own.compressor.compress(body)])
 
-    def large(self, pieces: Sequence[Piece]) -> Packed:
-        """Compresses one chunk, given in pieces, by all threads."""
+    def large(self, pieces: Sequence[Piece]) -> Callable[[], Packed]:
+        """Begins to compress a chunk, given in pieces that stay as they are; what it returns waits for that."""
+        done = self._cutters.begin(self._cut_up, [pieces])
+        return lambda: done()[0]
+
+    def close(self) -> None:
+        """Ends the threads of large chunks. A second call does nothing."""
+        self._cutters.close()
+
+    def _cut_up(self, pieces: Sequence[Piece]) -> Packed:
         import zstandard
 
-        if self._shared is None:
+        if not hasattr(self._own, "cutter"):
             # With workers, be it one, zstd cuts at the same bytes for any number of them; without, elsewhere.
-            how = zstandard.ZstdCompressionParameters.from_level(ZSTD_LEVEL, threads=self._threads.count, job_size=_JOB)
-            self._shared = zstandard.ZstdCompressor(compression_params=how)
-        size, crc = sum(map(len, pieces)), crc32(pieces, self._threads)
-        frame = self._shared.compressobj(size=size)
+            how = zstandard.ZstdCompressionParameters.from_level(ZSTD_LEVEL, threads=1, job_size=_JOB)
+            self._own.cutter = zstandard.ZstdCompressor(compression_params=how)
+        size = sum(map(len, pieces))
+        frame = self._own.cutter.compressobj(size=size)
         stored = [frame.compress(piece) for piece in pieces]
         stored.append(frame.flush())
-        return Packed("zstd", size, crc(), stored)
+        return Packed("zstd", size, crc32(pieces, ALONE)(), stored)
 
     def plain(self, pieces: Sequence[Piece]) -> Packed:
         """Leaves a chunk as it is."""
