@@ -94,7 +94,8 @@ def measure(quick: bool = False) -> dict[str, Any]:
             "command": "evis bench between",
             "rows": rows,
             "note": f"Error: Victor-Purpura at 1/ms against dense rendering at {truth_hz:g} Hz. CPU time per gap of "
-            f"{1e3 / RATE:g} ms, one core, least of {RUNS} runs (dense: one); time_tolerance {1e3 * TIME_TOLERANCE_S:g} ms with further samples.",
+            f"{1e3 / RATE:g} ms, one core, least of {RUNS} runs (dense: one); "
+            f"time_tolerance {1e3 * TIME_TOLERANCE_S:g} ms with further samples.",
         }
     }
 
