@@ -23,8 +23,14 @@ BIN := .venv/bin
 demo: .venv/base
 	@$(BIN)/python -m evis.demo --out demo
 
+# Rooms whose tests only compute: JOBS of them run at once. All others look at clocks, ports or processes and come alone.
+JOBS ?= 2
+COMPUTE := $(addprefix tests/,audit env event_sensor frame_camera geometry imu interpolator labeler measure media msgs \
+  physics renderer resets scene)
+
 test: .venv/dev lint
-	@$(BIN)/python -m pytest -q
+	@$(BIN)/python -m pytest -q -n $(JOBS) --dist loadfile $(COMPUTE)
+	@$(BIN)/python -m pytest -q $(addprefix --ignore=,$(COMPUTE))
 
 # What needs PyTorch, Stable-Baselines3, Ray or tonic: gigabytes, so in an environment of its own. TORCH chooses the build:
 # `make test-extras TORCH='torch==2.13.0+cpu'` where pip knows of one without CUDA.
