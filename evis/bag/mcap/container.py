@@ -2,10 +2,10 @@
 
 Records go to the file by plain writes, nothing waits in a buffer of this process but the open chunk, and that is at
 most 1 MB or 100 ms old: so much is lost when the process dies. Only chunks that are larger are compressed and written
-behind the caller's back, by a thread, while the next ones are made: at most `behind.MOST` bytes wait. What the system
-holds back from the disk is lost when the machine dies, unless the file is synced every second (`sync`). After a write
-that fails (full disk) the file is cut back to its last whole record and closed with its index, as far as there is room
-for it.
+behind the caller's back, where there are threads for it, while the next ones are made: at most `behind.MOST` bytes
+wait. What the system holds back from the disk is lost when the machine dies, unless the file is synced every second
+(`sync`). After a write that fails (full disk) the file is cut back to its last whole record and closed with its index,
+as far as there is room for it.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class Container:
         self._summary = Summary()
         self._body = bytearray()
         self._indexes: _Indexes = {}
-        self._behind = Behind()
+        self._aside, self._behind = threads.count > 1, Behind()
         self._cause: Exception | None = None
         """What `failure` tells of."""
         self._full: list[tuple[Piece, _Indexes]] = []
@@ -146,7 +146,7 @@ class Container:
             pieces = self._records(messages, len(self._body))
             size = len(self._body) + sum(map(len, pieces))
             if size >= self.chunk_bytes and not (compress and self._for_one_thread(size)):
-                if compress and not given:
+                if compress and self._aside and not given:
                     pieces = [bytes(piece) for piece in pieces]
                 self._end_chunk([self._body, *pieces])  # large arrays are not copied
                 return
@@ -200,7 +200,10 @@ class Container:
         if self._compressed:
             self._raise()
             packed, size = self._packer.large(pieces), sum(map(len, pieces))
-            self._behind.put(lambda: self._append(packed(), indexes), size)
+            if self._aside:
+                self._behind.put(lambda: self._append(packed(), indexes), size)
+            else:
+                self._put(packed(), indexes)
         else:
             self._put(self._packer.plain(pieces), indexes)
 
