@@ -43,7 +43,8 @@ def make_app(hub: Hub, token: str, names: frozenset[str], max_fps: float) -> web
     """Makes the application: `/?token=...` is the page, all else lies under `/<token>/`. names: see names_of."""
     pages = {e.name: e.read_bytes() for e in files("nodes.visualizer").joinpath("page").iterdir() if e.is_file()}
     encoder = ThreadPoolExecutor(1, thread_name_prefix="viewer-encode")
-    sockets: set[web.WebSocketResponse] = set()
+    over = asyncio.Event()
+    open_pages: set[asyncio.Future[None]] = set()
 
     def admit(request: web.Request, given: str | None) -> None:
         shown = (given or "").encode(errors="replace")
@@ -84,17 +85,34 @@ def make_app(hub: Hub, token: str, names: frozenset[str], max_fps: float) -> web
         admit(request, request.match_info["token"])
         if not _same_site(request.headers.getall("Origin", []), request.host):
             raise web.HTTPForbidden(text="403: another site's page may not connect\n")
-        ws = web.WebSocketResponse(heartbeat=10, max_msg_size=MOST_BYTES, compress=False)
+        ws = web.WebSocketResponse(heartbeat=10, max_msg_size=MOST_BYTES, compress=False, timeout=CLOSE_S)
         await ws.prepare(request)
-        sockets.add(ws)
+        page: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        open_pages.add(page)
+        session = asyncio.create_task(Session(hub, ws, encoder, max_fps).run())
+        told = asyncio.create_task(over.wait())
         try:
-            await Session(hub, ws, encoder, max_fps).run()
+            await asyncio.wait((session, told), return_when=asyncio.FIRST_COMPLETED)
+            if session.done():
+                session.result()  # raises what it ended with
+            else:
+                # Only where nobody else reads does the server wait for the page's answer: a socket that is closed
+                # before what a page has sent is read takes its last messages from it.
+                session.cancel()
+                await asyncio.wait((session,))
+                await _goodbye(ws)
         finally:
-            sockets.discard(ws)
+            open_pages.discard(page)
+            page.set_result(None)
+            session.cancel()
+            told.cancel()
+            await asyncio.gather(session, told, return_exceptions=True)
         return ws
 
     async def hang_up(app: web.Application) -> None:
-        await asyncio.gather(*(_goodbye(ws) for ws in list(sockets)), return_exceptions=True)
+        over.set()
+        if open_pages:
+            await asyncio.wait(open_pages, timeout=CLOSE_S)
 
     async def end(app: web.Application) -> None:
         encoder.shutdown(wait=False, cancel_futures=True)
