@@ -363,3 +363,32 @@ def test_shutdown_with_open_pages_is_quick(node: Any, client: Any, monkeypatch: 
     assert json.loads(said.data) == {"op": "end"}
     assert message.type is aiohttp.WSMsgType.CLOSE and message.data == 1001
     assert sum(asked) < 1.0
+
+
+def test_a_page_that_speaks_while_the_run_ends_is_told_of_it(node: Any, client: Any) -> None:
+    """What it sends is read until it has answered: a socket closed before that would take the last messages with it."""
+
+    async def look() -> list[Any]:
+        async with client() as page:
+            await page.show(EVENTS)
+            await page.bundle()
+
+            async def speak() -> None:
+                while not page.ws.closed:
+                    await page.ws.send_json({"op": "ack"})
+                    await asyncio.sleep(0.0005)
+
+            speaking = asyncio.create_task(speak())
+            await asyncio.sleep(0.05)
+            closing = asyncio.get_running_loop().run_in_executor(None, node.close)
+            last = [await page.ws.receive(60)]
+            while last[-1].type in (aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY):
+                last.append(await page.ws.receive(60))
+            speaking.cancel()
+            await asyncio.gather(speaking, return_exceptions=True)
+            await closing
+            return last[-2:]
+
+    said, message = asyncio.run(look())
+    assert json.loads(said.data) == {"op": "end"}
+    assert message.type is aiohttp.WSMsgType.CLOSE and message.data == 1001
