@@ -8,6 +8,7 @@ connect at all is gate.py's; what is refused is answered in one line, counted, a
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import hmac
 import socket
 import threading
@@ -35,6 +36,8 @@ _REFUSAL = "403: this page needs its token; use the whole address that the graph
 _FOREIGN = "403: this page is not served under that name; open it by its address, or give the visualizer names:=NAME\n"
 KEPT_S = 15.0
 """How long a connection with the token is kept between two requests [s]."""
+HANG_UP: web.AppKey[Callable[[], Awaitable[None]]] = web.AppKey("hang_up")
+"""Tells all pages that the run has ended, and waits for their answers."""
 CLOSE_S = 0.6
 """Time that open connections get to say goodbye; only a browser that is slow to answer takes it."""
 
@@ -100,7 +103,8 @@ def make_app(hub: Hub, token: str, names: frozenset[str], max_fps: float) -> web
                 # before what a page has sent is read takes its last messages from it.
                 session.cancel()
                 await asyncio.wait((session,))
-                await _goodbye(ws)
+                with contextlib.suppress(ConnectionError):  # the page has gone meanwhile
+                    await _goodbye(ws)
         finally:
             open_pages.discard(page)
             page.set_result(None)
@@ -109,7 +113,7 @@ def make_app(hub: Hub, token: str, names: frozenset[str], max_fps: float) -> web
             await asyncio.gather(session, told, return_exceptions=True)
         return ws
 
-    async def hang_up(app: web.Application) -> None:
+    async def hang_up() -> None:
         over.set()
         if open_pages:
             await asyncio.wait(open_pages, timeout=CLOSE_S)
@@ -121,7 +125,7 @@ def make_app(hub: Hub, token: str, names: frozenset[str], max_fps: float) -> web
     app.router.add_get("/", index)
     app.router.add_get("/{token}/ws", connect)
     app.router.add_get("/{token}/{name}", asset)
-    app.on_shutdown.append(hang_up)
+    app[HANG_UP] = hang_up
     app.on_cleanup.append(end)
     return app
 
@@ -194,4 +198,5 @@ class Server:
             doorman.cancel()
             await asyncio.gather(doorman, return_exceptions=True)
             self._listener.close()
+            await self._app[HANG_UP]()  # before aiohttp shuts down, which reads no answers any more
             await runner.cleanup()

@@ -18,7 +18,7 @@ import pytest
 from synthetic_graph import HEIGHT, WIDTH, Player, events_at, images_at, info, labels_at, make_node, make_plan
 
 from evis.config.params import ParamError
-from nodes.visualizer import address
+from nodes.visualizer import address, server
 from nodes.visualizer.hub import MAX_PANELS
 
 EVENTS = ("e", "/cam0/events", "events", 0)
@@ -365,11 +365,21 @@ def test_shutdown_with_open_pages_is_quick(node: Any, client: Any, monkeypatch: 
     assert sum(asked) < 1.0
 
 
-def test_a_page_that_speaks_while_the_run_ends_is_told_of_it(node: Any, client: Any) -> None:
+def test_a_page_that_speaks_while_the_run_ends_is_told_of_it(
+    node: Any, client: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """What it sends is read until it has answered: a socket closed before that would take the last messages with it."""
+    answers, goodbye = [], server._goodbye
+
+    async def asked(ws: Any) -> None:
+        await goodbye(ws)
+        answers.append(ws.close_code)  # 1000 where the server has not waited
+
+    monkeypatch.setattr(server, "_goodbye", asked)
 
     async def look() -> list[Any]:
         async with client() as page:
+            page.ws._autoclose = False  # it answers below, with a code of its own
             await page.show(EVENTS)
             await page.bundle()
 
@@ -384,6 +394,7 @@ def test_a_page_that_speaks_while_the_run_ends_is_told_of_it(node: Any, client: 
             last = [await page.ws.receive(60)]
             while last[-1].type in (aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY):
                 last.append(await page.ws.receive(60))
+            await page.ws.close(code=4321)
             speaking.cancel()
             await asyncio.gather(speaking, return_exceptions=True)
             await closing
@@ -392,3 +403,4 @@ def test_a_page_that_speaks_while_the_run_ends_is_told_of_it(node: Any, client: 
     said, message = asyncio.run(look())
     assert json.loads(said.data) == {"op": "end"}
     assert message.type is aiohttp.WSMsgType.CLOSE and message.data == 1001
+    assert answers == [4321]
