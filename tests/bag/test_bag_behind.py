@@ -121,3 +121,19 @@ def test_no_more_waits_than_there_is_room_for(tmp_path, monkeypatch):
     assert max(waiting) <= 8_000_000 and waiting[-1] > 2_000_000
     writer.close()
     assert len(times(tmp_path / "a.mcap")[0]) == 6
+
+
+def test_what_waits_when_a_sync_fails_is_in_the_index(tmp_path, monkeypatch):
+    """The bag is closed while a disk that stands still has not taken it yet."""
+    disk = Disk(monkeypatch)
+    writer = BagWriter(tmp_path / "a.mcap", threads=2)
+    writer.write("/cam0/events", packet(0))
+    disk.moves.clear()
+    for k in range(1, 4):
+        writer.write("/cam0/events", packet(k))
+    writer.container._sync_failed(OSError(errno.EIO, os.strerror(errno.EIO)))
+    threading.Timer(0.3, disk.moves.set).start()
+    with pytest.raises(BagError, match="while bringing it to the disk"):
+        writer.close()
+    found, problem = times(tmp_path / "a.mcap")
+    assert not problem and [k for k, _ in found] == [0, 1, 2, 3]

@@ -13,7 +13,7 @@ MOST = 64 << 20
 
 
 class Behind:
-    """Does what is put to it in its order, in a thread that starts with the first.
+    """Runs work in the order in which it was put, in a thread that starts with the first.
 
     error: what the first work that failed has raised, after which nothing more is done.
     """

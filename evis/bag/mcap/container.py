@@ -132,8 +132,8 @@ class Container:
     ) -> None:
         """Writes messages (channel, sequence, log time [ns], pieces) that belong together into one chunk.
 
-        The pieces are copied or written before this returns; but where they are `given`, they must stay as they are.
-        Raises BagError, for a full disk too, also where it was the disk for earlier ones.
+        The pieces are copied or written before this returns, unless they are `given`: then they must stay as they are.
+        Raises BagError, for a full disk too; for a large chunk a later call does, or `close`.
         """
         with self._lock:
             self._raise()
@@ -344,6 +344,7 @@ class Container:
             try:
                 if not self.failure:
                     self._flush_quietly()
+                self._behind.wait()
                 failed, self.failure = self.failure, None
                 with contextlib.suppress(BagError) if failed else contextlib.nullcontext():
                     self._write([*self._summary.pieces(self.end), MAGIC])

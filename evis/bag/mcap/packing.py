@@ -1,8 +1,7 @@
 """Chunks compressed and checked by several threads. The bytes do not depend on how many there are.
 
-Each is the work of one thread, several at once: small ones of environments side by side, and large ones behind each
-other while the graph goes on. Large ones are cut up by zstd, within one frame, so that whoever has more time than cores
-could share one too, with the same bytes.
+Each is the work of one thread, several at once: small ones of environments side by side, and large ones that follow
+each other while the graph goes on.
 """
 
 from __future__ import annotations
