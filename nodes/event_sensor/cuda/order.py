@@ -82,11 +82,6 @@ class Order:
             block_dim=BLOCK,
             device=self._device,
         )
-        self._find_ends(sensor, call, frames, counters, columns, ends)
-
-    def _find_ends(
-        self, sensor: Sensor, call: wp.array, frames: int, counters: wp.array, columns: Any, ends: wp.array
-    ) -> None:
         if self._envs == 1:
             given = [sensor, call, counters, columns.t]
             wp.launch(order_kernels.find_ends, frames, given, [ends], device=self._device)
@@ -107,7 +102,7 @@ class Order:
             stamps: of the call's frames, int64 [K] ns.
 
         Returns:
-            Of one environment, events up to each stamp, int64 [K].
+            Of one environment, events up to each stamp, int64 [K]; of several, zeros.
         """
         pairs: wp.array = wp.empty(2 * count, dtype=wp.int64, device=self._device)
         wp.copy(pairs, keys, count=count)

@@ -334,7 +334,7 @@ class Pipeline:
             count = int(slot.view[0])
             call, span = slot.call, pending.span
             ends = self._order.sort(self._sensor, self._layout, span, slot.keys, count, slot.columns, call.stamps)
-            call.ends_host.numpy()[:] = ends if self._envs == 1 else 0
+            call.ends_host.numpy()[:] = ends
         if outgrown:
             # Those after it did nothing.
             for serial in range(pending.serial + 1, self._serial):

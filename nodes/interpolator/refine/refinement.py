@@ -27,7 +27,7 @@ off the straight line between them."""
 PLAIN = 0.6
 """Tolerances within which ln I looked up in a keyframe counts as a straight line: look-ups are cheap."""
 ROUGH = 4.0
-"""Tolerances above which what two instants of a look-up differ by shows a surface finer than the steps."""
+"""Tolerances by which neighbouring pixels of a keyframe differ where look-ups between them may miss contrast."""
 SPARE = 1.5
 """Allocated size over needed size, so that lists seldom grow."""
 LOOKS, LEAST_LOOKS = 32, 4
