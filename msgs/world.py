@@ -150,9 +150,14 @@ def moving_bodies(pose: np.ndarray, twist: np.ndarray) -> np.ndarray:
 
     pose float64 [E, S, N, 7], twist float64 [E, S, N, 6].
     """
+    return np.flatnonzero(moves(pose, twist)).astype(np.int32)
+
+
+def moves(pose: np.ndarray, twist: np.ndarray) -> np.ndarray:
+    """Tells which bodies `moving_bodies` finds, bool [N]; arguments as there."""
     bits, last = _bits(pose), _bits(pose[:, -1:])
-    moves = (bits != last).any(axis=(0, 1, 3)) | _bits(twist).any(axis=(0, 1, 3))
-    return np.flatnonzero(moves).astype(np.int32)
+    different: np.ndarray = (bits != last).any(axis=(0, 1, 3)) | _bits(twist).any(axis=(0, 1, 3))
+    return different
 
 
 def _bits(values: np.ndarray) -> np.ndarray:

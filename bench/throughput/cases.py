@@ -16,7 +16,7 @@ MANY = 1024
 class Case:
     """Describes a run. goal: of an H200, of the real-time factor of each environment, or of all together in env-s/s.
 
-    needs_gb: memory of the device without which the run is not begun.
+    engine: what moves a MuJoCo model, empty = MuJoCo. needs_gb: memory of the device without which it is not begun.
     """
 
     scene: str
@@ -25,17 +25,19 @@ class Case:
     envs: int = 1
     size: tuple[int, int] = SIZE
     record: bool = False
+    engine: str = ""
     goal: float | None = None
     needs_gb: float = 1.0
     quick: bool = False
 
     @property
     def name(self) -> str:
-        """Gives the name of the row: `warehouse 8 x 60x4`, `disk 30x8 recorded`."""
+        """Gives the name of the row: `warehouse 8 x 60x4`, `disk 30x8 recorded`, `cart_pole 30x8 mujoco_warp`."""
         envs = f"{self.envs} x " if self.envs > 1 else ""
         small = f" {self.size[0]}x{self.size[1]}" if self.size != SIZE else ""
         scene = "disk" if self.scene == DISK else self.scene
-        return f"{scene} {envs}{self.rate}x{self.upsampling}{small}{' recorded' if self.record else ''}"
+        more = " ".join(["", *[self.engine] * bool(self.engine), *["recorded"] * self.record])
+        return f"{scene} {envs}{self.rate}x{self.upsampling}{small}{more}"
 
     @property
     def speed_of_all(self) -> bool:
@@ -44,7 +46,8 @@ class Case:
 
     def args(self, device: str, **others: Any) -> dict[str, Any]:
         """Gives the arguments of `evis launch`, those that differ from the defaults."""
-        of_run = {"device": device, "width": self.size[0], "height": self.size[1]}
+        of_run: dict[str, Any] = {"device": device, "width": self.size[0], "height": self.size[1]}
+        of_run |= {"physics": self.engine} if self.engine else {}
         return of_run | {"keyframe_rate": self.rate, "upsampling": self.upsampling, "envs": self.envs} | others
 
     def command(self, device: str, *others: str) -> str:
@@ -68,7 +71,9 @@ CASES: Sequence[Case] = (
     Case(DISK, 30, 8, envs=MANY, size=SMALL, goal=3000, needs_gb=20),
     Case("warehouse", 30, 8, envs=MANY, size=SMALL, goal=500, needs_gb=20),
     Case("falling_objects", 30, 8, envs=MANY, size=SMALL, goal=500, needs_gb=20),
+    Case("falling_objects", 30, 8, envs=MANY, size=SMALL, engine="mujoco_warp", goal=500, needs_gb=20),
     Case("robot_arm", 30, 8, envs=MANY, size=SMALL, goal=500, needs_gb=20),
+    Case("robot_arm", 30, 8, envs=MANY, size=SMALL, engine="mujoco_warp", goal=500, needs_gb=20),
     Case("warehouse", 30, 8, record=True, goal=6),
     Case(DISK, 30, 8, record=True, goal=4, quick=True),
 )

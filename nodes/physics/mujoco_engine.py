@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import mujoco
@@ -21,21 +22,26 @@ from nodes.physics.dynamics.actuators import actuators_of
 from nodes.physics.dynamics.assembly import Assembly
 from nodes.physics.dynamics.batch_stepper import BatchStepper, make_batch_stepper, why_not_batched
 from nodes.physics.dynamics.contacts import contacts_of, gather
+from nodes.physics.dynamics.course import Course
+from nodes.physics.dynamics.environment_data import EnvironmentData
 from nodes.physics.dynamics.rest import Rest
 from nodes.physics.dynamics.start import put_to_start
-from nodes.physics.dynamics.states import State, between, snapshot
+from nodes.physics.dynamics.states import State, snapshot
 from nodes.physics.dynamics.stepped_states import SteppedStates
 from nodes.physics.dynamics.traced_steps import SavedState, Trace, take_steps
 from nodes.physics.dynamics.unsupported import Unsupported
-from nodes.physics.interval import Interval, check_controls, grid_inside
+from nodes.physics.dynamics.watch import Watch
+from nodes.physics.interval import Interval, check_controls
 from nodes.physics.precision.errors import Errors
 from nodes.physics.precision.sampled import shadow_of
 from nodes.physics.precision.sub_steps import FINEST, SubSteps, take_best_integrator
 from nodes.physics.precision.tolerance import Tolerance
-from nodes.physics.watchdog import Watchdog
+from nodes.physics.watchdog import Limits
 
 MAX_STEP_NS = 1_000_000
 """Longest sub-step [ns]; a model with a longer timestep is stepped in equal parts of it."""
+PART = 1 << 18
+"""Numbers of a state, of all environments and steps whose states are worked on at once: they stay in a core's cache."""
 
 
 def step_length(model_timestep: float, asked: float | None) -> int:
@@ -100,18 +106,19 @@ class MujocoEngine:
         self._sub_steps = [SubSteps(self.model, tolerance) for _ in range(envs)] if tolerance is not None else None
         self.controls: int = self.model.nu
         self.actuators = actuators_of(self.model)
-        self.data = [mujoco.MjData(self.model) for _ in range(envs)]
-        self._scratch = mujoco.MjData(self.model) if contacts or accelerations else None
-        self._contacts, self._joints, self._accelerations = contacts, joints, accelerations
-        finest = self.model.opt.timestep / (1 if tolerance is None else 2**FINEST)
-        self._watchdogs = [Watchdog(self.model, speed_limit, finest) for _ in range(envs)]
-        self._assembly = Assembly(scene, self.model)
         self._batch: BatchStepper | None = None
         if batched:
-            self._batch = make_batch_stepper(self.model, envs, threads, warp, self._watchdogs[0].calm)
+            self._batch = make_batch_stepper(self.model, envs, threads, warp)
+        self.data = EnvironmentData(self.model, envs, self._batch)
+        self._scratch = mujoco.MjData(self.model) if contacts or accelerations else None
+        self._contacts, self._accelerations, self._threads = contacts, accelerations, threads
+        finest = self.model.opt.timestep / (1 if tolerance is None else 2**FINEST)
+        limits = Limits(self.model, speed_limit, finest)
+        self._watch = Watch(limits, envs)
+        self._assembly = Assembly(scene, self.model)
+        self._course = Course(self._assembly, self.model, self.step_ns, joints)
+        self._pool = ThreadPoolExecutor(threads, "states") if batched and threads > 1 else None
         self._warp = warp is not None
-        self._rows = list(range(envs))
-        """Rows of the environments in `_batch`."""
         self._prepared = -1
         """The stamp up to which steps were requested."""
         self.checked = 0
@@ -123,7 +130,7 @@ class MujocoEngine:
         """Which environment the shadow follows."""
         self._warnings: list[tuple[int, str]] = []
         self.rewind(seed)
-        self._warnings = [(0, text) for text in self._watchdogs[0].risks()]
+        self._warnings = [(0, text) for text in limits.risks()]
 
     def rewind(self, seed: int) -> None:
         """Puts every environment to its start at stamp 0, in the first episode of seed + k."""
@@ -133,17 +140,19 @@ class MujocoEngine:
     def _begin(self, seeds: list[int], numbers: list[int]) -> None:
         """Puts all environments to their start at stamp 0; numbers: how often each has begun anew with its seed."""
         self._seeds, self._numbers = seeds, numbers
-        self._stamp, self._grid = 0, 0
         self._left: set[int] = set()
         self._rests = [Rest() for _ in range(self.envs)]
+        self._controls = np.zeros((self.envs, self.controls))
         for k in range(self.envs):
             self._reset(k)
         if self._shadow is not None:
             self._shadow.begin(self.data[self._shadowed])
         self._prepared, self._constrained = -1, False
-        self._before = self._now = self._snapshot()
-        self._last = self._state_at(0)
-        """The state at the stamp published last, where the next message begins."""
+        self._begin_course()
+
+    def _begin_course(self) -> None:
+        """Begins the course at stamp 0 in the present state of all environments."""
+        self._course.begin(snapshot(self.model, list(self.data), self._assembly.followers))
 
     def leave(self, env: int) -> None:
         """Stops stepping an environment."""
@@ -160,16 +169,14 @@ class MujocoEngine:
             engine._shadowed, self._shadow = list(envs).index(self._shadowed), None
         else:
             engine._shadow = None
-        engine.data = [self.data[k] for k in envs]
-        engine._rows = [self._rows[k] for k in envs]
-        engine._watchdogs = [self._watchdogs[k] for k in envs]
+        engine.data, engine._watch, engine._course = self.data.of(envs), self._watch.of(envs), self._course.anew()
         engine._sub_steps = [self._sub_steps[k] for k in envs] if self._sub_steps is not None else None
         engine._begin([self._seeds[k] if s is None else s for k, s in zip(envs, seeds)], list(numbers))
         return engine
 
     def start(self) -> Interval:
         """Gives the state at stamp 0."""
-        return self._interval(np.zeros(1, np.int64), {name: value[:, None] for name, value in self._now.items()}, [])
+        return self._told(self._course.start())
 
     def prepare(self, to_ns: int, controls: np.ndarray | None = None) -> None:
         """Asks for the steps up to a stamp, under controls as of `advance`, without a wait for them: `advance` to it
@@ -177,15 +184,14 @@ class MujocoEngine:
         """
         if controls is not None:
             check_controls(controls, self.envs, self.controls)
-            for data, values, rest in zip(self.data, controls, self._rests):
-                if not np.array_equal(data.ctrl, values):
-                    rest.wake()
-                data.ctrl[:] = values
+            for k in np.flatnonzero((self._controls != controls).any(axis=1)).tolist():
+                self._rests[k].wake()
+                self.data.control(k, controls[k])
+            self._controls = controls.copy()
         self._prepared = to_ns
-        grid = range(self._grid, to_ns, self.step_ns)
+        grid = range(self._course.grid, to_ns, self.step_ns)
         if self._batch is not None and len(grid):
-            for k in self._awake():
-                self._batch.request(self._rows[k], self.data[k], grid)
+            self.data.request(self._awake(), grid)
 
     def advance(self, to_ns: int, controls: np.ndarray | None = None) -> Interval:
         """Moves on to stamp `to_ns` [ns] under controls [E, nu].
@@ -196,44 +202,29 @@ class MujocoEngine:
             self.prepare(to_ns, controls)
         self._prepared = -1
         if self.envs > len(self._left) and not self._awake():
-            return self._resting(to_ns)
-        grid = self._grid
+            return self._told(self._course.rest(to_ns))
+        grid = self._course.grid
         for parts in self._sub_steps or ():
             parts.taken.clear()
         interval = self._step_to(to_ns)
-        self._measure((self._grid - grid) // self.step_ns, interval)
+        self._measure((self._course.grid - grid) // self.step_ns, interval)
         return interval
 
     def _awake(self) -> list[int]:
         """Gives the environments that are to be stepped."""
         return [k for k in range(self.envs) if k not in self._left and not self._rests[k].now]
 
-    def _resting(self, to_ns: int) -> Interval:
-        """Advances to a stamp without a step: all bodies of MuJoCo stay where they are."""
-        inner = grid_inside(self._stamp, to_ns, self.step_ns) if self._assembly.moves else ()
-        times = np.array([self._stamp, *inner, to_ns], np.int64)
-        self._grid += -(-max(to_ns - self._grid, 0) // self.step_ns) * self.step_ns
-        self._stamp = to_ns
-        course = {name: np.repeat(value[:, None], len(times), axis=1) for name, value in self._last.items()}
-        return self._interval(times, course, [], still=True)
-
-    def _watch_rest(self, start_ns: int, course: State) -> None:
+    def _watch_rest(self, start_ns: int) -> None:
         """Puts environments to rest that do not move any more, each by itself, at their last step."""
         if self.model.na or self.model.nplugin:  # these may be about to move something
             return
         fallen: list[int] = []
-        fastest = np.abs(course["twist"]).max(axis=(1, 2, 3), initial=0.0).tolist()
-        for k, rest in enumerate(self._rests):
+        for k, (rest, fastest) in enumerate(zip(self._rests, self._course.fastest.tolist())):
             if not rest.now and k not in self._left:
-                rest.see(start_ns, self._stamp, fastest[k])
+                rest.see(start_ns, self._course.stamp, fastest)
                 fallen += [k] if rest.now else []
         if fallen:
-            self._before, self._last, self._now = (
-                {name: value.copy() for name, value in state.items()} for state in (self._before, self._last, self._now)
-            )
-            self._now["twist"][fallen] = 0.0
-            for name, value in self._now.items():
-                self._before[name][fallen] = self._last[name][fallen] = value[fallen]
+            self._course.put_to_rest(fallen)
 
     def _measure(self, steps: int, interval: Interval) -> None:
         """Has the shadow follow the steps just taken."""
@@ -243,89 +234,94 @@ class MujocoEngine:
         if any(env == faulty for faulty, _ in interval.faults):
             self._shadow.begin(self.data[env])
         else:
-            before, now = (state["pose"][env, :bodies] for state in (self._before, self._now))
+            before, now = (state["pose"][env, :bodies] for state in (self._course.before, self._course.now))
             parts = self._sub_steps[env].taken if self._sub_steps is not None else None
             self._shadow.follow(self.data[env], steps, before, now, self._constrained, parts)
 
     def _step_to(self, to_ns: int) -> Interval:
         """Advances to a stamp by steps of the environments that do not rest."""
-        grid, awake = range(self._grid, to_ns, self.step_ns), self._awake()
-        # The states at all grid points, that of now the first.
-        made = {n: np.empty((len(value), len(grid) + 1, *value.shape[1:])) for n, value in self._now.items()}
-        for name, value in self._now.items():
-            made[name][:, 0] = value
-            for k in {*range(self.envs)} - {*awake}:
-                made[name][k] = value[k]
+        course, awake, begun = self._course, self._awake(), self._course.stamp
+        grid = course.open(to_ns)
+        course.stay([k for k in range(self.envs) if k in self._left or self._rests[k].now] if len(grid) else [])
         faults: dict[int, str] = {}
-        checked, again = self.checked, 0
+        checked = self.checked
         if len(grid):
-            for k in awake:
-                for name, value in (self._stepped(k, grid) or self._stepped_with_checks(k, grid, faults)).items():
-                    made[name][k, 1:] = value
-            again = self.checked - checked if self._warp else 0
-            for k, watchdog in enumerate(self._watchdogs):
-                if k not in self._left:
-                    watchdog.passed(self.data[k])
-            self._grid += len(grid) * self.step_ns
+            for k in self._together(awake, grid) if self._batch is not None else self._one_by_one(awake, grid):
+                course.write(np.array([k]), self._stepped_with_checks(k, grid, faults))
+            for k in {*range(self.envs)} - self._left:
+                self._watch.dogs[k].passed((grid[-1] + self.step_ns) * 1e-9)
             for k in sorted(faults):
-                for name, value in self._restart(k).items():
-                    made[name][k] = self._last[name][k] = value[0]
-            self._before, self._now = ({name: value[:, i] for name, value in made.items()} for i in (-2, -1))
-        times = np.array(grid, np.int64)
-        inside = np.flatnonzero(times > self._stamp)
-        end = self._state_at(to_ns)
-        course = {
-            n: np.concatenate((self._last[n][:, None], made[n][:, inside], end[n][:, None]), axis=1) for n in made
-        }
-        times = np.concatenate(([self._stamp], times[inside], [to_ns]))
-        self._stamp, self._last = to_ns, {name: value[:, -1] for name, value in course.items()}
-        interval = self._interval(times, course, sorted(faults.items()))
-        interval.again = again
-        self._watch_rest(int(times[0]), course)
-        return interval
-
-    def _stepped(self, k: int, grid: range) -> State | None:
-        """Gives the states [S, ...] of environment k after a step from each time of `grid`, checked all together.
-
-        None where a check of each state must tell what is wrong; the environment is then where it was.
-        """
-        if len(self._assembly.followers):
-            return None
-        if self._batch is not None:
-            found = self._batch.result(self._rows[k])
-            before = level = None
+                course.restart(k, self._restart(k))
         else:
+            course.write(slice(None), {})
+        interval = course.close()
+        interval.faults = sorted(faults.items())
+        interval.again = self.checked - checked if self._warp else 0
+        self._watch_rest(begun)
+        return self._told(interval)
+
+    def _together(self, awake: list[int], grid: range) -> list[int]:
+        """Takes a step from each time of `grid` in all environments at once, and writes those to the course in which
+        nothing is wrong. Gives the others: a check of each state must tell what it is."""
+        if not awake:
+            return []
+        assert self._batch is not None
+        found = self._batch.result([self.data.row(k) for k in awake])
+        self.data.stepped(awake)
+        envs = np.array(awake)
+        each = len(grid) * (13 * (self.model.nbody - 1) + self.model.nq + self.model.nv)
+        size = max(1, min(PART // max(each, 1), -(-len(awake) // self._threads)))
+        parts = [slice(k, min(k + size, len(awake))) for k in range(0, len(awake), size)]
+        work = lambda part: self._take_part(envs[part], found, part)
+        odd = [k for each in (map if self._pool is None else self._pool.map)(work, parts) for k in each]
+        for k in odd:
+            self.data.go_back(k)
+        return odd
+
+    def _take_part(self, envs: np.ndarray, found: SteppedStates, part: slice) -> list[int]:
+        """Writes those of some environments to the course in which nothing is wrong; gives the others."""
+        state = found.part(part)
+        quiet = self._watch.quiet(envs, state, found.nearest[part], found.warnings[part]) & ~found.lost[part]
+        if quiet.all():
+            self._course.write(envs if self.envs > len(envs) else slice(None), state)
+        else:
+            self._course.write(envs[quiet], {name: values[quiet] for name, values in state.items()})
+        for k, constrained in zip(envs[quiet].tolist(), found.constrained[part][quiet].tolist()):
+            if k == self._shadowed:
+                self._constrained = constrained
+        return envs[~quiet].tolist()
+
+    def _one_by_one(self, awake: list[int], grid: range) -> list[int]:
+        """Does as `_together`, one environment after the other."""
+        odd = []
+        for k in awake:
+            if len(self._assembly.followers):
+                odd.append(k)
+                continue
             before = SavedState(self.model, self.data[k])
             level = self._sub_steps[k].kept() if self._sub_steps is not None else None
-            found = self._alone(k, grid)
-        if found is None:
-            return None
-        state = {"pose": found.pose, "twist": found.twist, "qpos": found.qpos, "qvel": found.qvel}
-        quiet = self._watchdogs[k].quiet
-        if not quiet(found.warnings, found.qpos, found.qvel, found.pose, found.twist, found.nearest, found.calm):
-            if before is not None:
+            if self._take_part(np.array([k]), self._alone(k, grid), slice(None)):
                 before.restore(self.model, self.data[k])
-            if self._sub_steps is not None and level is not None:
-                self._sub_steps[k].restore(level)
-            return None
-        if self._batch is not None:
-            self._batch.write_state(self._rows[k], self.data[k])
-        if k == self._shadowed:
-            self._constrained = found.constrained
-        return state
+                if self._sub_steps is not None and level is not None:
+                    self._sub_steps[k].restore(level)
+                odd.append(k)
+        return odd
 
     def _alone(self, k: int, grid: range) -> SteppedStates:
         """Takes the steps of environment k outside any batch."""
         trace = Trace.empty(self.model, len(grid))
         take_steps(self.model, self.data[k], grid, trace, self._step_function(k))
         twist, pose = trace.twist_and_pose(self.model)
-        return SteppedStates(
-            pose, twist, trace.qpos, trace.qvel, trace.nearest, trace.warnings, trace.constrained, False
+        state = {"pose": pose, "twist": twist, "qpos": trace.qpos, "qvel": trace.qvel}
+        nearest, warnings, constrained = (
+            np.array([value]) for value in (trace.nearest, trace.warnings, trace.constrained)
         )
+        part = lambda which: {name: values[None] for name, values in state.items()}
+        return SteppedStates(nearest, warnings, constrained, part, np.zeros(1, bool))
 
     def _stepped_with_checks(self, k: int, grid: range, faults: dict[int, str]) -> State:
         """Does as `_stepped`, with a check of each state; adds to `faults` if the environment diverges."""
-        data, states = self.data[k], []
+        data, states = self.data[k], list[State]()
         self.checked += 1
         for t in grid:
             # MuJoCo adds up its time in floating point; ours is exact.
@@ -337,15 +333,15 @@ class MujocoEngine:
             mujoco.mj_comVel(self.model, data)
             states.append(snapshot(self.model, [data], self._assembly.followers))
             pose, twist = (states[-1][name][0, : self.model.nbody - 1] for name in ("pose", "twist"))
-            fault = self._watchdogs[k].check(data, twist)
+            fault = self._watch.dogs[k].check(data, twist)
             if fault:
                 faults[k] = fault
                 break
-            self._warnings += [(k, text) for text in self._watchdogs[k].notices(data, pose, twist)]
+            self._warnings += [(k, text) for text in self._watch.dogs[k].notices(data, pose, twist)]
         if k == self._shadowed:
             self._constrained = bool(data.nefc)
         states += states[-1:] * (len(grid) - len(states))
-        return {name: np.concatenate([state[name] for state in states]) for name in states[0]}
+        return {name: np.concatenate([state[name] for state in states])[None] for name in states[0]}
 
     def _step_function(self, k: int) -> Callable[[Any, Any], None]:
         """Gives the function that steps environment k."""
@@ -358,7 +354,8 @@ class MujocoEngine:
     def _reset(self, k: int) -> None:
         """Puts environment k to its start."""
         put_to_start(self.scene, self.model, self.data[k], self._seeds[k], self._numbers[k])
-        self._watchdogs[k].restart(self.data[k])
+        self._controls[k] = self.data[k].ctrl
+        self._watch.dogs[k].restart(self.data[k])
         if self._sub_steps is not None:
             self._sub_steps[k].begin()
 
@@ -369,26 +366,14 @@ class MujocoEngine:
         self._reset(k)
         return snapshot(self.model, [self.data[k]], self._assembly.followers)
 
-    def _snapshot(self) -> State:
-        """The present state of all environments."""
-        return snapshot(self.model, self.data, self._assembly.followers)
-
-    def _state_at(self, t: int) -> State:
-        """The state at a time between the last two grid points."""
-        if t == self._grid:
-            return {name: value.copy() for name, value in self._now.items()}
-        return between(self.model, self._before, self._now, np.array([self._grid - self.step_ns, self._grid]), t)
-
-    def _interval(self, t: np.ndarray, course: State, faults: list[tuple[int, str]], still: bool = False) -> Interval:
-        """Makes the interval of states at times t [ns]. still: the engine's bodies rest."""
-        result = self._assembly.interval(t, course["pose"], course["twist"], still)
-        result.faults, result.warnings = faults, self._warnings
-        self._warnings = []
-        if self._joints:
-            result.qpos, result.qvel = course["qpos"], course["qvel"]
+    def _told(self, interval: Interval) -> Interval:
+        """Adds to an interval what else is to be told of its end."""
+        interval.warnings, self._warnings = self._warnings, []
         if self._contacts:
-            result.contacts = gather([contacts_of(self.model, data, self._scratch) for data in self.data])
+            interval.contacts = gather([contacts_of(self.model, data, self._scratch) for data in self.data])
         if self._accelerations:
-            qpos, qvel = (course[name][:, -1] for name in ("qpos", "qvel"))
-            result.acceleration = self._assembly.accelerations(result, self.data, self._scratch, qpos, qvel)
-        return result
+            end = self._course.last
+            interval.acceleration = self._assembly.accelerations(
+                interval, list(self.data), self._scratch, end["qpos"], end["qvel"]
+            )
+        return interval

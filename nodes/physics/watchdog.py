@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import mujoco
@@ -11,8 +12,8 @@ from nodes.physics.precision.reach import Reach
 from nodes.physics.precision.sub_steps import FINEST
 from nodes.physics.stiffness import FOLLOWED, Mode, geom_name, integrator_of, modes, thicknesses
 
-_BAD = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
-_LOST = {
+BAD = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
+LOST = {
     mujoco.mjtWarning.mjWARN_CONTACTFULL: "the contact buffer is full and contacts are lost; raise <size memory>",
     mujoco.mjtWarning.mjWARN_CNSTRFULL: "the constraint buffer is full and constraints are lost; raise <size memory>",
     mujoco.mjtWarning.mjWARN_INERTIA: "the inertia matrix is nearly singular; give light bodies inertia or armature",
@@ -20,30 +21,45 @@ _LOST = {
 }
 
 
-class Watchdog:
-    """Checks one environment after every step: finite, within the speed limit, in time, no warning counter rising."""
+class Limits:
+    """Holds what states of a model are measured by."""
 
     def __init__(self, model: Any, speed_limit: float, finest: float) -> None:
         """speed_limit: of a body [m/s]. finest: shortest step that the engine may take [s]."""
-        self.model = model
-        self._finest = finest
-        self.speed_limit = speed_limit
-        self._counts = [0, 0, 0]
+        self.model, self.speed_limit, self.finest = model, speed_limit, finest
+        self.reach = Reach(model)
+        self.thicknesses = thicknesses(model)
+        if int(np.count_nonzero(model.geom_contype | model.geom_conaffinity)) < 2:
+            self.thicknesses[:] = np.inf  # there is nothing to pass through
+        self.thin = int(np.argmin(self.thicknesses)) if len(self.thicknesses) else -1
+        self.thickness = float(self.thicknesses[self.thin]) if len(self.thicknesses) else np.inf
+
+    def risks(self) -> list[str]:
+        """Finds what in the model the integrator cannot follow at this timestep, before the first step."""
+        dt = self.finest
+        return [
+            f"{_growth(mode, dt)}; expect it to diverge, or {_remedy(mode, dt)}"
+            for mode in modes(self.model)
+            if mode.grows(dt)
+        ]
+
+
+class Watchdog:
+    """Checks one environment after every step: finite, within the speed limit, in time, no warning counter rising."""
+
+    def __init__(self, limits: Limits, counts: np.ndarray, spins: np.ndarray) -> None:
+        """counts: int [len(BAD)], spins: float64 [nbody], which the watchdog writes: how often MjData has warned of
+        BAD, and how fast bodies turned when all was well [rad/s], the last, or the first that was too fast."""
+        self.model, self._limits = limits.model, limits
+        self._counts, self._spins = counts, spins
         self._time = -1.0
         self._said: set[str] = set()
-        self._reach = Reach(model)
-        self._thicknesses = thicknesses(model)
-        if int(np.count_nonzero(model.geom_contype | model.geom_conaffinity)) < 2:
-            self._thicknesses[:] = np.inf  # there is nothing to pass through
-        self._thin = int(np.argmin(self._thicknesses)) if len(self._thicknesses) else -1
-        self._thickness = float(self._thicknesses[self._thin]) if len(self._thicknesses) else np.inf
 
     def restart(self, data: Any) -> None:
         """Begins anew from the state of `data`."""
-        self._counts = [data.warning[w].number for w in _BAD]
+        self._counts[:] = [data.warning[w].number for w in BAD]
         self._time = -1.0
-        self._spins = np.linalg.norm(data.cvel[:, :3], axis=-1)
-        """How fast bodies [nbody] turned when all was well [rad/s]: the last, or the first that was too fast."""
+        self._spins[:] = np.linalg.norm(data.cvel[:, :3], axis=-1)
 
     def check(self, data: Any, twist: np.ndarray) -> str | None:
         """Finds what is wrong after a step, as one line, or None.
@@ -53,68 +69,37 @@ class Watchdog:
         sign = self._sign(data, twist)
         forward = data.time > self._time
         self._time = data.time
-        counts = [data.warning[w].number for w in _BAD]
-        if sign is None and counts == self._counts and forward:
+        counts = [data.warning[w].number for w in BAD]
+        if sign is None and counts == self._counts.tolist() and forward:
             return None
         body, what = sign or (self._warned_body(data, counts), "the acceleration is not finite or huge")
         if sign is None and not forward:
             what = "its time did not go forward"
-        self._counts = counts
+        self._counts[:] = counts
         cause = self._cause(data, body)
         return f"body '{self._body(body)}' diverged at t = {data.time:.6g} s: {what}; likely cause: {cause}"
 
-    def calm(self, qpos: np.ndarray, qvel: np.ndarray, twist: np.ndarray, nearest: np.ndarray) -> np.ndarray:
-        """Tells of environments of the model whether `quiet` would find nothing in their states, bool [E].
+    def unremarkable(self, state: Mapping[str, np.ndarray], nearest: float) -> bool:
+        """Says whether there is nothing to tell in the states after some steps.
 
-        qpos, qvel, twist: [E, n, ...] after each of n steps. nearest: [E], least distance of a contact [m]. What only a
-        closer look can tell is not calm.
+        state: pose, twist, qpos and qvel, [n, ...] after each. nearest: least distance of a contact [m].
         """
-        # A sum is finite only if everything in it is.
-        finite = np.isfinite(qpos.sum(axis=(1, 2)) + qvel.sum(axis=(1, 2)) + twist.sum(axis=(1, 2, 3)))
-        v, omega = (np.sqrt((twist[..., part] ** 2).sum(axis=-1)) for part in (slice(0, 3), slice(3, 6)))
-        points = (v + omega * self._reach.of_body[1:]).max(axis=(1, 2), initial=0.0)
-        slow = points <= min(self.speed_limit, 0.5 * self._thickness / self.model.opt.timestep)
-        return finite & slow & (nearest > -0.5 * self._thickness)
-
-    def quiet(
-        self, warnings: np.ndarray, qpos: np.ndarray, qvel: np.ndarray, pose: np.ndarray, twist: np.ndarray,
-        nearest: float, calm: bool = False,
-    ) -> bool:  # fmt: skip
-        """Says that `check` and `notices` would find nothing after any of n steps.
-
-        warnings: MuJoCo's counters after them. qpos, qvel, pose, twist: [n, ...] after each of them. nearest: least
-        distance of a contact [m]. calm: whether `calm` has said so already.
-        """
-        # A counter that rose stays risen.
-        numbers = warnings.tolist()
-        if [numbers[w] for w in _BAD] != self._counts or any(numbers[w] for w in _LOST):
-            return False
-        if not calm and not self._unremarkable(qpos, qvel, pose, twist, nearest):
-            return False
-        if len(twist):
-            slow = self._spins[1:] * self.model.opt.timestep <= FOLLOWED
-            self._spins[1:][slow] = np.linalg.norm(twist[-1, slow, 3:], axis=-1)
-        return True
-
-    def _unremarkable(
-        self, qpos: np.ndarray, qvel: np.ndarray, pose: np.ndarray, twist: np.ndarray, nearest: float
-    ) -> bool:
-        """Whether there is nothing in these states to tell."""
-        if not np.isfinite(qpos.sum() + qvel.sum() + twist.sum()):
+        limits, pose, twist = self._limits, state["pose"], state["twist"]
+        if not np.isfinite(state["qpos"].sum() + state["qvel"].sum() + twist.sum()):
             return False
         fastest = float(np.sqrt((twist[..., :3] ** 2).sum(axis=-1).max(initial=0.0)))
-        if fastest > self.speed_limit:
+        if fastest > limits.speed_limit:
             return False
         if "through" in self._said:  # it is told once
             return True
-        slow = 0.5 * self._thickness / self.model.opt.timestep
-        if self._reach.bound(twist) > slow and self._reach.fastest(pose, twist).max(initial=0.0) > slow:
+        slow = 0.5 * limits.thickness / self.model.opt.timestep
+        if limits.reach.bound(twist) > slow and limits.reach.fastest(pose, twist).max(initial=0.0) > slow:
             return False
-        return nearest > -0.5 * self._thickness
+        return nearest > -0.5 * limits.thickness
 
-    def passed(self, data: Any) -> None:
-        """Takes note of the time, after steps in which nothing was wrong."""
-        self._time = data.time
+    def passed(self, time: float) -> None:
+        """Takes note of the time [s], after steps in which nothing was wrong."""
+        self._time = time
 
     def _sign(self, data: Any, twist: np.ndarray) -> tuple[int, str] | None:
         """The body that shows it, and how."""
@@ -125,13 +110,16 @@ class Watchdog:
             return int(self.model.dof_bodyid[dof]), "its state is not finite"
         square = (twist[:, :3] ** 2).sum(axis=-1)
         body = int(np.argmax(square)) if len(square) else 0
-        if len(square) and square[body] > self.speed_limit**2:
+        if len(square) and square[body] > self._limits.speed_limit**2:
             speed = float(np.sqrt(square[body]))
-            return body + 1, f"its speed is {speed:.4g} m/s, the limit is {self.speed_limit:g} m/s (speed_limit)"
+            return (
+                body + 1,
+                f"its speed is {speed:.4g} m/s, the limit is {self._limits.speed_limit:g} m/s (speed_limit)",
+            )
         return None
 
     def _warned_body(self, data: Any, counts: list[int]) -> int:
-        for w, before, now in zip(_BAD, self._counts, counts):
+        for w, before, now in zip(BAD, self._counts, counts):
             index = data.warning[w].lastinfo
             if now > before:
                 if w == mujoco.mjtWarning.mjWARN_BADQPOS:
@@ -140,30 +128,22 @@ class Watchdog:
                 return int(self.model.dof_bodyid[index])
         return 0
 
-    def risks(self) -> list[str]:
-        """Finds what in the model the integrator cannot follow at this timestep, before the first step."""
-        dt = self._finest
-        return [
-            f"{_growth(mode, dt)}; expect it to diverge, or {_remedy(mode, dt)}"
-            for mode in modes(self.model)
-            if mode.grows(dt)
-        ]
-
     def notices(self, data: Any, pose: np.ndarray, twist: np.ndarray) -> list[str]:
         """Finds what is suspicious after a step that has not diverged; tells each thing once per environment.
 
         pose, twist: float64 [bodies without the world, 7] and [..., 6] of `data`.
         """
-        found = {str(w): text for w, text in _LOST.items() if data.warning[w].number}
-        slow = 0.5 * self._thickness / self.model.opt.timestep
-        speeds = self._reach.fastest(pose, twist) if self._reach.bound(twist) > slow else np.zeros(len(twist))
+        found = {str(w): text for w, text in LOST.items() if data.warning[w].number}
+        limits = self._limits
+        slow = 0.5 * limits.thickness / self.model.opt.timestep
+        speeds = limits.reach.fastest(pose, twist) if limits.reach.bound(twist) > slow else np.zeros(len(twist))
         if len(speeds) and speeds.max() > slow:
             body = int(np.argmax(speeds))
-            dt, thickness = self.model.opt.timestep, self._thickness
+            dt, thickness = self.model.opt.timestep, limits.thickness
             far = "the farthest point of " if speeds[body] > 1.01 * np.linalg.norm(twist[body, :3]) else ""
             found["through"] = (
                 f"{far}body '{self._body(body + 1)}' goes {speeds[body] * dt:.3g} m in one step, "
-                f"more than half the thickness of {geom_name(self.model, self._thin)} ({thickness:.3g} m), which "
+                f"more than half the thickness of {geom_name(self.model, limits.thin)} ({thickness:.3g} m), which "
                 f"it may pass through unnoticed; {_firmer(thickness / speeds[body], dt)}"
             )
         if "through" not in found and (deep := self._deep(data, pose, twist)):
@@ -178,16 +158,16 @@ class Watchdog:
     def _deep(self, data: Any, pose: np.ndarray, twist: np.ndarray) -> str | None:
         """A contact so deep that what touches may come out on the other side."""
         contact = data.contact
-        if not data.ncon or (distance := contact.dist).min() > -0.5 * self._thickness:
+        if not data.ncon or (distance := contact.dist).min() > -0.5 * self._limits.thickness:
             return None
         n = int(np.argmin(distance))
         pair = contact.geom[n]
-        thin = int(pair[np.argmin(self._thicknesses[pair])])
-        thickness = self._thicknesses[thin]
+        thin = int(pair[np.argmin(self._limits.thicknesses[pair])])
+        thickness = self._limits.thicknesses[thin]
         if -distance[n] <= 0.5 * thickness:
             return None
         one, other = (geom_name(self.model, geom) for geom in pair.tolist())
-        speeds = np.append(0.0, self._reach.fastest(pose, twist))[self.model.geom_bodyid[pair]]
+        speeds = np.append(0.0, self._limits.reach.fastest(pose, twist))[self.model.geom_bodyid[pair]]
         constant = _time_constant(contact.solref[n], self.model.opt.timestep)
         # What stops goes as deep as its speed times the constant, what is pressed as its square.
         firm = min(thickness / max(speeds.max(), 1e-12), 0.5 * constant * np.sqrt(-0.25 * thickness / distance[n]))

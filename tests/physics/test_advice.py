@@ -44,8 +44,7 @@ def run(engine: MujocoEngine, seconds: float, qpos: float = 0.0, qvel: float = 0
     data.qpos[0] += qpos
     data.qvel[0] += qvel
     mujoco.mj_forward(engine.model, data)
-    engine._before = engine._now = engine._snapshot()
-    engine._last = engine._state_at(0)
+    engine._begin_course()
     said, found = [text for _, text in engine._warnings], []
     for k in range(1, parts + 1):
         interval = engine.advance(round(seconds * 1e9 * k / parts))

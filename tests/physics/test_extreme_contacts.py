@@ -25,8 +25,7 @@ def run(tmp_path):
         if qpos is not None:
             data.qpos[: len(qpos)] = qpos
         mujoco.mj_forward(engine.model, data)
-        engine._before = engine._now = engine._snapshot()
-        engine._last = engine._state_at(0)
+        engine._begin_course()
         found, faults, texts = [], [], []
         for k in range(1, 11):
             interval = engine.advance(round(k * seconds * 100 * MS), controls)

@@ -45,8 +45,7 @@ def start(engine, qpos=None, qvel=None):
     if qvel is not None:
         data.qvel[:] = qvel
     mujoco.mj_forward(engine.model, data)
-    engine._before = engine._now = engine._snapshot()
-    engine._last = engine._state_at(0)
+    engine._begin_course()
 
 
 def spring(stiffness, damping):

@@ -32,8 +32,7 @@ def launch(engine, velocity, omega=(0, 0, 0)):
     for data in engine.data:
         data.qvel[:6] = (*velocity, *omega)
         mujoco.mj_forward(engine.model, data)
-    engine._before = engine._now = engine._snapshot()
-    engine._last = engine._state_at(0)
+    engine._begin_course()
 
 
 @pytest.mark.parametrize("integrator, bias", [("RK4", 0.0), ("Euler", -0.5)])

@@ -41,8 +41,7 @@ def moving_engine(scene, **options):
     for k, data in enumerate(engine.data):
         data.qvel[:] = 0.7 * np.random.default_rng(k).normal(size=engine.model.nv)
         mujoco.mj_forward(engine.model, data)
-    engine._before = engine._now = engine._snapshot()
-    engine._last = engine._state_at(0)
+    engine._begin_course()
     return engine
 
 

@@ -86,8 +86,7 @@ def test_environments_rest_each_by_itself(tmp_path):
         for env, height in lift.items():
             engine.data[env].qpos[2] = height
             mujoco.mj_forward(engine.model, engine.data[env])
-        engine._before = engine._now = engine._snapshot()
-        engine._last = engine._state_at(0)
+        engine._begin_course()
         found, resting = [], []
         for stamp in stamps:
             found.append(engine.advance(stamp).end_pose)

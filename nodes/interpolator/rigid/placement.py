@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from functools import lru_cache
 from itertools import pairwise
@@ -23,14 +24,17 @@ FEWEST = 2
 """Gaps that are computed ahead: products of so few matrices as one has are rounded otherwise than those of many."""
 POSE = 56
 """Bytes of a pose."""
+PART = 1 << 15
+"""Numbers of environments' poses that are worked on at once: they stay in a core's cache."""
 
 
 class Placement:
     """Works out the poses of a scene's bodies at any time of a gap. Only those that may move, `movers` int64 [M], cost
     anything."""
 
-    def __init__(self, scene: Scene, worlds: Sequence[Scene] = ()) -> None:
-        """worlds: the scene of each environment, where bodies do not move alike in all; the same ones move in all."""
+    def __init__(self, scene: Scene, worlds: Sequence[Scene] = (), threads: int = 1) -> None:
+        """worlds: the scene of each environment, where bodies do not move alike in all; the same ones move in all.
+        threads: that share environments, where physics moves the bodies."""
         paths = [body.trajectory for body in scene.bodies]
         self.movers = np.array([n for n, path in enumerate(paths) if path is None or not path.is_static()], np.int64)
         moving = [(m, paths[n]) for m, n in enumerate(self.movers.tolist())]
@@ -46,6 +50,7 @@ class Placement:
         # Of the gaps that are expected next, by their stamps: [1 or E, bodies, K - 1, 7].
         self._ahead: dict[bytes, np.ndarray] = {}
         self._gaps = FEWEST
+        self._pool = ThreadPoolExecutor(threads, "placement") if threads > 1 and len(self._driven) else None
 
     def _paths(self, world: Scene, which: list[int]) -> list[Prescribed]:
         """Of the movers, those of these numbers. Raises ValueError where one is not in closed form in this world."""
@@ -115,13 +120,29 @@ class Placement:
         """Those that physics moves in this interval, between the sub-steps about the stamps; poses [.., E, M, 7]."""
         place = states.places(self.movers[self._driven])
         columns, place = self._driven[place >= 0], place[place >= 0]
-        pose, twist = np.asarray(states.pose)[:, :, place], np.asarray(states.twist)[:, :, place]
-        if len(states.t) > 1 and states.t[0] <= stamps.min() and stamps.max() <= states.t[-1]:
+        t: np.ndarray = states.t
+        steps: np.ndarray | slice = slice(None)
+        inside = len(t) > 1 and t[0] <= stamps.min() and stamps.max() <= t[-1]
+        if inside:
+            # Only sub-steps about the stamps count, and the last, at which all bodies were put already.
+            before = np.clip(np.searchsorted(t, stamps, side="right") - 1, 0, len(t) - 2)
+            steps = np.unique((*before, *(before + 1), len(t) - 1))
+            t = t[steps]
+        pose, twist = (np.asarray(values)[:, steps].take(place, axis=2) for values in (states.pose, states.twist))
+        if inside:
             moves = (pose != pose[:, -1:]).any(axis=(0, 1, 3)) | twist.any(axis=(0, 1, 3))
-            columns, pose, twist = columns[moves], pose[:, :, moves], twist[:, :, moves]
+            if not moves.all():
+                columns, pose, twist = columns[moves], pose[:, :, moves], twist[:, :, moves]
             if not len(columns):
                 return
-        poses[:, :, columns] = np.swapaxes(pose_at(stamps, states.t, pose, twist), 0, 1)
+        size = max(1, PART // max(pose[0].size, 1))
+        parts = [slice(e, e + size) for e in range(0, len(pose), size)]
+
+        def work(part: slice) -> None:
+            poses[:, part, columns] = np.swapaxes(pose_at(stamps, t, pose[part], twist[part]), 0, 1)
+
+        for _done in map(work, parts) if self._pool is None else self._pool.map(work, parts):
+            pass
 
 
 def _next_gaps(start: int, length: int, count: int) -> list[tuple[int, int]]:

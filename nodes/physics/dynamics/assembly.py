@@ -18,7 +18,8 @@ from nodes.physics.prescribed import PrescribedStates
 class Assembly:
     """Makes intervals of the bodies of a scene from states of the model's.
 
-    followers: what MuJoCo has follow a body. moves: whether anything is prescribed that moves.
+    followers: what MuJoCo has follow a body. moves: whether anything is prescribed that moves. bodies: N. may_move:
+    int32 ascending, bodies that may move; the others never do.
     """
 
     def __init__(self, scene: Scene, model: Any) -> None:
@@ -38,22 +39,47 @@ class Assembly:
         """Which rows of a state the bodies of `_moved` are: the model's own bodies come first there."""
         self._prescribed = PrescribedStates(scene)
         self.moves = len(self._prescribed.moving) > 0
+        self.bodies = len(scene.bodies)
+        self.may_move = np.array([n for n in range(self.bodies) if self._may_move(n)], np.int32)
+
+    def _may_move(self, n: int) -> bool:
+        body = self._scene.bodies[n]
+        if body.mount is not None:
+            return self._may_move(body.mount[0])
+        if body.trajectory is not None:
+            return n in self._prescribed.moving
+        own = self._columns[self._moved.index(n)] + 1
+        # MuJoCo welds to the world what has no joint above it.
+        return own >= self._model.nbody or self._model.body_weldid[own] != 0 or self._model.body_mocapid[own] >= 0
+
+    def prescribed(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Computes poses [S, N, 7] and twists [S, N, 6] at times int64 [S] ns, NaN of what MuJoCo moves."""
+        return self._prescribed.at(t)
+
+    def whole(
+        self, prescribed: tuple[np.ndarray, np.ndarray], pose: np.ndarray, twist: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Computes poses [E, S, N, 7] and twists [E, S, N, 6] of all bodies.
+
+        prescribed: of their times. pose, twist: of the model's bodies, [E, S, n, 7] and [E, S, n, 6].
+        """
+        poses, twists = (np.tile(a, (len(pose), 1, 1, 1)) for a in prescribed)
+        moved, columns = self._moved, self._columns
+        poses[:, :, moved], twists[:, :, moved] = pose[:, :, columns], twist[:, :, columns]
+        for n, body in enumerate(self._scene.bodies):
+            if body.mount is not None:
+                parent, offset = body.mount
+                above, above_twist = poses[:, :, parent], twists[:, :, parent]
+                poses[:, :, n] = se3.compose(above, offset)
+                twists[:, :, n] = se3.compose_twist(above, above_twist, offset, np.zeros(6))
+        return poses, twists
 
     def interval(self, t: np.ndarray, pose: np.ndarray, twist: np.ndarray, still: bool = False) -> Interval:
         """Makes the interval of times int64 [S] ns from the model's pose [E, S, n, 7] and twist [E, S, n, 6].
 
         still: the model's bodies rest.
         """
-        own, own_twist = pose, twist
-        pose, twist = (np.tile(a, (len(own), 1, 1, 1)) for a in self._prescribed.at(t))
-        moved, columns = self._moved, self._columns
-        pose[:, :, moved], twist[:, :, moved] = own[:, :, columns], own_twist[:, :, columns]
-        for n, body in enumerate(self._scene.bodies):
-            if body.mount is not None:
-                parent, offset = body.mount
-                above, above_twist = pose[:, :, parent], twist[:, :, parent]
-                pose[:, :, n] = se3.compose(above, offset)
-                twist[:, :, n] = se3.compose_twist(above, above_twist, offset, np.zeros(6))
+        pose, twist = self.whole(self.prescribed(t), pose, twist)
         if still:
             twist += 0.0  # of what is mounted it may be -0.0, which is not the bits of a body that rests
         return Interval.dense(t, pose, twist)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Protocol
+
+import numpy as np
 
 from evis.scene.model import Scene
 from nodes.physics.dynamics.mujoco_threads import MujocoThreads
-from nodes.physics.dynamics.stepped_states import CalmTest, SteppedStates
+from nodes.physics.dynamics.stepped_states import SteppedStates
 from nodes.physics.precision.tolerance import Tolerance
 
 
@@ -14,13 +17,22 @@ class BatchStepper(Protocol):
     """Takes the steps of environments that were requested in one batch; row: number of an environment in it."""
 
     def request(self, row: int, data: Any, grid: range) -> None:
-        """Requests steps of an environment from the state in its MjData, one from each time of `grid` [ns]."""
+        """Requests steps of an environment, one from each time of `grid` [ns].
 
-    def result(self, row: int) -> SteppedStates | None:
-        """Gives the states after the requested steps; None where MuJoCo must take them, with a check of each state."""
+        data: MjData with the state from which they are taken, None = that after its last steps.
+        """
+
+    def control(self, row: int, values: np.ndarray) -> None:
+        """Sets the controls of an environment whose next steps are taken from the state after its last ones."""
+
+    def result(self, rows: Sequence[int]) -> SteppedStates:
+        """Gives the states of environments after the requested steps, as many of each, in the order of `rows`."""
 
     def write_state(self, row: int, data: Any) -> None:
-        """Writes the state after the last of these steps into an MjData."""
+        """Writes the state after the steps taken last into an MjData."""
+
+    def write_state_before(self, row: int, data: Any) -> None:
+        """Writes the state before the steps taken last into an MjData."""
 
 
 def why_not_batched(scene: Scene, tolerance: Tolerance | None) -> str:
@@ -32,13 +44,13 @@ def why_not_batched(scene: Scene, tolerance: Tolerance | None) -> str:
     return ""
 
 
-def make_batch_stepper(model: Any, envs: int, threads: int, warp: str | None, calm: CalmTest) -> BatchStepper:
+def make_batch_stepper(model: Any, envs: int, threads: int, warp: str | None) -> BatchStepper:
     """Makes what steps the environments of a model: MuJoCo's threads, or MuJoCo Warp on the device `warp`.
 
-    calm: see CalmTest. Raises Unsupported for a model that MuJoCo Warp cannot take.
+    Raises Unsupported for a model that MuJoCo Warp cannot take.
     """
     if warp is None:
-        return MujocoThreads(model, envs, threads, calm)
+        return MujocoThreads(model, envs, threads)
     from nodes.physics.dynamics.warp_worlds import WarpWorlds
 
-    return WarpWorlds(model, envs, warp, calm)
+    return WarpWorlds(model, envs, warp)

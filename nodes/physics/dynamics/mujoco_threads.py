@@ -1,26 +1,32 @@
-"""Steps many environments of a model at once on MuJoCo's own threads (mujoco.batch).
+"""Takes the steps of many environments on MuJoCo's threads.
 
-Each environment takes all its steps up to the next stamp on one thread, without Python. Its MjData remains its state:
-it is copied to the batch before the steps and written back after them, unless something went wrong. An environment is
-never split over threads, so that their number changes no bit.
+MuJoCo keeps an MjData per environment and takes up to all steps to a stamp in one call, with the interpreter's lock
+released. Its state stays there; who wants to read or change an environment has it copied to another MjData. An
+environment is never split over threads, so that their number changes no bit.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from nodes.physics.dynamics.stepped_states import CalmTest, SteppedStates, by_environment
+from nodes.physics.dynamics.states import State
+from nodes.physics.dynamics.stepped_states import SteppedStates
 from nodes.physics.dynamics.traced_steps import STATE, twist_and_pose
 
 _PLACES = ("xpos", "xquat", "cvel", "subtree_com")
 """Fields that a step leaves as they were before it, as `twist_and_pose` takes them."""
 _JOINTS = ("qpos", "qvel")
+_RECORDED = (*_PLACES, *_JOINTS, "sensordata", "nefc")
+
+Records = dict[str, np.ndarray]
 
 
 def threads_for(asked: int, envs: int) -> int:
@@ -29,81 +35,130 @@ def threads_for(asked: int, envs: int) -> int:
 
 
 @dataclass
-class Request:
-    """Holds a request: the MjData of an environment, and the times [ns] from which it takes a step each."""
+class _Taken:
+    """Holds what environments did in a call.
 
-    data: Any
-    grid: range
+    rows: int [n], ascending, which they are. records: fields [n, S, ...] after each step, or, of places where `now`
+    [n, ...] has those after the last one, before each. nearest, constrained: as of SteppedStates.
+    """
+
+    rows: np.ndarray
+    records: Records
+    now: Records | None
+    nearest: np.ndarray
+    constrained: np.ndarray
+
+    def part(self, model: Any, places: np.ndarray, which: slice) -> State:
+        """Computes the states of some environments. places: of those that were asked for, in `rows`."""
+        chosen = places[which]
+        places_then = []
+        for name in _PLACES:
+            values = self.records[name][chosen]
+            if self.now is not None:
+                values[:, :-1] = values[:, 1:].copy()
+                values[:, -1] = self.now[name][chosen]
+            places_then.append(values)
+        twist, pose = twist_and_pose(model, *places_then)
+        return {"pose": pose, "twist": twist} | {name: self.records[name][chosen] for name in _JOINTS}
 
 
 class MujocoThreads:
     """Steps environments of one model, whose last sensor is that of `with_deepest`."""
 
-    def __init__(self, model: Any, count: int, threads: int, calm: CalmTest) -> None:
-        """count: of environments. threads: how many share them. calm: see CalmTest."""
+    def __init__(self, model: Any, count: int, threads: int) -> None:
+        """count: of environments. threads: how many share them."""
         model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
-        self._model, self._count, self._threads, self._calm = model, count, threads, calm
+        self._model, self._count, self._threads = model, count, threads
         # RK4 leaves positions from within its step, and delays and plugins read the time, which is exact only when set.
         plain = model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4 and not model.nhistory and not model.nplugin
         self._whole = plain
         """Whether all steps up to a stamp may be taken by one call; otherwise each by a call of its own."""
         self._batch: Batch | None = None
-        self._asked: dict[int, Request] = {}
-        self._found: dict[int, SteppedStates] = {}
+        self._asked: dict[int, range] = {}
+        self._taken: list[_Taken] = []
+        self._room: dict[int, Records] = {}
+        """Arrays of the calls taken together, which later ones write into."""
 
     def request(self, row: int, data: Any, grid: range) -> None:
-        """Requests steps of an environment, which are taken together with those of all others requested."""
-        self._asked[row] = Request(data, grid)
-        self._found.pop(row, None)
+        """See BatchStepper."""
+        self._asked[row] = grid
+        if data is not None:
+            batch = self._made()
+            mujoco.mj_getState(self._model, data, batch.state[row], STATE)
+            batch.warning[row, :, 0], batch.warning[row, :, 1] = data.warning.lastinfo, data.warning.number
 
-    def result(self, row: int) -> SteppedStates:
-        """Gives the states after the requested steps, which are taken at the first call."""
-        if row not in self._found:
-            self._found |= self._take(self._asked)
-            self._asked = {}
-        return self._found.pop(row)
+    def control(self, row: int, values: np.ndarray) -> None:
+        """See BatchStepper."""
+        self._made().bind("ctrl")[row] = values
+
+    def result(self, rows: Sequence[int]) -> SteppedStates:
+        """See BatchStepper; the requested steps are taken at the first call."""
+        if self._asked:
+            self._take()
+        wanted = np.asarray(rows)
+        taken = next(one for one in self._taken if wanted[0] in one.rows)
+        places = np.searchsorted(taken.rows, wanted)
+        part = partial(taken.part, self._model, places)
+        warnings = self._made().warning[wanted, :, 1]
+        lost = np.zeros(len(wanted), bool)
+        return SteppedStates(taken.nearest[places], warnings, taken.constrained[places], part, lost)
 
     def write_state(self, row: int, data: Any) -> None:
-        """Writes the state after the steps that were taken last into an MjData."""
-        assert self._batch is not None
-        self._batch.get_data(row, data)
+        """See BatchStepper."""
+        self._made().get_data(row, data)
 
-    def _take(self, asked: dict[int, Request]) -> dict[int, SteppedStates]:
+    def write_state_before(self, row: int, data: Any) -> None:
+        """See BatchStepper."""
+        mujoco.mj_setState(self._model, data, self._before[row], STATE)
+        data.warning.number[:] = self._warned[row]
+
+    def _take(self) -> None:
         """Takes all requested steps, in one call for all environments with as many steps."""
-        batch = self._made()
-        found: dict[int, SteppedStates] = {}
-        for row, task in asked.items():
-            mujoco.mj_getState(self._model, task.data, batch.state[row], STATE)
-            batch.warning[row, :, 0], batch.warning[row, :, 1] = task.data.warning.lastinfo, task.data.warning.number
-        for count in sorted({len(task.grid) for task in asked.values()}):
-            rows = np.array([row for row, task in sorted(asked.items()) if len(task.grid) == count], np.int32)
-            found |= self._step(batch, rows, [asked[row] for row in rows.tolist()], count)
-        return found
+        batch, asked = self._made(), self._asked
+        self._before, self._warned = batch.state.copy(), batch.warning[:, :, 1].copy()
+        self._asked, self._taken = {}, []
+        for count in sorted({len(grid) for grid in asked.values()}):
+            rows = np.array(sorted(row for row, grid in asked.items() if len(grid) == count), np.int32)
+            self._taken.append(self._step(batch, rows, [asked[row] for row in rows.tolist()], count))
 
-    def _step(self, batch: Batch, rows: np.ndarray, tasks: list[Request], count: int) -> dict[int, SteppedStates]:
-        """Steps environments `count` times, and gives their states by row."""
-        places = [batch.bind(name) for name in _PLACES]
-        made = [np.empty((len(rows), count, *field.shape[1:])) for field in places]
-        joints = [np.empty((len(rows), count, batch.bind(name).shape[1])) for name in _JOINTS]
+    def _step(self, batch: Batch, rows: np.ndarray, grids: list[range], count: int) -> _Taken:
+        """Steps environments `count` times. grids: times of their steps."""
+        records = self._records(batch, len(self._taken), len(rows), count)
+        if self._whole:
+            self._roll(batch, rows, grids, 0, records)
+            nearest = records["sensordata"][:, :, -1].min(axis=1)
+            now = {name: batch.bind(name)[rows] for name in _PLACES}
+            return _Taken(rows, records, now, nearest, records["nefc"].reshape(len(rows), -1)[:, -1] > 0)
         nearest, constrained = np.full(len(rows), np.inf), np.zeros(len(rows), bool)
-        length = count if self._whole else 1
-        for first in range(0, count, max(length, 1)):
-            last = first + length - 1
-            # MuJoCo adds up its time in floating point; ours is exact.
-            batch.bind("time")[rows] = [task.grid[first] * 1e-9 for task in tasks]
-            left = batch.rollout(length, record=(*_PLACES, *_JOINTS, "sensordata", "nefc"), ids=rows)
-            batch.forward(rows, mujoco.mjtStage.mjSTAGE_VEL)
-            for name, to, now in zip(_PLACES, made, places):
-                to[:, first:last], to[:, last] = left[name][:, 1:], now[rows]
-            for name, to in zip(_JOINTS, joints):
-                to[:, first : last + 1] = left[name]
-            nearest = np.minimum(nearest, left["sensordata"][:, :, -1].min(axis=1))
-            constrained = left["nefc"].reshape(len(rows), -1)[:, -1] > 0
-        twist, pose = twist_and_pose(self._model, *made)
-        warnings = [np.array(batch.warning[row, :, 1]) for row in rows.tolist()]
-        return dict(
-            zip(rows.tolist(), by_environment((pose, twist, *joints), nearest, warnings, constrained, self._calm))
-        )
+        one = self._records(batch, -1, len(rows), 1)
+        for n in range(count):
+            self._roll(batch, rows, grids, n, one)
+            nearest = np.minimum(nearest, one["sensordata"][:, 0, -1])
+            constrained = one["nefc"].reshape(len(rows), -1)[:, -1] > 0
+            for name in _PLACES:
+                records[name][:, n] = batch.bind(name)[rows]
+            for name in _JOINTS:
+                records[name][:, n] = one[name][:, 0]
+        return _Taken(rows, records, None, nearest, constrained)
+
+    def _roll(self, batch: Batch, rows: np.ndarray, grids: list[range], first: int, records: Records) -> None:
+        """Takes as many steps as there is room for in `records` from step `first`, and computes places after them."""
+        # MuJoCo adds up its time in floating point; ours is exact.
+        batch.bind("time")[rows] = [grid[first] * 1e-9 for grid in grids]
+        batch.rollout(records["qpos"].shape[1], record=_RECORDED, ids=rows, out=records)
+        batch.forward(rows, mujoco.mjtStage.mjSTAGE_VEL)
+
+    def _records(self, batch: Batch, number: int, rows: int, steps: int) -> Records:
+        """Gives the arrays of the call with this number of those taken together; kept, for new memory is slow."""
+        room, found = self._room.setdefault(number, {}), {}
+        for name in _RECORDED:
+            like = batch.bind(name)
+            shape = (rows, steps, *like.shape[1:])
+            size = int(np.prod(shape))
+            if name not in room or room[name].size < size:
+                room[name] = np.empty(size, like.dtype)
+            found[name] = room[name][:size].reshape(shape)
+        return found
 
     def _made(self) -> Batch:
         """The batch, made when it is first needed: it copies the model."""

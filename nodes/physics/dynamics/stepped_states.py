@@ -2,47 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-CalmTest = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-"""(qpos, qvel, twist [E, n, ...], least contact distance [E]) -> bool [E]: environments whose states are far from every
-limit, so that they need no check of their own."""
+from nodes.physics.dynamics.states import State
 
 
 @dataclass
 class SteppedStates:
-    """Holds the states of an environment after each of n steps, float64 [n, ...].
+    """Holds the states of n environments after each of S steps, as what stepped them left them.
 
-    pose, twist: of all bodies but the world. nearest: least distance of a contact in any of them [m]. warnings: how
-    often MuJoCo had warned of each of its warnings, after them. constrained: whether anything was touched or limited at
-    the start of the last step. calm: whether all of them are far from every limit, see CalmTest.
+    nearest: float64 [n] m, least distance of a contact in any of them. warnings: int [n, W], how often MuJoCo had
+    warned of each of its warnings, after them. constrained: bool [n], whether anything was touched or limited at the
+    start of the last step. part: computes the states of a slice of the environments, arrays [m, S, ...]. lost: bool
+    [n], environments whose states are of no use.
     """
 
-    pose: np.ndarray
-    twist: np.ndarray
-    qpos: np.ndarray
-    qvel: np.ndarray
-    nearest: float
+    nearest: np.ndarray
     warnings: np.ndarray
-    constrained: bool
-    calm: bool
-
-
-def by_environment(
-    arrays: Sequence[np.ndarray],
-    nearest: np.ndarray,
-    warnings: Sequence[np.ndarray],
-    constrained: np.ndarray,
-    calm: CalmTest,
-) -> list[SteppedStates]:
-    """Splits a batch into the states of each environment.
-
-    arrays: pose, twist, qpos and qvel, [E, n, ...] each. nearest, warnings, constrained: [E], as of SteppedStates.
-    """
-    pose, twist, qpos, qvel = arrays
-    all_calm = calm(qpos, qvel, twist, nearest)
-    rows = zip(pose, twist, qpos, qvel, nearest.tolist(), warnings, constrained.tolist(), all_calm.tolist())
-    return [SteppedStates(*row) for row in rows]
+    constrained: np.ndarray
+    part: Callable[[slice], State]
+    lost: np.ndarray

@@ -1,12 +1,14 @@
 """Steps many environments of a model at once by MuJoCo Warp: float32, on a GPU, or slowly on Warp's CPU.
 
-It is a BatchStepper as MujocoThreads is: MjData is copied to the device before the steps and written back after them.
+It is a BatchStepper as MujocoThreads is: states are copied to the device before the steps and back after them.
 An environment that diverges, or loses contacts for lack of room, is stepped again by MuJoCo itself, which tells why.
 """
 
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import mujoco
@@ -15,7 +17,8 @@ import warp as wp
 
 from evis.gpu.building import build_together
 from nodes.physics.dynamics import warp_kernels as kernels
-from nodes.physics.dynamics.stepped_states import CalmTest, SteppedStates, by_environment
+from nodes.physics.dynamics.states import State
+from nodes.physics.dynamics.stepped_states import SteppedStates
 from nodes.physics.dynamics.unsupported import Unsupported
 from nodes.physics.dynamics.warp_launches import launches
 
@@ -30,12 +33,8 @@ _MOST = 8192
 class WarpWorlds:
     """Steps environments of one model on a device."""
 
-    def __init__(self, model: Any, count: int, device: str, calm: CalmTest) -> None:
-        """Puts `count` worlds of a model on a device. Raises Unsupported for a model that MuJoCo Warp cannot take.
-
-        calm: see CalmTest.
-        """
-        self._calm = calm
+    def __init__(self, model: Any, count: int, device: str) -> None:
+        """Puts `count` worlds of a model on a device. Raises Unsupported for a model that MuJoCo Warp cannot take."""
         try:
             import mujoco_warp
         except ImportError:
@@ -65,11 +64,12 @@ class WarpWorlds:
         self._step, self._count, self._diverged, self._constrained = (make(n, int) for n in (1, count, count, count))
         self._nearest = make(count, float)
         self._root: wp.array = wp.array(model.body_rootid.astype(np.int32), dtype=int, device=self._device)
-        self._staged = {name: getattr(self._data, name).numpy() for name in (*_STATE, *_GIVEN)}
+        self._staged = {name: np.array(getattr(self._data, name).numpy()) for name in (*_STATE, *_GIVEN)}
         self._room = 0
         self._graph: Any = None
-        self._asked: dict[int, tuple[Any, range]] = {}
-        self._found: dict[int, SteppedStates] = {}
+        self._warned = np.zeros((count, mujoco.mjtWarning.mjNWARNING), np.int32)
+        self._ends = np.zeros(count)
+        self._asked: dict[int, range] = {}
         # Kernels are compiled before the start.
         self._make_room(1)
         with wp.ScopedDevice(self._device):
@@ -77,33 +77,47 @@ class WarpWorlds:
         self._step_worlds()
 
     def request(self, row: int, data: Any, grid: range) -> None:
-        """Requests steps of an environment, which are taken together with those of all others requested."""
-        self._asked[row] = data, grid
-        self._found.pop(row, None)
+        """See BatchStepper."""
+        self._asked[row] = grid
+        if data is not None:
+            self._warned[row] = data.warning.number
+            for name, values in self._staged.items():
+                values[row] = getattr(data, name)
 
-    def result(self, row: int) -> SteppedStates | None:
-        """Gives the states after the requested steps; None where the environment diverged or lost contacts."""
-        if row in self._asked:
+    def control(self, row: int, values: np.ndarray) -> None:
+        """See BatchStepper."""
+        self._staged["ctrl"][row] = values
+
+    def result(self, rows: Sequence[int]) -> SteppedStates:
+        """See BatchStepper; the requested steps are taken at the first call."""
+        if self._asked:
             self._take()
-        return self._found.pop(row, None)
+        wanted = np.asarray(rows)
+        nearest, constrained, lost = (values[wanted] for values in self._seen)
+        return SteppedStates(nearest, self._warned[wanted], constrained, partial(self._part, wanted), lost)
 
     def write_state(self, row: int, data: Any) -> None:
-        """Writes the state after the steps that were taken last into an MjData."""
-        for name in _STATE:
-            getattr(data, name)[:] = self._staged[name][row]
+        """See BatchStepper."""
+        self._write(self._staged, row, data)
         data.time = self._ends[row]
+
+    def write_state_before(self, row: int, data: Any) -> None:
+        """See BatchStepper."""
+        self._write(self._before, row, data)
+
+    def _write(self, states: dict[str, np.ndarray], row: int, data: Any) -> None:
+        for name, values in states.items():
+            getattr(data, name)[:] = values[row]
 
     def _take(self) -> None:
         """Takes all requested steps."""
         asked, self._asked = self._asked, {}
-        counts = np.zeros(self._worlds, np.int32)
-        times, self._ends = np.zeros(self._worlds), np.zeros(self._worlds)
-        for row, (data, grid) in asked.items():
+        counts, times = np.zeros(self._worlds, np.int32), np.zeros(self._worlds)
+        for row, grid in asked.items():
             counts[row], times[row], self._ends[row] = len(grid), grid[0] * 1e-9, (grid[-1] + grid.step) * 1e-9
-            for name, values in self._staged.items():
-                values[row] = getattr(data, name)
         for name, values in self._staged.items():
             getattr(self._data, name).assign(values)
+        self._before = dict(self._staged)
         for name, kept in self._kept.items():
             wp.copy(kept, getattr(self._data, name))
         self._data.time.assign(times.astype(np.float32))
@@ -114,19 +128,21 @@ class WarpWorlds:
         self._make_room(int(counts.max()))
         for _ in range(int(counts.max())):
             self._step_worlds()
-        self._staged |= {name: kept.numpy() for name, kept in self._kept.items()}
+        # On a CPU `numpy` gives the memory that the next steps write into.
+        self._staged |= {name: np.array(kept.numpy()) for name, kept in self._kept.items()}
         overflow = self._data.overflow.numpy()
         lost = (self._diverged.numpy() != 0) | (overflow & self._loss != 0)
-        arrays = [array.numpy() for array in (self._pose, self._twist, self._qpos, self._qvel)]
-        nearest, constrained = self._nearest.numpy(), self._constrained.numpy()
-        for steps in np.unique(counts[counts > 0]).tolist():
-            rows = [row for row in asked if counts[row] == steps and not lost[row]]
-            made = [values[rows, :steps].astype(np.float64) for values in arrays]
-            warnings = [np.array(asked[row][0].warning.number) for row in rows]
-            found = by_environment(made, nearest[rows], warnings, constrained[rows], self._calm)
-            self._found |= zip(rows, found)
+        self._seen = np.array(self._nearest.numpy()), self._constrained.numpy() != 0, lost
+        made = (self._pose, self._twist, self._qpos, self._qvel)
+        self._found = dict(zip(("pose", "twist", "qpos", "qvel"), (array.numpy() for array in made)))
+        self._steps = counts
         if (overflow & self._loss).any() and max(self._contacts, self._constraints) < _MOST:
             self._grow()
+
+    def _part(self, rows: np.ndarray, which: slice) -> State:
+        """Gives the states of some of these rows, which took as many steps each."""
+        chosen, steps = rows[which], self._steps[rows[0]]
+        return {name: values[chosen, :steps].astype(np.float64) for name, values in self._found.items()}
 
     def _made(self, shape: Any, dtype: Any) -> wp.array:
         return wp.zeros(shape, dtype=dtype, device=self._device)

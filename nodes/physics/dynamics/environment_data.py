@@ -1,0 +1,91 @@
+"""The MjData of each environment, which a batch steps without them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+
+from nodes.physics.dynamics.batch_stepper import BatchStepper
+
+
+@dataclass
+class _Own:
+    """Holds the MjData of an environment. row: its number in the batch.
+
+    behind: whether the batch has taken steps that are not in it. given: whether it was given to somebody since, who may
+    have changed it.
+    """
+
+    data: Any
+    row: int
+    behind: bool = False
+    given: bool = True
+
+
+class EnvironmentData:
+    """Gives the MjData of environments, brought up to date from the batch when it is asked for.
+
+    To copy a state costs more than some steps of a small model, and most are never looked at.
+    """
+
+    def __init__(self, model: Any, envs: int, batch: BatchStepper | None) -> None:
+        """batch: what steps them, None = each is stepped by itself."""
+        self._batch = batch
+        self._all = [_Own(mujoco.MjData(model), row) for row in range(envs)]
+
+    def __len__(self) -> int:
+        return len(self._all)
+
+    def __getitem__(self, env: int) -> Any:
+        own = self._all[env]
+        if own.behind:
+            assert self._batch is not None
+            self._batch.write_state(own.row, own.data)
+            own.behind = False
+        own.given = True
+        return own.data
+
+    def __iter__(self) -> Iterator[Any]:
+        return (self[env] for env in range(len(self._all)))
+
+    def of(self, envs: Sequence[int]) -> EnvironmentData:
+        """Gives those of some environments, in this order."""
+        part = EnvironmentData.__new__(EnvironmentData)
+        part._batch, part._all = self._batch, [self._all[env] for env in envs]
+        return part
+
+    def row(self, env: int) -> int:
+        """Gives the number of an environment in the batch."""
+        return self._all[env].row
+
+    def control(self, env: int, values: Any) -> None:
+        """Sets the controls of an environment, for all steps from now on."""
+        own = self._all[env]
+        if own.given:
+            self[env].ctrl[:] = values
+        else:
+            assert self._batch is not None
+            self._batch.control(own.row, values)
+
+    def request(self, envs: Iterable[int], grid: range) -> None:
+        """Requests steps of environments of the batch, one from each time of `grid` [ns]."""
+        assert self._batch is not None
+        for env in envs:
+            own = self._all[env]
+            self._batch.request(own.row, self[env] if own.given else None, grid)
+            own.given = False
+
+    def stepped(self, envs: Iterable[int]) -> None:
+        """Notes that the batch has taken the steps requested of environments."""
+        for env in envs:
+            self._all[env].behind = True
+
+    def go_back(self, env: int) -> None:
+        """Puts the MjData of an environment to its state before the steps that the batch took last."""
+        own = self._all[env]
+        if self._batch is not None:
+            self._batch.write_state_before(own.row, own.data)
+            own.behind, own.given = False, True
