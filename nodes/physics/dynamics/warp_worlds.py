@@ -28,6 +28,9 @@ _GIVEN = ("ctrl", "eq_active", "mocap_pos", "mocap_quat")
 
 _MOST = 8192
 """Contacts and constraints of a world for which there is room at most."""
+_DENSE = 60
+"""Degrees of freedom up to which MuJoCo Warp takes dense matrices. It takes sparse ones from 33 on, whose sums depend on
+the order of threads: its deterministic mode sorts all terms of them, in GB of memory."""
 
 
 class WarpWorlds:
@@ -40,7 +43,7 @@ class WarpWorlds:
         except ImportError:
             raise Unsupported('it is not installed; pip install "evis[gpu]" brings it') from None
         self._engine, self._device = mujoco_warp, wp.get_device(device)
-        self._host = _without_autoreset(model)
+        self._host = _for_warp(model)
         self._bodies = model.nbody - 1
         if model.nhistory or model.nplugin:
             raise Unsupported("the model has " + ("delays" if model.nhistory else "plugins"))
@@ -74,7 +77,10 @@ class WarpWorlds:
         self._make_room(1)
         with wp.ScopedDevice(self._device):
             build_together(self._device, launches(self._launch))
-        self._step_worlds()
+        try:
+            self._step_worlds()
+        except (ValueError, RuntimeError, MemoryError) as error:
+            raise Unsupported(f"{count} of its worlds cannot be stepped: {' '.join(str(error).split())}") from None
 
     def request(self, row: int, data: Any, grid: range) -> None:
         """See BatchStepper."""
@@ -194,8 +200,10 @@ class WarpWorlds:
         wp.launch(kernels.go_on, 1, [self._step])
 
 
-def _without_autoreset(model: Any) -> Any:
-    """A copy of the model that says nothing of resets of diverged states, which MuJoCo Warp never does."""
+def _for_warp(model: Any) -> Any:
+    """Copies a model, without resets of diverged states, which MuJoCo Warp never does, and dense where it can be."""
     result = copy.copy(model)
     result.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    if model.nv <= _DENSE:
+        result.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     return result
