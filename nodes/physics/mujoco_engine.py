@@ -11,7 +11,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
@@ -22,12 +22,12 @@ from nodes.physics.dynamics.actuators import actuators_of
 from nodes.physics.dynamics.assembly import Assembly
 from nodes.physics.dynamics.batch_stepper import BatchStepper, make_batch_stepper, why_not_batched
 from nodes.physics.dynamics.contacts import contacts_of, gather
-from nodes.physics.dynamics.course import Course
+from nodes.physics.dynamics.course import JOINTS, Course
 from nodes.physics.dynamics.environment_data import EnvironmentData
 from nodes.physics.dynamics.rest import Rest
 from nodes.physics.dynamics.start import put_to_start
 from nodes.physics.dynamics.states import State, snapshot
-from nodes.physics.dynamics.stepped_states import SteppedStates
+from nodes.physics.dynamics.stepped_states import Records, SteppedStates
 from nodes.physics.dynamics.traced_steps import SavedState, Trace, take_steps
 from nodes.physics.dynamics.unsupported import Unsupported
 from nodes.physics.dynamics.watch import Watch
@@ -37,6 +37,9 @@ from nodes.physics.precision.sampled import shadow_of
 from nodes.physics.precision.sub_steps import FINEST, SubSteps, take_best_integrator
 from nodes.physics.precision.tolerance import Tolerance
 from nodes.physics.watchdog import Limits
+
+if TYPE_CHECKING:
+    from nodes.physics.dynamics.recorded import RecordedCourse
 
 MAX_STEP_NS = 1_000_000
 """Longest sub-step [ns]; a model with a longer timestep is stepped in equal parts of it."""
@@ -116,8 +119,14 @@ class MujocoEngine:
         limits = Limits(self.model, speed_limit, finest)
         self._watch = Watch(limits, envs)
         self._assembly = Assembly(scene, self.model)
-        self._course = Course(self._assembly, self.model, self.step_ns, joints)
-        self._pool = ThreadPoolExecutor(threads, "states") if batched and threads > 1 else None
+        pool = ThreadPoolExecutor(threads, "states") if batched and threads > 1 else None
+        self._course = Course(self._assembly, self.model, self.step_ns, joints, accelerations, pool)
+        self._recorded: RecordedCourse | None = None
+        if batched and warp is None:
+            # Warp takes a moment to load, and few environments are done sooner without.
+            from nodes.physics.dynamics.recorded import RecordedCourse
+
+            self._recorded = RecordedCourse(self.model, limits.reach.of_body, self._assembly.own, threads)
         self._warp = warp is not None
         self._prepared = -1
         """The stamp up to which steps were requested."""
@@ -252,8 +261,6 @@ class MujocoEngine:
                 self._watch.dogs[k].passed((grid[-1] + self.step_ns) * 1e-9)
             for k in sorted(faults):
                 course.restart(k, self._restart(k))
-        else:
-            course.write(slice(None), {})
         interval = course.close()
         interval.faults = sorted(faults.items())
         interval.again = self.checked - checked if self._warp else 0
@@ -269,27 +276,44 @@ class MujocoEngine:
         found = self._batch.result([self.data.row(k) for k in awake])
         self.data.stepped(awake)
         envs = np.array(awake)
-        each = len(grid) * (13 * (self.model.nbody - 1) + self.model.nq + self.model.nv)
-        size = max(1, min(PART // max(each, 1), -(-len(awake) // self._threads)))
-        parts = [slice(k, min(k + size, len(awake))) for k in range(0, len(awake), size)]
-        work = lambda part: self._take_part(envs[part], found, part)
-        odd = [k for each in (map if self._pool is None else self._pool.map)(work, parts) for k in each]
+        if self._recorded is not None and found.records is not None and found.places is not None:
+            odd = self._take_recorded(envs, found, self._recorded, found.records, found.places)
+        else:
+            each = len(grid) * (13 * (self.model.nbody - 1) + self.model.nq + self.model.nv)
+            parts = [slice(k, k + max(1, PART // each)) for k in range(0, len(awake), max(1, PART // each))]
+            odd = [k for part in parts for k in self._take_part(envs[part], found, part)]
         for k in odd:
             self.data.go_back(k)
         return odd
 
+    def _take_recorded(
+        self, envs: np.ndarray, found: SteppedStates, recorded: RecordedCourse, records: Records, places: np.ndarray
+    ) -> list[int]:
+        """Does as `_take_part` from what MuJoCo's threads have recorded."""
+        pose, twist, speed, fastest = recorded.write(records, places, envs, self._course)
+        quiet = self._watch.quiet(envs, found, speed, twist[:, 1])
+        rows, well = places[quiet], envs[quiet]
+        last_two = {"pose": pose[quiet], "twist": twist[quiet]}
+        last_two |= {name: records.each[name][rows, -2:] for name in JOINTS}
+        self._course.stepped(well, last_two)
+        self._course.fastest[well] = fastest[quiet]
+        for name, values in self._course.of_joints.items():
+            values[well, self._course.first : -1] = records.each[name][rows, :-1]
+        self._note_constrained(well, found.constrained[quiet])
+        return envs[~quiet].tolist()
+
     def _take_part(self, envs: np.ndarray, found: SteppedStates, part: slice) -> list[int]:
         """Writes those of some environments to the course in which nothing is wrong; gives the others."""
         state = found.part(part)
-        quiet = self._watch.quiet(envs, state, found.nearest[part], found.warnings[part]) & ~found.lost[part]
-        if quiet.all():
-            self._course.write(envs if self.envs > len(envs) else slice(None), state)
-        else:
-            self._course.write(envs[quiet], {name: values[quiet] for name, values in state.items()})
-        for k, constrained in zip(envs[quiet].tolist(), found.constrained[part][quiet].tolist()):
-            if k == self._shadowed:
-                self._constrained = constrained
+        quiet = self._watch.quiet(envs, found, self._watch.speed(state), state["twist"][:, -1], part)
+        self._course.write(envs[quiet], {name: values[quiet] for name, values in state.items()})
+        self._note_constrained(envs[quiet], found.constrained[part][quiet])
         return envs[~quiet].tolist()
+
+    def _note_constrained(self, envs: np.ndarray, constrained: np.ndarray) -> None:
+        self._constrained = (
+            bool(constrained[envs == self._shadowed].any()) if self._shadowed in envs else self._constrained
+        )
 
     def _one_by_one(self, awake: list[int], grid: range) -> list[int]:
         """Does as `_together`, one environment after the other."""

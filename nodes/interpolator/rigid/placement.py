@@ -24,8 +24,8 @@ FEWEST = 2
 """Gaps that are computed ahead: products of so few matrices as one has are rounded otherwise than those of many."""
 POSE = 56
 """Bytes of a pose."""
-PART = 1 << 15
-"""Numbers of environments' poses that are worked on at once: they stay in a core's cache."""
+PART = 1 << 18
+"""Numbers of environments' poses that are worked on at once: with fewer, calls take longer than what they do."""
 
 
 class Placement:

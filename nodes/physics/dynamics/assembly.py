@@ -40,7 +40,17 @@ class Assembly:
         self._prescribed = PrescribedStates(scene)
         self.moves = len(self._prescribed.moving) > 0
         self.bodies = len(scene.bodies)
+        self._still: np.ndarray | None = None
+        """Poses of all bodies, of which those count that never move."""
         self.may_move = np.array([n for n in range(self.bodies) if self._may_move(n)], np.int32)
+
+        place = {n: m for m, n in enumerate(self.may_move.tolist())}
+        of_model = {n: column for n, column in zip(self._moved, self._columns) if n in place}
+        self.own = np.array([place[n] for n in of_model], np.int64), np.array([*of_model.values()], np.int64)
+        """Those of `may_move` that the model has, and which rows of a state they are."""
+        self._on_paths = [(m, n) for n, m in place.items() if n not in of_model and scene.bodies[n].mount is None]
+        self._mounted = [(place[n], place[b.mount[0]], b.mount[1]) for n, b in enumerate(scene.bodies)
+                         if b.mount is not None and n in place]  # fmt: skip
 
     def _may_move(self, n: int) -> bool:
         body = self._scene.bodies[n]
@@ -51,6 +61,28 @@ class Assembly:
         own = self._columns[self._moved.index(n)] + 1
         # MuJoCo welds to the world what has no joint above it.
         return own >= self._model.nbody or self._model.body_weldid[own] != 0 or self._model.body_mocapid[own] >= 0
+
+    def put_paths(self, t: np.ndarray, poses: np.ndarray, twists: np.ndarray) -> None:
+        """Writes what is prescribed at times int64 [S] ns into poses [E, S, M, 7] and twists [E, S, M, 6] of `may_move`."""
+        if self._on_paths:
+            pose, twist = self._prescribed.at(t)
+            for m, n in self._on_paths:
+                poses[:, :, m], twists[:, :, m] = pose[:, n], twist[:, n]
+
+    def put_mounted(self, poses: np.ndarray, twists: np.ndarray) -> None:
+        """Writes what is mounted on others into poses and twists of `may_move`, where all others are there."""
+        for m, parent, offset in self._mounted:
+            above, above_twist = poses[:, :, parent], twists[:, :, parent]
+            poses[:, :, m] = se3.compose(above, offset)
+            twists[:, :, m] = se3.compose_twist(above, above_twist, offset, np.zeros(6))
+
+    def end_poses(self, poses: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """Gives the poses [E, N, 7] of all bodies, from those [E, M, 7] of `may_move` and of the model, [E, n, 7]."""
+        if self._still is None:
+            self._still = self.whole(self.prescribed(np.zeros(1, np.int64)), state[:1, None], state[:1, None, :, :6])[0]
+        result = np.repeat(self._still[:, 0], len(poses), axis=0)
+        result[:, self.may_move] = poses
+        return result
 
     def prescribed(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Computes poses [S, N, 7] and twists [S, N, 6] at times int64 [S] ns, NaN of what MuJoCo moves."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -17,18 +18,24 @@ from nodes.physics.dynamics.states import State, between
 from nodes.physics.interval import Interval, grid_inside
 
 JOINTS = ("qpos", "qvel")
+PART = 1 << 19
+"""Numbers of environments' poses that are worked on at once: with fewer, calls take longer than what they do."""
 
 
 class Course:
     """Makes the intervals of E environments, one after the other.
 
     now, before: states at the last grid point and at the one before. last: states at the stamp of the last interval's
-    end, where the next one begins. Environments are written by any number of threads, each by one.
+    end, where the next one begins.
     """
 
-    def __init__(self, assembly: Assembly, model: Any, step_ns: int, joints: bool) -> None:
-        """joints: whether intervals have the positions and velocities of the joints."""
+    def __init__(
+        self, assembly: Assembly, model: Any, step_ns: int, joints: bool, ends: bool, pool: ThreadPoolExecutor | None
+    ) -> None:
+        """joints: whether intervals have the positions and velocities of the joints. ends: whether `last` has them.
+        pool: threads that share environments."""
         self._assembly, self._model, self._step_ns, self._joints = assembly, model, step_ns, joints
+        self._ends_of_joints, self._pool = joints or ends, pool
 
     def anew(self) -> Course:
         """Makes the course of other environments of the model."""
@@ -51,68 +58,46 @@ class Course:
         """Begins the interval up to stamp `to_ns` [ns]; gives the times [ns] from which steps are to be taken."""
         steps = range(self.grid, to_ns, self._step_ns)
         inside = [t for t in steps if t > self.stamp]
-        self._first_inside = len(steps) - len(inside)
         self._to, self._steps = to_ns, len(steps)
+        # A grid point at the interval's start is left out.
+        self.first = 1 + len(inside) - max(len(steps) - 1, 0)
         self._t = np.array([self.stamp, *inside, to_ns], np.int64)
-        self._ends = np.array([steps[-1], steps[-1] + self._step_ns] if len(steps) else self._ends_before())
-        self._prescribed = self._assembly.prescribed(self._t)
-        may_move, envs = self._assembly.may_move, len(self.now["pose"])
-        shape = envs, len(self._t), len(may_move)
-        self._poses, self._twists = np.empty((*shape, 7)), np.empty((*shape, 6))
-        self._end_poses = np.empty((envs, self._assembly.bodies, 7))
-        self._moves = np.zeros(len(may_move), bool)
-        self.fastest = np.zeros(envs)
+        ends = self.grid + len(steps) * self._step_ns
+        self._ends = np.array([ends - self._step_ns, ends])
+        shape = len(self.now["pose"]), len(self._t), len(self._assembly.may_move)
+        self.poses: np.ndarray = np.empty((*shape, 7))
+        self.twists: np.ndarray = np.empty((*shape, 6))
+        """Of the bodies that may move, float64 [E, S, M, ...]."""
+        self._assembly.put_paths(self._t, self.poses, self.twists)
+        own, columns = self._assembly.own
+        self.poses[:, 0, own], self.twists[:, 0, own] = (self.last[n][:, columns] for n in ("pose", "twist"))
+        if self.first == 2:
+            self.poses[:, 1, own], self.twists[:, 1, own] = (self.now[n][:, columns] for n in ("pose", "twist"))
+        self.fastest = np.zeros(shape[0])
         """The largest component of a velocity of a body that MuJoCo moves, of each environment."""
-        self._of_joints = (
-            {name: np.empty((envs, len(self._t), self.now[name].shape[1])) for name in JOINTS} if self._joints else {}
-        )
+        self.of_joints = {name: np.empty((*shape[:2], self.now[name].shape[1])) for name in JOINTS if self._joints}
+        for name, values in self.of_joints.items():
+            values[:, 0] = self.last[name]
+            if self.first == 2:
+                values[:, 1] = self.now[name]
         return steps
 
-    def _ends_before(self) -> list[int]:
-        return [self.grid - self._step_ns, self.grid]
-
-    def write(self, envs: np.ndarray | slice, states: State) -> None:
+    def write(self, envs: np.ndarray, states: State) -> None:
         """Takes the states [m, steps, ...] after each step of m environments."""
-        wanted = ("pose", "twist", *self._of_joints)
-        inside = {name: self._inside(self.now[name][envs], states[name]) for name in wanted} if self._steps else {}
-        if self._steps:
-            for name, value in states.items():
-                self.before[name][envs] = value[:, -2] if self._steps > 1 else self.now[name][envs]
-                self.now[name][envs] = value[:, -1]
-        end = self._end(envs)
-        course = {
-            name: np.concatenate([self.last[name][envs][:, None], *inside.get(name, ()), end[name][:, None]], axis=1)
-            for name in wanted
-        }
-        for name, value in end.items():
-            self.last[name][envs] = value
-        for name, values in self._of_joints.items():
-            values[envs] = course[name]
-        self._assemble(envs, course["pose"], course["twist"])
+        own, columns = self._assembly.own
+        inner = slice(self.first, self.first + self._steps - 1)
+        for values, name in ((self.poses, "pose"), (self.twists, "twist")):
+            values[np.ix_(envs, np.arange(*inner.indices(len(self._t))), own)] = states[name][:, :-1, columns]
+        for name, values in self.of_joints.items():
+            values[envs, inner] = states[name][:, :-1]
+        self.fastest[envs] = np.abs(states["twist"][:, :-1]).max(axis=(1, 2, 3), initial=0.0)
+        self.stepped(envs, {name: value[:, -2:] for name, value in states.items()})
 
-    def _inside(self, start: np.ndarray, after: np.ndarray) -> list[np.ndarray]:
-        """The states at the grid points inside the interval: before the first step, if it is one, and after others."""
-        return [*[start[:, None].copy()] * (self._first_inside == 0), after[:, : self._steps - 1]]
-
-    def _end(self, envs: np.ndarray | slice) -> State:
-        """The state at the end of the interval, between the last two grid points."""
-        before, now = ({name: value[envs] for name, value in state.items()} for state in (self.before, self.now))
-        if self._to == self._ends[1]:
-            return {name: value.copy() for name, value in now.items()}
-        return between(self._model, before, now, self._ends, self._to)
-
-    def _assemble(self, envs: np.ndarray | slice, pose: np.ndarray, twist: np.ndarray) -> None:
-        self.fastest[envs] = np.abs(twist).max(axis=(1, 2, 3), initial=0.0)
-        poses, twists = self._assembly.whole(self._prescribed, pose, twist)
-        may_move = self._assembly.may_move
-        self._end_poses[envs] = poses[:, -1]
-        if len(may_move) < self._assembly.bodies:
-            poses, twists = poses[:, :, may_move], twists[:, :, may_move]
-        self._poses[envs], self._twists[envs] = poses, twists
-        # Other threads do so too, and none takes anything back.
-        unknown = np.flatnonzero(~self._moves)
-        if len(unknown):
-            self._moves[unknown[moves(poses[:, :, unknown], twists[:, :, unknown])]] = True
+    def stepped(self, envs: np.ndarray, last_two: State) -> None:
+        """Takes the states [m, 2, ...] of m environments after the last two steps, or after the only one, twice."""
+        for name, values in last_two.items():
+            self.before[name][envs] = values[:, 0] if self._steps > 1 else self.now[name][envs]
+            self.now[name][envs] = values[:, -1]
 
     def stay(self, envs: Sequence[int]) -> None:
         """Leaves environments in their present states."""
@@ -123,22 +108,55 @@ class Course:
 
     def restart(self, env: int, state: State) -> None:
         """Puts an environment to a state [1, ...], as if it had been there all along the interval."""
+        own, columns = self._assembly.own
         for name, value in state.items():
             self.before[name][env] = self.now[name][env] = self.last[name][env] = value[0]
-        self.stay([env])
+        self.poses[env][:, own], self.twists[env][:, own] = (state[n][0, columns] for n in ("pose", "twist"))
+        for name, values in self.of_joints.items():
+            values[env] = state[name][0]
+        self.fastest[env] = np.abs(state["twist"]).max(initial=0.0)
 
     def close(self) -> Interval:
         """Gives the interval, of which all environments were written."""
+        envs = len(self.poses)
+        size = max(1, PART // max(self.poses[0].size, 1))
+        parts = [slice(e, e + size) for e in range(0, envs, size)]
+        for _done in (map if self._pool is None or len(parts) == 1 else self._pool.map)(self._finish, parts):
+            pass
         self.stamp, self.grid = self._to, self.grid + self._steps * self._step_ns
-        moving = self._assembly.may_move[self._moves]
-        poses, twists = self._poses, self._twists
-        if not self._moves.all():
-            poses, twists = poses[:, :, self._moves], twists[:, :, self._moves]
-        result = Interval(self._t, self._end_poses, moving, poses, twists, lasting=True)
+        poses, twists = self.poses, self.twists
+        # Most bodies are elsewhere at the end.
+        moved = moves(poses[:, [0, -1]], twists[:, [0, -1]])
+        still = np.flatnonzero(~moved)
+        if len(still):
+            moved[still] = moves(poses[:, :, still], twists[:, :, still])
+        ends = self._assembly.end_poses(poses[:, -1], self.now["pose"])
+        if not moved.all():
+            poses, twists = poses[:, :, moved], twists[:, :, moved]
+        result = Interval(self._t, ends, self._assembly.may_move[moved], poses, twists, lasting=True)
         if self._joints:
-            result.qpos, result.qvel = (self._of_joints[name] for name in JOINTS)
-        del self._poses, self._twists, self._end_poses, self._of_joints
+            result.qpos, result.qvel = (self.of_joints[name] for name in JOINTS)
+        del self.poses, self.twists, self.of_joints
         return result
+
+    def _finish(self, part: slice) -> None:
+        """Writes the end of the interval, and what is mounted on other bodies."""
+        before, now = ({name: value[part] for name, value in state.items()} for state in (self.before, self.now))
+        end = (
+            now
+            if self._to == self._ends[1]
+            else between(self._model, before, now, self._ends, self._to, self._ends_of_joints)
+        )
+        own, columns = self._assembly.own
+        poses, twists = self.poses[part], self.twists[part]
+        poses[:, -1, own], twists[:, -1, own] = (end[n][:, columns] for n in ("pose", "twist"))
+        for name, value in end.items():
+            self.last[name][part] = value
+        for name, values in self.of_joints.items():
+            values[part, -1] = end[name]
+        at_ends = [np.abs(state["twist"]).max(axis=(1, 2), initial=0.0) for state in (end, now)]
+        self.fastest[part] = np.maximum(self.fastest[part], np.maximum(*at_ends))
+        self._assembly.put_mounted(poses, twists)
 
     def rest(self, to_ns: int) -> Interval:
         """Goes on to a stamp without a step: all bodies of MuJoCo stay where they are."""

@@ -18,7 +18,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from nodes.physics.dynamics.states import State
-from nodes.physics.dynamics.stepped_states import SteppedStates
+from nodes.physics.dynamics.stepped_states import Records, SteppedStates
 from nodes.physics.dynamics.traced_steps import STATE, twist_and_pose
 
 _PLACES = ("xpos", "xquat", "cvel", "subtree_com")
@@ -26,7 +26,7 @@ _PLACES = ("xpos", "xquat", "cvel", "subtree_com")
 _JOINTS = ("qpos", "qvel")
 _RECORDED = (*_PLACES, *_JOINTS, "sensordata", "nefc")
 
-Records = dict[str, np.ndarray]
+Fields = dict[str, np.ndarray]
 
 
 def threads_for(asked: int, envs: int) -> int:
@@ -36,30 +36,26 @@ def threads_for(asked: int, envs: int) -> int:
 
 @dataclass
 class _Taken:
-    """Holds what environments did in a call.
-
-    rows: int [n], ascending, which they are. records: fields [n, S, ...] after each step, or, of places where `now`
-    [n, ...] has those after the last one, before each. nearest, constrained: as of SteppedStates.
-    """
+    """Holds what environments did in a call. rows: int [n], ascending, which they are. nearest, constrained: as of
+    SteppedStates."""
 
     rows: np.ndarray
     records: Records
-    now: Records | None
     nearest: np.ndarray
     constrained: np.ndarray
 
     def part(self, model: Any, places: np.ndarray, which: slice) -> State:
         """Computes the states of some environments. places: of those that were asked for, in `rows`."""
-        chosen = places[which]
-        places_then = []
+        chosen, records = places[which], self.records
+        then = []
         for name in _PLACES:
-            values = self.records[name][chosen]
-            if self.now is not None:
+            values = records.each[name][chosen]
+            if records.now is not None:
                 values[:, :-1] = values[:, 1:].copy()
-                values[:, -1] = self.now[name][chosen]
-            places_then.append(values)
-        twist, pose = twist_and_pose(model, *places_then)
-        return {"pose": pose, "twist": twist} | {name: self.records[name][chosen] for name in _JOINTS}
+                values[:, -1] = records.now[name][chosen]
+            then.append(values)
+        twist, pose = twist_and_pose(model, *then)
+        return {"pose": pose, "twist": twist} | {name: records.each[name][chosen] for name in _JOINTS}
 
 
 class MujocoThreads:
@@ -76,7 +72,7 @@ class MujocoThreads:
         self._batch: Batch | None = None
         self._asked: dict[int, range] = {}
         self._taken: list[_Taken] = []
-        self._room: dict[int, Records] = {}
+        self._room: dict[int, Fields] = {}
         """Arrays of the calls taken together, which later ones write into."""
 
     def request(self, row: int, data: Any, grid: range) -> None:
@@ -101,7 +97,8 @@ class MujocoThreads:
         part = partial(taken.part, self._model, places)
         warnings = self._made().warning[wanted, :, 1]
         lost = np.zeros(len(wanted), bool)
-        return SteppedStates(taken.nearest[places], warnings, taken.constrained[places], part, lost)
+        seen = taken.nearest[places], warnings, taken.constrained[places]
+        return SteppedStates(*seen, part, lost, taken.records, places)
 
     def write_state(self, row: int, data: Any) -> None:
         """See BatchStepper."""
@@ -128,7 +125,7 @@ class MujocoThreads:
             self._roll(batch, rows, grids, 0, records)
             nearest = records["sensordata"][:, :, -1].min(axis=1)
             now = {name: batch.bind(name)[rows] for name in _PLACES}
-            return _Taken(rows, records, now, nearest, records["nefc"].reshape(len(rows), -1)[:, -1] > 0)
+            return _Taken(rows, Records(records, now), nearest, records["nefc"].reshape(len(rows), -1)[:, -1] > 0)
         nearest, constrained = np.full(len(rows), np.inf), np.zeros(len(rows), bool)
         one = self._records(batch, -1, len(rows), 1)
         for n in range(count):
@@ -139,16 +136,16 @@ class MujocoThreads:
                 records[name][:, n] = batch.bind(name)[rows]
             for name in _JOINTS:
                 records[name][:, n] = one[name][:, 0]
-        return _Taken(rows, records, None, nearest, constrained)
+        return _Taken(rows, Records(records, None), nearest, constrained)
 
-    def _roll(self, batch: Batch, rows: np.ndarray, grids: list[range], first: int, records: Records) -> None:
+    def _roll(self, batch: Batch, rows: np.ndarray, grids: list[range], first: int, records: Fields) -> None:
         """Takes as many steps as there is room for in `records` from step `first`, and computes places after them."""
         # MuJoCo adds up its time in floating point; ours is exact.
         batch.bind("time")[rows] = [grid[first] * 1e-9 for grid in grids]
         batch.rollout(records["qpos"].shape[1], record=_RECORDED, ids=rows, out=records)
         batch.forward(rows, mujoco.mjtStage.mjSTAGE_VEL)
 
-    def _records(self, batch: Batch, number: int, rows: int, steps: int) -> Records:
+    def _records(self, batch: Batch, number: int, rows: int, steps: int) -> Fields:
         """Gives the arrays of the call with this number of those taken together; kept, for new memory is slow."""
         room, found = self._room.setdefault(number, {}), {}
         for name in _RECORDED:

@@ -40,16 +40,21 @@ def snapshot(model: Any, datas: Sequence[Any], followers: Followers) -> State:
     return result
 
 
-def between(model: Any, before: State, now: State, times: np.ndarray, t: int) -> State:
-    """Computes the state at t [ns] between `before` and `now`, which are at times int64 [2] ns."""
+def between(model: Any, before: State, now: State, times: np.ndarray, t: int, joints: bool = True) -> State:
+    """Computes the state at t [ns] between `before` and `now`, which are at times int64 [2] ns.
+
+    joints: whether with qpos and qvel.
+    """
     poses, twists = (np.stack((before[n], now[n]), axis=1) for n in ("pose", "twist"))
-    u = (t - times[0]) / (times[1] - times[0])
-    qpos = np.empty_like(now["qpos"])
-    for k, (a, b) in enumerate(zip(before["qpos"], now["qpos"])):
-        rate = np.empty(model.nv)
-        mujoco.mj_differentiatePos(model, rate, 1.0, a, b)
-        qpos[k] = a
-        mujoco.mj_integratePos(model, qpos[k], rate, u)
     pose, twist = interpolate.state_at(t, times, poses, twists)
-    qvel = (1 - u) * before["qvel"] + u * now["qvel"]
-    return {"pose": pose, "twist": twist, "qpos": qpos, "qvel": qvel}
+    state = {"pose": pose, "twist": twist}
+    if joints:
+        u = (t - times[0]) / (times[1] - times[0])
+        qpos = np.empty_like(now["qpos"])
+        for k, (a, b) in enumerate(zip(before["qpos"], now["qpos"])):
+            rate = np.empty(model.nv)
+            mujoco.mj_differentiatePos(model, rate, 1.0, a, b)
+            qpos[k] = a
+            mujoco.mj_integratePos(model, qpos[k], rate, u)
+        state |= {"qpos": qpos, "qvel": (1 - u) * before["qvel"] + u * now["qvel"]}
+    return state

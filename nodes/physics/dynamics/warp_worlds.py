@@ -29,8 +29,8 @@ _GIVEN = ("ctrl", "eq_active", "mocap_pos", "mocap_quat")
 _MOST = 8192
 """Contacts and constraints of a world for which there is room at most."""
 _DENSE = 60
-"""Degrees of freedom up to which MuJoCo Warp takes dense matrices. It takes sparse ones from 33 on, whose sums depend on
-the order of threads: its deterministic mode sorts all terms of them, in GB of memory."""
+"""Degrees of freedom up to which MuJoCo Warp takes dense matrices. By itself it takes sparse ones from 33 on, whose
+sums depend on the order of threads: its deterministic mode sorts all their terms, in GB of memory."""
 
 
 class WarpWorlds:

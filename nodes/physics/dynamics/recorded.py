@@ -1,0 +1,77 @@
+"""Brings what MuJoCo's threads have recorded of many environments into their course, in one pass over it."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from evis.warp_start import start_warp
+from nodes.physics.dynamics.course import Course
+from nodes.physics.dynamics.course_kernels import Recorded, Written, write_course
+from nodes.physics.dynamics.stepped_states import Records
+
+start_warp()
+
+PLACES = {"xpos": "xpos", "xquat": "xquat", "cvel": "cvel", "subtree_com": "com"}
+"""MuJoCo's fields, and their names in Recorded."""
+
+
+class RecordedCourse:
+    """Writes records of environments of a model into a Course."""
+
+    def __init__(self, model: Any, reach: np.ndarray, own: tuple[np.ndarray, np.ndarray], threads: int) -> None:
+        """reach: float64 [nbody] m, distance of a body's farthest point. own: see Assembly. threads: that share
+        environments."""
+        column = np.full(model.nbody, -1)
+        column[own[1] + 1] = own[0]
+        self._of_bodies = [_kernel_array(np.asarray(values, np.int32)) for values in (model.body_rootid, column)]
+        self._of_bodies.append(_kernel_array(np.asarray(reach, np.float64)))
+        self._bodies, self._threads = model.nbody - 1, threads
+        self._pool = ThreadPoolExecutor(threads, "course") if threads > 1 else None
+
+    def write(
+        self, records: Records, places: np.ndarray, envs: np.ndarray, course: Course
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Writes the steps but the last into `course`, of m environments.
+
+        places: int [m], their rows in the records. envs: int [m], in the course. Returns poses [m, 2, bodies, 7] and
+        twists [m, 2, bodies, 6] after the last two steps, the first of which counts only of two or more; the greatest
+        speed of any point [m], not finite where anything is not; and the greatest component of a velocity before the
+        last step [m].
+        """
+        recorded: Any = Recorded()
+        for name, field in PLACES.items():
+            setattr(recorded, field, _kernel_array(records.each[name]))
+            now = records.each[name][:, -1] if records.now is None else records.now[name]
+            setattr(recorded, f"now_{field}", _kernel_array(np.ascontiguousarray(now)))
+        recorded.qpos, recorded.qvel = (_kernel_array(records.each[name]) for name in ("qpos", "qvel"))
+        recorded.late = int(records.now is not None)
+        pose, twist = (np.empty((len(envs), 2, self._bodies, n)) for n in (7, 6))
+        speed, fastest = np.empty(len(envs)), np.empty(len(envs))
+        written: Any = Written()
+        written.poses, written.twists, written.first = (
+            *map(_kernel_array, (course.poses, course.twists)),
+            course.first,
+        )
+        written.state_pose, written.state_twist = _kernel_array(pose), _kernel_array(twist)
+        written.speed, written.fastest = _kernel_array(speed), _kernel_array(fastest)
+        which = [_kernel_array(np.asarray(rows, np.int32)) for rows in (places, envs)]
+
+        def work(part: np.ndarray) -> None:
+            inputs = [int(part[0]), *which, *self._of_bodies, recorded, written]
+            wp.launch(write_course, len(part), inputs, device="cpu")
+
+        parts = np.array_split(np.arange(len(envs)), min(self._threads, len(envs)))
+        for _done in (map if self._pool is None else self._pool.map)(work, parts):
+            pass
+        return pose, twist, speed, fastest
+
+
+def _kernel_array(values: np.ndarray) -> wp.array:
+    """Gives an array's memory to kernels of a CPU."""
+    kind = {"f": wp.float64, "i": wp.int32}[values.dtype.kind]
+    there: wp.array = wp.array(values, dtype=kind, device="cpu", copy=False)
+    return there
