@@ -49,8 +49,11 @@ def times_slower(keyframe_rate: float, slower_rate: float) -> int:
     raise ValueError(f"{text}the {near} Hz, and keyframe_rate:={float(slow * (n + 1)):.12g} would fit")
 
 
-def subframe_stamps(t_a: int, t_b: int, upsampling: int) -> np.ndarray:
-    """Returns the int64 [K] stamps t_A + (i/K)(t_B - t_A), i = 1..K, rounded half up; the last is t_B itself."""
+def subframe_stamps(t_a: int | np.ndarray, t_b: int | np.ndarray, upsampling: int) -> np.ndarray:
+    """Returns the int64 [K] stamps t_A + (i/K)(t_B - t_A), i = 1..K, rounded half up; the last is t_B itself.
+
+    Of several gaps at once, with t_a and t_b int64 [n, 1], [n, K].
+    """
     i = np.arange(1, upsampling + 1, dtype=np.int64)
     return t_a + (2 * i * (t_b - t_a) + upsampling) // (2 * upsampling)
 

@@ -101,11 +101,12 @@ class Placement:
         # The gap began where its first frame is a K-th of it after.
         length = round((start - int(stamps[0])) * count / (count - 1))
         one = len(self._prescribed) * len(self._together) * (count - 1) * POSE
-        nexts = [subframe_stamps(*ends, count)[:-1] for ends in _next_gaps(start, length, self._gaps)]
-        if nexts[0].tobytes() in self._ahead:
+        (following,) = _sub_frames(_next_gaps(start, length, 1)[:1], count)
+        if following.tobytes() in self._ahead:
             return
+        nexts = _sub_frames(_next_gaps(start, length, self._gaps), count)
         self._gaps = max(min(2 * self._gaps, AHEAD // one), FEWEST)
-        poses = self._known(np.concatenate(nexts))
+        poses = self._known(nexts.reshape(-1))
         parts = np.split(poses, len(nexts), axis=2)
         self._ahead = {t.tobytes(): part for t, part in zip(nexts, parts)}
 
@@ -155,6 +156,12 @@ def _next_gaps(start: int, length: int, count: int) -> list[tuple[int, int]]:
     if not rate or (keyframe_stamp(k - 1, rate), keyframe_stamp(k, rate)) != (start - length, start):
         return [(start, start + length + off) for off in (-1, 0, 1)]
     return list(pairwise(keyframe_stamp(k + i, rate) for i in range(count + 1)))
+
+
+def _sub_frames(gaps: list[tuple[int, int]], count: int) -> np.ndarray:
+    """Stamps of the sub-frames of gaps without those at their ends, int64 [gaps, count - 1]."""
+    ends = np.array(gaps, np.int64)
+    return subframe_stamps(ends[:, :1], ends[:, 1:], count)[:, :-1]
 
 
 @lru_cache
