@@ -9,7 +9,6 @@ import numpy as np
 import warp as wp
 
 from nodes.interpolator.keyframe import States
-from nodes.interpolator.refine.instants import DEEPEST
 from nodes.interpolator.refine.sight_kernels import Targets
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
@@ -21,8 +20,8 @@ from nodes.renderer.lighting import LIST_WORKERS, Shading, ShadingOptions
 from nodes.renderer.lights.lights import waveform_strength
 from nodes.renderer.raster.visibility import Visibility
 
-LISTS = DEEPEST + 2
-"""Most lists of a window: the first one, and one for each time that an interval is halved."""
+WORKERS = 1 << 18
+"""Threads that share a list of pixels on a GPU, where they are looked up."""
 
 
 class Evaluator:
@@ -57,8 +56,6 @@ class Evaluator:
             self._radiance = wp.empty(v.shape, dtype=wp.vec3)
             self._turn = wp.empty((2 * v.envs, bodies), dtype=wp.mat33)
             self._shift = wp.empty((2 * v.envs, bodies), dtype=wp.vec3)
-            self._counts = wp.zeros(LISTS * self.bands, dtype=wp.int32)
-            self._none = wp.zeros(self.bands, dtype=wp.int32)
             self._frame = wp.zeros(slots, dtype=wp.int32)
             self._index: wp.array = wp.zeros(slots, dtype=wp.int32)
             self.strength = wp.zeros(v.envs if exact else 0, dtype=wp.float32)
@@ -67,9 +64,9 @@ class Evaluator:
         self._gather = make_gather(v.lens, channels, exact, True, changes, layout.detailed, kind, True)
         self._place = make_place(channels, True)
         self.targets = self._make_targets()
+        self._at: list[int] = []
+        """The instants that `_index` has."""
         self.reserve(1)
-        self._lists = self._shaded = 0
-        """Lists of this window that were evaluated, and pixels that were shaded in those before."""
 
     def _make_targets(self) -> Any:
         v, targets = self.visibility, Targets()
@@ -84,31 +81,20 @@ class Evaluator:
         """Gives the motion of each body since A (rows 0 .. R - 1) and since B (R ..), mat33 and vec3 [2 R, N + 2]."""
         return self._turn, self._shift
 
-    @property
-    def shaded(self) -> int:
-        """Counts the pixels that were shaded since the gap began."""
-        return self._shaded + (int(self._counts.numpy().sum()) if self._lists else 0)
-
     def begin(self, stamps: np.ndarray, a: States, b: States, held: np.ndarray) -> None:
         """Begins a gap; arguments as of Slots.begin, with the stamps of all instants."""
-        self._stamps, self._lists, self._shaded = stamps, 0, 0
+        self._stamps = stamps
         self.places.begin(stamps, a, b, held)
 
-    def place(self, instants: Sequence[int], upsampling: int) -> None:
-        """Places moving bodies at an instant for each slot; instants: counted from 1, of `upsampling` in the gap."""
+    def send(self, instants: list[int], upsampling: int) -> None:
+        """Sends where moving bodies are at an instant for each slot, and how bright lamps are, and then `place` has to
+        be called; instants: counted from 1, of `upsampling` in the gap."""
         v, rigid, shading = self.visibility, self._rigid, self.shading
-        self._shaded, self._lists = self.shaded, 0
-        self._counts.zero_()
         shading.update(self.places.place([i - 1 for i in instants]))
         v.settle()
-        v.place_instances()
-        rigid.pair.displace(v.camera_body, v.poses, self._turn, self._shift)
-        shading.place()
-        shading.placed()
-        if rigid.change is not None:
-            rigid.change.place_beside(v, self._change)
-        self._index.assign(np.array(instants, np.int32))
-        self._upsampling = upsampling
+        if instants != self._at:
+            self._index.assign(np.array(instants, np.int32))
+        self._at, self._upsampling = instants, upsampling
         if rigid.layout.flicker:
             shown = self._stamps[..., np.array(instants) - 1]
             shown = np.repeat(shown, self._envs) if shown.ndim == 1 else shown.T.reshape(-1)
@@ -119,6 +105,16 @@ class Evaluator:
                 strength = np.array([waveform_strength(waveform, int(t)) for t in times], np.float32)
                 self.strength.assign(strength[which.reshape(-1)])
 
+    def place(self) -> None:
+        """Places bodies, lights and what casts shadows for what was sent: launches only."""
+        v, rigid = self.visibility, self._rigid
+        v.place_instances()
+        rigid.pair.displace(v.camera_body, v.poses, self._turn, self._shift)
+        self.shading.place()
+        self.shading.placed()
+        if rigid.change is not None:
+            rigid.change.place_beside(v, self._change)
+
     def reserve(self, size: int) -> None:
         """Makes room for lists of `size` pixels; entries there are lost where the arrays must grow."""
         if size > self._room:
@@ -128,32 +124,32 @@ class Evaluator:
                 self.values = wp.empty(self._room, dtype=self._pixel)
                 self._anew, self._places = (wp.empty(self._room, dtype=wp.int32) for _ in range(2))
 
-    def evaluate(self, listed: wp.array, starts: Sequence[int], counts: Sequence[int]) -> None:
-        """Computes `values` of listed pixels.
+    def evaluate(self, listed: wp.array, most: int, count: wp.array, bands: Sequence[int], unseen: wp.array) -> None:
+        """Computes `values` of listed pixels: launches only, but that a CPU reads how many are unseen.
 
-        listed: int32, indices into [slots, E, h, w]. starts, counts: where each band begins, and its length.
+        listed: int32, indices into [slots, E, h, w]; band k's begin at k * most. count [bands]: how many there are, of
+        which the first `most` of a band are looked at. bands: those that have any. unseen [bands]: 0, to which is added
+        how many neither keyframe shows.
         """
         v, rigid = self.visibility, self._rigid
-        unseen = self._counts[self._lists * self.bands : (self._lists + 1) * self.bands]
-        self._lists += 1
         values = self.values.reshape((1, 1, -1))
         keys = rigid.pair.kernel()
         keys.turn, keys.shift = self._turn, self._shift
-        portion = self._portion()
-        how = [portion, keys, self._change, self.shading.seen, self.shading.surfaces]
+        how = [self._portion(), keys, self._change, self.shading.seen, self.shading.surfaces, listed, count]
+        workers = 1 if v.device.is_cpu else WORKERS
         launches: list[tuple[wp.Kernel, int, list[Any]]] = []
-        for k, (start, count) in enumerate(zip(starts, counts)):
-            threads = min(count, 1) if v.device.is_cpu else count
-            given: list[Any] = [v.view, start, start + count, max(threads, 1), k, *how, listed, self._none]
-            launches.append((self._gather, threads, [*given, values, self._anew, self._places, unseen]))
-        rigid.sampling.launch([one for one in launches if one[1]])
+        for k in bands:
+            given: list[Any] = [v.view, k * most, (k + 1) * most, workers, k, *how]
+            launches.append((self._gather, workers, [*given, values, self._anew, self._places, unseen]))
+        rigid.sampling.launch(launches)
         # On a GPU reading the count would wait for the kernel, so the shading is launched in any case.
         if v.device.is_cpu and not unseen.numpy().any():
             return
-        self.shading.shade_list(self._radiance, self._anew, unseen, list(starts), True)
+        firsts = [k * most for k in range(self.bands)]
+        self.shading.shade_list(self._radiance, self._anew, unseen, firsts, True)
         workers = 1 if v.device.is_cpu else LIST_WORKERS
-        for k, start in enumerate(starts):
-            given = [workers, start, k, self._envs, 1, v.margin, self._frame, self._anew, self._places, unseen]
+        for k, first in enumerate(firsts):
+            given = [workers, first, k, self._envs, 1, v.margin, self._frame, self._anew, self._places, unseen]
             wp.launch(self._place, workers, [*given, self._radiance], [values], device=v.device)
 
     def _portion(self) -> Any:

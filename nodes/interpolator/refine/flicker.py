@@ -11,6 +11,7 @@ import warp as wp
 
 from evis.scene.model import Waveform
 from nodes.interpolator.refine.flicker_kernels import Marks
+from nodes.interpolator.refine.lists import SPARE
 from nodes.interpolator.refine.path_kernels import PARTS, SHARP
 from nodes.renderer.lights.lights import waveform_strength
 
@@ -26,7 +27,7 @@ MOST_PERIODS = 64
 class Flicker:
     """Finds the marks of one gap after another, for the waveforms of a scene's lights.
 
-    kernel: the struct of what was found last.
+    kernel: the struct of what was found last, in arrays that stay while there is room, for recorded launches.
     """
 
     def __init__(self, waveforms: Iterable[Waveform | None], bend: float, device: Any) -> None:
@@ -68,9 +69,19 @@ class Flicker:
                 at += sorted(marks)
                 later += [marks[i] for i in sorted(marks)]
             firsts[row, coarse] = len(at)
-        self.kernel.first = wp.array(firsts, dtype=wp.int32, device=self._device)
+        self._send("first", firsts, firsts.shape)
         for name, values in (("at", at), ("later", later)):
-            setattr(self.kernel, name, wp.array(np.array(values, np.int32), dtype=wp.int32, device=self._device))
+            self._send(name, np.array(values, np.int32), int(SPARE * len(values)))
+
+    def _send(self, name: str, values: np.ndarray, room: int | tuple[int, ...]) -> None:
+        """Writes int32 values into an array of `kernel`, a new one of `room` where they do not fit; a table fits in its
+        own shape alone."""
+        there = getattr(self.kernel, name)
+        if there.shape != values.shape if values.ndim > 1 else there.size < values.size:
+            there = wp.empty(room, dtype=wp.int32, device=self._device)
+            setattr(self.kernel, name, there)
+        if values.size:
+            (there if values.ndim > 1 else there[: values.size]).assign(values)
 
     def _slow(self, gap_ns: int) -> list[Waveform]:
         return [w for w in self._waveforms if w.frequency * gap_ns * 1e-9 <= MOST_PERIODS]

@@ -46,9 +46,10 @@ def see(
     # in
     view: CameraView,
     cut: Cut,
-    first: int,
-    last: int,
     workers: int,
+    band: int,
+    most: int,
+    count: wp.array(dtype=int),
     stage: Stage,
     at: wp.array(dtype=int),
     before: wp.array(dtype=wp.uint64),
@@ -56,7 +57,12 @@ def see(
     # out
     hits: wp.array(dtype=wp.uint64),
 ):
-    """Computes z-buffer entries where intervals first .. last - 1 are halved; at, before, after: of Intervals."""
+    """Computes z-buffer entries of the listed pixels of a band; at, before, after: of Instances or of Intervals.
+
+    A band's part of a list begins at band * most, and has count[band] entries, of which the first `most` are there.
+    """
+    first = band * most
+    last = first + wp.min(count[band], most)
     j = first + wp.tid()
     while j < last:
         x = at[j] % cut.width + cut.margin
@@ -64,6 +70,24 @@ def see(
         n = at[j] // (cut.width * cut.height)
         hits[j] = seen_between(view, stage.targets, n, pixel_ray(view, x, y), before[j], after[j])
         j += workers
+
+
+@wp.func
+def take_samples(made: wp.array(dtype=int), number: int, count: wp.array(dtype=int), most: int, band: int, thread: int):
+    """Gives where the samples of a band's part of list `number` go; thread 0 notes where those of the next list do.
+
+    made[number]: samples before this list. count, most: as of `see`.
+    """
+    known = made[number]
+    following = known
+    for k in range(count.shape[0]):
+        mine = wp.min(count[k], most)
+        if k < band:
+            known += mine
+        following += mine
+    if thread == 0:
+        made[number + 1] = following
+    return known
 
 
 @cache
@@ -110,12 +134,12 @@ def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
     def check(
         # in
         cut: Cut,
-        first: int,
-        last: int,
         workers: int,
-        known: int,
-        room: int,
         band: int,
+        most: int,
+        number: int,
+        count: wp.array(dtype=int),
+        room: int,
         image: wp.array3d(dtype=pixel),
         start: wp.array3d(dtype=wp.uint64),
         frames: wp.array3d(dtype=pixel),
@@ -123,15 +147,23 @@ def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
         instances: Instances,
         hits: wp.array(dtype=wp.uint64),
         radiance: wp.array(dtype=pixel),
+        # in and out
+        made: wp.array(dtype=int),
         # out
         pixels: wp.array(dtype=int),
         instants: wp.array(dtype=int),
         values: wp.array(dtype=pixel),
         intervals: Intervals,
-        count: wp.array(dtype=int),
+        found: wp.array(dtype=int),
     ):
-        """Adds entries first .. last - 1 of `instances` to the samples, from `known` on, and lists the intervals beside
-        them that are to be halved, from `room` on. image, start, frames: as of `find_plain`."""
+        """Adds a band's entries of `instances` to the samples, as far as there is room, and lists the intervals beside
+        them that are to be halved, from band * room on, `room` at most; found[band]: how many there would be.
+
+        band, most, count: as of `see`. number, made: as of `take_samples`. image, start, frames: as of `find_plain`.
+        """
+        first = band * most
+        last = first + wp.min(count[band], most)
+        known = take_samples(made, number, count, most, band, wp.tid())
         j = first + wp.tid()
         inner = cut.envs * cut.height * cut.width
         while j < last:
@@ -141,9 +173,11 @@ def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
             k = cut.first + slot // cut.slots
             place = slot % cut.slots + 1
             value = radiance[j]
-            pixels[known + j - first] = q
-            instants[known + j - first] = (k * (cut.slots + 1) + place) * PARTS + instances.later[j]
-            values[known + j - first] = value
+            sample = known + j - first
+            if sample < pixels.shape[0]:
+                pixels[sample] = q
+                instants[sample] = (k * (cut.slots + 1) + place) * PARTS + instances.later[j]
+                values[sample] = value
             log_m = log_of(value)
             now = hits[j]
             x = q % cut.width
@@ -181,33 +215,39 @@ def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
                     length = high - low
                 if length > 1:
                     if joined(before, after, stage.targets.pieces) and suspect(cut, rise, log_b - log_a):
-                        to = room + take_place(count, band)
-                        put(cut, intervals, to, at, low, high, log_a, log_b, before, after)
+                        to = take_place(found, band)
+                        if to < room:
+                            put(cut, intervals, band * room + to, at, low, high, log_a, log_b, before, after)
             j += workers
 
     @wp.kernel(module="unique", enable_backward=False)
     def split(
         # in
         cut: Cut,
-        first: int,
-        last: int,
         workers: int,
-        known: int,
-        room: int,
         band: int,
+        most: int,
+        number: int,
+        count: wp.array(dtype=int),
+        room: int,
         pieces: wp.array(dtype=wp.vec2i),
+        intervals: Intervals,
         hits: wp.array(dtype=wp.uint64),
         radiance: wp.array(dtype=pixel),
-        intervals: Intervals,
+        # in and out
+        made: wp.array(dtype=int),
         # out
         pixels: wp.array(dtype=int),
         instants: wp.array(dtype=int),
         values: wp.array(dtype=pixel),
         halves: Intervals,
-        count: wp.array(dtype=int),
+        found: wp.array(dtype=int),
     ):
-        """Adds the middles of intervals first .. last - 1 to the samples, from `known` on, and lists those of their
-        halves that are to be halved again, from `room` on."""
+        """Adds the middles of a band's intervals to the samples, and lists those of their halves that are to be halved
+        again; arguments as of `check`."""
+        first = band * most
+        last = first + wp.min(count[band], most)
+        known = take_samples(made, number, count, most, band, wp.tid())
         j = first + wp.tid()
         inner = cut.envs * cut.height * cut.width
         while j < last:
@@ -215,9 +255,11 @@ def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
             slot = at // inner
             middle = radiance[j]
             place = slot % cut.slots + 1
-            pixels[known + j - first] = at % inner
-            instants[known + j - first] = ((cut.first + slot // cut.slots) * (cut.slots + 1) + place) * PARTS
-            values[known + j - first] = middle
+            sample = known + j - first
+            if sample < pixels.shape[0]:
+                pixels[sample] = at % inner
+                instants[sample] = ((cut.first + slot // cut.slots) * (cut.slots + 1) + place) * PARTS
+                values[sample] = middle
             low = intervals.ends[j] // LENGTHS
             high = intervals.ends[j] % LENGTHS
             log_a = intervals.start[j]
@@ -240,8 +282,9 @@ def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
                 if end > start + 1:
                     taken = bent and apart(from_here, to_there) > cut.jump
                     if taken or not joined(ahead, behind, pieces):
-                        to = room + take_place(count, band)
-                        put(cut, halves, to, at, start, end, from_here, to_there, ahead, behind)
+                        to = take_place(found, band)
+                        if to < room:
+                            put(cut, halves, band * room + to, at, start, end, from_here, to_there, ahead, behind)
             j += workers
 
     return check, split

@@ -153,8 +153,9 @@ def make_gather(
         1, on a GPU (last < 0) todo_count[band] of them, shared by `workers` threads. Otherwise a thread does one
         pixel, and what needs a careful look goes to `todo`. What no keyframe shows goes to `pixels` from `first`
         on, as indices into [P E, H, W]; count[band]: how many. So does that of which the keyframes differ by more than
-        the tolerance in log radiance. Single pixels: portion.packed and frames are [1, 1, list]; z-buffers of what is
-        listed in `pixels` are written to those that are shown, and `places` says where they were listed.
+        the tolerance in log radiance. Single pixels: entries first..last - 1 of `todo`, todo_count[band] at most;
+        portion.packed and frames are [1, 1, list]; z-buffers of what is listed in `pixels` are written to those that
+        are shown, and `places` says where they were listed.
         """
         width = view.width - 2 * view.margin
         height = view.height - 2 * view.margin
@@ -162,7 +163,9 @@ def make_gather(
         envs = portion.envs
         j = first + wp.tid()
         end = j + 1
-        if wp.static(listed):
+        if wp.static(single):
+            end = wp.min(last, first + todo_count[band])
+        elif wp.static(listed):
             end = wp.where(last >= 0, last, todo_count[band])
         # The row that the pixel before was in: dividing costs as much as looking up.
         row = wp.int32(-1)

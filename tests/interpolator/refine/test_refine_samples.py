@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from refine_rig import box, refined, tumbling
 from rigid_rig import (
     FOCAL,
     GAP,
@@ -11,7 +12,6 @@ from rigid_rig import (
     camera,
     closed_form,
     disc,
-    keyframe,
     lamp,
     luminance,
     painted,
@@ -22,57 +22,9 @@ from rigid_rig import (
 )
 
 from evis.runtime.clock import subframe_stamps
-from evis.scene.model import Mesh, Waveform
-from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
-from nodes.interpolator.refine.method import Refined
-from nodes.interpolator.rigid import Rigid, RigidOptions
+from evis.scene.model import Waveform
+from evis.scene.motion import Linear, Prescribed, Spin
 from nodes.renderer.renderer import Renderer
-
-
-def refined(scene, upsampling, tolerance_ns, threads=1, held=False, margin=0, device="cpu", **options):
-    """Frames float32 [K, h, w] and further samples (pixel, ns, value) of one gap from START on."""
-    view = scene.cameras[0]
-    renderer = Renderer(scene, view, margin=margin)
-    times = [np.array([START - GAP, START]), np.linspace(START, START + GAP, 11).round().astype(np.int64)]
-    first, second = (closed_form(scene, t) for t in times)
-    a = keyframe(renderer, first, first.pose[:, 0], START)
-    b = keyframe(renderer, second, first.pose[:, -1], START + GAP)
-    out = np.full((1, upsampling, view.height, view.width), np.nan, np.float32)
-    how = RigidOptions(**options, single=True)
-    rigid = Rigid(scene, view, 1, upsampling, margin, device=device, threads=threads, options=how)
-    if not tolerance_ns:
-        rigid.between(a, b, [held], out)
-        return out[0], None
-    method = Refined(rigid, tolerance_ns, threads)
-    method.between(a, b, [held], out)
-    found = method.further
-    if found is None:
-        return out[0], None
-    starts = found.first.numpy()
-    assert starts[0] == 0 and starts[-1] == found.offset.size
-    pixels = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
-    return out[0], (pixels, found.offset.numpy(), found.value.numpy())
-
-
-def box(half):
-    """Box with sides 2 half."""
-    x, y, z = half
-    corners = np.array([(i, j, k) for i in (-x, x) for j in (-y, y) for k in (-z, z)], np.float32)
-    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    faces = np.array([f for a, b, c, d in sides for f in ((a, b, c), (a, c, d))], np.int32)
-    return Mesh(corners, faces)
-
-
-def tumbling(**how):
-    """A textured disc that turns and swings before a wall, and a lit box that tumbles before both."""
-    turn, up = np.array([0.0, 0.0, 1.0]), np.array([0.3, 1.0, 0.2]) / np.linalg.norm([0.3, 1.0, 0.2])
-    swing = [Spin(turn, 60.0), Sinusoid(np.array([0.2, 0.1, 0.3]), 20.0)]
-    things = [
-        (quad(4.0), painted(1024), Prescribed(pose(z=3.0))),
-        (disc(0.5), painted(), Prescribed(pose(0, 0, 2, (0.6, 0, 0)), swing)),
-        (box((0.1, 0.3, 0.1)), plain(0.7), Prescribed(pose(0.2, 0, 1.2), [Spin(up, 90.0)])),
-    ]
-    return world(things, **{"lights": [lamp()], **how})
 
 
 def test_an_instant_has_what_a_frame_then_would_have():

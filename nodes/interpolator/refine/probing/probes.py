@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.gpu.cuda_graph import CudaGraphs
 from nodes.interpolator.keyframe import States
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.probing.probe_kernels import make_find_thin
@@ -25,6 +26,8 @@ MISSED = 0.03
 MISSED_OF_ALL, OF_VISITS, FEW = 0.25, 0.1, 0.003
 """Part of what passes that may be unseen, and where something visits the image in between, unless that is few: so
 often a pixel, on the average."""
+RECORDED = 16
+"""Times as many as are drawn at once in any case, up to which a GPU keeps its launches: more are rare."""
 SHORT_NS = 10_000
 """Time over which it is found how fast things are."""
 
@@ -51,7 +54,7 @@ class Probes:
         self._places = Slots(coarse.scene, v, rigid.placement, self._at_once)
         self._before = Slots(coarse.scene, v, rigid.placement, self._at_once)
         self._find_thin = make_find_thin(v.lens)
-        self._visits = Visits(v, rigid.placement)
+        self._visits, self._graphs = Visits(v, rigid.placement), CudaGraphs(v.device)
         with wp.ScopedDevice(v.device):
             self.packed = wp.empty((0, *v.shape[1:]), dtype=wp.uint64)
             self.each = wp.zeros(self._envs, dtype=wp.int32)
@@ -113,7 +116,10 @@ class Probes:
             v.settle()
             first = (done + n * self._at_once) * self._envs
             v.packed = self.packed[first : first + self._at_once * self._envs]
-            v.draw()
+            if first < RECORDED * self._at_once * self._envs:
+                self._graphs.run((v.packed.ptr, v.still_moved), v.draw)
+            else:
+                v.draw()
             v.drawn()
 
     def _needed(

@@ -1,0 +1,204 @@
+"""Finds the samples of a window: first along runs, then by halving intervals in rounds, until none is bent."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from evis.gpu.cuda_graph import CudaGraphs
+from nodes.interpolator.refine.change_kernels import Changes, find_changes
+from nodes.interpolator.refine.evaluator import WORKERS, Evaluator
+from nodes.interpolator.refine.interval_kernels import make_intervals, make_rounds, see
+from nodes.interpolator.refine.lists import Lists, Samples
+from nodes.interpolator.refine.path_kernels import make_instances
+from nodes.interpolator.refine.run_kernels import make_find_runs
+from nodes.interpolator.refine.tally import Tally, Told
+from nodes.interpolator.rigid.method import Rigid
+from nodes.renderer.lighting import LIST_WORKERS
+
+AT_FIRST = 1.0
+"""Entries of a list for each pixel of an instant, before it is known how many are needed."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """Holds what kernels read of some neighbouring coarse intervals of a gap.
+
+    intervals: how many. cut: the first of them, and the limits. held int32 [E]: 1 for environments that have no gap.
+    marks: of lights that flicker. frames: the coarse frames [E K, h, w].
+    """
+
+    intervals: int
+    cut: Any
+    stage: Any
+    held: wp.array
+    marks: Any
+    frames: wp.array
+
+
+class Rounds:
+    """Adds the samples of one window after another to `samples`, in lists that grow as need be.
+
+    On a GPU the host does not wait for any count before a window is done: all its launches are one recorded graph, of
+    as many rounds as an interval can be halved, and what is too much for a list is only counted, whereupon the list
+    grows and the window is done again. On a CPU, where reading a count costs nothing, lists grow first, and the rounds
+    end where nothing is left.
+    """
+
+    def __init__(self, rigid: Rigid, evaluator: Evaluator) -> None:
+        self._rigid, self.evaluator = rigid, evaluator
+        v, layout, bands = rigid.visibility, rigid.layout, evaluator.bands
+        channels, device = layout.channels, v.device
+        pixel: Any = wp.float32 if channels == 1 else wp.vec3
+        self.reads_counts = device.is_cpu
+        """Whether the host reads counts while a window is done."""
+        self._find_plain, self._find_runs = make_find_runs(v.lens, channels, layout.exact_flicker, layout.relight)
+        self._check, self._split = make_rounds(channels)
+        self._tally, self._graphs = Tally(bands, device), CudaGraphs(device)
+        self._others = wp.empty(0, dtype=wp.int32, device=device)
+        self._first = wp.empty(0, dtype=wp.int32, device=device)
+        self._changes = Lists(Changes, pixel, bands, device)
+        self._instances = Lists(make_instances(channels), pixel, bands, device)
+        self._intervals = [Lists(make_intervals(channels), pixel, bands, device) for _ in range(2)]
+        self.samples = Samples(pixel, device)
+
+    def run(self, window: Window, total: int) -> tuple[int, int]:
+        """Finds the samples of a window that the evaluator was sent the instants of; total: samples so far.
+
+        Returns how many there are then, and how many of the new ones were shaded.
+        """
+        self._make_room(window)
+        while True:
+            if not self.reads_counts:
+                self.evaluator.reserve(max(one.size for one in (self._instances, *self._intervals)))
+            self._changes.kernel.first = self._first
+            self._tally.begin(total)
+            self._graphs.run(self._key(window), partial(self._launch, window))
+            told = self._tally.read()
+            made = int(told.made.max())
+            if not self._grow(told, made, total):
+                return made, told.shaded
+
+    def _make_room(self, window: Window) -> None:
+        """Makes room for the pixels that show several surfaces, and in lists that are still empty."""
+        evaluator, device, cut = self.evaluator, self._rigid.visibility.device, window.cut
+        inner = cut.envs * cut.height * cut.width
+        most = max(int(AT_FIRST * inner) // evaluator.bands, 1)
+        if self._others.size < window.intervals * inner:
+            self._others = wp.empty(window.intervals * inner, dtype=wp.int32, device=device)
+        if self._first.size < window.intervals * inner * cut.probes:
+            self._first = wp.empty(window.intervals * inner * cut.probes, dtype=wp.int32, device=device)
+        lists = [self._instances, self._changes]
+        if not self.reads_counts:
+            lists += self._intervals
+            self.samples.reserve(2 * most * evaluator.bands, 0)
+        for each in lists:
+            if not each.most:
+                each.reserve(most)
+
+    def _grow(self, told: Told, made: int, kept: int) -> bool:
+        """Makes room for what was counted and had none; True where that was anything. kept: samples that stay."""
+        needed = [told.changes, told.lists[0], told.lists[1::2], told.lists[2::2]]
+        lists = [self._changes, self._instances, *self._intervals]
+        grown = [each.reserve(int(most.max())) for each, most in zip(lists, needed)]
+        return any([*grown, self.samples.reserve(made, kept)])
+
+    def _key(self, window: Window) -> Hashable:
+        """Tells all that can differ between the launches of two windows: numbers, and where arrays are that may be
+        replaced; all others are written where they were."""
+        lists = [self._instances, self._changes, *self._intervals]
+        structs = [window.cut, window.stage, window.marks, *(each.kernel for each in lists)]
+        arrays = [window.frames, self._others, self.evaluator.hits, *self.samples.arrays]
+        return (
+            *(bytes(struct.__ctype__()) for struct in structs),
+            *((array.ptr, array.shape) for array in arrays),
+            *(each.most for each in lists),
+            self._rigid.pair.a.first,
+            self.evaluator.shading.occluders.builds,
+        )
+
+    def _launch(self, window: Window) -> None:
+        """Does all that a window needs: launches only, but where the host reads counts."""
+        self.evaluator.place()
+        self._find(window)
+        listed, there = self._instances, self._intervals[0]
+        # An interval between two samples, or between one and a coarse frame, has less than 2^depth parts: after as many
+        # rounds as `depth` there is none left of two or more.
+        for number in range(window.cut.depth + 1):
+            bands = self._bands(number, listed, there)
+            if not bands:
+                break
+            self._evaluate(window, number, listed, bands)
+            self._launch_round(window, number, listed, there, bands)
+            listed, there = there, self._intervals[1] if there is self._intervals[0] else self._intervals[0]
+
+    def _bands(self, number: int, listed: Lists, there: Lists) -> list[int]:
+        """Gives the bands whose part of a list has entries, and makes room for what comes of them: where the host reads
+        counts. Gives none where something has had no room."""
+        if not self.reads_counts:
+            return list(range(self.evaluator.bands))
+        told = self._tally.read()
+        counts, most = told.lists[number], int(told.lists[number].max())
+        if most > listed.most or int(told.changes.max()) > self._changes.most:
+            return []
+        there.reserve(2 * most)
+        self.evaluator.reserve(listed.size)
+        before = int(told.made[number])
+        self.samples.reserve(before + int(counts.sum()), before)
+        return np.flatnonzero(counts).tolist()
+
+    def _find(self, window: Window) -> None:
+        """Lists the pixels and instants at which runs need a sample."""
+        rigid, evaluator, cut, tally = self._rigid, self.evaluator, window.cut, self._tally
+        v, bands = evaluator.visibility, evaluator.bands
+        edges = [cut.height * k // bands for k in range(bands + 1)]
+        span = cut.width if v.device.is_cpu else 1
+        workers = 1 if v.device.is_cpu else LIST_WORKERS
+        keys, start, marks, stage = rigid.pair.kernel(), rigid.pair.a.packed, window.marks, window.stage
+        instances, found = self._instances.kernel, tally.lists[0]
+        changes = self._changes.kernel
+        launches: list[list[tuple[Any, Any, list[Any]]]] = [[], [], []]
+        for k in range(bands):
+            rows, other = edges[k + 1] - edges[k], window.intervals * cut.envs * cut.width * edges[k]
+            most, most_changes = self._instances.most, self._changes.most
+            given = [v.view, cut, edges[k], span, k * most, most, other, k, window.held, keys, stage]
+            given += [marks, rigid.strength, evaluator.strength, rigid.pair.a.image, start, window.frames]
+            given += [instances, found, self._others, tally.others]
+            launches[0].append((self._find_plain, (window.intervals * cut.envs, rows, cut.width // span), given))
+            given = [v.view, cut, workers, k * most_changes, most_changes, other, k, self._others, tally.others]
+            launches[1].append((find_changes, workers, [*given, stage, start, changes, tally.changes]))
+            given = [v.view, cut, workers, k * most, most, other, k, self._others, tally.others, changes, keys, stage]
+            launches[2].append((self._find_runs, workers, [*given, marks, start, instances, found]))
+        for each in launches:
+            rigid.sampling.launch(each)
+
+    def _evaluate(self, window: Window, number: int, listed: Lists, bands: list[int]) -> None:
+        """Computes z-buffer entries and radiance of the listed pixels."""
+        evaluator, pixels, count = self.evaluator, listed.kernel, self._tally.lists[number]
+        workers = 1 if evaluator.visibility.device.is_cpu else WORKERS
+        launches = []
+        for k in bands:
+            given = [evaluator.visibility.view, window.cut, workers, k, listed.most, count, window.stage]
+            launches.append((see, workers, [*given, pixels.at, pixels.before, pixels.after, evaluator.hits]))
+        self._rigid.sampling.launch(launches)
+        evaluator.evaluate(pixels.at, listed.most, count, bands, self._tally.unseen[number])
+
+    def _launch_round(self, window: Window, number: int, listed: Lists, there: Lists, bands: list[int]) -> None:
+        """Adds what was evaluated to the samples, and lists the intervals that are to be halved next in `there`."""
+        rigid, evaluator, tally, a = self._rigid, self.evaluator, self._tally, self._rigid.pair.a
+        workers = 1 if evaluator.visibility.device.is_cpu else WORKERS
+        if number == 0:
+            kernel, what = self._check, [a.image, a.packed, window.frames, window.stage, listed.kernel]
+        else:
+            kernel, what = self._split, [rigid.pieces, listed.kernel]
+        given = [*what, evaluator.hits, evaluator.values, tally.made, *self.samples.arrays]
+        launches = []
+        for k in bands:
+            where = [window.cut, workers, k, listed.most, number, tally.lists[number], there.most]
+            launches.append((kernel, workers, [*where, *given, there.kernel, tally.lists[number + 1]]))
+        rigid.sampling.launch(launches)

@@ -1,0 +1,57 @@
+"""Counts of what is listed in a window: on the device, where kernels read them, and on the host, all at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from nodes.interpolator.refine.instants import DEEPEST
+
+LISTS = DEEPEST + 2
+"""Most lists of pixels of a window: the first one, and one for each time that an interval may be halved, but for the
+last of which none is listed."""
+
+
+@dataclass(frozen=True)
+class Told:
+    """Holds what a tally has counted.
+
+    changes [bands]: changes from one surface to another. lists [LISTS, bands]: entries of each list. shaded: of them,
+    those that no keyframe shows. made [LISTS + 1]: samples before each list was evaluated, and after the last one.
+    """
+
+    changes: np.ndarray
+    lists: np.ndarray
+    shaded: int
+    made: np.ndarray
+
+
+class Tally:
+    """Counts what the kernels of a window list, for each band of rows: int32 arrays that are parts of one.
+
+    others, changes [bands]: pixels that show several surfaces, and how often these change. lists, unseen [LISTS] of
+    [bands]: pixels of each list, and those of them that no keyframe shows. made [LISTS + 1]: samples before each list.
+    """
+
+    def __init__(self, bands: int, device: Any) -> None:
+        self._bands = bands
+        self._all = wp.zeros((2 * LISTS + 2) * bands + LISTS + 1, dtype=wp.int32, device=device)
+        self.made = self._all[: LISTS + 1]
+        rows = self._all[LISTS + 1 :].reshape((-1, bands))
+        self.others, self.changes = rows[0], rows[1]
+        self.lists, self.unseen = ([rows[first + n] for n in range(LISTS)] for first in (2, 2 + LISTS))
+
+    def begin(self, made: int) -> None:
+        """Begins a window, before which there are so many samples."""
+        self._all.zero_()
+        if made:
+            self.made[:1].fill_(made)
+
+    def read(self) -> Told:
+        """Gives what was counted; on a GPU it waits for that."""
+        counted = self._all.numpy()
+        rows = counted[LISTS + 1 :].reshape(-1, self._bands)
+        return Told(rows[1], rows[2 : 2 + LISTS], int(rows[2 + LISTS :].sum()), counted[: LISTS + 1])

@@ -1,0 +1,78 @@
+"""Windows whose counts stay on the device, and lists that are too short at first: the samples are the same."""
+
+import numpy as np
+import pytest
+from refine_rig import refined, tumbling
+from rigid_rig import lamp
+
+import evis
+from evis.gpu.cuda_graph import CudaGraphs
+from evis.scene.model import Waveform
+from nodes.interpolator.refine import rounds
+from nodes.interpolator.refine.refinement import Refinement
+
+
+@pytest.fixture
+def kept_on_device(monkeypatch):
+    """Has a CPU do as a GPU does: no count is read before a window is done. Gives how often one was begun."""
+    found, begun = Refinement._rounds_of, []
+
+    def rounds_of(self, instants):
+        made = found(self, instants)
+        made.reads_counts = False
+        begin = made._tally.begin
+        made._tally.begin = lambda total: (begun.append(total), begin(total))
+        return made
+
+    monkeypatch.setattr(Refinement, "_rounds_of", rounds_of)
+    return begun
+
+
+def switched():
+    return tumbling(lights=[lamp(waveform=Waveform("square", 700.0, 0.8, 0.1, 0.3))])
+
+
+@pytest.mark.parametrize("at_first", [30.0, 0.001])
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("make", [tumbling, switched])
+def test_counts_that_stay_on_the_device(make, threads, at_first, monkeypatch, request):
+    """at_first: entries per pixel that lists have at first; with few they grow, and the window is done again."""
+    scene = make()
+    _, expected = refined(scene, 4, 50_000)
+    begun = request.getfixturevalue("kept_on_device")
+    monkeypatch.setattr(rounds, "AT_FIRST", at_first)
+    _, found = refined(scene, 4, 50_000, threads=threads)
+    for a, b in zip(expected, found):
+        np.testing.assert_array_equal(a, b)
+    assert (len(begun) == 1) == (at_first > 1)
+
+
+def test_several_windows_of_which_each_grows(kept_on_device, monkeypatch):
+    """Samples of the windows before stay."""
+    scene = tumbling()
+    monkeypatch.setattr("nodes.interpolator.refine.instants.ROWS", 1 << 17)
+    monkeypatch.setattr(rounds, "AT_FIRST", 0.001)
+    _, found = refined(scene, 4, 50_000)
+    assert len(set(kept_on_device)) == 4 and len(kept_on_device) > 4
+    monkeypatch.undo()
+    _, expected = refined(scene, 4, 50_000)
+    for a, b in zip(expected, found):
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("scene", ["spinning_disk", "falling_objects"])
+def test_recorded_launches_find_what_those_do_that_are_not(scene, monkeypatch):
+    """Over so many gaps that graphs are recorded, and used again."""
+
+    def samples():
+        with evis.Simulation(
+            scene, device="cuda", width=96, height=72, upsampling=4, time_tolerance=1e-4, outputs=["samples"]
+        ) as simulation:
+            made = [simulation.step().samples for _ in range(12)]
+            return [np.array(each) for one in made for each in (one.first, one.offset, one.further)]
+
+    recorded = samples()
+    monkeypatch.setattr(CudaGraphs, "run", lambda self, key, launch: launch())
+    for a, b in zip(recorded, samples()):
+        np.testing.assert_array_equal(a, b)
