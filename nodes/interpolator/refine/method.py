@@ -35,11 +35,12 @@ class Refined:
         self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array
     ) -> Report:
         """See Method."""
-        report = self.rigid.between(a, b, held, out)
+        told = self.rigid.begin(a, b, held, out)
         if self.rigid.rested:
             self.further = None
-            return report
+            return told()
         self.further = self.refinement.further(a, b, np.asarray(held, bool), self.rigid.frames)
+        report = told()
         report.refined, report.reshaded = self.refinement.evaluated, report.reshaded + self.refinement.shaded
         report.unreached = int(not self.refinement.reached)
         report.unseen = int(self.refinement.unseen)

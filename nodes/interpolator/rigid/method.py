@@ -21,7 +21,7 @@ every surface is shaded at its own time.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
@@ -148,6 +148,12 @@ class Rigid:
     ) -> Report:
         """See Method. Views need `states` and `stamp_ns`; out may be an array of the device. Of gaps in a row the
         report is that of those before; see `last_report`."""
+        return self.begin(a, b, held, out)()
+
+    def begin(
+        self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array
+    ) -> Callable[[], Report]:
+        """Does as `between`, but waits for nothing that a GPU does; what this returns waits, and gives the report."""
         assert a.states is not None and b.states is not None
         held = np.asarray(held, bool)
         together = a.own is None and b.own is None
@@ -160,7 +166,8 @@ class Rigid:
         begun = self._begun(a, held)
         self.rested = self._rests(a, b, held | begun)
         if self.rested:
-            return self._rest(b, out)
+            report = self._rest(b, out)
+            return lambda: report
         self.pair.swap()
         if not self._knows(a):
             self._prepare(a)
@@ -194,12 +201,12 @@ class Rigid:
             self._hand_over(frames, out)
         if self._device.is_cuda and together:
             self.placement.expect(stamps)
-        if not self._in_a_row:
-            return self._report(turn)
-        unread, self._unread = self._unread, turn
         if (there := self._there[turn]) is not None:
             self._device.stream.record_event(there)
-        return Report() if unread is None else self._report(unread)
+        if not self._in_a_row:
+            return partial(self._report, turn)
+        unread, self._unread = self._unread, turn
+        return Report if unread is None else partial(self._report, unread)
 
     def last_report(self) -> Report:
         """Gives the report of the last gaps in a row, once: `between` gives that of those before, so as not to wait."""
@@ -315,10 +322,8 @@ class Rigid:
 
     def _report(self, turn: int) -> Report:
         there = self._there[turn]
-        if self._in_a_row and there is not None:
+        if there is not None:
             wp.synchronize_event(there)
-        elif self._device.is_cuda:
-            wp.synchronize_stream(self._device.stream)
         count, sampled = (told.numpy() for told in self._told[turn])
         samples = self.layout.envs * (self.layout.upsampling - 1) * self.size[0] * self.size[1]
         looked_up = samples if self.layout.on_device else int(sampled.sum())
