@@ -69,19 +69,15 @@ class Flicker:
                 at += sorted(marks)
                 later += [marks[i] for i in sorted(marks)]
             firsts[row, coarse] = len(at)
-        self._send("first", firsts, firsts.shape)
+        kernel = self.kernel
+        if kernel.first.shape != firsts.shape:
+            kernel.first = wp.empty(firsts.shape, dtype=wp.int32, device=self._device)
+        kernel.first.assign(firsts)
         for name, values in (("at", at), ("later", later)):
-            self._send(name, np.array(values, np.int32), int(SPARE * len(values)))
-
-    def _send(self, name: str, values: np.ndarray, room: int | tuple[int, ...]) -> None:
-        """Writes int32 values into an array of `kernel`, a new one of `room` where they do not fit; a table fits in its
-        own shape alone."""
-        there = getattr(self.kernel, name)
-        if there.shape != values.shape if values.ndim > 1 else there.size < values.size:
-            there = wp.empty(room, dtype=wp.int32, device=self._device)
-            setattr(self.kernel, name, there)
-        if values.size:
-            (there if values.ndim > 1 else there[: values.size]).assign(values)
+            if getattr(kernel, name).size < len(values):
+                setattr(kernel, name, wp.empty(int(SPARE * len(values)), dtype=wp.int32, device=self._device))
+            if values:
+                getattr(kernel, name)[: len(values)].assign(np.array(values, np.int32))
 
     def _slow(self, gap_ns: int) -> list[Waveform]:
         return [w for w in self._waveforms if w.frequency * gap_ns * 1e-9 <= MOST_PERIODS]
