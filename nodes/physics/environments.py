@@ -69,6 +69,16 @@ class Environments:
                 group.interval = group.engine.start()
         return self._joined(keyframe_stamp(before, self._rate))
 
+    def foresee(self, k: int) -> None:
+        """Begins with what leads to keyframe k, the next one, while others work on the present one. Whatever is asked
+        for afterwards comes out as if nothing had been begun."""
+        engines = [(group.engine, keyframe_stamp(k - group.first, self._rate)) for group in self._groups]
+        ahead = [(engine, stamp) for engine, stamp in engines if prepares(engine)]
+        for engine, stamp in ahead:
+            engine.foresee(stamp)
+        for engine, _stamp in ahead[:1]:
+            engine.begin()
+
     def present(self) -> Interval:
         """Gives the states at the present keyframe once more, S = 1: after a reset at that very stamp."""
         for group in self._groups:

@@ -122,6 +122,12 @@ class Preparing(Engine, Protocol):
         `advance` to it, without controls, then waits for that.
         """
 
+    def foresee(self, to_ns: int) -> None:
+        """Asks for what leads to a stamp under the present controls, before it is known whether it will be wanted."""
+
+    def begin(self) -> None:
+        """Begins with what was foreseen, by this engine and those that belong together, while others work."""
+
 
 def prepares(engine: Engine) -> TypeGuard[Preparing]:
     """Tells whether an engine is a Preparing one, without a look at all methods of the protocol as isinstance has."""

@@ -130,6 +130,8 @@ class MujocoEngine:
         self._warp = warp is not None
         self._prepared = -1
         """The stamp up to which steps were requested."""
+        self._foreseen: list[int] = []
+        """Environments whose steps were requested before it was known that they will be wanted."""
         self.checked = 0
         """How often an environment was stepped to a stamp with a check of each state."""
         self._constrained = False
@@ -156,7 +158,7 @@ class MujocoEngine:
             self._reset(k)
         if self._shadow is not None:
             self._shadow.begin(self.data[self._shadowed])
-        self._prepared, self._constrained = -1, False
+        self._prepared, self._foreseen, self._constrained = -1, [], False
         self._begin_course()
 
     def _begin_course(self) -> None:
@@ -166,6 +168,7 @@ class MujocoEngine:
     def leave(self, env: int) -> None:
         """Stops stepping an environment."""
         self._left.add(env)
+        self._foreseen = [k for k in self._foreseen if k != env]
 
     def anew(self, envs: Sequence[int], seeds: Sequence[int | None], numbers: Sequence[int]) -> MujocoEngine:
         """Makes an engine of these environments alone, at their start and stamp 0; they are moved by it from then on.
@@ -191,16 +194,35 @@ class MujocoEngine:
         """Asks for the steps up to a stamp, under controls as of `advance`, without a wait for them: `advance` to it
         takes them with those that other engines, made by `anew`, have asked for.
         """
+        others: list[int] = []
         if controls is not None:
             check_controls(controls, self.envs, self.controls)
-            for k in np.flatnonzero((self._controls != controls).any(axis=1)).tolist():
-                self._rests[k].wake()
-                self.data.control(k, controls[k])
+            others = np.flatnonzero((self._controls != controls).any(axis=1)).tolist()
+        if self._prepared != to_ns or others:
+            if self._foreseen:
+                self.data.take_back(self._foreseen)
+            self._foreseen = []
+        for k in others:
+            assert controls is not None
+            self._rests[k].wake()
+            self.data.control(k, controls[k])
+        if controls is not None:
             self._controls = controls.copy()
         self._prepared = to_ns
         grid = range(self._course.grid, to_ns, self.step_ns)
-        if self._batch is not None and len(grid):
+        if self._batch is not None and len(grid) and not self._foreseen:
             self.data.request(self._awake(), grid)
+
+    def foresee(self, to_ns: int) -> None:
+        """Asks for the steps up to a stamp that will come, as far as can be told now; `begin` then takes them."""
+        if self._batch is not None:
+            self.prepare(to_ns)
+            self._foreseen = self._awake() if to_ns > self._course.grid else []
+
+    def begin(self) -> None:
+        """Begins to take the steps asked for while others work."""
+        if self._batch is not None and self._foreseen:
+            self._batch.begin()
 
     def advance(self, to_ns: int, controls: np.ndarray | None = None) -> Interval:
         """Moves on to stamp `to_ns` [ns] under controls [E, nu].
@@ -209,7 +231,7 @@ class MujocoEngine:
         """
         if self._prepared != to_ns or controls is not None:
             self.prepare(to_ns, controls)
-        self._prepared = -1
+        self._prepared, self._foreseen = -1, []
         if self.envs > len(self._left) and not self._awake():
             return self._told(self._course.rest(to_ns))
         grid = self._course.grid

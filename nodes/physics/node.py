@@ -181,6 +181,8 @@ class PhysicsNode(Node):
         """Environments that begin anew at the next step, and their seeds."""
         self.episode = 0
         self.k = 0
+        self._driven = False
+        """Whether an action came: then the next keyframe is not begun before its action is there."""
         self.first = 0
         """Number of the stamp at which the run's episode began: cameras and actions are counted from it."""
 
@@ -291,6 +293,9 @@ class PhysicsNode(Node):
         self._asked = []
         interval = self.environments.advance(self.k, controls)
         self._faults(interval, stamp)
+        self._driven |= controls is not None
+        if not self._driven and self.k + 1 != self.count_all:
+            self.environments.foresee(self.k + 1)
         self._publish(stamp, interval)
         self.k += 1
         return self.count_all is None or self.k < self.count_all

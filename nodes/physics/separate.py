@@ -36,6 +36,12 @@ class SeparateEngines:
             if prepares(engine):
                 engine.prepare(to_ns, None if controls is None else controls[k : k + 1])
 
+    def foresee(self, to_ns: int) -> None:
+        """Does nothing: each engine moves one environment, and waits until it is to."""
+
+    def begin(self) -> None:
+        """Does nothing, see `foresee`."""
+
     def advance(self, to_ns: int, controls: np.ndarray | None = None) -> Interval:
         """Gives the states up to a stamp. Raises ValueError for controls of a wrong shape or not finite."""
         if controls is not None:

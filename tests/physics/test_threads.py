@@ -88,3 +88,38 @@ def test_resets_of_single_ones_share_the_threads(tmp_path: Path) -> None:
             found.append([told(interval, env) for env in range(4)])
         runs.append(found)
     assert runs[0] == runs[1]
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "RK4"])
+def test_what_is_begun_ahead_changes_nothing(tmp_path: Path, integrator: str) -> None:
+    """The next steps are taken while others work; then an action comes, an environment is reset, another diverges."""
+    runs = []
+    for ahead in (False, True):
+        worlds = Environments(engine_of(tmp_path, 5, 2, option=f"integrator='{integrator}'"), 5, 30.0)
+        worlds.advance(0)
+        found = []
+        for k in range(1, 18):
+            if k in (4, 6, 7, 12):
+                worlds.restart([k % 5], [-1 if k % 2 else 17], [1], k - 1)
+                worlds.present()
+            if k == 9:
+                (first, *_others) = worlds._groups
+                first.engine.data[0].qvel[6] = np.nan
+            interval = worlds.advance(k, controls(k, 5) if k in (3, 4, 10, 13) else None)
+            found.append([told(interval, env) for env in range(5)])
+            if ahead and k != 8:
+                worlds.foresee(k + 1)
+        runs.append(found)
+    assert runs[0] == runs[1]
+    assert any(faults for each in runs[0] for _arrays, _touched, (faults, _warnings) in each)
+
+
+def test_an_action_is_not_too_late_for_what_was_begun(tmp_path: Path) -> None:
+    """Steps that were begun without it are taken again."""
+    plain, ahead = engine_of(tmp_path, 3, 2), engine_of(tmp_path, 3, 2)
+    for n in range(1, 6):
+        ahead.foresee(n * 20_000_000)
+        ahead.begin()
+        action = controls(n, 3)
+        expected, found = (engine.advance(n * 20_000_000, action) for engine in (plain, ahead))
+        assert [told(found, k) for k in range(3)] == [told(expected, k) for k in range(3)]

@@ -63,7 +63,7 @@ class Assembly:
         return own >= self._model.nbody or self._model.body_weldid[own] != 0 or self._model.body_mocapid[own] >= 0
 
     def put_paths(self, t: np.ndarray, poses: np.ndarray, twists: np.ndarray) -> None:
-        """Writes what is prescribed at times int64 [S] ns into poses [E, S, M, 7] and twists [E, S, M, 6] of `may_move`."""
+        """Writes what is prescribed at times int64 [S] ns into poses [E, S, M, 7] and twists [E, S, M, 6]."""
         if self._on_paths:
             pose, twist = self._prescribed.at(t)
             for m, n in self._on_paths:

@@ -25,6 +25,13 @@ class BatchStepper(Protocol):
     def control(self, row: int, values: np.ndarray) -> None:
         """Sets the controls of an environment whose next steps are taken from the state after its last ones."""
 
+    def begin(self) -> None:
+        """Begins to take the requested steps while others work; no other call needs to know of it."""
+
+    def take_back(self, rows: Sequence[int]) -> None:
+        """Puts environments to where they were when their steps were requested, for whoever asked for the result has
+        no use for it."""
+
     def result(self, rows: Sequence[int]) -> SteppedStates:
         """Gives the states of environments after the requested steps, as many of each, in the order of `rows`."""
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -36,10 +37,15 @@ def threads_for(asked: int, envs: int) -> int:
 
 @dataclass
 class _Taken:
-    """Holds what environments did in a call. rows: int [n], ascending, which they are. nearest, constrained: as of
-    SteppedStates."""
+    """Holds what environments did in a call.
 
+    number: of the arrays that it was recorded in. rows: int [n], ascending, which they are. left: those of them whose
+    result was not fetched yet. nearest, constrained: as of SteppedStates.
+    """
+
+    number: int
     rows: np.ndarray
+    left: set[int]
     records: Records
     nearest: np.ndarray
     constrained: np.ndarray
@@ -74,12 +80,16 @@ class MujocoThreads:
         self._taken: list[_Taken] = []
         self._room: dict[int, Fields] = {}
         """Arrays of the calls taken together, which later ones write into."""
+        self._beside = ThreadPoolExecutor(1, "ahead")
+        self._ahead: Future[None] | None = None
+        """The steps that are taken while others work."""
 
     def request(self, row: int, data: Any, grid: range) -> None:
         """See BatchStepper."""
+        batch = self._made()
+        self._forget([row])
         self._asked[row] = grid
         if data is not None:
-            batch = self._made()
             mujoco.mj_getState(self._model, data, batch.state[row], STATE)
             batch.warning[row, :, 0], batch.warning[row, :, 1] = data.warning.lastinfo, data.warning.number
 
@@ -87,18 +97,31 @@ class MujocoThreads:
         """See BatchStepper."""
         self._made().bind("ctrl")[row] = values
 
+    def begin(self) -> None:
+        """See BatchStepper."""
+        self._made()
+        self._ahead = self._beside.submit(self._take)
+
+    def take_back(self, rows: Sequence[int]) -> None:
+        """See BatchStepper."""
+        batch = self._made()
+        for row in rows:
+            if self._asked.pop(row, None) is None:
+                batch.state[row], batch.warning[row] = self._before[row], self._warned[row]
+        self._forget(rows)
+
     def result(self, rows: Sequence[int]) -> SteppedStates:
-        """See BatchStepper; the requested steps are taken at the first call."""
+        """See BatchStepper; the requested steps are taken at the first call, unless they have begun."""
+        batch = self._made()
         if self._asked:
             self._take()
         wanted = np.asarray(rows)
-        taken = next(one for one in self._taken if wanted[0] in one.rows)
+        taken = next(one for one in self._taken if rows[0] in one.left)
+        taken.left.difference_update(rows)
         places = np.searchsorted(taken.rows, wanted)
         part = partial(taken.part, self._model, places)
-        warnings = self._made().warning[wanted, :, 1]
-        lost = np.zeros(len(wanted), bool)
-        seen = taken.nearest[places], warnings, taken.constrained[places]
-        return SteppedStates(*seen, part, lost, taken.records, places)
+        seen = taken.nearest[places], batch.warning[wanted, :, 1], taken.constrained[places]
+        return SteppedStates(*seen, part, np.zeros(len(wanted), bool), taken.records, places)
 
     def write_state(self, row: int, data: Any) -> None:
         """See BatchStepper."""
@@ -106,26 +129,36 @@ class MujocoThreads:
 
     def write_state_before(self, row: int, data: Any) -> None:
         """See BatchStepper."""
+        self._made()
         mujoco.mj_setState(self._model, data, self._before[row], STATE)
-        data.warning.number[:] = self._warned[row]
+        data.warning.number[:] = self._warned[row, :, 1]
+
+    def _forget(self, rows: Sequence[int]) -> None:
+        """Drops results that nobody has fetched."""
+        for taken in self._taken:
+            taken.left.difference_update(rows)
 
     def _take(self) -> None:
         """Takes all requested steps, in one call for all environments with as many steps."""
-        batch, asked = self._made(), self._asked
-        self._before, self._warned = batch.state.copy(), batch.warning[:, :, 1].copy()
-        self._asked, self._taken = {}, []
+        batch, asked = self._batch, self._asked
+        assert batch is not None
+        rows = np.array(sorted(asked), np.int32)
+        self._before[rows], self._warned[rows] = batch.state[rows], batch.warning[rows]
+        self._asked, self._taken = {}, [taken for taken in self._taken if taken.left]
         for count in sorted({len(grid) for grid in asked.values()}):
-            rows = np.array(sorted(row for row, grid in asked.items() if len(grid) == count), np.int32)
-            self._taken.append(self._step(batch, rows, [asked[row] for row in rows.tolist()], count))
+            alike = np.array([row for row in rows.tolist() if len(asked[row]) == count], np.int32)
+            self._taken.append(self._step(batch, alike, [asked[row] for row in alike.tolist()], count))
 
     def _step(self, batch: Batch, rows: np.ndarray, grids: list[range], count: int) -> _Taken:
         """Steps environments `count` times. grids: times of their steps."""
-        records = self._records(batch, len(self._taken), len(rows), count)
+        number = next(n for n in range(len(self._taken) + 1) if all(taken.number != n for taken in self._taken))
+        records = self._records(batch, number, len(rows), count)
         if self._whole:
             self._roll(batch, rows, grids, 0, records)
             nearest = records["sensordata"][:, :, -1].min(axis=1)
             now = {name: batch.bind(name)[rows] for name in _PLACES}
-            return _Taken(rows, Records(records, now), nearest, records["nefc"].reshape(len(rows), -1)[:, -1] > 0)
+            constrained = records["nefc"].reshape(len(rows), -1)[:, -1] > 0
+            return _Taken(number, rows, {*rows.tolist()}, Records(records, now), nearest, constrained)
         nearest, constrained = np.full(len(rows), np.inf), np.zeros(len(rows), bool)
         one = self._records(batch, -1, len(rows), 1)
         for n in range(count):
@@ -136,7 +169,7 @@ class MujocoThreads:
                 records[name][:, n] = batch.bind(name)[rows]
             for name in _JOINTS:
                 records[name][:, n] = one[name][:, 0]
-        return _Taken(rows, Records(records, None), nearest, constrained)
+        return _Taken(number, rows, {*rows.tolist()}, Records(records, None), nearest, constrained)
 
     def _roll(self, batch: Batch, rows: np.ndarray, grids: list[range], first: int, records: Fields) -> None:
         """Takes as many steps as there is room for in `records` from step `first`, and computes places after them."""
@@ -158,7 +191,11 @@ class MujocoThreads:
         return found
 
     def _made(self) -> Batch:
-        """The batch, made when it is first needed: it copies the model."""
+        """The batch, after steps that were begun; made when it is first needed, for it copies the model."""
+        if self._ahead is not None:
+            ahead, self._ahead = self._ahead, None
+            ahead.result()
         if self._batch is None:
             self._batch = Batch(self._model, self._count, self._threads, persistent=True)
+            self._before, self._warned = self._batch.state.copy(), self._batch.warning.copy()
         return self._batch

@@ -94,6 +94,14 @@ class WarpWorlds:
         """See BatchStepper."""
         self._staged["ctrl"][row] = values
 
+    def begin(self) -> None:
+        """Does nothing: the steps are taken when their result is asked for."""
+
+    def take_back(self, rows: Sequence[int]) -> None:
+        """See BatchStepper."""
+        for row in rows:
+            self._asked.pop(row, None)
+
     def result(self, rows: Sequence[int]) -> SteppedStates:
         """See BatchStepper; the requested steps are taken at the first call."""
         if self._asked:

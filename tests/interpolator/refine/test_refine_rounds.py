@@ -70,7 +70,7 @@ def test_recorded_launches_find_what_those_do_that_are_not(scene, monkeypatch):
             scene, device="cuda", width=96, height=72, upsampling=4, time_tolerance=1e-4, outputs=["samples"]
         ) as simulation:
             made = [simulation.step().samples for _ in range(12)]
-            return [np.array(each) for one in made for each in (one.first, one.offset, one.further)]
+            return [each.numpy() for one in made for each in (one.first, one.offset, one.further)]
 
     recorded = samples()
     monkeypatch.setattr(CudaGraphs, "run", lambda self, key, launch: launch())
