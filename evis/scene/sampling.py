@@ -54,7 +54,8 @@ class Turns:
         """
         if not self._rate or not self._watched[moving].any():
             return []
-        half_turns = np.sqrt((twist[..., 3:] ** 2).sum(axis=-1).max(axis=(0, 1))) / np.pi
+        omega = twist[..., 3:]
+        half_turns = np.sqrt(np.einsum("...i,...i", omega, omega).max(axis=(0, 1))) / np.pi
         lines = []
         for body, fastest in zip(moving.tolist(), half_turns.tolist()):
             if fastest >= self._rate and self._watched[body]:

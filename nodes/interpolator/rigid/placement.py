@@ -24,7 +24,7 @@ FEWEST = 2
 """Gaps that are computed ahead: products of so few matrices as one has are rounded otherwise than those of many."""
 POSE = 56
 """Bytes of a pose."""
-PART = 1 << 18
+PART = 1 << 17
 """Numbers of environments' poses that are worked on at once: with fewer, calls take longer than what they do."""
 
 
