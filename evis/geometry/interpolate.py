@@ -38,14 +38,10 @@ def state_at(
     """Computes both `pose_at` and `twist_at`, for the price of one."""
     times, poses, twists = np.asarray(times, np.int64), np.asarray(poses), np.asarray(twists)
     wanted = np.atleast_1d(np.asarray(t, np.int64))
-    if wanted.size and (wanted.min() < times[0] or wanted.max() > times[-1]):
-        raise ValueError(
-            f"poses are known from {times[0]} to {times[-1]} ns, asked for {wanted.min()} to {wanted.max()} ns"
-        )
+    left = step_before(wanted, times)
     if len(times) == 1:
         pose, twist = np.repeat(poses, len(wanted), axis=-3), np.repeat(twists, len(wanted), axis=-3)
     else:
-        left = np.clip(np.searchsorted(times, wanted, side="right") - 1, 0, len(times) - 2)
         gap = times[left + 1] - times[left]
         u = ((wanted - times[left]) / gap)[:, None, None]
         h = (gap * NS)[:, None, None]
@@ -56,6 +52,16 @@ def state_at(
         pose = np.where(first, p0, np.where(last, p1, pose))
         twist = np.where(first, v0, np.where(last, v1, twist))
     return (pose, twist) if np.ndim(t) else (pose[..., 0, :, :], twist[..., 0, :, :])
+
+
+def step_before(t: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Finds which of `times` int64 [S] is the last one not after each t int64 [T], but for the very last one.
+
+    Raises ValueError for a time outside.
+    """
+    if t.size and (t.min() < times[0] or t.max() > times[-1]):
+        raise ValueError(f"poses are known from {times[0]} to {times[-1]} ns, asked for {t.min()} to {t.max()} ns")
+    return np.clip(np.searchsorted(times, t, side="right") - 1, 0, max(len(times) - 2, 0))
 
 
 def gaps(times: np.ndarray, poses: np.ndarray, twists: np.ndarray) -> np.ndarray:

@@ -76,7 +76,7 @@ class Rigid:
         asked, cpu = options or RigidOptions(), wp.get_device(device).is_cpu
         self.layout = layout_of(scene, camera, envs, upsampling, margin, channels, cpu, asked)
         slots, step = self.layout.slots, self.layout.step
-        self.placement = Placement(scene, worlds, threads)
+        self.placement = Placement(scene, worlds, envs, threads)
         sparse = True if len(self.placement.movers) else None
         v = self.visibility = Visibility(scene, camera, envs * slots, margin, device, threads, sparse=sparse)
         self._places = Slots(scene, v, self.placement, slots)

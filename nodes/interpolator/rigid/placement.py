@@ -9,8 +9,11 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
+import warp as wp
 
-from evis.geometry.interpolate import pose_at
+from evis.geometry.interpolate import NS as SECONDS
+from evis.geometry.interpolate import step_before
+from evis.geometry.interpolate_kernels import place_between
 from evis.runtime.clock import NS, keyframe_stamp, subframe_stamps
 from evis.scene.model import Scene, Trajectory
 from evis.scene.motion import Prescribed
@@ -24,17 +27,17 @@ FEWEST = 2
 """Gaps that are computed ahead: products of so few matrices as one has are rounded otherwise than those of many."""
 POSE = 56
 """Bytes of a pose."""
-PART = 1 << 17
-"""Numbers of environments' poses that are worked on at once: with fewer, calls take longer than what they do."""
+APART = 16
+"""Fewest environments that are worth a thread."""
 
 
 class Placement:
     """Works out the poses of a scene's bodies at any time of a gap. Only those that may move, `movers` int64 [M], cost
     anything."""
 
-    def __init__(self, scene: Scene, worlds: Sequence[Scene] = (), threads: int = 1) -> None:
+    def __init__(self, scene: Scene, worlds: Sequence[Scene] = (), envs: int = 1, threads: int = 1) -> None:
         """worlds: the scene of each environment, where bodies do not move alike in all; the same ones move in all.
-        threads: that share environments, where physics moves the bodies."""
+        threads: that share the `envs` environments, where physics moves the bodies."""
         paths = [body.trajectory for body in scene.bodies]
         self.movers = np.array([n for n, path in enumerate(paths) if path is None or not path.is_static()], np.int64)
         moving = [(m, paths[n]) for m, n in enumerate(self.movers.tolist())]
@@ -50,7 +53,8 @@ class Placement:
         # Of the gaps that are expected next, by their stamps: [1 or E, bodies, K - 1, 7].
         self._ahead: dict[bytes, np.ndarray] = {}
         self._gaps = FEWEST
-        self._pool = ThreadPoolExecutor(threads, "placement") if threads > 1 and len(self._driven) else None
+        self._parts = max(1, min(threads, envs // APART)) if len(self._driven) else 1
+        self._pool = ThreadPoolExecutor(self._parts, "placement") if self._parts > 1 else None
 
     def _paths(self, world: Scene, which: list[int]) -> list[Prescribed]:
         """Of the movers, those of these numbers. Raises ValueError where one is not in closed form in this world."""
@@ -121,29 +125,29 @@ class Placement:
         """Those that physics moves in this interval, between the sub-steps about the stamps; poses [.., E, M, 7]."""
         place = states.places(self.movers[self._driven])
         columns, place = self._driven[place >= 0], place[place >= 0]
-        t: np.ndarray = states.t
-        steps: np.ndarray | slice = slice(None)
-        inside = len(t) > 1 and t[0] <= stamps.min() and stamps.max() <= t[-1]
-        if inside:
-            # Only sub-steps about the stamps count, and the last, at which all bodies were put already.
-            before = np.clip(np.searchsorted(t, stamps, side="right") - 1, 0, len(t) - 2)
-            steps = np.unique((*before, *(before + 1), len(t) - 1))
-            t = t[steps]
-        pose, twist = (np.asarray(values)[:, steps].take(place, axis=2) for values in (states.pose, states.twist))
-        if inside:
-            moves = (pose != pose[:, -1:]).any(axis=(0, 1, 3)) | twist.any(axis=(0, 1, 3))
-            if not moves.all():
-                columns, pose, twist = columns[moves], pose[:, :, moves], twist[:, :, moves]
-            if not len(columns):
-                return
-        size = max(1, PART // max(pose[0].size, 1))
-        parts = [slice(e, e + size) for e in range(0, len(pose), size)]
+        before = step_before(stamps, states.t)
+        if not len(columns):
+            return
+        length = np.diff(states.t)[before] if len(states.t) > 1 else np.ones(len(stamps))
+        given = [np.ascontiguousarray(values, np.float64) for values in (states.pose, states.twist)]
+        given += [values.astype(np.int32) for values in (place, columns, before)]
+        given += [(stamps - states.t[before]) / length, length * SECONDS]
+        arrays = [_kernel_array(values) for values in (*given, poses)]
 
-        def work(part: slice) -> None:
-            poses[:, part, columns] = np.swapaxes(pose_at(stamps, t, pose[part], twist[part]), 0, 1)
+        def work(ends: tuple[int, int]) -> None:
+            wp.launch(place_between, ends[1] - ends[0], [ends[0], *arrays], device="cpu")
 
-        for _done in map(work, parts) if self._pool is None else self._pool.map(work, parts):
+        parts = min(self._parts, poses.shape[1])
+        edges = [poses.shape[1] * k // parts for k in range(parts + 1)]
+        for _done in (map if self._pool is None else self._pool.map)(work, pairwise(edges)):
             pass
+
+
+def _kernel_array(values: np.ndarray) -> wp.array:
+    """Gives an array's memory to kernels of a CPU."""
+    kind = {"f": wp.float64, "i": wp.int32}[values.dtype.kind]
+    there: wp.array = wp.array(values, dtype=kind, device="cpu", copy=False)
+    return there
 
 
 def _next_gaps(start: int, length: int, count: int) -> list[tuple[int, int]]:

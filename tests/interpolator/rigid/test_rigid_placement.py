@@ -97,7 +97,9 @@ def test_bodies_of_physics_lie_between_its_sub_steps_and_what_rests_is_left_alon
     states = states_of(paths, np.linspace(T[0], T[-1], 6).astype(np.int64))
     stamps = np.array([1_003_000_000, 1_007_100_000, T[-1]])
     poses = Placement(scene_of([None] * len(paths))).at(stamps, states)
-    np.testing.assert_array_equal(poses[:, 0], pose_at(stamps, states.t, states.pose[0], states.twist[0]))
+    expected = pose_at(stamps, states.t, states.pose[0], states.twist[0])
+    np.testing.assert_allclose(poses[:, 0], expected, rtol=0, atol=1e-12)  # rounding of angles of some rad
+    np.testing.assert_array_equal(poses[-1, 0], expected[-1])
     assert (poses[:, 0, 1] == states.pose[0, 0, 1]).all() and (poses[0, 0, 0] != states.pose[0, 0, 0]).any()
 
 
@@ -125,3 +127,24 @@ def test_states_of_what_moves_alone_give_the_same_bits():
     assert (placement.at(stamps, resting) == dense.pose[:, -1]).all()
     with pytest.raises(ValueError, match="poses are known from"):
         placement.at(stamps - 20_000_000, resting)
+
+
+@pytest.mark.parametrize("speed", [0.0, 1e-7, 1.0, 50.0, 3000.0, 12000.0])
+def test_poses_of_physics_are_those_of_the_interpolation(speed):
+    """Bodies that hardly turn, and that turn more than once from sub-step to sub-step; environments over threads."""
+    rng = np.random.default_rng(8)
+    envs, count = 40, 3
+    t = np.arange(5) * 1_000_000
+    seconds = (t * 1e-9)[None, :, None, None]
+    omega = rng.normal(size=(envs, 1, count, 3)) * speed
+    start = se3.normalize(rng.normal(size=(envs, 1, count, 4)))
+    pose = se3.make_pose(rng.normal(size=(envs, 1, count, 3)) + seconds, se3.multiply(se3.exp(omega * seconds), start))
+    twist = np.concatenate((np.ones((envs, 5, count, 3)), np.repeat(omega, 5, axis=1)), axis=-1)
+    twist += 1e-3 * speed * rng.normal(size=twist.shape)  # no motion is that steady
+    stamps = np.array([0, 1, 400_000, 1_000_000, 1_234_567, 3_999_999, 4_000_000])
+    states = States(t, pose, twist, np.arange(count), pose[:, -1])
+    expected = np.swapaxes(pose_at(stamps, t, pose, twist), 0, 1)
+    for threads in (1, 3):
+        found = Placement(scene_of([None] * count), envs=envs, threads=threads).at(stamps, states)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * max(1.0, speed / 100))
+        np.testing.assert_array_equal(found[[0, 3, 6]], expected[[0, 3, 6]])
