@@ -181,8 +181,9 @@ class PhysicsNode(Node):
         """Environments that begin anew at the next step, and their seeds."""
         self.episode = 0
         self.k = 0
+        self._held: np.ndarray | None = None
         self._driven = False
-        """Whether an action came: then the next keyframe is not begun before its action is there."""
+        """Whether an action differed from the one before: then no keyframe is begun before its action is there."""
         self.first = 0
         """Number of the stamp at which the run's episode began: cameras and actions are counted from it."""
 
@@ -293,7 +294,9 @@ class PhysicsNode(Node):
         self._asked = []
         interval = self.environments.advance(self.k, controls)
         self._faults(interval, stamp)
-        self._driven |= controls is not None
+        if controls is not None:
+            self._driven |= self._held is not None and not np.array_equal(controls, self._held)
+            self._held = controls
         if not self._driven and self.k + 1 != self.count_all:
             self.environments.foresee(self.k + 1)
         self._publish(stamp, interval)
