@@ -20,16 +20,16 @@ from evis.scene.mjcf.dynamics import compile_model
 from evis.scene.model import Scene
 from nodes.physics.dynamics.actuators import actuators_of
 from nodes.physics.dynamics.assembly import Assembly
-from nodes.physics.dynamics.batch_stepper import BatchStepper, make_batch_stepper, why_not_batched
+from nodes.physics.dynamics.batch.batch_stepper import BatchStepper, make_batch_stepper, why_not_batched
+from nodes.physics.dynamics.batch.environment_data import EnvironmentData
+from nodes.physics.dynamics.batch.stepped_states import Records, SteppedStates
+from nodes.physics.dynamics.batch.unsupported import Unsupported
 from nodes.physics.dynamics.contacts import contacts_of, gather
 from nodes.physics.dynamics.course import JOINTS, Course
-from nodes.physics.dynamics.environment_data import EnvironmentData
 from nodes.physics.dynamics.rest import Rest
 from nodes.physics.dynamics.start import put_to_start
 from nodes.physics.dynamics.states import State, snapshot
-from nodes.physics.dynamics.stepped_states import Records, SteppedStates
 from nodes.physics.dynamics.traced_steps import SavedState, Trace, take_steps
-from nodes.physics.dynamics.unsupported import Unsupported
 from nodes.physics.dynamics.watch import Watch
 from nodes.physics.interval import Interval, check_controls
 from nodes.physics.precision.errors import Errors
@@ -39,7 +39,7 @@ from nodes.physics.precision.tolerance import Tolerance
 from nodes.physics.watchdog import Limits
 
 if TYPE_CHECKING:
-    from nodes.physics.dynamics.recorded import RecordedCourse
+    from nodes.physics.dynamics.batch.recorded import RecordedCourse
 
 MAX_STEP_NS = 1_000_000
 """Longest sub-step [ns]; a model with a longer timestep is stepped in equal parts of it."""
@@ -124,7 +124,7 @@ class MujocoEngine:
         self._recorded: RecordedCourse | None = None
         if batched and warp is None:
             # Warp takes a moment to load, and few environments are done sooner without.
-            from nodes.physics.dynamics.recorded import RecordedCourse
+            from nodes.physics.dynamics.batch.recorded import RecordedCourse
 
             self._recorded = RecordedCourse(self.model, limits.reach.of_body, self._assembly.own, threads)
         self._warp = warp is not None

@@ -209,8 +209,8 @@ class PhysicsNode(Node):
 
             inside = partial(self.wants, "state", "moving_pose")
             return PrescribedEngine(scene, envs, p["accelerations"], p["keyframe_rate"], p["envs"], inside)
-        from nodes.physics.dynamics.mujoco_threads import threads_for
-        from nodes.physics.dynamics.unsupported import Unsupported
+        from nodes.physics.dynamics.batch.mujoco_threads import threads_for
+        from nodes.physics.dynamics.batch.unsupported import Unsupported
         from nodes.physics.mujoco_engine import MujocoEngine
 
         make = partial(

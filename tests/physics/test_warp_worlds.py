@@ -7,8 +7,8 @@ import pytest
 from test_threads import controls, engine_of, told
 
 from evis.scene import load_scene
-from nodes.physics.dynamics.mujoco_threads import MujocoThreads
-from nodes.physics.dynamics.unsupported import Unsupported
+from nodes.physics.dynamics.batch.mujoco_threads import MujocoThreads
+from nodes.physics.dynamics.batch.unsupported import Unsupported
 from nodes.physics.environments import Environments
 from nodes.physics.mujoco_engine import MujocoEngine
 from nodes.physics.node import PhysicsNode

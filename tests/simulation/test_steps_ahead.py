@@ -6,7 +6,7 @@ import pytest
 import evis
 
 pytest.importorskip("mujoco")
-from nodes.physics.dynamics.mujoco_threads import MujocoThreads
+from nodes.physics.dynamics.batch.mujoco_threads import MujocoThreads
 
 
 @pytest.fixture

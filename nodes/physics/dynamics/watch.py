@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from nodes.physics.dynamics.batch.stepped_states import SteppedStates
 from nodes.physics.dynamics.states import State
-from nodes.physics.dynamics.stepped_states import SteppedStates
 from nodes.physics.stiffness import FOLLOWED
 from nodes.physics.watchdog import BAD, LOST, Limits, Watchdog
 

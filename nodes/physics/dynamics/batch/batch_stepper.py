@@ -8,8 +8,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from evis.scene.model import Scene
-from nodes.physics.dynamics.mujoco_threads import MujocoThreads
-from nodes.physics.dynamics.stepped_states import SteppedStates
+from nodes.physics.dynamics.batch.mujoco_threads import MujocoThreads
+from nodes.physics.dynamics.batch.stepped_states import SteppedStates
 from nodes.physics.precision.tolerance import Tolerance
 
 
@@ -58,6 +58,6 @@ def make_batch_stepper(model: Any, envs: int, threads: int, warp: str | None) ->
     """
     if warp is None:
         return MujocoThreads(model, envs, threads)
-    from nodes.physics.dynamics.warp_worlds import WarpWorlds
+    from nodes.physics.dynamics.batch.warp_worlds import WarpWorlds
 
     return WarpWorlds(model, envs, warp)

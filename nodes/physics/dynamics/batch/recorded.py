@@ -9,9 +9,9 @@ import numpy as np
 import warp as wp
 
 from evis.warp_start import start_warp
+from nodes.physics.dynamics.batch.course_kernels import Recorded, Written, write_course
+from nodes.physics.dynamics.batch.stepped_states import Records
 from nodes.physics.dynamics.course import Course
-from nodes.physics.dynamics.course_kernels import Recorded, Written, write_course
-from nodes.physics.dynamics.stepped_states import Records
 
 start_warp()
 

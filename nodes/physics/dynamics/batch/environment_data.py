@@ -8,7 +8,7 @@ from typing import Any
 
 import mujoco
 
-from nodes.physics.dynamics.batch_stepper import BatchStepper
+from nodes.physics.dynamics.batch.batch_stepper import BatchStepper
 
 
 @dataclass

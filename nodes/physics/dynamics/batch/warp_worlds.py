@@ -16,11 +16,11 @@ import numpy as np
 import warp as wp
 
 from evis.gpu.building import build_together
-from nodes.physics.dynamics import warp_kernels as kernels
+from nodes.physics.dynamics.batch import warp_kernels as kernels
+from nodes.physics.dynamics.batch.stepped_states import SteppedStates
+from nodes.physics.dynamics.batch.unsupported import Unsupported
+from nodes.physics.dynamics.batch.warp_launches import launches
 from nodes.physics.dynamics.states import State
-from nodes.physics.dynamics.stepped_states import SteppedStates
-from nodes.physics.dynamics.unsupported import Unsupported
-from nodes.physics.dynamics.warp_launches import launches
 
 _STATE = ("qpos", "qvel", "act", "qacc_warmstart")
 _GIVEN = ("ctrl", "eq_active", "mocap_pos", "mocap_quat")

@@ -18,8 +18,8 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
+from nodes.physics.dynamics.batch.stepped_states import Records, SteppedStates
 from nodes.physics.dynamics.states import State
-from nodes.physics.dynamics.stepped_states import Records, SteppedStates
 from nodes.physics.dynamics.traced_steps import STATE, twist_and_pose
 
 _PLACES = ("xpos", "xquat", "cvel", "subtree_com")
