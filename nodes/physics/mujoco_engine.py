@@ -123,7 +123,7 @@ class MujocoEngine:
         self._course = Course(self._assembly, self.model, self.step_ns, joints, accelerations, pool)
         self._recorded: RecordedCourse | None = None
         if batched and warp is None:
-            # Warp takes a moment to load, and few environments are done sooner without.
+            # A single environment has no use for it, and Warp takes a moment to load.
             from nodes.physics.dynamics.batch.recorded import RecordedCourse
 
             self._recorded = RecordedCourse(self.model, limits.reach.of_body, self._assembly.own, threads)
@@ -197,7 +197,8 @@ class MujocoEngine:
         others: list[int] = []
         if controls is not None:
             check_controls(controls, self.envs, self.controls)
-            others = np.flatnonzero((self._controls != controls).any(axis=1)).tolist()
+            changed = np.flatnonzero((self._controls != controls).any(axis=1)).tolist()
+            others = [k for k in changed if k not in self._left]
         if self._prepared != to_ns or others:
             if self._foreseen:
                 self.data.take_back(self._foreseen)
