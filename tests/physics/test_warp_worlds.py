@@ -96,6 +96,32 @@ def test_what_it_cannot_take_is_said(tmp_path: Path) -> None:
     assert any("MuJoCo Warp cannot take scene cart_pole" in text and "\n" not in text for text in said)
 
 
+def test_worlds_that_cannot_be_stepped_are_moved_by_mujoco(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where a device has too little memory for what a step needs."""
+    from nodes.physics.dynamics.batch.warp_worlds import WarpWorlds
+
+    def too_large(self: WarpWorlds) -> None:
+        raise RuntimeError("Failed to allocate\n2764995071 bytes")
+
+    monkeypatch.setattr(WarpWorlds, "_step_worlds", too_large)
+    node = PhysicsNode("physics", {"scene": "cart_pole", "engine": "mujoco_warp", "envs": 3, "device": device})
+    said: list[str] = []
+    node.warn = said.append  # type: ignore[method-assign]
+    node.setup()
+    (text,) = [text for text in said if "MuJoCo Warp" in text]
+    assert "3 of its worlds cannot be stepped: Failed to allocate 2764995071 bytes; MuJoCo itself moves it" in text
+    assert isinstance(node.engine._batch, MujocoThreads)
+
+
+def test_many_degrees_of_freedom_are_dense(device: str) -> None:
+    """From 33 on MuJoCo Warp would take sparse matrices, whose deterministic sums need GB for a thousand worlds."""
+    from nodes.physics.dynamics.batch.warp_worlds import WarpWorlds
+
+    engine = MujocoEngine(load_scene("falling_objects", visuals=False), 0, 2)
+    assert engine.model.nv > 32
+    assert not WarpWorlds(engine.model, 2, device)._model.is_sparse
+
+
 def test_it_is_said_once_for_environments_with_worlds_of_their_own() -> None:
     params = {"scene": "cart_pole", "scene_args": "vary=1", "envs": 3, "physics_tolerance": [1e-3], "duration": 0.1}
     node = PhysicsNode("physics", {**params, "engine": "mujoco_warp"})
