@@ -23,6 +23,8 @@ from nodes.renderer.shading import shading_kernels
 from nodes.renderer.shading.cache_kernels import ShadingCache
 from nodes.renderer.shading.radiance_kernels import make_image
 from nodes.renderer.shading.shadow_pass import ShadowPass, shadowed
+from nodes.renderer.shadows.grid import ShadowGrid
+from nodes.renderer.shadows.grid_kernels import Grid
 from nodes.renderer.shadows.occlusion import Occluders
 from nodes.renderer.textures.textures import pack
 
@@ -111,6 +113,10 @@ class Shading:
         self.shadow_pass: ShadowPass | None = None
         if self._tiled and not cached and shadowed(visibility):
             self.shadow_pass = ShadowPass(visibility, self.lights, self.occluders, self.normals)
+        # A pass of their own has grids too.
+        by_grid = [] if self._tiled or cached else shadowed(visibility)
+        by_grid = [light for light in by_grid if ShadowGrid.suits(visibility, self.occluders, light)]
+        self._grid = ShadowGrid(visibility, self.occluders, by_grid) if by_grid else None
         self.seen = self._make_seen()
         self.features = self._features_of(textured, gloss, shadows, rays, cached)
         self._kernel, self._list_kernel = make_shade(self.features)
@@ -148,6 +154,7 @@ class Shading:
             joined=self._merged,
             cached=cached,
             masked=self.shadow_pass is not None,
+            grids=self._grid is not None,
             tiled=self._tiled,
             half=self._half and not rays,
         )
@@ -197,6 +204,8 @@ class Shading:
         self.occluders.launch_moving()
         if self.shadow_pass is not None:
             self.shadow_pass.place()
+        if self._grid is not None:
+            self._grid.place()
 
     def shade(self, radiance: wp.array | None, ready: bool = False, luminance: wp.array | None = None) -> None:
         """Writes [E, H, W] radiance of `pixel`, luminance of `scalar`, or both: launches only, that a graph may hold.
@@ -269,7 +278,8 @@ class Shading:
         """Launch what shades a whole image, or a list of its pixels."""
         light = [self.seen, self.surfaces, self.lights.kernel, self.sky, self.occluders.casters]
         kernel = self._list_kernel if listed else self._kernel
-        launch(kernel, [*light, self._kept, image if self.paths is None else self._direct])
+        grid = Grid() if self._grid is None else self._grid.kernel
+        launch(kernel, [*light, grid, self._kept, image if self.paths is None else self._direct])
         if self.paths is not None:
             launch(self.paths.kernel(listed), self.paths.arguments(light, image))
 

@@ -9,6 +9,7 @@ from nodes.renderer.lights.area_kernels import make_area
 from nodes.renderer.lights.features import Features
 from nodes.renderer.lights.light_kernels import AREA, DirectLight, Lights, SurfacePoint, make_directions
 from nodes.renderer.materials.ggx_kernels import specular
+from nodes.renderer.shadows.grid_kernels import Grid, hidden_from
 from nodes.renderer.shadows.ray_kernels import Casters, make_occlusion
 
 wp.set_module_options({"enable_backward": False})
@@ -24,6 +25,7 @@ def make_delta(f: Features) -> tuple[Any, Any]:
     def reaches(
         lights: Lights,
         casters: Casters,
+        grid: Grid,
         env: int,
         l: int,
         s: SurfacePoint,
@@ -38,6 +40,10 @@ def make_delta(f: Features) -> tuple[Any, Any]:
         open = wp.bool(True)
         free = wp.bool(True)
         if lights.shadow[l] == 1:
+            if wp.static(f.grids):
+                if grid.of[l] >= 0:
+                    free = not hidden_from(casters, grid, grid.of[l], env, s.alone, s.lift, ray, length)
+                    return free, free
             if wp.static(f.cached):
                 moved = casters.still
                 if known:
@@ -53,6 +59,7 @@ def make_delta(f: Features) -> tuple[Any, Any]:
     def of_delta(
         lights: Lights,
         casters: Casters,
+        grid: Grid,
         env: int,
         l: int,
         s: SurfacePoint,
@@ -72,7 +79,7 @@ def make_delta(f: Features) -> tuple[Any, Any]:
             if wp.static(f.masked):
                 free = (hidden & bit) == wp.uint32(0)
             elif wp.static(f.hard):
-                open, free = reaches(lights, casters, env, l, s, ray, length, known, r.bits)
+                open, free = reaches(lights, casters, grid, env, l, s, ray, length, known, r.bits)
                 if wp.static(f.cached):
                     if lights.shadow[l] == 1 and open:
                         r.bits = r.bits | bit
@@ -120,6 +127,7 @@ def make_lighting(f: Features) -> Any:
     def with_light(
         lights: Lights,
         casters: Casters,
+        grid: Grid,
         env: int,
         l: int,
         s: SurfacePoint,
@@ -133,13 +141,14 @@ def make_lighting(f: Features) -> Any:
                 return of_area(lights, casters, env, l, s, known, sum)
         if wp.static(f.delta):
             if not idle(lights, env, l, s):
-                return of_delta(lights, casters, env, l, s, known, hidden, sum)
+                return of_delta(lights, casters, grid, env, l, s, known, hidden, sum)
         return sum
 
     @wp.func
     def gather(
         lights: Lights,
         casters: Casters,
+        grid: Grid,
         env: int,
         s: SurfacePoint,
         known: bool,
@@ -148,13 +157,13 @@ def make_lighting(f: Features) -> Any:
     ):
         """Gives what all lights give a surface point.
 
-        known: `bits` tells which lights still casters let through. hidden: if masked, a bit for each light that is not
-        seen from here.
+        grid: of the lights that have one, where rays go by grids. known: `bits` tells which lights still casters let
+        through. hidden: if masked, a bit for each light that is not seen from here.
         """
         sum = DirectLight()
         sum.bits = bits
         for l in range(lights.kind.shape[0]):
-            sum = with_light(lights, casters, env, l, s, known, hidden, sum)
+            sum = with_light(lights, casters, grid, env, l, s, known, hidden, sum)
         return sum
 
     return gather

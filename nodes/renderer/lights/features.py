@@ -40,6 +40,8 @@ class Features:
     """Light on still surfaces is remembered."""
     masked: bool = False
     """Rays to lights that are points have been traced before, by shading/shadow_kernels."""
+    grids: bool = False
+    """Rays to some lights that are points go by grids over what these see (shadows/grid_kernels)."""
     tiled: bool = False
     """Threads that run together have a tile of pixels (view_kernels.tile_pixel)."""
     half: bool = False

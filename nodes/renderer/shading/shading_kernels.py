@@ -30,6 +30,7 @@ from nodes.renderer.raster.view_kernels import CameraView, pixel_ray, tile_pixel
 from nodes.renderer.shading.cache_kernels import ShadingCache, make_cache
 from nodes.renderer.shading.material_kernels import make_look
 from nodes.renderer.shading.radiance_kernels import make_image, make_write
+from nodes.renderer.shadows.grid_kernels import Grid
 from nodes.renderer.shadows.ray_kernels import Casters, shadow_start
 
 wp.set_module_options({"enable_backward": False})
@@ -76,6 +77,7 @@ def make_shade_pixel(f: Features) -> Any:
         lights: Lights,
         sky: Sky,
         casters: Casters,
+        grid: Grid,
         kept: ShadingCache,
         image: Image,
     ):
@@ -99,7 +101,7 @@ def make_shade_pixel(f: Features) -> Any:
                     mask = seen.hidden[pixel.env, pixel.y, pixel.x]
                 light = DirectLight()
                 if wp.static(f.lit):
-                    light = gather(lights, casters, pixel.env, s, known, bits, mask)
+                    light = gather(lights, casters, grid, pixel.env, s, known, bits, mask)
                 colour = reflected(glow, albedo, light.irradiance, light.shine)
                 if wp.static(f.cached):
                     if not known:
@@ -128,6 +130,7 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
         lights: Lights,
         sky: Sky,
         casters: Casters,
+        grid: Grid,
         # in and out
         kept: ShadingCache,
         # out
@@ -147,11 +150,11 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
         if wp.static(f.tiled):
             y, x = tile_pixel(view, row, part)
             if y < view.height and x < view.width:
-                shade_pixel(view, pixel_at(env, y, x), band, seen, surfaces, lights, sky, casters, kept, image)
+                shade_pixel(view, pixel_at(env, y, x), band, seen, surfaces, lights, sky, casters, grid, kept, image)
         else:
             y = row0 + row
             for x in range(part * span, wp.min(part * span + span, view.width)):
-                shade_pixel(view, pixel_at(env, y, x), band, seen, surfaces, lights, sky, casters, kept, image)
+                shade_pixel(view, pixel_at(env, y, x), band, seen, surfaces, lights, sky, casters, grid, kept, image)
 
     @wp.kernel(module="unique", enable_backward=False)
     def shade_list(
@@ -167,6 +170,7 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
         lights: Lights,
         sky: Sky,
         casters: Casters,
+        grid: Grid,
         # in and out
         kept: ShadingCache,
         # out
@@ -185,7 +189,7 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
         j = wp.tid()
         while j < count[band]:
             pixel = listed_pixel(view, pixels[first + j])
-            shade_pixel(view, pixel, band, seen, surfaces, lights, sky, casters, kept, image)
+            shade_pixel(view, pixel, band, seen, surfaces, lights, sky, casters, grid, kept, image)
             if wp.static(f.masked):
                 # For the next list.
                 seen.hidden[pixel.env, pixel.y, pixel.x] = wp.uint32(0)

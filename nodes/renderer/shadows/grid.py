@@ -1,13 +1,15 @@
-"""The grids of spot lights that stand still, see grid_kernels."""
+"""The grids of lights without size that stand still, see grid_kernels."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
 
 from evis.geometry import se3
+from evis.scene.model import Light
 from nodes.renderer.geometry.triangles import is_static
 from nodes.renderer.shadows import grid_kernels, occlusion_kernels
 from nodes.renderer.shadows.occlusion import TREE_FROM, half_extents
@@ -23,9 +25,25 @@ SLACK = 1e-4
 """How much wider the boxes in a grid are than what is in them, of the size of the scene: rays are this much beside the
 line through the light that tells their cell, and more only from places ten times as far away as the scene is large."""
 
-SIDE, COARSE = int(grid_kernels.SIDE), int(grid_kernels.COARSE)
+BEYOND = 4.0
+"""Distance from the middle of a scene to the plane that a directional light comes from, of the scene's size."""
+
+SIDE, COARSE, CUBE = int(grid_kernels.SIDE), int(grid_kernels.COARSE), int(grid_kernels.CUBE)
 BEFORE = float(grid_kernels.BEFORE)
+PAIRS = np.triu_indices(8, 1)
+"""Any two of a box's corners."""
 SIGNS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
+
+
+@dataclass(frozen=True)
+class Face:
+    """Holds where one grid is: place [3] m and axes [3, 3] (right, down, ahead); tall: tan of the half angle of what it
+    sees, or half of its width [m] where it is parallel."""
+
+    place: np.ndarray
+    axes: np.ndarray
+    tall: float
+    parallel: bool = False
 
 
 class ShadowGrid:
@@ -43,7 +61,13 @@ class ShadowGrid:
         self.kernel = grid = grid_kernels.Grid()
         grid.turn, grid.shift = v.eye, v.empty(v.envs, wp.vec3)
         grid.pad = wp.zeros(v.envs, dtype=wp.float32, device=v.device)
-        grid.masks = wp.zeros((v.envs, len(lights), COARSE * COARSE), dtype=wp.uint64, device=v.device)
+        faces = np.array([CUBE if v.scene.lights[light].kind == "point" else 1 for light in lights])
+        self._grids = int(faces.sum())
+        of = np.full(len(v.scene.lights), -1, np.int32)
+        of[lights] = np.arange(len(lights))
+        grid.of = v.put(of, wp.int32)
+        grid.faces, grid.first = v.put(faces, wp.int32), v.put(np.cumsum(faces) - faces, wp.int32)
+        grid.masks = wp.zeros((v.envs, self._grids, COARSE * COARSE), dtype=wp.uint64, device=v.device)
 
     @staticmethod
     def suits(visibility: Visibility, occluders: Occluders, light: int) -> bool:
@@ -51,7 +75,8 @@ class ShadowGrid:
         casters, given = occluders.casters, visibility.scene.lights[light]
         moving = casters.order.size - casters.still
         many = occluders.trees and casters.still >= TREE_FROM and moving <= int(grid_kernels.MOVERS)
-        return many and given.kind == "spot" and given.cone[1] <= WIDEST and is_static(visibility.scene, given.body)
+        narrow = given.kind in ("directional", "point") or (given.kind == "spot" and given.cone[1] <= WIDEST)
+        return many and narrow and is_static(visibility.scene, given.body)
 
     def place(self) -> None:
         """Places the grid for the visibility's poses: launches only, after the occluders' tree is built."""
@@ -63,7 +88,7 @@ class ShadowGrid:
         wp.launch(occlusion_kernels.place_trees, v.envs, given, [grid.shift, grid.pad], device=v.device)
         if self._moving:
             grid.masks.zero_()
-            dim = (v.envs, len(self._lights), self._moving)
+            dim = (v.envs, self._grids, self._moving)
             wp.launch(grid_kernels.mark_movers, dim, [self._occluders.casters], [grid], device=v.device)
 
     def _build(self) -> None:
@@ -83,11 +108,13 @@ class ShadowGrid:
         slack = grid.slack = SLACK * self._size
         corners = centre[:, None] + np.einsum("nij,nkj->nki", turn, SIGNS * (self._half + slack)[:, None])
         grid.lower, grid.upper = (v.put(centre + s * (extent + 2 * slack), wp.vec3) for s in (-1, 1))
-        place, axes, tall = (np.array(a) for a in zip(*(self._frame(light, last) for light in self._lights)))
-        place -= middle
+        spread = float(np.linalg.norm(corners, axis=-1).max())
+        faces = [face for light in self._lights for face in self._faces(light, last, spread)]
+        place, axes, tall = (np.array([getattr(face, name) for face in faces]) for name in ("place", "axes", "tall"))
         grid.place, grid.scale = v.put(place, wp.vec3), v.put(1 / tall, wp.float32)
+        grid.parallel = v.put(np.array([face.parallel for face in faces], np.int32), wp.int32)
         grid.right, grid.down, grid.ahead = (v.put(axes[:, k], wp.vec3) for k in range(3))
-        parts = [fill((corners - p) @ a.T, t) for p, a, t in zip(place, axes, tall)]
+        parts = [fill((corners - f.place) @ f.axes.T, f.tall, f.parallel, slack) for f in faces]
         count = np.cumsum([0, *(len(entries) for _, entries in parts)])
         everybody = np.zeros((len(self._still), 2), np.int32)
         everybody[:, 0] = np.arange(len(self._still))
@@ -95,32 +122,75 @@ class ShadowGrid:
         grid.cells = v.put(np.concatenate(starts), wp.int32)
         grid.entries = v.put(np.concatenate([*(entries for _, entries in parts), everybody]), wp.vec2i)
 
-    def _frame(self, index: int, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        """Place [3] and axes [3, 3] (right, down, ahead) of a light in the world, and the tan of its cone, a bit more
-        for rounding. poses: of all bodies, float64 [E, N, 7]."""
+    def _faces(self, index: int, poses: np.ndarray, spread: float) -> list[Face]:
+        """Gives where the grids of a light are, about the middle of the scene. poses: of all bodies, float64 [E, N, 7].
+        spread: from the middle to the farthest corner [m]."""
         light = self._v.scene.lights[index]
-        place, ahead = np.asarray(light.vector, np.float64), np.asarray(light.direction, np.float64)
-        if light.body >= 0:
-            pose = poses[0, light.body]
-            tip = se3.transform(pose, place + ahead)
-            place = se3.transform(pose, place)
-            ahead = tip - place
-        ahead = ahead / np.linalg.norm(ahead)
-        right = np.cross(ahead, np.eye(3)[np.argmin(np.abs(ahead))])
-        right /= np.linalg.norm(right)
-        return place, np.stack([right, np.cross(ahead, right), ahead]), 1.001 * float(np.tan(light.cone[1]))
+        pose = poses[0, light.body] if light.body >= 0 else None
+        if light.kind == "directional":
+            ahead = np.asarray(light.vector, np.float64)
+            if pose is not None:
+                ahead = se3.transform(pose, ahead) - se3.transform(pose, np.zeros(3))
+            axes = axes_along(ahead)
+            return [Face(-BEYOND * spread * axes[2], axes, 1.001 * spread, True)]
+        place = _placed(light, pose) - self._middle
+        if light.kind == "point":
+            return [Face(place, axes_along(sign * axis), 1.001) for axis in np.eye(3) for sign in (1, -1)]
+        tip = _placed(light, pose, np.asarray(light.direction, np.float64)) - self._middle
+        # A bit more than the cone, for rounding.
+        return [Face(place, axes_along(tip - place), 1.001 * float(np.tan(light.cone[1])))]
 
 
-def fill(corners: np.ndarray, tall: float) -> tuple[np.ndarray, np.ndarray]:
-    """Finds where the entries of each cell begin, int64 [SIDE^2], and the entries int32 [n, 2], of boxes with corners
-    float64 [I, 8, 3] m in a light's axes; tall: tan of its cone's half angle."""
+def _placed(light: Light, pose: np.ndarray | None, beside: np.ndarray | float = 0.0) -> np.ndarray:
+    """A light's place, or one beside it, in the world [m]."""
+    place = np.asarray(light.vector, np.float64) + beside
+    return place if pose is None else se3.transform(pose, place)
+
+
+def axes_along(ahead: np.ndarray) -> np.ndarray:
+    """Makes unit vectors to the right, down and ahead, float64 [3, 3]."""
+    ahead = ahead / np.linalg.norm(ahead)
+    right = np.cross(ahead, np.eye(3)[np.argmin(np.abs(ahead))])
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(ahead, right), ahead])
+
+
+def seen_range(corners: np.ndarray, tall: float, slack: float) -> tuple[np.ndarray, np.ndarray]:
+    """Finds within what columns and rows a light sees boxes, each from -1 to 1 over its grid, float64 [I, 2] twice.
+
+    corners: float64 [I, 8, 3] m in the light's axes. tall: tan of the half angle that it sees. slack: how far a ray may
+    be beside the line through the light [m]. What comes so near to the light that any ray may meet it has all of the
+    grid; of what lies ahead of it in part, only that part counts.
+    """
     ahead = corners[..., 2]
-    near = ahead.min(1)
-    crossing = (near <= 2 * BEFORE)[:, None]
-    at = (corners[..., :2] / (tall * np.maximum(ahead, BEFORE)[..., None]) + 1) * (SIDE / 2)
-    first = np.where(crossing, 0, np.floor(at.min(1) - 0.01))
-    last = np.where(crossing, SIDE - 1, np.floor(at.max(1) + 0.01))
-    which = np.flatnonzero((ahead.max(1) > BEFORE) & (first < SIDE).all(1) & (last >= 0).all(1))
+    low, high = corners.min(1), corners.max(1)
+    near = tall * BEFORE + slack
+    beside = (low[:, :2] > near).any(1) | (high[:, :2] < -near).any(1)
+    anywhere = (low[:, 2] <= BEFORE) & (high[:, 2] >= -slack) & ~beside
+    at = corners[..., :2] / (tall * np.maximum(ahead, BEFORE)[..., None])
+    behind = (ahead < BEFORE)[..., None]
+    first, last = np.where(behind, np.inf, at).min(1), np.where(behind, -np.inf, at).max(1)
+    cut = np.flatnonzero((low[:, 2] < BEFORE) & (high[:, 2] > BEFORE))
+    # Where the lines between corners on either side of the plane at BEFORE go through it.
+    a, b = corners[cut][:, PAIRS[0]], corners[cut][:, PAIRS[1]]
+    through = ((a[..., 2] < BEFORE) != (b[..., 2] < BEFORE))[..., None]
+    step = np.where(through[..., 0], b[..., 2] - a[..., 2], 1.0)[..., None]
+    met = (a + (BEFORE - a[..., 2:]) / step * (b - a))[..., :2] / (tall * BEFORE)
+    first[cut] = np.minimum(first[cut], np.where(through, met, np.inf).min(1))
+    last[cut] = np.maximum(last[cut], np.where(through, met, -np.inf).max(1))
+    first[anywhere], last[anywhere] = -1.0, 1.0
+    return first, last
+
+
+def fill(corners: np.ndarray, tall: float, parallel: bool, slack: float) -> tuple[np.ndarray, np.ndarray]:
+    """Finds where the entries of each cell begin, int64 [SIDE^2], and the entries int32 [n, 2], of boxes with corners
+    float64 [I, 8, 3] m in a grid's axes; tall, parallel: of the grid; slack: as of `seen_range`."""
+    if parallel:
+        first, last = corners[..., :2].min(1) / tall, corners[..., :2].max(1) / tall
+    else:
+        first, last = seen_range(corners, tall, slack)
+    first, last = np.floor((first + 1) * (SIDE / 2) - 0.01), np.floor((last + 1) * (SIDE / 2) + 0.01)
+    which = np.flatnonzero((first < SIDE).all(1) & (last >= 0).all(1))
     first, last = (np.clip(edge[which], 0, SIDE - 1).astype(np.int64) for edge in (first, last))
     wide, high = (last - first + 1).T
     count = wide * high
@@ -128,7 +198,7 @@ def fill(corners: np.ndarray, tall: float) -> tuple[np.ndarray, np.ndarray]:
     k = np.arange(len(n)) - np.repeat(np.cumsum(count) - count, count)
     cell = (first[n, 1] + k // wide[n]) * SIDE + first[n, 0] + k % wide[n]
     # Rounded down, for it must not be more than it is.
-    least = np.nextafter(near[which].astype(np.float32), np.float32(-np.inf))
+    least = np.nextafter(corners[which][..., 2].min(1).astype(np.float32), np.float32(-np.inf))
     order = np.lexsort((n, least[n], cell))
     entries = np.stack([which[n[order]].astype(np.int32), least[n[order]].view(np.int32)], axis=-1)
     return np.searchsorted(cell[order], np.arange(SIDE * SIDE)), entries

@@ -1,9 +1,10 @@
-"""Who may be between a spot light and a point: looked up in a grid over what the light sees, for shadow rays.
+"""Who may be between a light without size and a point: looked up in a grid over what the light sees, for shadow rays.
 
-Seen from the light, all of a ray lies in one cell of the grid. For every cell there is a list of the still instances
-whose boxes it holds anything of (a light buffer: Haines and Greenberg, The Light Buffer, 1986), and a bit for each
-moving one. Only these are tried, in place of the nodes of a tree; whom a ray meets is decided by the same test, so the
-shadows are the same.
+Seen from the light, all of a ray lies in one cell of a grid: of one in a plane before a spot light, of one of six on
+the faces of a cube about a point light, of one across the way of a directional light. For every cell there is a list of
+the still instances whose boxes it holds anything of (a light buffer: Haines and Greenberg, The Light Buffer, 1986), and
+a bit for each moving one. Only these are tried, in place of the nodes of a tree; whom a ray meets is decided by the
+same test, so the shadows are the same.
 """
 
 import warp as wp
@@ -20,21 +21,31 @@ MOVERS = wp.constant(64)
 """Bits of a cell."""
 BEFORE = wp.constant(0.02)
 """Distance ahead of the light [m] from which on cells are looked up; what comes nearer may be anywhere."""
-EVERYBODY = wp.constant(1.0e30)
-"""Distance ahead [m] that stands for one at which all are tried."""
+EVERYBODY = wp.constant(-1)
+"""Cell that stands for all: every instance is tried."""
+MOVERS_ONLY = wp.constant(-2)
+"""Cell of a point past which nothing still lies on the way to a directional light."""
+CUBE = wp.constant(6)
+"""Grids of a point light."""
 
 
 @wp.struct
 class Grid:
-    """Holds which casters may lie in the cone of each of the lights [G], by cells of its field of view.
+    """Holds which casters may lie between a point and each light, by cells of G grids.
 
-    In a frame with the world's axes: place, unit vectors to the right, down and ahead; scale: 1 / tan of the cone's
-    half angle. turn, shift [E]: camera to that frame; pad [E]: rounding of a place in it [m]. cells [G SIDE^2 + 2]:
-    where the entries of each cell begin; the last one has all still instances. entries: index into casters.order, and
-    the bits of the least distance ahead of the light, ascending. lower, upper [still]: boxes, wider by `slack` [m] or
-    more. masks [E, G, COARSE^2]: bits of casters.order[still ...].
+    of: for every light of the scene its number among those that have grids, or -1. first, faces: of each of these, its
+    first grid and how many it has. In a frame with the world's axes, of each grid: place, unit vectors to the right,
+    down and ahead; scale: 1 / tan of the half angle of what it sees, or of a parallel one, to which light comes along
+    `ahead`, 1 / half of its width [1/m]. turn, shift [E]: camera to that frame; pad [E]: rounding of a place in it [m].
+    cells [G SIDE^2 + 2]: where the entries of each cell begin; the last one has all still instances. entries: index
+    into casters.order, and the bits of the least distance ahead of the light, ascending. lower, upper [still]: boxes,
+    wider by `slack` [m] or more. masks [E, G, COARSE^2]: bits of casters.order[still ...].
     """
 
+    of: wp.array(dtype=int)
+    first: wp.array(dtype=int)
+    faces: wp.array(dtype=int)
+    parallel: wp.array(dtype=int)
     place: wp.array(dtype=wp.vec3)
     right: wp.array(dtype=wp.vec3)
     down: wp.array(dtype=wp.vec3)
@@ -84,45 +95,71 @@ def inverse_of(x: float):
 
 
 @wp.func
-def cell_of(grid: Grid, g: int, env: int, origin: wp.vec3, start: wp.vec3):
-    """Gives the column and row [0, 1) of the cell that holds the rays from a point to light g, and how far ahead of the
-    light it is [m]; EVERYBODY where none is sure to. origin, start: the point in the camera's frame and the grid's."""
+def face_towards(grid: Grid, n: int, away: wp.vec3):
+    """Gives the grid of light n, counted among those that have any, that sees what lies in the direction `away`."""
+    g = grid.first[n]
+    if grid.faces[n] == CUBE:
+        size = wp.abs(away)
+        k = wp.int32(0)
+        if size[1] > size[k]:
+            k = 1
+        if size[2] > size[k]:
+            k = 2
+        g += 2 * k
+        if away[k] < 0.0:
+            g += 1
+    return g
+
+
+@wp.func
+def cell_of(grid: Grid, n: int, env: int, origin: wp.vec3, start: wp.vec3):
+    """Gives the grid of light n that the way from a point to it lies in, its column and row [0, 1) there, how far ahead
+    of the light the point is [m], and EVERYBODY or MOVERS_ONLY where no cell is sure to hold the way, otherwise 0.
+    origin, start: the point in the camera's frame and the grid's."""
+    g = face_towards(grid, n, start - grid.place[grid.first[n]])
     away = start - grid.place[g]
     ahead = wp.dot(away, grid.ahead[g])
     # A ray does not end at the light but as far beside it as it starts above its surface, and rounding comes to that.
     beside = LIFT * (wp.length(origin) + grid.slack) + grid.pad[env]
     if ahead > BEFORE and 4.0 * beside < grid.slack:
-        half = 0.5 * grid.scale[g] / ahead
+        half = 0.5 * grid.scale[g]
+        if grid.parallel[g] == 0:
+            half /= ahead
         x = wp.dot(away, grid.right[g]) * half + 0.5
         y = wp.dot(away, grid.down[g]) * half + 0.5
         if x >= 0.0 and y >= 0.0 and x < 1.0 and y < 1.0:
-            return x, y, ahead
-    return 0.0, 0.0, EVERYBODY
+            return g, x, y, ahead, 0
+        if grid.parallel[g] == 1:
+            return g, 0.0, 0.0, ahead, MOVERS_ONLY
+    return g, 0.0, 0.0, ahead, EVERYBODY
 
 
 @wp.func
 def hidden_from(
     casters: Casters,
     grid: Grid,
-    g: int,
+    light: int,
     env: int,
     skip: int,
     origin: wp.vec3,
     direction: wp.vec3,
     length: float,
 ):
-    """Tells whether any caster but `skip` is between a point and light g: what `occluded` says of all casters."""
+    """Tells whether any caster but `skip` is between a point and a light, counted among those that have a grid: what
+    `occluded` says of all casters."""
     start = grid.turn[env] * origin + grid.shift[env]
-    x, y, ahead = cell_of(grid, g, env, origin, start)
+    g, x, y, ahead, whole = cell_of(grid, light, env, origin, start)
     cell = grid.cells.shape[0] - 2
     movers = ~wp.uint64(0)
-    if ahead < EVERYBODY:
+    if whole == 0:
         cell = (g * SIDE + int(y * float(SIDE))) * SIDE + int(x * float(SIDE))
         movers = grid.masks[env, g, int(y * float(COARSE)) * COARSE + int(x * float(COARSE))]
     along = grid.turn[env] * direction
     inverse = wp.vec3(inverse_of(along[0]), inverse_of(along[1]), inverse_of(along[2]))
     k = grid.cells[cell]
     end = grid.cells[cell + 1]
+    if whole == MOVERS_ONLY:
+        k = end
     moving = casters.order.shape[0] - casters.still
     # One loop for all, for a GPU's threads then try their meshes together.
     while k < end or movers != wp.uint64(0):
@@ -130,7 +167,7 @@ def hidden_from(
         if k < end:
             entry = grid.entries[k]
             k += 1
-            if wp.cast(entry[1], wp.float32) >= ahead:
+            if whole == 0 and wp.cast(entry[1], wp.float32) >= ahead:
                 k = end
             elif meets_box(grid.lower[entry[0]], grid.upper[entry[0]], start, inverse, length):
                 n = entry[0]
@@ -177,7 +214,13 @@ def mark_movers(
     y0 = wp.int32(0)
     x1 = COARSE - 1
     y1 = COARSE - 1
-    if w - radius > BEFORE:
+    if grid.parallel[g] == 1:
+        u = wp.dot(centre, grid.right[g]) * grid.scale[g]
+        v = wp.dot(centre, grid.down[g]) * grid.scale[g]
+        r = radius * grid.scale[g]
+        x0, x1 = cell_range(u - r, u + r, 1.0, 1.0)
+        y0, y1 = cell_range(v - r, v + r, 1.0, 1.0)
+    elif w - radius > BEFORE:
         u = wp.dot(centre, grid.right[g]) * grid.scale[g]
         v = wp.dot(centre, grid.down[g]) * grid.scale[g]
         r = radius * grid.scale[g]

@@ -1,4 +1,4 @@
-"""Shadow rays to spot lights by their grids: against the trees' answers bit for bit, and against closed form."""
+"""Shadow rays by grids over what lights see: against the trees' answers bit for bit, and against closed form."""
 
 import numpy as np
 import pytest
@@ -38,23 +38,41 @@ LIGHTS = [
     # Balls lie on both sides of the plane through it, and one touches it.
     spot("between", (-0.9, 0.05, 1.3), (1.0, 0.1, 0.2), 1.3),
     spot("narrow", (0.5, -0.3, 0.2), (-0.2, 0.2, 1), 0.2),
+    # In the midst of the balls, and one of them is less than 2 cm away.
+    Light("amid", "point", np.full(3, 2.0), np.array([0.3, 0.1, 1.5])),
+    Light("slanting", "directional", np.full(3, 1.0), np.array([0.5, -0.3, 0.8])),
+    # Along the floor: boxes lie behind one another.
+    Light("low", "directional", np.full(3, 1.0), np.array([1.0, 0.0, 0.05])),
 ]
 
 
+@pytest.fixture
+def without_grids(monkeypatch):
+    """Gives what has every ray go by trees."""
+    return lambda: monkeypatch.setattr(ShadowGrid, "suits", staticmethod(lambda *given: False))
+
+
+@pytest.mark.parametrize("split", [False, True])
 @pytest.mark.parametrize("far", [0.0, 400.0])
-def test_grids_hide_what_trees_do(far):
-    """far: how far away the camera is [m]; rounding is then more than the grid has room for, and everything is tried"""
+def test_grids_hide_what_trees_do(far, split, without_grids):
+    """far: how far away the camera is [m]; rounding is then more than the grid has room for, and everything is tried.
+    split: rays in a pass of their own"""
     grid = np.random.default_rng(5)
     still = [ball(0.12, p) for p in grid.uniform((-1.2, -0.9, 0.9), (1.2, 0.9, 2.2), (24, 3))]
     still.append(ball(0.1, (-0.83, 0.05, 1.3)))
+    still.append(ball(0.05, (0.3, 0.165, 1.5)))
     world = room(still, [sphere(0.1, 8)] * 5, LIGHTS)
     if far:
         view = world.cameras[0]
         view.k[:2, :2] *= far / 2
     spread = grid.uniform((-1.0, -0.7, 0.8), (1.0, 0.7, 2.2), (2, 5, 3))
+    # One is beside all that stands still, where no cell of a directional light is.
+    spread[:, 0] = (7.0, 0.2, 2.0)
     now = np.concatenate([poses(*(at(*p) for p in spread[e]), at(0.1 * e, 0.05, -far)) for e in (0, 1)])
     images = []
-    for split in (False, True):
+    for trees in (False, True):
+        if trees:
+            without_grids()
         visibility = Visibility(world, world.cameras[0], 2)
         shading = Shading(visibility, ShadingOptions(split=split))
         for bodies in (now[::-1], now):
@@ -62,20 +80,32 @@ def test_grids_hide_what_trees_do(far):
             image = wp.zeros(visibility.shape, dtype=wp.vec3, device="cpu")
             shading.shade(image)
         images.append(image.numpy())
-    assert all(ShadowGrid.suits(visibility, shading.occluders, light) for light in range(3))
+        if not trees:
+            assert all(ShadowGrid.suits(visibility, shading.occluders, light) for light in range(len(LIGHTS)))
+            assert shading.features.grids != split
+        if shading.shadow_pass is not None:
+            hidden = shading.shadow_pass.hidden.numpy()
+            assert all(((hidden >> bit) & 1).any() for bit in range(len(LIGHTS)))
     assert np.array_equal(*images)
-    assert shading.shadow_pass is not None
-    hidden = shading.shadow_pass.hidden.numpy()
-    assert all(((hidden >> bit) & 1).any() for bit in range(3))
 
 
+SUN = np.array([0.9, -0.4, 1.0])
+LAMP = np.array([-0.2, 0.1, 0.0])
+
+
+@pytest.mark.parametrize("kind", ["spot", "point", "directional"])
 @pytest.mark.parametrize("moves", [False, True])
-def test_shadow_of_a_ball_on_a_floor(moves):
+def test_shadow_of_a_ball_on_a_floor(moves, kind):
     """The floor's points whose way to the light passes the ball's centre by less than its radius, and no others."""
-    radius, centre, light = 0.3, np.array([0.15, -0.1, 1.4]), np.array([-0.2, 0.1, 0.0])
+    radius, centre = 0.3, np.array([0.15, -0.1, 1.4])
+    lamps = {
+        "spot": spot("lamp", LAMP, (0, 0, 1), 1.2),
+        "point": Light("lamp", "point", np.full(3, 4.0), LAMP),
+        "directional": Light("sun", "directional", np.full(3, 4.0), SUN),
+    }
     corners = [ball(0.02, (x, y, 2.4)) for x in np.linspace(3.0, 3.9, 5) for y in np.linspace(3.0, 3.9, 4)]
     still = corners if moves else [*corners, ball(radius, centre, 48)]
-    world = room(still, [sphere(radius, 48)] if moves else [], [spot("lamp", light, (0, 0, 1), 1.2)])
+    world = room(still, [sphere(radius, 48)] if moves else [], [lamps[kind]])
     visibility = Visibility(world, world.cameras[0])
     shading = Shading(visibility, ShadingOptions(split=True, remember=False))
     eye = at(0, 0, 0, (0.05, -0.04, 0.3))
@@ -92,11 +122,14 @@ def test_shadow_of_a_ball_on_a_floor(moves):
     rays = np.stack([(x - k[0, 2]) / k[0, 0], (y - k[1, 2]) / k[1, 1], np.ones(x.shape)], -1)
     points = se3.transform(eye, rays * depth[..., None].astype(np.float64))
     floor = np.abs(points[..., 2] - FLOOR) < 1e-4
-    way = points - light
-    way /= np.linalg.norm(way, axis=-1, keepdims=True)
-    beside = np.linalg.norm(np.cross(way, centre - light), axis=-1)
+    way = np.broadcast_to(SUN, points.shape) if kind == "directional" else points - LAMP
+    way = way / np.linalg.norm(way, axis=-1, keepdims=True)
+    beside = np.linalg.norm(np.cross(way, centre - points), axis=-1)
     # Within the cone, and not at the edge, where the ball is a polyhedron.
-    inside, outside = floor & (beside < 0.98 * radius), floor & (beside > 1.001 * radius) & (way[..., 2] > np.cos(1.19))
+    inside, outside = (
+        floor & (beside < 0.98 * radius),
+        floor & (beside > 1.001 * radius) & ((kind != "spot") | (way[..., 2] > np.cos(1.19))),
+    )
     assert inside.sum() > 100 and outside.sum() > 1000
     assert hidden[inside].all()
     assert not hidden[outside].any()
