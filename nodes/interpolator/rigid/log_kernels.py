@@ -122,19 +122,41 @@ def half_black(low: Any, high: Any):  # noqa: F811 - overloaded by its type
     return result
 
 
+@wp.func_native("return b < a ? b : a;")
+def smaller(a: wp.float32, b: wp.float32) -> wp.float32:
+    """Takes the smaller of two numbers, neither of which is NaN: one instruction, where wp.min has six on a CPU."""
+    ...
+
+
+@wp.func_native("return a < b ? b : a;")
+def larger(a: wp.float32, b: wp.float32) -> wp.float32:
+    """Takes the larger of two numbers, neither of which is NaN."""
+    ...
+
+
 @wp.func
-def least(a: Any, b: Any):
+def least(a: wp.float32, b: wp.float32):
     """Takes the smaller one, channel by channel."""
+    return smaller(a, b)
+
+
+@wp.func
+def least(a: Any, b: Any):  # noqa: F811 - overloaded by its type
     return wp.min(a, b)
 
 
 @wp.func
-def most(a: Any, b: Any):
+def most(a: wp.float32, b: wp.float32):
     """Takes the larger one, channel by channel."""
+    return larger(a, b)
+
+
+@wp.func
+def most(a: Any, b: Any):  # noqa: F811 - overloaded by its type
     return wp.max(a, b)
 
 
 @wp.func
 def within(value: Any, low: Any, high: Any):
     """Clamps a value, channel by channel."""
-    return wp.min(wp.max(value, low), high)
+    return least(most(value, low), high)

@@ -21,7 +21,7 @@ def make_delta(f: Features) -> tuple[Any, Any]:
     occluded, _ = make_occlusion(f.trees, f.joined)
     towards, idle = make_directions(f.directional, f.point, f.spot)
 
-    @wp.func
+    @wp.func(inline=True)
     def reaches(
         lights: Lights,
         casters: Casters,
@@ -55,7 +55,7 @@ def make_delta(f: Features) -> tuple[Any, Any]:
                 free = not occluded(casters, env, moved, last, s.alone, s.lift, ray, length)
         return open, free
 
-    @wp.func
+    @wp.func(inline=True)
     def of_delta(
         lights: Lights,
         casters: Casters,
@@ -106,7 +106,7 @@ def make_lighting(f: Features) -> Any:
     area = make_area(f.soft, f.trees, f.gloss, f.cached, f.joined) if f.area else None
     idle, of_delta = make_delta(f)
 
-    @wp.func
+    @wp.func(inline=True)
     def of_area(lights: Lights, casters: Casters, env: int, l: int, s: SurfacePoint, known: bool, sum: DirectLight):
         """Gives the sum with an area light's, unless it is known that still casters hide it."""
         r = sum
@@ -123,7 +123,7 @@ def make_lighting(f: Features) -> Any:
                 r.bits = r.bits | bit
         return r
 
-    @wp.func
+    @wp.func(inline=True)
     def with_light(
         lights: Lights,
         casters: Casters,
@@ -144,7 +144,7 @@ def make_lighting(f: Features) -> Any:
                 return of_delta(lights, casters, grid, env, l, s, known, hidden, sum)
         return sum
 
-    @wp.func
+    @wp.func(inline=True)
     def gather(
         lights: Lights,
         casters: Casters,

@@ -21,7 +21,7 @@ def make_look(f: Features) -> Any:
     surface = make_surface(f.textures, f.smooth, f.tinted)
     _, ambient, sky_gloss = make_sky(f.mapped)
 
-    @wp.func
+    @wp.func(inline=True)
     def look(view: CameraView, pixel: Pixel, seen: Seen, surfaces: Surfaces, sky: Sky, face: Face, point: SurfacePoint):
         """Gives the point with what it reflects by its lobe, the albedo of its diffuse term, and the radiance that it
         has without lights: what it emits, and reflects of the sky."""

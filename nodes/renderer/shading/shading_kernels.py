@@ -67,7 +67,8 @@ def make_shade_pixel(f: Features) -> Any:
             colour += shine
         return colour
 
-    @wp.func
+    # Its arguments are large structs, which a call on a CPU would copy for every pixel.
+    @wp.func(inline=True)
     def shade_pixel(
         view: CameraView,
         pixel: Pixel,
