@@ -12,7 +12,7 @@ from nodes.interpolator.keyframe import States
 from nodes.interpolator.refine.sight_kernels import Targets
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
-from nodes.interpolator.rigid.gather_kernels import Portion, make_gather, make_place
+from nodes.interpolator.rigid.gather_kernels import Portion, cut, make_gather, make_place
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.reprojection import textured_in
 from nodes.interpolator.rigid.slots import Slots
@@ -157,6 +157,7 @@ class Evaluator:
         portion: Any = Portion()
         layout, rigid = self._rigid.layout, self._rigid
         portion.slot0, portion.count, portion.envs, portion.frames = 0, self._slots, self._envs, 1
+        cut(portion, self.size[1], self.size[0])
         portion.upsampling, portion.tolerance, portion.relight = self._upsampling, layout.tolerance, int(layout.relight)
         portion.pace = layout.pace
         portion.keyframes = wp.vec2i(rigid.pair.a.first, rigid.pair.b.first)

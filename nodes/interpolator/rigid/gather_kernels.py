@@ -6,10 +6,22 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
+from evis.gpu.division_kernels import Divisor, divided, divisor
 from nodes.interpolator.relight.change_kernels import Change, make_asked, make_relit, moved_point, point_of
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.log_kernels import apart, brighter, fused_luminance, radiance_of
-from nodes.interpolator.rigid.look_up_kernels import BARE, HARD, HIDDEN, SEEN, Sight, make_keyframes, make_look_up
+from nodes.interpolator.rigid.look_up_kernels import (
+    BARE,
+    HARD,
+    HIDDEN,
+    SEEN,
+    Sight,
+    displaced,
+    entry,
+    make_keyframes,
+    make_look_up,
+    whole_number,
+)
 from nodes.interpolator.rigid.texture_kernels import make_log_albedo
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.surface_kernels import Seen, Surfaces, pixel_at
@@ -27,7 +39,8 @@ class Portion:
     quiet [E, H, W]: z-buffer entries with which nothing has changed. pieces: of each triangle, its body (the world's
     index being their number) and its patch. tolerance: difference of the keyframes' log radiance up to which it is
     blended; pace: path [px] per unit of `index` from which on what is finer than a keyframe's pixels does not matter;
-    relight: 1 where all but the sky is to be shaded anew. keyframes: first rows of A and B in their pair.
+    relight: 1 where all but the sky is to be shaded anew. keyframes: first rows of A and B in their pair. by_width,
+    by_height [px], by_count, by_envs: what indices of pixels of frames are divided by, see `cut`.
     """
 
     slot0: int
@@ -39,12 +52,22 @@ class Portion:
     relight: int
     count: int
     keyframes: wp.vec2i
+    by_width: Divisor
+    by_height: Divisor
+    by_count: Divisor
+    by_envs: Divisor
     index: wp.array(dtype=int)
     frame: wp.array(dtype=int)
     strength: wp.array(dtype=float)
     packed: wp.array3d(dtype=wp.uint64)
     quiet: wp.array3d(dtype=wp.uint64)
     pieces: wp.array(dtype=wp.vec2i)
+
+
+def cut(portion: Any, width: int, height: int) -> None:
+    """Fills in what indices of a portion's pixels are divided by. width, height [px]: of a frame without margin."""
+    portion.by_width, portion.by_height = divisor(width), divisor(height)
+    portion.by_count, portion.by_envs = divisor(portion.count), divisor(portion.envs)
 
 
 @wp.func
@@ -120,11 +143,6 @@ def make_gather(
         row_b = portion.keyframes[1] + n % portion.envs
         return relit(change, flag, n, row_a, row_b, s, a, b, seen_a, seen_b, share)
 
-    @wp.func
-    def moved(keys: Keyframes, row: int, body: int, point: wp.vec3):
-        """Computes how far a point of a body has moved since a keyframe, in its camera frame [m]."""
-        return keys.turn[row, body] * point + keys.shift[row, body]
-
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=registers)
     def gather(
         # in
@@ -167,11 +185,12 @@ def make_gather(
             end = wp.min(last, first + todo_count[band])
         elif wp.static(listed):
             end = wp.where(last >= 0, last, todo_count[band])
-        # The row that the pixel before was in: dividing costs as much as looking up.
+        # The row that the pixel before was in, which need not be found again.
         row = wp.int32(-1)
         left = wp.int32(0)
         y = wp.int32(0)
-        n = wp.int32(0)
+        slot = wp.int32(0)
+        env = wp.int32(0)
         while j < end:
             at = j
             x = wp.int32(0)
@@ -182,46 +201,49 @@ def make_gather(
                     at = -1 - at
                     anew = True
                 if row < 0 or at < left or at - left >= width:
-                    row = at // width
+                    row = divided(at, portion.by_width)
                     left = row * width
-                    y = row % height + m
-                    n = row // height + portion.slot0 * envs
+                    image = divided(row, portion.by_height)
+                    y = row - image * height + m
+                    slot = divided(image, portion.by_envs)
+                    env = image - slot * envs
                 x = at - left + m
             else:
                 # A row of one sub-frame after that of the other: they look for nearly the same places.
-                row = j // width
-                line = row // portion.count
-                n = row - line * portion.count
-                y = line % height
-                n = n * envs + line // height
+                row = divided(j, portion.by_width)
+                line = divided(row, portion.by_count)
+                slot = row - line * portion.count
+                env = divided(line, portion.by_height)
+                y = line - env * height
                 left = j - row * width
-                at = (n * height + y) * width + left
+                at = ((slot * envs + env) * height + y) * width + left
                 x = left + m
                 y += m
-                n += portion.slot0 * envs
-            env = n % envs
-            i = portion.index[n // envs]
-            frame = env * portion.frames + portion.frame[n // envs]
+            n = (portion.slot0 + slot) * envs + env
+            i = whole_number(portion.index, portion.slot0 + slot)
+            frame = env * portion.frames + whole_number(portion.frame, portion.slot0 + slot)
+            place = (n * view.height + y) * view.width + x
             hit = wp.uint64(0)
             row_out = y - m
             column_out = x - m
             if wp.static(single):
-                hit = portion.packed[0, 0, j]
+                hit = entry(portion.packed, j)
                 frame = wp.int32(0)
                 row_out = wp.int32(0)
                 column_out = j
             else:
-                hit = portion.packed[n, y, x]
+                hit = entry(portion.packed, place)
             changed = wp.bool(True)
             if wp.static(not listed):
-                changed = hit != portion.quiet[env, y, x]
+                changed = hit != entry(portion.quiet, (env * view.height + y) * view.width + x)
             if anew:
-                pixels[first + take_place(count, band)] = (n * view.height + y) * view.width + x
+                pixels[first + take_place(count, band)] = place
             elif changed:
                 s, body = sight_of(view, hit, y, x, portion.pieces, keys.turn.shape[1] - 1)
                 base = env * view.height * view.width
-                m_a = moved(keys, n, body, s.point)
-                m_b = moved(keys, n + keys.turn.shape[0] / 2, body, s.point)
+                since = n * keys.turn.shape[1] + body
+                m_a = displaced(keys.turn, keys.shift, since, s.point)
+                m_b = displaced(keys.turn, keys.shift, since + keys.turn.shape[0] / 2 * keys.turn.shape[1], s.point)
                 flag = wp.int32(0)
                 if wp.static(changes.any):
                     if s.sky == 0:
@@ -281,11 +303,11 @@ def make_gather(
                         value += share * (other - value)
                     frames[frame, row_out, column_out] = radiance_of(value, portion.strength[n])
                 else:
-                    place = first + take_place(count, band)
-                    pixels[place] = (n * view.height + y) * view.width + x
+                    listed_at = first + take_place(count, band)
+                    pixels[listed_at] = place
                     if wp.static(single):
                         shown.packed[n, y, x] = hit
-                        places[place] = j
+                        places[listed_at] = j
             else:
                 frames[frame, row_out, column_out] = keys.image[env, y, x]
             j += workers

@@ -122,13 +122,23 @@ def half_black(low: Any, high: Any):  # noqa: F811 - overloaded by its type
     return result
 
 
-@wp.func_native("return b < a ? b : a;")
+SMALLER = """
+#if defined(__CUDA_ARCH__)
+    return fminf(a, b);
+#else
+    return b < a ? b : a;
+#endif
+"""
+LARGER = SMALLER.replace("fminf", "fmaxf").replace("b < a", "a < b")
+
+
+@wp.func_native(SMALLER)
 def smaller(a: wp.float32, b: wp.float32) -> wp.float32:
     """Takes the smaller of two numbers, neither of which is NaN: one instruction, where wp.min has six on a CPU."""
     ...
 
 
-@wp.func_native("return a < b ? b : a;")
+@wp.func_native(LARGER)
 def larger(a: wp.float32, b: wp.float32) -> wp.float32:
     """Takes the larger of two numbers, neither of which is NaN."""
     ...

@@ -116,6 +116,82 @@ def whole_number(values: wp.array(dtype=wp.int32), at: wp.int32) -> wp.int32:
     ...
 
 
+@wp.func_native(ELEMENT)
+def entry(values: wp.array3d(dtype=wp.uint64), at: wp.int32) -> wp.uint64:
+    """Reads a z-buffer entry by its place in memory, which is known, rather than by three indices."""
+    ...
+
+
+PAIR = """
+    const float* first = values.data + at;
+#if defined(__CUDA_ARCH__)
+    return wp::vec_t<2, wp::float32>(__ldg(first), __ldg(first + 1));
+#else
+    return wp::vec_t<2, wp::float32>(first[0], first[1]);
+#endif
+"""
+
+
+@wp.func_native(PAIR)
+def pair(values: wp.array(dtype=wp.float32), at: wp.int32) -> wp.vec2:
+    """Reads two elements in a row as `number` does."""
+    ...
+
+
+@wp.func
+def pair_of(values: wp.array(dtype=wp.float32), at: int):
+    """Reads two elements in a row."""
+    both = pair(values, at)
+    return both[0], both[1]
+
+
+@wp.func
+def pair_of(values: wp.array(dtype=Any), at: int):  # noqa: F811 - overloaded by its type
+    return values[at], values[at + 1]
+
+
+FOUR = """
+    const float* first = values.data + at;
+#if defined(__CUDA_ARCH__)
+    return wp::vec_t<4, wp::float32>(__ldg(first), __ldg(first + 1), __ldg(first + 2), __ldg(first + 3));
+#else
+    return wp::vec_t<4, wp::float32>(first[0], first[1], first[2], first[3]);
+#endif
+"""
+
+
+@wp.func_native(FOUR)
+def four(values: wp.array(dtype=wp.float32), at: wp.int32) -> wp.vec4:
+    """Reads four elements in a row as `number` does."""
+    ...
+
+
+@wp.func
+def weighted(values: wp.array(dtype=wp.float32), at: int, w: wp.vec4):
+    """Weights four elements in a row, from `at` on."""
+    r = four(values, at)
+    return w[0] * r[0] + w[1] * r[1] + w[2] * r[2] + w[3] * r[3]
+
+
+@wp.func
+def weighted(values: wp.array(dtype=Any), at: int, w: wp.vec4):  # noqa: F811 - overloaded by its type
+    return w[0] * values[at] + w[1] * values[at + 1] + w[2] * values[at + 2] + w[3] * values[at + 3]
+
+
+DISPLACED = """
+    return wp::add(wp::mul(turn.data[at], point), shift.data[at]);
+"""
+
+
+@wp.func_native(DISPLACED)
+def displaced(
+    turn: wp.array2d(dtype=wp.mat33), shift: wp.array2d(dtype=wp.vec3), at: wp.int32, point: wp.vec3
+) -> wp.vec3:
+    """Computes how far a point of a body has moved since a keyframe, in its camera frame [m]; at: place of the body in
+    `turn` and `shift` (see displacement_kernels) in memory."""
+    ...
+
+
 @wp.func
 def element(values: wp.array(dtype=Any), at: int):
     """Reads an element of any type."""
@@ -169,24 +245,15 @@ def make_fetches(channels: int, flicker: bool) -> tuple[wp.Function, wp.Function
     log_at = number if pixel is wp.float32 else element
 
     @wp.func
-    def cubic_row(keys: Keyframes, at: int, w: wp.vec4):
-        """Weights four pixels of a row, from at - 1 on."""
-        return (
-            w[0] * log_at(keys.logs, at - 1)
-            + w[1] * log_at(keys.logs, at)
-            + w[2] * log_at(keys.logs, at + 1)
-            + w[3] * log_at(keys.logs, at + 2)
-        )
-
-    @wp.func
     def whole(keys: Keyframes, width: int, at: int, wx: wp.vec4, wy: wp.vec4):
         """Computes cubic convolution about the pixel `at` and its neighbours to the right and below."""
-        below = at + width
+        first = at - 1
+        below = first + width
         return in_column(
-            cubic_row(keys, at - width, wx),
-            cubic_row(keys, at, wx),
-            cubic_row(keys, below, wx),
-            cubic_row(keys, below + width, wx),
+            weighted(keys.logs, first - width, wx),
+            weighted(keys.logs, first, wx),
+            weighted(keys.logs, below, wx),
+            weighted(keys.logs, below + width, wx),
             wy,
         )
 
@@ -295,24 +362,15 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool, detaile
         return HIDDEN, pixel(0.0)
 
     @wp.func
-    def texture_row(keys: Keyframes, at: int, w: wp.vec4):
-        """Weights four pixels of a row of ln albedo, from at - 1 on."""
-        return (
-            w[0] * number(keys.albedo, at - 1)
-            + w[1] * number(keys.albedo, at)
-            + w[2] * number(keys.albedo, at + 1)
-            + w[3] * number(keys.albedo, at + 2)
-        )
-
-    @wp.func
     def texture(keys: Keyframes, width: int, at: int, wx: wp.vec4, wy: wp.vec4):
         """Computes ln albedo about the pixel `at` as dulled as the light's logarithm is by `whole`."""
-        below = at + width
+        first = at - 1
+        below = first + width
         return in_column(
-            texture_row(keys, at - width, wx),
-            texture_row(keys, at, wx),
-            texture_row(keys, below, wx),
-            texture_row(keys, below + width, wx),
+            weighted(keys.albedo, first - width, wx),
+            weighted(keys.albedo, first, wx),
+            weighted(keys.albedo, below, wx),
+            weighted(keys.albedo, below + width, wx),
             wy,
         )
 
@@ -346,12 +404,12 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool, detaile
         value = pixel(0.0)
         code = whole_number(keys.support, at)
         if (code >> 1) == s.patch and code >= 0:
-            upper = number(keys.inverse, at) * (1.0 - fx) + number(keys.inverse, at + 1) * fx
-            lower = number(keys.inverse, below) * (1.0 - fx) + number(keys.inverse, below + 1) * fx
-            a = log_at(keys.logs, at)
-            b = log_at(keys.logs, at + 1)
-            c = log_at(keys.logs, below)
-            d = log_at(keys.logs, below + 1)
+            near_a, near_b = pair_of(keys.inverse, at)
+            near_c, near_d = pair_of(keys.inverse, below)
+            upper = near_a * (1.0 - fx) + near_b * fx
+            lower = near_c * (1.0 - fx) + near_d * fx
+            a, b = pair_of(keys.logs, at)
+            c, d = pair_of(keys.logs, below)
             low = least(least(a, b), least(c, d))
             high = most(most(a, b), most(c, d))
             near_enough = wp.abs(upper * (1.0 - fy) + lower * fy - w) <= SAME_POINT * w

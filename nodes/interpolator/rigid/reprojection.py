@@ -12,7 +12,7 @@ from evis.gpu.building import LAUNCH_BLOCK
 from nodes.interpolator.relight.change import LightChange
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
-from nodes.interpolator.rigid.gather_kernels import Portion, make_gather, make_place
+from nodes.interpolator.rigid.gather_kernels import Portion, cut, make_gather, make_place
 from nodes.interpolator.rigid.keyframes import Pair, Prepared
 from nodes.interpolator.rigid.layout import Layout
 from nodes.interpolator.rigid.sampling import Sampling, SubframeRange, Todo
@@ -148,6 +148,8 @@ class Reprojection:
         portion: Any = Portion()
         portion.slot0, portion.count, portion.envs = part.slot0, part.count, self._envs
         portion.frames = portion.upsampling = self._upsampling
+        m = 2 * self._v.margin
+        cut(portion, self._v.shape[2] - m, self._v.shape[1] - m)
         portion.pace = self._pace
         portion.tolerance, portion.relight = self._tolerance, self._relight
         portion.keyframes = wp.vec2i(pair.a.first, pair.b.first)
