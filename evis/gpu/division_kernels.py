@@ -18,8 +18,8 @@ class Divisor:
 def divisor(by: int) -> Any:
     """Makes the Divisor of 1 <= by < 2^31 (Granlund and Montgomery, PLDI 1994, Figure 4.1).
 
-    With shift = 32 + ceil(log2 by) the factor is too large by less than by / 2^shift <= 2^-32 of the quotient's unit for
-    each unit of the dividend, so quotients of 0 <= a < 2^31 are exact, and a factor < 2^31 2^33 does not overflow.
+    With shift = 32 + ceil(log2 by) the product a factor / 2^shift is above a / by by less than a 2^-32 / by, which no
+    quotient of 0 <= a < 2^31 comes near to; and as the factor is at most 2^33, no product overflows.
     """
     if not 1 <= by < 1 << 31:
         raise ValueError(f"a divisor is {by}; it must be 1 ... 2^31 - 1")

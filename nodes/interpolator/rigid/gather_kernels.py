@@ -9,7 +9,7 @@ from evis.gpu.append_kernels import take_place
 from evis.gpu.division_kernels import Divisor, divided, divisor
 from nodes.interpolator.relight.change_kernels import Change, make_asked, make_relit, moved_point, point_of
 from nodes.interpolator.relight.features import LightChanges
-from nodes.interpolator.rigid.log_kernels import apart, brighter, fused_luminance, radiance_of
+from nodes.interpolator.rigid.log_kernels import LOGS, apart, brighter, fused_luminance, radiance_of
 from nodes.interpolator.rigid.look_up_kernels import (
     BARE,
     HARD,
@@ -113,6 +113,7 @@ def make_gather(
     relit, asked = (make_relit(changes), make_asked(changes)) if changes.any else (None, None)
     Keyframes: Any = make_keyframes(channels, flicker)
     pixel = wp.float32 if channels == 1 else wp.vec3
+    looked_up: Any = LOGS[channels, flicker]
     look_up = make_look_up(lens, channels, flicker, listed, detailed, kind is not None)
     # Fewer than it would take: while some threads wait for memory there must be others. With care, and of RGB, all of
     # them are worth more.
@@ -251,8 +252,16 @@ def make_gather(
                         flag = asked(change, body, env, n, hit, s.point, keys.shift[n, body], shift_b)
                 apart_a = portion.pace * float(i)
                 apart_b = portion.pace * float(portion.upsampling - i)
-                state_a, value = look_up(view, keys, keys.first[0] + base, s, m_a, portion.tolerance, apart_a)
-                state_b, other = look_up(view, keys, keys.first[1] + base, s, m_b, portion.tolerance, apart_b)
+                hard = wp.bool(False)
+                if wp.static(not listed):
+                    hard = flag != 0
+                state_a = wp.int32(HIDDEN)
+                state_b = wp.int32(HIDDEN)
+                value = looked_up(0.0)
+                other = looked_up(0.0)
+                if not hard:
+                    state_a, value = look_up(view, keys, keys.first[0] + base, s, m_a, portion.tolerance, apart_a)
+                    state_b, other = look_up(view, keys, keys.first[1] + base, s, m_b, portion.tolerance, apart_b)
                 if wp.static(log_albedo is not None):
                     if state_a == BARE or state_b == BARE:
                         if wp.static(single):
@@ -270,9 +279,8 @@ def make_gather(
                 seen_a = state_a == SEEN
                 seen_b = state_b == SEEN
                 share = float(i) / float(portion.upsampling)
-                hard = wp.bool(False)
                 if wp.static(not listed):
-                    hard = state_a == HARD or state_b == HARD or flag != 0
+                    hard = hard or state_a == HARD or state_b == HARD
                 told = (seen_a or seen_b) and (s.sky == 1 or portion.relight == 0)
                 if wp.static(listed and changes.any):
                     if told and flag != 0:
