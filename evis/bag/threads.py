@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from typing import TypeVar
 
 Item = TypeVar("Item")
@@ -26,11 +26,16 @@ class Threads:
         self._pool = ThreadPoolExecutor(self.count, "bag-work") if self.count > 1 else None
 
     def map(self, work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-        """Returns what `work` gives for each item, in their order. Raises what it raises."""
+        """Returns what `work` gives for each item, in their order. Raises what it raises, when all of it is over."""
         given = list(items)
-        if self._pool is None or len(given) == 1:
+        if self._pool is None or len(given) < 2:
             return [work(item) for item in given]
-        return list(self._pool.map(work, given))
+        mine, *others = given
+        under_way = [self._pool.submit(work, item) for item in others]
+        try:
+            return [work(mine), *(each.result() for each in under_way)]
+        finally:
+            wait(under_way)  # what they work on is the caller's again
 
     def begin(self, work: Callable[[Item], Result], items: Iterable[Item]) -> Callable[[], list[Result]]:
         """Begins as `map` does, and returns a function that waits for the results."""

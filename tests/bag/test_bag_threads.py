@@ -108,6 +108,37 @@ def test_an_error_in_one_environment_keeps_the_others_whole(tmp_path):
         assert [m.header.seq for _, m in reader.messages()] == [0, 2] and not reader.problem
 
 
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("t0", [-5, 0, 7 << 30, 1 << 70])
+def test_times_that_one_packet_cannot_hold(tmp_path, threads, t0):
+    """Whatever the packet's own base is: times beyond 2^32 ns of it, in no order, are read as they were."""
+    rng = np.random.default_rng(3)
+    sent = packet(1, 300_000)
+    sent.t = rng.integers(7 << 30, 9 << 30, 300_000) + np.where(np.arange(300_000) < 140_000, 0, 40 << 30)
+    sent.t0_ns = t0
+    with BagWriter(tmp_path / "a.mcap", threads=threads) as writer:
+        writer.write("/cam0/events", sent)
+    with BagReader(tmp_path / "a.mcap") as reader:
+        (found,) = [copied(m) for _, m in reader.messages()]
+    assert same(sent, found)
+
+
+def test_who_fails_has_waited_for_the_others():
+    """What they work on may be written again."""
+    threads, done = Threads(4), []
+
+    def work(item):
+        if item == 0:
+            raise ValueError("the first")
+        time.sleep(0.05)
+        done.append(item)
+
+    with pytest.raises(ValueError, match="the first"):
+        threads.map(work, range(9))
+    assert sorted(done) == list(range(1, 9))
+    threads.close()
+
+
 @pytest.mark.parametrize("count", [1, 3])
 def test_checksums_of_blocks_are_those_of_the_whole(count):
     """By zlib itself, at every kind of border."""
