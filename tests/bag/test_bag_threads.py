@@ -1,6 +1,7 @@
 """Bags whose messages are encoded and compressed by several threads."""
 
 import math
+import threading
 import time
 import zlib
 
@@ -123,19 +124,33 @@ def test_times_that_one_packet_cannot_hold(tmp_path, threads, t0):
     assert same(sent, found)
 
 
-def test_who_fails_has_waited_for_the_others():
-    """What they work on may be written again."""
-    threads, done = Threads(4), []
+@pytest.mark.parametrize("count", [1, 4])
+def test_of_several_errors_the_first_is_told_when_nobody_works_any_more(count):
+    """Arrays that are worked on may be written again then."""
+    threads, under_way = Threads(count), []
 
     def work(item):
-        if item == 0:
-            raise ValueError("the first")
-        time.sleep(0.05)
-        done.append(item)
+        under_way.append(item)
+        time.sleep(0.02 if item != 3 else 0.0)
+        under_way.remove(item)
+        if item in (2, 3):
+            raise ValueError(f"item {item}")
+        return item
 
-    with pytest.raises(ValueError, match="the first"):
-        threads.map(work, range(9))
-    assert sorted(done) == list(range(1, 9))
+    for _ in range(5):
+        with pytest.raises(ValueError, match="item 2"):
+            threads.map(work, range(50))
+        assert not under_way
+    assert threads.map(work, (0, 1, 4, 5, 6, 7)) == [0, 1, 4, 5, 6, 7]
+    threads.close()
+
+
+def test_who_shares_work_waits_for_no_thread_that_is_busy():
+    threads, done = Threads(2), threading.Event()
+    for _ in range(2):
+        threads.begin(lambda _: done.wait(60), [0])
+    assert threads.map(abs, (-1, -2, -3)) == [1, 2, 3] and not done.is_set()
+    done.set()
     threads.close()
 
 
