@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.bag.threads import ALONE, Threads
 from evis.media.colour import REC709, srgb_from_linear
 
 LEVELS = 4096
+_BLOCK = 1 << 17
+"""Numbers that are mapped at a time: what is between two steps stays in the cache."""
 _TABLE: list[np.ndarray] = []
 
 
@@ -32,14 +35,28 @@ def exposure(radiance: np.ndarray) -> float:
     return float(0.18 / np.exp(np.log(lit).mean())) if len(lit) else 1.0
 
 
-def tone_map(radiance: np.ndarray, gain: float | None = None) -> np.ndarray:
+def tone_map(radiance: np.ndarray, gain: float | None = None, threads: Threads = ALONE) -> np.ndarray:
     """Maps linear radiance [..., 3] to sRGB uint8 [..., 3]: gain, then x/(1+x) per channel (Reinhard et al. 2002, eq.
     3).
 
-    gain None = `exposure(radiance)`. NaN is black, +inf white.
+    gain None = `exposure(radiance)`. NaN is black, +inf white. threads: share the rows.
     """
-    x = np.maximum(radiance.astype(np.float32) * np.float32(exposure(radiance) if gain is None else gain), 0)
-    with np.errstate(invalid="ignore", over="ignore"):
-        u = 1 - 1 / (1 + x)
-    np.nan_to_num(u, copy=False, nan=0.0)
-    return _curve()[(u * LEVELS + 0.5).astype(np.int32)]
+    scale, curve = np.float32(exposure(radiance) if gain is None else gain), _curve()
+    picture = np.empty(radiance.shape, np.uint8)
+    rows = max(1, _BLOCK // max(1, radiance[:1].size))
+
+    def develop(first: int) -> None:
+        with np.errstate(invalid="ignore", over="ignore"):
+            u = radiance[first : first + rows].astype(np.float32)
+            u *= scale
+            np.fmax(u, 0, out=u)  # of NaN and 0 it is 0
+            u += 1
+            np.divide(1, u, out=u)
+            np.subtract(1, u, out=u)
+            u *= LEVELS
+            u += 0.5
+            # None is beyond the curve; any mode but the usual one lets it write where it is to be.
+            curve.take(u.astype(np.int32), out=picture[first : first + rows], mode="clip")
+
+    threads.map(develop, range(0, len(radiance), rows))
+    return picture

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
+from itertools import count
+from typing import Generic, TypeVar
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -26,11 +27,19 @@ class Threads:
         self._pool = ThreadPoolExecutor(self.count, "bag-work") if self.count > 1 else None
 
     def map(self, work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-        """Returns what `work` gives for each item, in their order. Raises what it raises."""
+        """Returns what `work` gives for each item, in their order. Raises what the first of them raises, when nobody
+        works on one any more.
+
+        The caller works as well, so that it waits for no thread that has something else to do.
+        """
         given = list(items)
-        if self._pool is None or len(given) == 1:
+        if self._pool is None or len(given) < 2:
             return [work(item) for item in given]
-        return list(self._pool.map(work, given))
+        shared = _Shared(work, given)
+        helpers = [self._pool.submit(shared.take) for _ in range(min(self.count, len(given) - 1))]
+        shared.take()
+        wait([helper for helper in helpers if not helper.cancel()])
+        return shared.found()
 
     def begin(self, work: Callable[[Item], Result], items: Iterable[Item]) -> Callable[[], list[Result]]:
         """Begins as `map` does, and returns a function that waits for the results."""
@@ -44,6 +53,29 @@ class Threads:
         """Ends the threads. A second call does nothing."""
         if self._pool is not None:
             self._pool.shutdown()
+
+
+class _Shared(Generic[Item, Result]):
+    """Gives out items in their order, to whoever takes one next, until one fails."""
+
+    def __init__(self, work: Callable[[Item], Result], items: Sequence[Item]) -> None:
+        self._work, self._items, self._next = work, items, count()
+        self._results: dict[int, Result] = {}
+        self._errors: dict[int, BaseException] = {}
+
+    def take(self) -> None:
+        """Works on items until there are no more."""
+        while not self._errors and (k := next(self._next)) < len(self._items):
+            try:
+                self._results[k] = self._work(self._items[k])
+            except BaseException as error:
+                self._errors[k] = error
+
+    def found(self) -> list[Result]:
+        """Gives the results. Raises the error of the first item that has one: those before it were all taken."""
+        if self._errors:
+            raise self._errors[min(self._errors)]
+        return [self._results[k] for k in range(len(self._items))]
 
 
 ALONE = Threads(1)

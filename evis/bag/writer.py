@@ -55,8 +55,9 @@ class BagWriter:
             raise BagError(f"event encoding is '{event_encoding}', must be one of {', '.join(events.ENCODINGS)}")
         self.path = Path(path)
         self.event_encoding = event_encoding
-        self._threads = Threads(threads)
-        self.container = Container(self.path, chunk_bytes, chunk_period_s, sync, self._threads)
+        self.threads = Threads(threads)
+        """Those that share the work on a message, for who prepares one too."""
+        self.container = Container(self.path, chunk_bytes, chunk_period_s, sync, self.threads)
         self.messages: dict[str, int] = defaultdict(int)
         """Messages recorded, by topic."""
         self.bytes: dict[str, int] = defaultdict(int)
@@ -131,7 +132,7 @@ class BagWriter:
         try:
             self.container.close()
         finally:
-            self._threads.close()
+            self.threads.close()
 
     def _begin_episode(self, episode: int) -> None:
         if self._episode is None or episode > self._episode:
@@ -153,7 +154,7 @@ class BagWriter:
     ) -> None:
         kind = type(message).__name__
         full = prefix + topic
-        parts, closing = mapping.encode(message, full, self._encoder(full, message), self._threads, **extra)
+        parts, closing = mapping.encode(message, full, self._encoder(full, message), self.threads, **extra)
         records = []
         for part in parts:
             channel = self._channel(full + part.suffix, topic, part.ros_type, kind, part.name, env)

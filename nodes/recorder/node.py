@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from evis.config.params import Param, resolve
 from evis.runtime.node import Input, Node
 from msgs.header import Message
+from nodes.recorder.handover import Handover
 
 if TYPE_CHECKING:
     from nodes.recorder.recorder import Recorder
@@ -52,21 +53,27 @@ class RecorderNode(Node):
                 p["sync"],
                 p["threads"] or None,
             )
+        self._handover = Handover(self.recorder.receive)
         if backup := self.recorder.writer.backup:
             self.runtime.diagnose(self, "info", f"the older {p['path']} is now {backup}")
 
     def receive(self, port: str, message: Message) -> None:
-        """Write one message of topic `port`."""
-        self.recorder.receive(port, message)
+        """Have one message of topic `port` written."""
+        self._handover.put(port, message)
         self._count()
 
+    def idle(self) -> None:
+        """Give back what was written, also where nothing comes."""
+        self._handover.release()
+
     def _count(self) -> None:
-        for name, value in self.recorder.counters.items():
+        for name, value in self.recorder.counters.copy().items():
             if self.count_total(name, value) and name == "late_syncs":
                 self.warn("the disk took more than 1 s for a sync; if the machine dies now, more than 1 s is lost")
 
     def finish(self) -> None:
         """All topics have ended."""
+        self._handover.finish()
         self.recorder.close()
         self._count()
 
@@ -74,4 +81,6 @@ class RecorderNode(Node):
         """Make the bag whole, also after an error elsewhere."""
         recorder: Recorder | None = getattr(self, "recorder", None)
         if recorder is not None:
+            self._handover.close()
             recorder.close()
+            self._count()

@@ -6,6 +6,7 @@ import numpy as np
 
 from evis.bag.preview import tone_map
 from evis.bag.selection import FIRST_ENV
+from evis.bag.threads import ALONE, Threads
 from msgs.camera import Image, Keyframe
 from msgs.header import Header
 
@@ -23,8 +24,8 @@ class PreviewMaker:
         """Where the image belongs."""
         return f"{FIRST_ENV if len(keyframe.image) > 1 else ''}{self.camera}/image"
 
-    def update(self, keyframe: Keyframe) -> Image | None:
-        """The preview of this keyframe, None where none is due yet."""
+    def update(self, keyframe: Keyframe, threads: Threads = ALONE) -> Image | None:
+        """The preview of this keyframe, None where none is due yet. threads: share its rows."""
         h = keyframe.header
         if self._due is None or self._due[0] != h.episode:
             self._due = (h.episode, h.stamp_ns)
@@ -35,6 +36,6 @@ class PreviewMaker:
         m = keyframe.margin
         radiance = np.asarray(keyframe.rgb[0])
         cropped = radiance[m : radiance.shape[0] - m, m : radiance.shape[1] - m]
-        image = Image(Header(h.stamp_ns, self.count, h.clock, h.episode), tone_map(cropped), "rgb8")
+        image = Image(Header(h.stamp_ns, self.count, h.clock, h.episode), tone_map(cropped, threads=threads), "rgb8")
         self.count += 1
         return image

@@ -66,7 +66,7 @@ class Recorder:
             self.counters["messages"] += 1
         maker = self._previews.get(topic)
         if maker is not None and isinstance(message, Keyframe):
-            image = maker.update(message)
+            image = maker.update(message, self.writer.threads)
             if image is not None:
                 self.writer.write(maker.topic(message), image)
                 self.counters["previews"] += 1

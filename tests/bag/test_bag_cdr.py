@@ -201,6 +201,19 @@ def test_mono_bit_fields():
     assert int(words[0]) == 1 << 63 | 5 << 48 | 3 << 32 | 5
 
 
+@pytest.mark.parametrize("count", [0, 1, 65_535, 65_536, 200_001])
+def test_mono_of_many_events_is_each_by_itself(count):
+    """Against Python's integers, also for rows, polarities and times of more bits than there are."""
+    rng = np.random.default_rng(count)
+    t, base = rng.integers(-(2**40), 2**40, count), 12_345_678_901
+    x, y = rng.integers(0, 2**16, (2, count), np.uint16)
+    p = rng.integers(0, 2**8, count, np.uint8)
+    words = mono.pack(t, x, y, p, base)
+    for k in rng.integers(0, count, 500) if count else ():
+        fields = int(t[k]) - base & 0xFFFFFFFF, int(x[k]) << 32, (int(y[k]) & 0x7FFF) << 48, (int(p[k]) & 1) << 63
+        assert int(words[k]) == sum(fields)
+
+
 def test_split_covers_times_that_no_packet_could():
     rng = np.random.default_rng(1)
     for t in (rng.integers(0, 2**35, 200), np.sort(rng.integers(0, 2**36, 200)), np.array([0, 2**32, 0, 2**32 - 1])):

@@ -2,6 +2,7 @@
 
 import json
 import struct
+import warnings
 import zlib
 
 import numpy as np
@@ -13,6 +14,7 @@ from evis.bag import BagError
 from evis.bag.export.topics import export
 from evis.bag.info import describe
 from evis.bag.preview import tone_map
+from evis.bag.threads import Threads
 from evis.bag.writer import BagWriter
 from evis.cli import main
 from evis.media.frames.open import open_frames
@@ -316,6 +318,24 @@ def test_tone_map_follows_the_srgb_curve():
     srgb = 255 * np.where(u <= 0.0031308, 12.92 * u, 1.055 * u ** (1 / 2.4) - 0.055)
     # half a code by rounding, and the table's step of 1/4096 where the curve is steepest (12.92 * 255 / 8192)
     assert np.abs(tone_map(x, 1.0) - srgb).max() < 0.5 + 0.41
+
+
+@pytest.mark.parametrize("shape", [(700, 333, 3), (3, 100_000, 3), (0, 5, 3), (7, 3)])
+@pytest.mark.parametrize("count", [1, 3])
+def test_tone_map_of_many_pixels_is_that_of_each(shape, count):
+    """Rows are shared by threads; what is no number has a colour everywhere, and nobody is warned of it."""
+    radiance = np.random.default_rng(0).gamma(0.5, 2.0, shape).astype(np.float32)
+    for k, odd in enumerate((np.nan, np.inf, -np.inf, 3e38, -1.0)):
+        radiance.flat[k::97] = odd
+    threads = Threads(count)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        picture = tone_map(radiance, 4.0, threads)
+    threads.close()
+    x = np.maximum(4.0 * np.nan_to_num(radiance.astype(np.float64), nan=0.0, posinf=1e300, neginf=-1), 0)
+    u = x / (1 + x)
+    srgb = 255 * np.where(u <= 0.0031308, 12.92 * u, 1.055 * u ** (1 / 2.4) - 0.055)
+    assert picture.shape == shape and np.abs(picture - srgb).max(initial=0) < 0.5 + 0.41
 
 
 def test_depth_alone(tmp_path):

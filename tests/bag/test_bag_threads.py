@@ -1,6 +1,7 @@
 """Bags whose messages are encoded and compressed by several threads."""
 
 import math
+import threading
 import time
 import zlib
 
@@ -106,6 +107,51 @@ def test_an_error_in_one_environment_keeps_the_others_whole(tmp_path):
         writer.write("/cam0/events", packet(2, 1000, envs=4))
     with BagReader(tmp_path / "a.mcap") as reader:
         assert [m.header.seq for _, m in reader.messages()] == [0, 2] and not reader.problem
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("t0", [-5, 0, 7 << 30, 1 << 70])
+def test_times_that_one_packet_cannot_hold(tmp_path, threads, t0):
+    """Whatever the packet's own base is: times beyond 2^32 ns of it, in no order, are read as they were."""
+    rng = np.random.default_rng(3)
+    sent = packet(1, 300_000)
+    sent.t = rng.integers(7 << 30, 9 << 30, 300_000) + np.where(np.arange(300_000) < 140_000, 0, 40 << 30)
+    sent.t0_ns = t0
+    with BagWriter(tmp_path / "a.mcap", threads=threads) as writer:
+        writer.write("/cam0/events", sent)
+    with BagReader(tmp_path / "a.mcap") as reader:
+        (found,) = [copied(m) for _, m in reader.messages()]
+    assert same(sent, found)
+
+
+@pytest.mark.parametrize("count", [1, 4])
+def test_of_several_errors_the_first_is_told_when_nobody_works_any_more(count):
+    """Arrays that are worked on may be written again then."""
+    threads, under_way = Threads(count), []
+
+    def work(item):
+        under_way.append(item)
+        time.sleep(0.02 if item != 3 else 0.0)
+        under_way.remove(item)
+        if item in (2, 3):
+            raise ValueError(f"item {item}")
+        return item
+
+    for _ in range(5):
+        with pytest.raises(ValueError, match="item 2"):
+            threads.map(work, range(50))
+        assert not under_way
+    assert threads.map(work, (0, 1, 4, 5, 6, 7)) == [0, 1, 4, 5, 6, 7]
+    threads.close()
+
+
+def test_who_shares_work_waits_for_no_thread_that_is_busy():
+    threads, done = Threads(2), threading.Event()
+    for _ in range(2):
+        threads.begin(lambda _: done.wait(60), [0])
+    assert threads.map(abs, (-1, -2, -3)) == [1, 2, 3] and not done.is_set()
+    done.set()
+    threads.close()
 
 
 @pytest.mark.parametrize("count", [1, 3])

@@ -1,4 +1,4 @@
-"""Large chunks, compressed and written by a thread while the next ones are made."""
+"""Work that a thread does in its turn while the next is made, as the writing of large chunks."""
 
 from __future__ import annotations
 
@@ -15,10 +15,12 @@ MOST = 64 << 20
 class Behind:
     """Runs work in the order in which it was put, in a thread that starts with the first.
 
-    error: what the first work that failed has raised, after which nothing more is done.
+    name: of the thread. most: bytes that may wait, MOST where it is not given. error: what the first work that failed
+    has raised, after which nothing more is done.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, name: str = "bag-write", most: int | None = None) -> None:
+        self._name, self._most = name, most
         self._waiting: deque[tuple[Work, int]] = deque()
         self._bytes = 0
         self._changed = threading.Condition()
@@ -28,14 +30,20 @@ class Behind:
 
     def put(self, work: Work, size: int) -> None:
         """Adds work that keeps `size` bytes; waits while too much is kept."""
+        most = MOST if self._most is None else self._most
         with self._changed:
-            self._changed.wait_for(lambda: self.error or not self._waiting or self._bytes + size <= MOST)
+            self._changed.wait_for(lambda: self.error or not self._waiting or self._bytes + size <= most)
             self._waiting.append((work, size))
             self._bytes += size
             if self._thread is None:
-                self._thread = threading.Thread(target=self._run, name="bag-write", daemon=True)
+                self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
                 self._thread.start()
             self._changed.notify_all()
+
+    @property
+    def undone(self) -> int:
+        """Counts the work that is not done: what was put last."""
+        return len(self._waiting)
 
     def wait(self) -> None:
         """Waits until everything is done, or nothing more will be."""

@@ -142,7 +142,8 @@ class Container:
             self._compressed = compress
             if not compress and sum(len(p) for *_, pieces in messages for p in pieces) >= self.chunk_bytes:
                 self.flush()
-            self._opened_at = self._opened_at if self._indexes else time.monotonic()
+            opened = not self._indexes
+            self._opened_at = time.monotonic() if opened else self._opened_at
             pieces = self._records(messages, len(self._body))
             size = len(self._body) + sum(map(len, pieces))
             if size >= self.chunk_bytes and not (compress and self._for_one_thread(size)):
@@ -152,9 +153,10 @@ class Container:
                 return
             for piece in pieces:
                 self._body += piece
-            self._wake.set()
             if size >= self.chunk_bytes:
                 self._end_chunk([self._body])
+            elif opened:
+                self._wake.set()
 
     @contextlib.contextmanager
     def together(self) -> Iterator[None]:

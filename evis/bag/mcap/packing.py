@@ -22,8 +22,8 @@ depend on it.
 """
 LARGEST = 4 << 20
 """A chunk of so many bytes is cut up where others come with it."""
-_JOB = 1 << 19
-"""Bytes of a chunk that one thread compresses at a time; zstd takes no less."""
+_STORED = 1 << 18
+"""Bytes of a large chunk's frame that are handed over at a time: it grows without being copied."""
 
 
 class Packed(NamedTuple):
@@ -67,14 +67,12 @@ class Packer:
     def _cut_up(self, pieces: Sequence[Piece]) -> Packed:
         import zstandard
 
-        if not hasattr(self._own, "cutter"):
-            # With workers, be it one, zstd cuts at the same bytes for any number of them; without, elsewhere.
-            how = zstandard.ZstdCompressionParameters.from_level(ZSTD_LEVEL, threads=1, job_size=_JOB)
-            self._own.cutter = zstandard.ZstdCompressor(compression_params=how)
+        if not hasattr(self._own, "compressor"):
+            self._own.compressor = zstandard.ZstdCompressor(level=ZSTD_LEVEL)
         size = sum(map(len, pieces))
-        frame = self._own.cutter.compressobj(size=size)
-        stored = [frame.compress(piece) for piece in pieces]
-        stored.append(frame.flush())
+        chunker = self._own.compressor.chunker(size=size, chunk_size=_STORED)
+        stored = [part for piece in pieces for part in chunker.compress(piece)]
+        stored += chunker.finish()
         return Packed("zstd", size, crc32(pieces, ALONE)(), stored)
 
     def plain(self, pieces: Sequence[Piece]) -> Packed:

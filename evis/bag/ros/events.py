@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 ENCODINGS = ("mono", "evt3")
 NAMES = ("t", "x", "y", "p")
-_SHARE = 1 << 17
+_SHARE = 1 << 16
 """Events that a thread packs at a time."""
 
 
@@ -64,30 +64,25 @@ def pack(
     if not decoded(packet):
         return parts, exact
     t, x, y, p = (np.asarray(getattr(packet, n)) for n in NAMES)
-    limits = _limits(t, y, p, threads)
+    as_mono = encoder is None or packet.raw is not None
+    words = np.empty(len(t) if as_mono else 0, "<u8")
+    likely = packet.t0_ns if 0 <= packet.t0_ns < 1 << 62 else 0
+    limits = _pack_into(words, t, x, y, p, likely, threads)
     if limits.earliest < 0:
         raise BagError(f"an event at {limits.earliest} ns cannot be recorded: a bag's times start at 0")
-    if encoder is not None and packet.raw is None:
+    if encoder is not None and not as_mono:
         from evis.events.arrays import Events
 
         raw = memoryview(encoder.encode(Events(t, x, y, p)))
         return [("evt3", messages.event_packet(_announce(packet, max(packet.t0_ns, 0), "evt3", raw), frame_id))], NAMES
     for first, end, base in mono.split(t, packet.t0_ns, (limits.earliest, limits.latest)):
-        words = _words(t[first:end], x[first:end], y[first:end], p[first:end], base, threads)
-        parts.append(("mono", messages.event_packet(_announce(packet, base, "mono", _bytes(words)), frame_id)))
+        run = slice(first, end)
+        if base != likely:
+            _pack_into(words[run], t[run], x[run], y[run], p[run], base, threads)
+        parts.append(("mono", messages.event_packet(_announce(packet, base, "mono", _bytes(words[run])), frame_id)))
     # mono has 15 bits for y and one for p; what does not fit goes into the JSON as well
     whole = {"t": True, "x": True, "y": limits.y <= mono.MAX_Y, "p": limits.p <= 1}
     return parts, (*exact, *(n for n in NAMES if whole[n]))
-
-
-def _words(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, base: int, threads: Threads) -> np.ndarray:
-    words = np.empty(len(t), "<u8")
-    threads.map(lambda at: mono.pack_into(words[at], t[at], x[at], y[at], p[at], base), _shares(len(t)))
-    return words
-
-
-def _shares(count: int) -> list[slice]:
-    return [slice(first, min(first + _SHARE, count)) for first in range(0, count, _SHARE)]
 
 
 class _Limits(NamedTuple):
@@ -99,14 +94,20 @@ class _Limits(NamedTuple):
     p: int
 
 
-def _limits(t: np.ndarray, y: np.ndarray, p: np.ndarray, threads: Threads) -> _Limits:
-    if not len(t):
-        return _Limits(0, 0, 0, 0)
+def _pack_into(
+    words: np.ndarray, t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, base_ns: int, threads: Threads
+) -> _Limits:
+    """Packs events into `words`, where there is room for them, and looks at them while they are in the cache."""
 
     def of(at: slice) -> _Limits:
+        if len(words):
+            mono.pack_into(words[at], t[at], x[at], y[at], p[at], base_ns)
         return _Limits(int(t[at].min()), int(t[at].max()), int(y[at].max()), int(p[at].max()))
 
-    earliest, *largest = zip(*threads.map(of, _shares(len(t))))
+    if not len(t):
+        return _Limits(0, 0, 0, 0)
+    shares = [slice(first, min(first + _SHARE, len(t))) for first in range(0, len(t), _SHARE)]
+    earliest, *largest = zip(*threads.map(of, shares))
     return _Limits(min(earliest), *map(max, largest))
 
 

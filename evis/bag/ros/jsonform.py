@@ -38,7 +38,7 @@ def plain(value: Any) -> Any:
         body = {str(k): plain(v) for k, v in value.items()}
         return {"$map": body} if len(body) == 1 and next(iter(body)).startswith("$") else body
     if isinstance(value, (list, tuple)):
-        return [plain(v) for v in value]
+        return [v if type(v) is str else plain(v) for v in value]  # names of bodies are hundreds
     return value
 
 

@@ -1,8 +1,8 @@
 """tf2_msgs/TFMessage for thousands of transforms at once.
 
 The layout of one TransformStamped depends on its names alone once it starts at a multiple of 8 bytes, and it ends at
-one. So all sub-steps share one template of bytes, into which times and poses are written as whole arrays. Only the very
-first transform starts elsewhere (after the 4-byte count) and is written by itself.
+one. So all sub-steps share one template of words of 8 bytes, of which a time is one and a pose seven, written as whole
+arrays. Only the very first transform starts elsewhere (after the 4-byte count) and is written by itself.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from evis.bag import BagError
 from evis.bag.ros.cdr import ENCAPSULATION, CdrWriter
 
 POSE_BYTES = 56
+_POSE = np.arange(POSE_BYTES // 8)
 SECOND = 1_000_000_000
 
 
@@ -28,14 +29,15 @@ def _transform(writer: CdrWriter, frame_id: str, child: str) -> None:
 
 @lru_cache(maxsize=64)
 def _template(frame_id: str, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(bytes of one sub-step from a multiple of 8 on, offsets of the stamps, offsets of the poses), one per body."""
+    """(words of one sub-step, which ones are the stamps [N], which the poses [N, 7])."""
     writer = CdrWriter()
     stamps, poses = [], []
     for name in names:
         stamps.append(len(writer.buffer) - 4)
         _transform(writer, frame_id, name)
         poses.append(len(writer.buffer) - 4 - POSE_BYTES)
-    return np.frombuffer(bytes(writer.buffer[4:]), np.uint8), np.array(stamps, np.int64), np.array(poses, np.int64)
+    firsts = np.array(poses, np.int64)[:, None] // 8
+    return np.frombuffer(bytes(writer.buffer[4:]), "<u8"), np.array(stamps, np.int64) // 8, firsts + _POSE
 
 
 def _first(frame_id: str, name: str) -> CdrWriter:
@@ -65,22 +67,19 @@ def pack(frame_id: str, groups: Sequence[Group]) -> bytes:
 
 def _skipped(frame_id: str, names: tuple[str, ...]) -> int:
     """Bytes of the first transform where it starts at a multiple of 8."""
-    return int(_template(frame_id, names)[2][0]) + POSE_BYTES
+    return 8 * int(_template(frame_id, names)[2][0, -1] + 1)
 
 
 def _block(frame_id: str, names: tuple[str, ...], t: np.ndarray, pose: np.ndarray) -> np.ndarray:
     """The transforms of one group, from a multiple of 8 on, uint8."""
-    steps, bodies = pose.shape[:2]
-    block, stamps, poses = _template(frame_id, names)
-    data = np.tile(block, (steps, 1))
+    words, stamps, poses = _template(frame_id, names)
+    data = np.tile(words, (len(pose), 1))
     times = np.stack([t // SECOND, t % SECOND], axis=1)
     if times.min() < 0 or times.max() >= 1 << 31:
         raise BagError(f"stamp {int(t.min())} ns cannot be recorded: a bag's times go from 0 to 2^31 s")
-    raw_times = np.ascontiguousarray(times, "<u4").view(np.uint8)
-    data[:, stamps[:, None] + np.arange(8)] = raw_times[:, None, :]
-    raw_poses = np.ascontiguousarray(pose, "<f8").view(np.uint8).reshape(steps, bodies, POSE_BYTES)
-    data[:, poses[:, None] + np.arange(POSE_BYTES)] = raw_poses
-    return data.reshape(-1)
+    data[:, stamps] = np.ascontiguousarray(times, "<u4").view("<u8")
+    data[:, poses] = np.ascontiguousarray(pose, "<f8").view("<u8")
+    return data.reshape(-1).view(np.uint8)
 
 
 def unpack(raw: memoryview, frame_id: str, groups: Sequence[tuple[tuple[str, ...], int]]) -> list[np.ndarray]:
@@ -89,7 +88,7 @@ def unpack(raw: memoryview, frame_id: str, groups: Sequence[tuple[tuple[str, ...
     Raises BagError where the size differs.
     """
     full = [(names, steps) for names, steps in groups if names and steps]
-    sizes = [len(_template(frame_id, names)[0]) * steps for names, steps in full]
+    sizes = [8 * len(_template(frame_id, names)[0]) * steps for names, steps in full]
     data = np.empty(sum(sizes), np.uint8)
     expected = len(ENCAPSULATION) + 4
     if full:
@@ -109,7 +108,7 @@ def unpack(raw: memoryview, frame_id: str, groups: Sequence[tuple[tuple[str, ...
             continue
         _, _, poses = _template(frame_id, names)
         size = sizes.pop(0)
-        rows = data[at : at + size].reshape(steps, -1)[:, poses[:, None] + np.arange(POSE_BYTES)]
-        result.append(np.ascontiguousarray(rows).view("<f8").reshape(steps, len(names), 7))
+        rows = data[at : at + size].view("<u8").reshape(steps, -1)[:, poses]
+        result.append(np.ascontiguousarray(rows).view("<f8"))
         at += size
     return result

@@ -11,8 +11,8 @@ import numpy as np
 SPAN_NS = 1 << 32
 """Times of one packet must lie within this many ns of its time base."""
 MAX_Y = 0x7FFF
-_BLOCK = 1 << 15
-"""Events that are packed at a time."""
+_BLOCK = 1 << 16
+"""Events that are packed at a time: few steps, for each is a turn of the interpreter that threads wait for."""
 
 
 def pack(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, base_ns: int) -> np.ndarray:
@@ -24,13 +24,14 @@ def pack(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, base_ns: in
 
 def pack_into(words: np.ndarray, t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, base_ns: int) -> None:
     """Packs events as `pack` does into an array that is there, uint64 [n] contiguous and little endian."""
-    low = words.view("<u4").reshape(-1, 2)
-    high = words.view("<u2").reshape(-1, 4)
+    ticks, high = words.view("<i8"), words.view("<u2").reshape(-1, 4)
+    top = words.view(np.uint8).reshape(-1, 8)[:, 7]
     for first in range(0, len(t), _BLOCK):  # what is between two steps stays in the cache
         at = slice(first, first + _BLOCK)
-        low[at, 0] = t[at] - np.int64(base_ns)
+        np.subtract(t[at], np.int64(base_ns), out=ticks[at])
         high[at, 2] = x[at]
-        high[at, 3] = (y[at] & np.uint16(MAX_Y)) | (p[at].astype(np.uint16) << np.uint16(15))
+        np.bitwise_and(y[at], np.uint16(MAX_Y), out=high[at, 3])
+        top[at] |= p[at] << np.uint8(7)
 
 
 def unpack(words: np.ndarray, base_ns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -1,0 +1,55 @@
+"""Hands messages to a thread that records them, so that the graph goes on meanwhile."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+from evis.bag.mcap.behind import Behind
+from msgs.header import Message
+
+MOST = 32 << 20
+"""Bytes of messages that may wait; whoever has more waits."""
+MOST_MESSAGES = 16
+"""Of which there are no more than these, be they small: fewer than the slots that a topic has."""
+
+
+class Handover:
+    """Keeps messages until a thread has taken them, in their order. Called from one thread, that of the bus.
+
+    take: called by the other thread with the topic and the message.
+    """
+
+    def __init__(self, take: Callable[[str, Message], None]) -> None:
+        self._take = take
+        self._behind = Behind("recorder", MOST)
+        self._kept: deque[Message] = deque()
+        self._told = False
+
+    def put(self, topic: str, message: Message) -> None:
+        """Adds a message; waits while too many do. Raises what `take` has raised of an earlier one."""
+        self.release()
+        message.keep()
+        self._kept.append(message)
+        size = sum(array.nbytes for array in message.arrays().values())
+        self._behind.put(lambda: self._take(topic, message), max(size, MOST // MOST_MESSAGES))
+
+    def release(self) -> None:
+        """Releases the messages that were taken. Raises what `take` has raised, once."""
+        for _ in range(len(self._kept) - self._behind.undone):
+            self._kept.popleft().release()
+        if self._behind.error is not None and not self._told:
+            self._told = True
+            raise self._behind.error
+
+    def finish(self) -> None:
+        """Waits until all are taken, or one has failed, and raises what it has raised if nobody was told."""
+        self._behind.wait()
+        self.release()
+
+    def close(self) -> None:
+        """Ends the thread and releases all that is left. A second call does nothing."""
+        self._behind.wait()
+        self._behind.close()
+        while self._kept:
+            self._kept.popleft().release()
