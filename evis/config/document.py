@@ -104,11 +104,17 @@ def parse_value(text: str, name: str) -> Any:
         mark = error.problem_mark or error.context_mark
         line = text.splitlines()[mark.line] if mark and mark.line < len(text.splitlines()) else ""
         hint = "; inside { } a text with ${...} needs quotes" if "${" in line else ""
-        raise LaunchError(f"{name}:{mark.line + 1 if mark else 1}: not YAML: {error.problem}{hint}") from None
+        raise LaunchError(f"{name}:{mark.line + 1 if mark else 1}: {_told(str(error.problem))}{hint}") from None
     except yaml.YAMLError as error:
-        raise LaunchError(f"{name}:1: not YAML: {str(error).splitlines()[0]}") from None
+        raise LaunchError(f"{name}:1: {_told(str(error).splitlines()[0])}") from None
     finally:
         events.close()
+
+
+def _told(problem: str) -> str:
+    """What is wrong with a text that is not YAML, or too deep for libyaml, which from 0.2.6 on has a limit of its own
+    and comes to it before it gives the events within MAX_DEPTH."""
+    return f"nested deeper than {MAX_DEPTH} levels" if "nesting depth" in problem else f"not YAML: {problem}"
 
 
 def submap(table: Table, key: str) -> Table:
