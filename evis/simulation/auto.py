@@ -53,6 +53,10 @@ def without_auto(
     if "interpolator" not in launch.arguments or "wanted_error" not in launch.arguments:
         return Chosen(given)
     values = resolve(launch.path.name, launch.arguments, given)
+    if values["time_tolerance"] > 0 and values["interpolator"] == "rigid" and "upsampling" not in given:
+        # Nobody has to think of K beside samples that are as close as they need to be.
+        given = {**given, "upsampling": "auto"}
+        values = resolve(launch.path.name, launch.arguments, given)
     wished = [name for name in WISHES if values[name] is not None]
     if all(values[name] != "auto" for name in CHOSEN_BY_AUTO):
         if wished:

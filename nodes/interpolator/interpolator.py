@@ -64,7 +64,7 @@ class Interpolator:
         scene, camera, light_samples, paths: those of the renderer, for methods that use the bodies' states. Raises
         ValueError where these have none. worlds: the scene of each environment, where bodies move differently and all
         else looks as in `scene`. tolerance: error of log radiance that `rigid` looks for, to shade anew;
-        0.1, and 0.0125 with `time_tolerance`, unless given.
+        0.1 unless given, and with `time_tolerance` as refine.method.tolerance_of has it.
         time_tolerance: of the time at which what a pixel shows crosses a threshold [s], for which `rigid` takes
         `further` samples of single pixels; 0 = none.
         """

@@ -80,9 +80,9 @@ def _rigid(gap: Gap) -> Method:
         rigid = Rigid(gap.scene, gap.camera, *gap.bodies, options, worlds=gap.worlds, in_a_row=gap.in_a_row)
         rigid.build()
         return rigid
-    from nodes.interpolator.refine.method import TOLERANCE, Refined
+    from nodes.interpolator.refine.method import Refined, tolerance_of
 
-    options = RigidOptions(**{"tolerance": TOLERANCE, **asked}, single=True)
+    options = RigidOptions(**{"tolerance": tolerance_of(1e-9 * gap.time_tolerance_ns), **asked}, single=True)
     rigid = Rigid(gap.scene, gap.camera, *gap.bodies, options, worlds=gap.worlds)
     rigid.build()
     return Refined(rigid, gap.time_tolerance_ns, gap.threads, options.light_samples)

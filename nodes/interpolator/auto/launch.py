@@ -18,7 +18,7 @@ from evis.launch.planner import Options
 from evis.scene.parameters import camera_of, scene_of
 from nodes.event_sensor.scene_parameters import resolve_with_scene
 from nodes.interpolator.auto import cache
-from nodes.interpolator.auto.choice import COARSE_HZ, frames_beside_samples
+from nodes.interpolator.auto.choice import frames_beside_samples
 from nodes.interpolator.auto.probe import probe
 from nodes.interpolator.auto.setting import Setting
 from nodes.interpolator.auto.trial import Measured, settle
@@ -65,7 +65,7 @@ def replace_auto(
         # The rates of the others are fractions of it; what is measured is the first camera at its own.
         wishes["keyframe_rate"] = next(n.params["keyframe_rate"] for n in graph.nodes if n.type == "renderer")
     if values["time_tolerance"] > 0:
-        return _beside_samples(given, method, wishes["keyframe_rate"])
+        return _beside_samples(given, method, wishes["keyframe_rate"], values["time_tolerance"])
     setting = setting_of(graph.nodes, options.duration_s, wishes)
     found, cached = measured(setting, say)
     tried = len(found.trials)
@@ -96,15 +96,16 @@ def replace_auto(
 
 
 def _beside_samples(
-    given: Mapping[str, Any], method: str, keyframe_rate: float
+    given: Mapping[str, Any], method: str, keyframe_rate: float, time_tolerance: float
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Chooses K for a run with `time_tolerance`, which needs no measuring."""
     if method == "auto":
         raise ValueError("interpolator:=auto compares frames alone; with time_tolerance write interpolator:=rigid")
     if method != "rigid":
         raise ValueError(f"time_tolerance goes with interpolator:=rigid alone, and this is {method}")
-    taken = {"upsampling": frames_beside_samples(keyframe_rate)}
-    why = f"about {COARSE_HZ:g} frames per second; time_tolerance decides the error, by samples between them"
+    k = frames_beside_samples(keyframe_rate, time_tolerance)
+    taken = {"upsampling": k}
+    why = f"about {k * keyframe_rate:.0f} frames per second; time_tolerance decides the error, by samples between them"
     summary = f"rigid, {keyframe_rate:g} keyframes per second x {taken['upsampling']}: {why}"
     return {**given, **taken}, {**taken, "why": why, "summary": summary}
 
