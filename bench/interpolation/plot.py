@@ -10,8 +10,11 @@ STYLES = {
     "dense": ("o", "tab:blue"),
     "splat": ("s", "tab:orange"),
     "rigid": ("^", "tab:red"),
+    "rigid, further samples": ("*", "tab:green"),
 }
 """Marker and colour by method."""
+SAMPLED_RATE = "31.25x"
+"""Keyframe rate at which `rigid` with further samples is shown, by its tolerance of time."""
 LEAST_FRAMES = 249
 """Frames per second from which on points are shown."""
 LINES = {1000: ("-", "full"), 4000: ("--", "none")}
@@ -61,6 +64,9 @@ def _panel(axes: Any, rows: Sequence[dict[str, Any]]) -> None:
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     for method, (marker, colour) in STYLES.items():
+        if "samples" in method:
+            _tolerances(axes, [r for r in rows if r["method"] == method], marker, colour)
+            continue
         points = _points([r for r in rows if r["method"] == method])
         if method == "dense":
             _line(axes, points, marker, colour, "-", "full", (6, 5))
@@ -90,6 +96,17 @@ def _panel(axes: Any, rows: Sequence[dict[str, Any]]) -> None:
         axis.set_minor_formatter(NullFormatter())
     axes.grid(True, which="major", alpha=0.3)
     axes.margins(0.08)
+
+
+def _tolerances(axes: Any, rows: Sequence[dict[str, Any]], marker: str, colour: str) -> None:
+    """Joins runs that differ in their tolerance of time, and writes it beside each."""
+    chosen = [r for r in rows if r["keyframes x K"].startswith(SAMPLED_RATE)]
+    points = sorted((r["run time [s/s]"], r["VP 1/ms"], r["keyframes x K"].partition(", ")[2]) for r in chosen)
+    axes.plot([p[0] for p in points], [p[1] for p in points], marker + "-", color=colour, ms=10, lw=1.6, zorder=3)
+    for x, y, label in points:
+        axes.annotate(
+            label, (x, y), fontsize=7, color=colour, xytext=(0, -14), textcoords="offset points", ha="center"
+        )
 
 
 def _points(rows: Sequence[dict[str, Any]]) -> list[tuple[float, int, float, float]]:

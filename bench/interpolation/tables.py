@@ -52,8 +52,9 @@ class Row:
 
     @property
     def label(self) -> str:
-        """Gives keyframes per second x K."""
-        return f"{self.rate:g}x{self.k}"
+        """Gives keyframes per second x K, with the tolerance of time where there is one."""
+        within = f", {1e3 * self.time_tolerance:g} ms" if self.time_tolerance else ""
+        return f"{self.rate:g}x{self.k}{within}"
 
     def seconds(self, duration_s: float, extra_us: float = 0.0, remember: bool = False) -> float:
         """Computes the run time per simulated second if every shaded pixel cost extra_us more; remember: but for those
