@@ -25,8 +25,12 @@ demo: .venv/base
 
 # Rooms whose tests only compute: JOBS of them run at once. All others look at clocks, ports or processes and come alone.
 JOBS ?= 2
-COMPUTE := $(addprefix tests/,audit env event_sensor frame_camera geometry imu interpolator labeler measure media msgs \
-  physics renderer resets scene)
+COMPUTE := $(addprefix tests/,audit env event_sensor events/codecs events/files events/recordings \
+  events/representations frame_camera geometry house imu interpolator labeler measure media msgs physics renderer resets \
+  scene)
+
+# Tests start hundreds of processes: what one has compiled of our sources is there for the next, whatever the shell says.
+test: export PYTHONDONTWRITEBYTECODE =
 
 test: .venv/dev lint
 	@$(BIN)/python -m pytest -q -n $(JOBS) --dist loadfile $(COMPUTE)

@@ -14,6 +14,7 @@ import operator
 import os
 import re
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from typing import Any
 
 MAX_LENGTH = 500
@@ -27,6 +28,8 @@ MAX_DEPTH = 32
 MAX_NESTING = 100
 """Most operators within each other, far from the depth at which Python itself gives up: near it nothing else in the
 process can run either, so that what is freed by chance meanwhile would be told as an error of its own."""
+PARSED = 512
+"""Expressions that stay parsed, the last ones; each takes some kB, a hostile one 100."""
 _LARGEST = 2**64
 
 _HOLE = re.compile(r"\$\{([^{}]*)\}")
@@ -60,6 +63,21 @@ def evaluate(text: str, arguments: Mapping[str, Any]) -> Any:
 
     Raises ExpressionError naming what is not allowed or not known.
     """
+    expression = _parsed(text)
+    try:
+        value = _value(expression, arguments, text)
+        if not isinstance(expression, ast.Name):
+            _left(value, MAX_ITEMS, text)
+        return value
+    except ZeroDivisionError:
+        raise ExpressionError(f"'{text}' divides by zero") from None
+    except (TypeError, OverflowError) as error:
+        raise ExpressionError(f"'{text}': {str(error).splitlines()[0]}") from None
+
+
+@lru_cache(PARSED)
+def _parsed(text: str) -> ast.expr:
+    """Parses an expression; the copies of an entry have the same ones. Raises ExpressionError."""
     if len(text) > MAX_LENGTH:
         raise ExpressionError(f"expression of {len(text)} characters, the limit is {MAX_LENGTH}")
     try:
@@ -67,15 +85,7 @@ def evaluate(text: str, arguments: Mapping[str, Any]) -> Any:
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise ExpressionError(f"'{text}' is not an expression") from None
     _refuse_deep(tree, text)
-    try:
-        value = _value(tree.body, arguments, text)
-        if not isinstance(tree.body, ast.Name):
-            _left(value, MAX_ITEMS, text)
-        return value
-    except ZeroDivisionError:
-        raise ExpressionError(f"'{text}' divides by zero") from None
-    except (TypeError, OverflowError) as error:
-        raise ExpressionError(f"'{text}': {str(error).splitlines()[0]}") from None
+    return tree.body
 
 
 def _refuse_deep(tree: ast.AST, text: str) -> None:

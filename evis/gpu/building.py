@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections import deque
 from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import cache
 from typing import Any
 
@@ -15,14 +14,31 @@ LAUNCH_BLOCK = 256
 """Threads of a block where a launch does not say."""
 MOST_AT_ONCE = 8
 """A compiler takes some 100 MB."""
-FEWEST_CORES = 4
-"""With fewer it costs what it saves: on a CPU a compiler reads Warp's headers once for each thread, for 1.2 s."""
+FEWEST_CORES = 2
+"""With one there is nothing to share. On a CPU a compiler reads Warp's headers once for each thread, for 1.2 s, while
+the kernels of a scene take some 15 s."""
+
+Key = tuple[str, Any, int | None]
+"""Device, module, and threads of a block on a GPU."""
+
+_begun: dict[Key, Future[None]] = {}
+"""What is being built, or was and has not been asked for yet."""
 
 
 @cache
 def _helpers() -> ThreadPoolExecutor:
-    """Threads that stay, for what they have read does."""
-    return ThreadPoolExecutor(MOST_AT_ONCE, "build")
+    """Threads that stay, for what they have read does; one less than there are cores, for who waits builds too."""
+    return ThreadPoolExecutor(min(MOST_AT_ONCE, len(os.sched_getaffinity(0))) - 1, "build")
+
+
+def begin_building(device: Any, kernels: Iterable[tuple[wp.Kernel, int]]) -> None:
+    """Has kernels of a CPU compiled and loaded while the caller does something else.
+
+    Not of a GPU, where nothing may be loaded while launches are recorded. kernels: as of `build_together`, which is to
+    be called before one of them is launched: what is not there by then would be compiled twice.
+    """
+    if wp.get_device(device).is_cpu:
+        _begin(device, kernels)
 
 
 def build_together(device: Any, kernels: Iterable[tuple[wp.Kernel, int]]) -> None:
@@ -31,24 +47,34 @@ def build_together(device: Any, kernels: Iterable[tuple[wp.Kernel, int]]) -> Non
     kernels: those that take longest first, each with the threads of a block that it will be launched with, which count
     on a GPU only. One that is not launched after all costs the time to compile it. Raises what a launch would.
     """
-    cores = len(os.sched_getaffinity(0))
-    if cores < FEWEST_CORES:
-        return  # a launch does the same
-    on_cpu = wp.get_device(device).is_cpu
-    wanted = deque(dict.fromkeys((kernel.module, None if on_cpu else block) for kernel, block in kernels))
-    at_once = min(len(wanted), MOST_AT_ONCE, cores)
+    building = _begin(device, kernels)
+    for key, future in building.items():
+        if future.cancel():  # nobody has begun with it
+            _build(*key)
+    for key, future in building.items():
+        if not future.cancelled():
+            wait([future])
+        _begun.pop(key, None)
+    for future in building.values():
+        if not future.cancelled():
+            future.result()
 
-    def build() -> None:
-        while wanted:
-            try:
-                module, block = wanted.popleft()
-            except IndexError:
-                return  # another one has just taken the last
-            wp.force_load(device, [module], block, max_workers=0)
 
-    others = [_helpers().submit(build) for _ in range(at_once - 1)]
-    try:
-        build()
-    finally:
-        for other in others:
-            other.result()
+def _begin(device: Any, kernels: Iterable[tuple[wp.Kernel, int]]) -> dict[Key, Future[None]]:
+    if len(os.sched_getaffinity(0)) < FEWEST_CORES:
+        return {}  # a launch does the same
+    where = wp.get_device(device)
+    wanted = ((where.alias, kernel.module, None if where.is_cpu else block) for kernel, block in kernels)
+    keys = list(dict.fromkeys(wanted))
+    if where.is_cpu:  # what is there is loaded at its launch as fast as on another thread, which takes turns with this
+        keys = [key for key in keys if key in _begun or not _is_kept(key[1])]
+    return {key: _begun.get(key) or _begun.setdefault(key, _helpers().submit(_build, *key)) for key in keys}
+
+
+def _is_kept(module: Any) -> bool:
+    """Whether Warp's cache has a module as a CPU runs it, with one thread to a block."""
+    return os.path.isdir(os.path.join(str(wp.config.kernel_cache_dir), module.get_module_identifier(1)))
+
+
+def _build(device: str, module: Any, block: int | None) -> None:
+    wp.force_load(device, [module], block, max_workers=0)

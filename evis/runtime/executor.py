@@ -109,6 +109,10 @@ class Executor:
         for host in reversed(self._hosts.values()):
             with Inside(None, host.name):
                 host.node.setup()
+        # The other way round: who began last waits first, and builds what nobody has begun with.
+        for host in self._hosts.values():
+            with Inside(None, host.name):
+                host.node.warm_up()
 
     def wait_connected(self, timeout_s: float, commands: Commands | None = None) -> None:
         """Waits until every declared edge of this process stands. Raises TimeoutError naming who is missing."""
@@ -204,6 +208,7 @@ class Executor:
         host.node = load_class(host.plan.target)(host.name, host.plan.params)
         host.node.runtime, host.node.may_gather = self, host.many
         host.node.setup()
+        host.node.warm_up()
         for port, topics in host.plan.inputs.items():
             for message, topic in [(self._latched[t], t) for t in topics if t in self._latched]:
                 message.keep()

@@ -102,11 +102,11 @@ class Runtime(Protocol):
 class Node:
     """Stands between a pure part and the graph: the base of all nodes.
 
-    Life: `__init__`, `setup`, then `update`/`receive`/`step` by the executor, `finish`, `close`.
+    Life: `__init__`, `setup`, `warm_up`, then `update`/`receive`/`step` by the executor, `finish`, `close`.
 
-    `setup` does the slow things (imports, kernel compilation, opening files); the graph starts when every node's setup
-    is over. An exception ends the graph with the node's name and the text; raise ValueError or OSError with one clear
-    line.
+    `setup` and `warm_up` do the slow things (imports, kernel compilation, opening files); the graph starts when both
+    are over for every node. An exception ends the graph with the node's name and the text; raise ValueError or OSError
+    with one clear line.
     """
 
     PARAMS: ClassVar[Mapping[str, Param]] = {}
@@ -195,6 +195,10 @@ class Node:
 
     def setup(self) -> None:
         """Prepares the node; latched outputs (CameraInfo) are published here."""
+
+    def warm_up(self) -> None:
+        """Makes ready what the first message needs, when `setup` of all nodes of the process is over: kernels that one
+        of them has begun to build are built while the others set up."""
 
     def due(self) -> Mapping[str, int]:
         """Names the delayed inputs that a source's next step needs, and the stamps [ns] they must have."""

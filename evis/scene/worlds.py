@@ -71,6 +71,14 @@ class Family:
             self._worlds = {value: some for value, some in self._worlds.items() if any(r() is not None for r in some)}
         return scene
 
+    @property
+    def for_the_blind(self) -> bool:
+        """Tells whether it has a world that will do for who needs nothing that is seen, whatever the seed.
+
+        Worlds that differ to the eye alone are one to these; and of a model it is told what cannot be shown.
+        """
+        return any(scene.mjcf is None and not scene.drawn for scene in self._last)
+
     def _value(self, seed: int) -> Any:
         return None if self._first is None else repr(self._first.law.value(uniform(seed, self._first.place)))
 
@@ -83,15 +91,17 @@ _used: weakref.WeakValueDictionary[Hashable, Family] = weakref.WeakValueDictiona
 def family(name_or_path: str, overrides: Mapping[str, Any], *, visuals: bool = True, textures: bool = True) -> Family:
     """Gives the worlds of a scene with these arguments, those of `load_scene`, as its files are now.
 
-    Who needs no textures may be given worlds with them. They are shared and nobody may write to them: their arrays are
-    read-only. Raises FileNotFoundError.
+    Who needs no textures may be given worlds with them, and who needs nothing that is seen those with it. They are
+    shared and nobody may write to them: their arrays are read-only. Raises FileNotFoundError.
     """
     arguments = tuple(sorted((key, type(value).__name__, str(value)) for key, value in overrides.items()))
-    whole = str(find_scene(name_or_path).absolute()), arguments, visuals, True
-    key = whole if textures or whole in _used else (*whole[:-1], False)
+    scene = str(find_scene(name_or_path).absolute()), arguments
+    seen = [(*scene, True, True), *([] if visuals and textures else [(*scene, True, False)])]
+    there = [k for k in seen if k in _used and (visuals or _used[k].for_the_blind)]
+    key = there[0] if there else (*scene, visuals, visuals and textures)
     known = _used.get(key)
     if known is None or not unchanged(known.files):
-        known = _used[key] = Family(name_or_path, overrides, visuals, key[-1])
+        known = _used[key] = Family(name_or_path, overrides, key[-2], key[-1])
     _families[key] = known
     _families.move_to_end(key)
     while len(_families) > FAMILIES:

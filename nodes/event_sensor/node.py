@@ -103,6 +103,7 @@ class EventSensorNode(Node):
         return frozenset({"radiance" if params["colour"] else "luminance"}) if port == "keyframe" else None
 
     def setup(self) -> None:
+        from evis.gpu.building import begin_building
         from evis.gpu.devices import device_named
 
         self._resolved = resolve_with_scene(self.name, self.params)
@@ -127,8 +128,18 @@ class EventSensorNode(Node):
             from nodes.event_sensor.messages.flights import Flights
 
             self._flights = Flights()
-        # Compile now rather than at the first frame.
-        sensor = self._make(2, 2, 1)
+        self._tried: Any = self._make(2, 2, 1)
+        """A sensor to compile what all need, rather than at the first frame."""
+        if self._own_model and EACH not in self.params:
+            begin_building(self._device, self._tried.kernels())
+
+    def warm_up(self) -> None:
+        """Compiles what is launched for every frame."""
+        from evis.gpu.building import build_together
+
+        sensor, self._tried = self._tried, None
+        if self._own_model and EACH not in self.params:
+            build_together(self._device, sensor.kernels())
         one = np.ones((1, 2, 2, 3), np.float32)
         warm = self._images.of([Keyframe(Header(0), np.zeros(1, np.int32), radiance=one)])
         for k in range(2):

@@ -279,6 +279,12 @@ class Interpolator:
             depth, motion = (np.ones((1, camera.height, camera.width, *tail), np.float32) for tail in ((), (2,)))
             tiny.push(stamp, np.zeros(1, np.int32), radiance, depth, motion, states=states)
 
+    def begin(self, envs: int, height: int, width: int, margin: int = 0) -> None:
+        """Makes what gaps between such keyframes need, whose kernels are compiled while the caller does something else;
+        arguments as of `warm_up_for`, which ends it."""
+        self._size, self._samples = ((envs, height, width), margin), self._samples_of(height, width, margin)
+        self._made_method()
+
     def warm_up_for(self, envs: int, height: int, width: int, margin: int = 0) -> None:
         """Builds, compiles and, on a GPU, records what gaps between such keyframes need, before the first real one.
 
@@ -288,8 +294,7 @@ class Interpolator:
         self._warmed = True
         if self.upsampling > made_up.LONGEST:
             self.warm_up()
-            self._size, self._samples = ((envs, height, width), margin), self._samples_of(height, width, margin)
-            self._made_method()
+            self.begin(envs, height, width, margin)
             return
         self._image(np.ones((1, 2, 2, 3), np.float16))
         for stamp in made_up.stamps(1 if self._device.is_cpu else made_up.RECORDED):

@@ -113,10 +113,15 @@ class ManyGaps(Interpolator):
             for n, (before, after) in enumerate(pairwise(stamps))
         ]
 
+    def begin(self, envs: int, height: int, width: int, margin: int = 0) -> None:
+        """Does what `Interpolator.begin` does, for several gaps at once."""
+        self._size, self._samples = ((envs, height, width), margin), self._samples_of(height, width, margin)
+        self._method_in_a_row()
+
     def warm_up_for(self, envs: int, height: int, width: int, margin: int = 0) -> None:
         """Does what `Interpolator.warm_up_for` does, for several gaps at once."""
-        shape = (envs, height, width)
-        self._size, self._samples, self._warmed = (shape, margin), self._samples_of(height, width, margin), True
+        self.begin(envs, height, width, margin)
+        self._warmed = True
         if self._method_in_a_row().remembers:
             self.gaps, self._rigid = 1, None
         if self.gaps == 1 or self.upsampling > made_up.LONGEST or self._scene is None or self._camera is None:

@@ -78,13 +78,13 @@ def _rigid(gap: Gap) -> Method:
     if gap.time_tolerance_ns == 0 or "paths" in asked:
         options = RigidOptions(**asked)
         rigid = Rigid(gap.scene, gap.camera, *gap.bodies, options, worlds=gap.worlds, in_a_row=gap.in_a_row)
-        rigid.build()
+        rigid.begin_build()
         return rigid
     from nodes.interpolator.refine.method import Refined, tolerance_of
 
     options = RigidOptions(**{"tolerance": tolerance_of(1e-9 * gap.time_tolerance_ns), **asked}, single=True)
     rigid = Rigid(gap.scene, gap.camera, *gap.bodies, options, worlds=gap.worlds)
-    rigid.build()
+    rigid.begin_build()
     return Refined(rigid, gap.time_tolerance_ns, gap.threads, options.light_samples)
 
 

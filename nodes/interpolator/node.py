@@ -137,6 +137,7 @@ class InterpolatorNode(Node):
 
     def setup(self) -> None:
         from evis.gpu.devices import device_named
+        from nodes.interpolator.interpolator import Interpolator
         from nodes.renderer.at_once import LEAST_OF_PIXEL, LEAST_OF_RIGID, check_room
 
         p = self.params
@@ -164,10 +165,15 @@ class InterpolatorNode(Node):
         self.interpolator = self._interpolators(worlds)
         if told:
             self.warn(told)
-        self._warm(self.interpolator, p["envs"])
+        if self._expected is not None and isinstance(self.interpolator, Interpolator):
+            self.interpolator.begin(p["envs"], *self._expected, self._fineness * p["margin"])
         self._device = device_named(p["device"])
         self._field = "rgb" if p["colour"] else "luminance"
         self._kept: list[Message] = []
+
+    def warm_up(self) -> None:
+        """Compiles what gaps need."""
+        self._warm(self.interpolator, self.params["envs"])
 
     def _at_once(self, pixels: int) -> int:
         """How many gaps are made at once. Raises ValueError where they do not fit.

@@ -118,7 +118,7 @@ class RendererNode(Node):
         return ()
 
     def setup(self) -> None:
-        """Makes the renderer, compiles what is wanted of it, and publishes the camera's info."""
+        """Makes the renderer, begins to compile what is wanted of it, and publishes the camera's info."""
         p = self.params
         worlds = self.worlds = worlds_of(self.name, p)
         self.scene = worlds.scenes[0]
@@ -126,7 +126,7 @@ class RendererNode(Node):
         self._fineness = samples if p["samples_apart"] else 1
         self.gathers = self._at_once(samples)
         self.renderer = self._renderers(worlds.groups(appearance))
-        self.renderer.prepare(self._wanted())
+        self.renderer.begin(self._wanted())
         if p["frame_rate"]:
             for line in undersampled(self.scene, _seen_at(p)):
                 self.warn(line)
@@ -134,6 +134,10 @@ class RendererNode(Node):
         self._names = [body.name for body in self.scene.bodies]
         self._begin()
         self.publish("info", self._info(Header(0)))
+
+    def warm_up(self) -> None:
+        """Compiles what is wanted of the renderer."""
+        self.renderer.prepare(self._wanted())
 
     def _at_once(self, samples: int) -> int:
         """How many keyframes are rendered at once. Raises ValueError where they or the environments do not fit."""

@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from evis.geometry import se3
-from evis.gpu.building import build_together
+from evis.gpu.building import begin_building, build_together
 from evis.gpu.cuda_graph import Branch, CudaGraphs
 from evis.scene.model import Camera, Scene
 from nodes.renderer.geometry.pose_upload import READ
@@ -117,14 +117,21 @@ class Renderer:
             wp.dtype_to_numpy(getattr(dtype, "_wp_scalar_type_", dtype))
         )
 
+    def begin(self, outputs: Iterable[str]) -> None:
+        """Has the kernels that `outputs` need compiled, while the caller does something else, for `prepare`."""
+        begin_building(self.device, self._kernels(outputs))
+
+    def _kernels(self, outputs: Iterable[str]) -> list[tuple[wp.Kernel, int]]:
+        lit = {"radiance", "luminance"} & set(outputs)
+        return [*(self.shading.kernels(False) if lit else ()), *self.visibility.kernels()]
+
     def prepare(self, outputs: Iterable[str]) -> None:
         """Compiles and loads the kernels that `outputs` need, so that the first image takes no longer than the others.
 
         On a GPU also record the launches, which takes two images for each buffer that poses come from.
         """
         wanted = list(outputs)
-        lit = {"radiance", "luminance"} & set(wanted)
-        build_together(self.device, [*(self.shading.kernels(False) if lit else ()), *self.visibility.kernels()])
+        build_together(self.device, self._kernels(wanted))
         for k in range(1 + 2 * READ if self.device.is_cuda else 1):
             out = self.buffers(wanted) if self.device.is_cuda else None
             self.render(self._poses_at(k * 1_000_000), LAST if k else None, wanted, out)

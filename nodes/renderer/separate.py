@@ -50,6 +50,12 @@ class SeparateRenderers:
         shape, dtype = self._parts.all[0].array_shape(name)
         return (self._count, *shape[1:]), dtype
 
+    def begin(self, outputs: Iterable[str]) -> None:
+        """Has the kernels that `outputs` need compiled, as Renderer does."""
+        wanted = list(outputs)
+        for part in self._parts.all:
+            part.begin(wanted)
+
     def prepare(self, outputs: Iterable[str]) -> None:
         """Compiles and loads the kernels that `outputs` need."""
         wanted = list(outputs)

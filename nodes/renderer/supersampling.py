@@ -88,6 +88,12 @@ class SupersampledRenderer:
         """The renderer that an output has its size of."""
         return self.fine if self.apart and name in LIGHT else self.plain
 
+    def begin(self, outputs: Iterable[str]) -> None:
+        """Has the kernels that `outputs` need compiled, as Renderer does."""
+        wanted = set(outputs)
+        self.plain.begin(wanted.difference(LIGHT))
+        self.fine.begin(wanted.intersection(LIGHT))
+
     def prepare(self, outputs: Iterable[str]) -> None:
         """Compiles and loads the kernels that `outputs` need."""
         wanted = set(outputs)

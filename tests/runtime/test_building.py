@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from evis.gpu.building import FEWEST_CORES, LAUNCH_BLOCK, build_together
+from evis.gpu.building import FEWEST_CORES, LAUNCH_BLOCK, begin_building, build_together
 
 
 def kernel_of(factor: float) -> wp.Kernel:
@@ -41,6 +41,23 @@ def test_what_was_built_is_launched_without_compiling(tmp_path: Path, monkeypatc
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()} == there
 
 
+def test_what_was_begun_is_there_when_it_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    wp.init()
+    monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
+    kernels = [(kernel_of(11.0 + k), LAUNCH_BLOCK) for k in range(3)]
+    begin_building("cpu", kernels)
+    begin_building("cpu", kernels[:1])  # by another one who needs it too
+    build_together("cpu", kernels)
+    there = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()}
+    assert sum(path.suffix == ".o" for path in there) == 3
+    build_together("cpu", kernels)
+    values = wp.array(np.ones(1, np.float32), device="cpu")
+    for kernel, _ in kernels:
+        wp.launch(kernel, 1, [values], device="cpu")
+    assert values.numpy()[0] == 11.0 * 12.0 * 13.0
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()} == there
+
+
 def test_an_error_of_the_compiler_is_told() -> None:
     @wp.kernel(module="unique", enable_backward=False)
     def wrong(values: wp.array(dtype=wp.float32)):
@@ -48,3 +65,6 @@ def test_an_error_of_the_compiler_is_told() -> None:
 
     with pytest.raises(Exception, match="no_such_name"):
         build_together("cpu", [(kernel_of(7.0), LAUNCH_BLOCK), (wrong, LAUNCH_BLOCK)])
+    with pytest.raises(Exception, match="no_such_name"):
+        begin_building("cpu", [(wrong, LAUNCH_BLOCK)])
+        build_together("cpu", [(wrong, LAUNCH_BLOCK)])

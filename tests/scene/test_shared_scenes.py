@@ -45,6 +45,22 @@ def test_a_scene_is_loaded_once_and_nobody_can_write_to_it(tmp_path: Path) -> No
         first.instances[0].mesh.vertices[0] = 0.0
 
 
+def test_who_sees_nothing_has_the_world_that_is_there(tmp_path: Path) -> None:
+    paths = written(tmp_path)
+    scene = {"scene": str(paths["scene"])}
+    alone = scene_of("physics", scene, visuals=False)
+    assert not alone.instances
+    seen = scene_of("renderer", scene)
+    assert seen.instances
+    assert scene_of("physics", scene, visuals=False) is seen
+    # Of a model more is told to who sees it, and a world is drawn by its seed: these have their own.
+    drawn = paths["scene"].with_name("drawn.yaml")
+    drawn.write_text(SCENE.replace("radius: 0.4", "radius: {from: 0.1, to: 0.4}"))
+    for other in ({"scene": str(paths["model"])}, {"scene": str(drawn)}):
+        seen = scene_of("renderer", other)
+        assert scene_of("physics", other, visuals=False) is not seen
+
+
 @pytest.mark.parametrize(
     ("what", "changed"), [("scene", "scene"), ("scene", "part"), ("scene", "picture"), ("model", "model part")]
 )

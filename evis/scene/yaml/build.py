@@ -75,6 +75,7 @@ from evis.scene.sky import mean_radiance, read_environment_map
 from evis.scene.yaml.cameras import read_camera
 from evis.scene.yaml.copies import MAX_COPIES, copies
 from evis.scene.yaml.lights import read_light
+from evis.scene.yaml.made_pictures import MadePictures
 from evis.scene.yaml.materials import read_material
 from evis.scene.yaml.motion import read_motion
 from evis.scene.yaml.reader import Fields
@@ -125,6 +126,14 @@ class _Builder:
         self.scene = Scene(path.stem, [], [], [], [], [], np.zeros(3, np.float32))
         self.made = made
         self.counted: dict[int, Mesh] = {}
+        self.pictures = MadePictures()
+        try:
+            self._read(path)
+        finally:
+            self.pictures.wait()
+
+    def _read(self, path: Path) -> None:
+        """Reads all that the file says."""
         self.top.has("args")
         self.top.has("include")
         self.top.text("description", "")
@@ -133,8 +142,8 @@ class _Builder:
         self.labels = {instance.name for instance in self.scene.instances}
         self._frames()
         self._sensor()
-        if visuals:
-            self._materials(textures)
+        if self.visuals:
+            self._materials(self.textures)
             self._shapes(WORLD, "world", self.top.items("world", "shape"))
             for name, fields in self.bodies.items():
                 shared = fields.text("semantic", "")
@@ -313,7 +322,8 @@ class _Builder:
     def _materials(self, textures: bool) -> None:
         for name, entry in self.top.sections("materials", "material").items():
             for ending, fields in self._copies(entry):
-                self._add_material(read_material(name + ending, fields, self.folder, textures, self.made), fields)
+                made = read_material(name + ending, fields, self.folder, self.pictures, textures, self.made)
+                self._add_material(made, fields)
 
     def _add_material(self, material: Material, fields: Fields) -> None:
         if material.name in self.materials:

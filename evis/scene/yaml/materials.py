@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -15,24 +14,29 @@ from evis.scene.model import Material
 from evis.scene.own.picture import read_picture
 from evis.scene.pictures import load_picture
 from evis.scene.sources import note
+from evis.scene.yaml.made_pictures import MadePictures
 from evis.scene.yaml.own_files import drawn_file
 from evis.scene.yaml.reader import Fields
 
-SMALL = 512
-"""Texels along the side of pictures that are kept for other scenes, 3 MB at most."""
 KINDS = ("blobs", "noise", "leaves", "checker", "bricks", "planks", "image")
 
 
 def read_material(
-    name: str, fields: Fields, folder: Path, textures: bool = True, made: dict[Any, Any] | None = None
+    name: str,
+    fields: Fields,
+    folder: Path,
+    pictures: MadePictures,
+    textures: bool = True,
+    made: dict[Any, Any] | None = None,
 ) -> Material:
     """Reads one entry of `materials:`; albedo, emission [W/(sr m^2)], roughness, metallic, two_sided, texture.
 
-    folder: where image files are looked for. textures=False: no texture is made. made: pictures made or read before,
-    which are not made again.
+    folder: where image files are looked for. pictures: where those are begun that are made by code; they are full when
+    it has waited. textures=False: no texture is made. made: pictures made or read before, which are not made again.
     """
     section = fields.section("texture", "texture")
-    texture = _texture(section, folder, {} if made is None else made) if section and textures else None
+    known = {} if made is None else made
+    texture = _texture(section, folder, pictures, known) if section and textures else None
     material = Material(
         name,
         fields.colour("albedo", 1.0 if section else 0.5, maximum=1.0),
@@ -46,7 +50,7 @@ def read_material(
     return material
 
 
-def _texture(fields: Fields, folder: Path, made: dict[Any, Any]) -> np.ndarray:
+def _texture(fields: Fields, folder: Path, pictures: MadePictures, made: dict[Any, Any]) -> np.ndarray:
     """float32 [h, w, 3] of a `texture:` map."""
     kind = fields.text("kind", choices=KINDS)
     own = drawn_file(fields, "texture", folder)
@@ -55,37 +59,17 @@ def _texture(fields: Fields, folder: Path, made: dict[Any, Any]) -> np.ndarray:
         fields.done()
         return image
     size = fields.whole("size", 256, minimum=2, maximum=4096)
-    make, arguments = _recipe(kind, fields, size) if kind != "image" else (None, ())
+    recipe = _recipe(kind, fields, size) if kind != "image" else None
     wedge = fields.section("wedge", "wedge")
     sector = (wedge.angle("angle"), wedge.fraction("value", 0.5)) if wedge else None
     if wedge:
         wedge.done()
     fields.done()
-    key = (own, size) if own else (make, arguments, sector)
+    key: Any = (own, size) if own else (*recipe, sector) if recipe else None
     if key not in made:
-        if own:
-            made[key] = _own_picture(fields, own, size)
-        else:
-            made[key] = _small_picture(*key) if arguments[0] <= SMALL else _picture(*key)
+        made[key] = _own_picture(fields, own, size) if own else pictures.begin(key)
     picture: np.ndarray = made[key]
     return picture
-
-
-def _picture(
-    make: Callable[..., np.ndarray] | None, arguments: tuple[Any, ...], sector: tuple[float, float] | None
-) -> np.ndarray:
-    """Makes a picture by code, linear float32 [h, w, 3]. sector: angle [rad] and value of its wedge."""
-    assert make is not None
-    image = make(*arguments)
-    image = image if sector is None else textures.add_wedge(image, *sector)
-    image = np.clip(image, 0.0, 1.0)
-    picture = np.array(image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=-1), order="C")
-    picture.flags.writeable = False
-    return picture
-
-
-_small_picture = lru_cache(maxsize=16)(_picture)
-"""Shared by scenes that differ in other things, as the sequences of a data set do."""
 
 
 def _own_picture(fields: Fields, path: Path, size: int) -> np.ndarray:

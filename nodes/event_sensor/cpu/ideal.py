@@ -84,6 +84,10 @@ class Ideal:
         self._progress = np.zeros(AT_STEP + 1, np.int64)
         self._progress_there: wp.array = wp.array(self._progress, dtype=wp.int64, device="cpu", copy=False)
 
+    def kernels(self) -> list[tuple[wp.Kernel, int]]:
+        """Gives the kernel that is launched, as `build_together` takes it; for further samples there is another."""
+        return [(self._kernel, 1)]
+
     def arrays(self) -> tuple[wp.array, ...]:
         """Everything that is kept per pixel."""
         return self._state.last, self._state.low, self._state.high, self._state.level

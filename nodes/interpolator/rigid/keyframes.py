@@ -7,6 +7,7 @@ from typing import Any
 
 import warp as wp
 
+from evis.gpu.building import LAUNCH_BLOCK
 from nodes.interpolator.rigid import keyframe_kernels
 from nodes.interpolator.rigid.displacement_kernels import displace
 from nodes.interpolator.rigid.log_kernels import LOGS
@@ -53,7 +54,7 @@ class Pair:
             self.poses = wp.empty((both[0], bodies), dtype=wp.transformd)
             self.turn = wp.empty((rows, bodies + 2), dtype=wp.mat33)
             self.shift = wp.empty((rows, bodies + 2), dtype=wp.vec3)
-        self._struct = make_keyframes(channels, flicker)
+        self._struct, self._flicker = make_keyframes(channels, flicker), flicker
         self.a, self.b = (Prepared(self, first, shape, device, flicker) for first in (0, 1 if in_a_row else envs))
 
     def swap(self) -> None:
@@ -66,6 +67,18 @@ class Pair:
             array = getattr(self, name)
             if array.size:
                 wp.copy(array[:1], array[-1:])
+
+    def kernels(self) -> list[tuple[wp.Kernel, int]]:
+        """Gives the kernels that keyframes are taken in by, as `build_together` takes them.
+
+        They are generic and of one module, which is compiled anew when another of them is made; so all are made here.
+        """
+        image, logs = (array.dtype for array in (self.image, self.logs))
+        kinds: Any = {"image": wp.array3d(dtype=image), "logs": wp.array3d(dtype=logs)}
+        taking = wp.overload(keyframe_kernels.take_in_lights if self._flicker else keyframe_kernels.take_in, kinds)
+        quiet: Any = {name: wp.array3d(dtype=image) for name in ("image_a", "image_b")}
+        wp.overload(keyframe_kernels.find_quiet, quiet)
+        return [(taking, LAUNCH_BLOCK)]
 
     @property
     def fresh(self) -> tuple[int, wp.array]:

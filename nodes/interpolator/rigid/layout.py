@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from evis.scene.model import Camera, Scene, Waveform
-from nodes.renderer.paths.paths import PathOptions
+
+if TYPE_CHECKING:
+    from nodes.renderer.paths.paths import PathOptions
 
 TOLERANCE = 0.1
 """Difference of log radiance between the keyframes up to which light is taken to change evenly: half the contrast

@@ -29,12 +29,13 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from evis.gpu.building import LAUNCH_BLOCK, build_together
+from evis.gpu.building import LAUNCH_BLOCK, begin_building, build_together
 from evis.gpu.cuda_graph import Branch, CudaGraphs
 from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Camera, Scene
 from nodes.interpolator.keyframe import KeyframeView, Report, own_subframes
 from nodes.interpolator.relight.change import make_light_change
+from nodes.interpolator.relight.sweep_kernels import sweep
 from nodes.interpolator.relight.swept_kernels import disquiet
 from nodes.interpolator.rigid import keyframe_kernels
 from nodes.interpolator.rigid.displacement_kernels import displace
@@ -94,6 +95,7 @@ class Rigid:
         self.rested = False
         """Whether nothing moved or changed in the last gap."""
         self._even = True
+        self._built = False
         self._graphs, self._beside = CudaGraphs(self._device), Branch(self._device)
         pieces, patches = pieces_of(scene, v.geometry.triangle_instance)
         self.pieces = v.put(pieces, wp.vec2i)
@@ -122,11 +124,15 @@ class Rigid:
         self._unread: int | None = None
         self._buffer: wp.array | None = None
 
-    def build(self) -> None:
-        """Compiles the kernels that take long, side by side, before they are launched."""
-        changes = [(disquiet, LAUNCH_BLOCK)] if self.change else []
-        between = [(displace, LAUNCH_BLOCK), *changes]
-        build_together(self._device, [*self._reprojection.kernels(), *self.visibility.kernels(), *between])
+    def kernels(self) -> list[tuple[wp.Kernel, int]]:
+        """Gives the kernels that are launched, as `build_together` takes them."""
+        changes = [(disquiet, LAUNCH_BLOCK), (sweep, LAUNCH_BLOCK)] if self.change else []
+        between = [(displace, LAUNCH_BLOCK), *self.pair.kernels(), *changes]
+        return [*self._reprojection.kernels(), *self.visibility.kernels(), *between]
+
+    def begin_build(self) -> None:
+        """Has its kernels compiled, while the caller does something else, for the first gap."""
+        begin_building(self._device, self.kernels())
 
     @property
     def strength(self) -> wp.array:
@@ -155,6 +161,9 @@ class Rigid:
     ) -> Callable[[], Report]:
         """Does as `between`, but waits for nothing that a GPU does; what this returns waits, and gives the report."""
         assert a.states is not None and b.states is not None
+        if not self._built:
+            build_together(self._device, self.kernels())
+            self._built = True
         held = np.asarray(held, bool)
         together = a.own is None and b.own is None
         if together:
