@@ -115,6 +115,13 @@ def test_beside_single_pixels_250_frames_per_second_do(evis_here, rate, frames):
     assert plan["args"]["upsampling"] == frames and "time_tolerance" in plan["chosen"]["why"]
 
 
+@pytest.mark.parametrize(("asked", "frames"), [((), 4), (("upsampling:=6",), 6)])
+def test_a_tolerance_of_time_decides_k_unless_it_is_given(evis_here, asked, frames):
+    done = evis_here("launch", "spinning_disk", "time_tolerance:=0.0003", *asked, *SMALL, "--explain")
+    assert done.code == 0, done.err
+    assert json.loads(done.out)["args"]["upsampling"] == frames
+
+
 @pytest.mark.parametrize("words,text", [
     (("wanted_error:=0.1",), "wanted_error is for interpolator:=auto"),
     (("upsampling:=auto", "wanted_rtf:=1", "time_tolerance:=1e-4"), "it is this that decides the error"),

@@ -18,9 +18,8 @@ class Swept:
     others, in the world's axes about a fixed origin [m].
 
     size [M]: radius of a ball about each of these bodies [m]. place [P E]: of the cameras. lamp [L]: positions of
-    lights that stand still, or unit vectors towards those of kind 0; radius [L]: of their extents; shadow [L]: 1 where
-    they have shadows. masks [E, I, L]: of instances that rest, bit k % 32 where body k may hide a light from some point
-    of one; 0 without shadows.
+    lights with shadows that stand still, or unit vectors towards those of kind 0; radius [L]: of their extents. masks
+    [E, I, L]: of instances that rest, bit k % 32 where body k may hide a light from some point of one.
     """
 
     lower: wp.array2d(dtype=wp.vec3)
@@ -29,7 +28,6 @@ class Swept:
     place: wp.array(dtype=wp.vec3)
     lamp: wp.array(dtype=wp.vec3)
     radius: wp.array(dtype=float)
-    shadow: wp.array(dtype=int)
     kind: wp.array(dtype=int)
     masks: wp.array3d(dtype=wp.uint32)
 

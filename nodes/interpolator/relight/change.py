@@ -16,7 +16,7 @@ from nodes.interpolator.relight.features import LightChanges, light_changes
 from nodes.interpolator.relight.sweep import Sweep
 from nodes.renderer.geometry.poses import of_bodies
 from nodes.renderer.lighting import Shading
-from nodes.renderer.lights.lights import fixed_vectors
+from nodes.renderer.lights.lights import KINDS, fixed_vectors
 from nodes.renderer.materials.ggx import alpha_of, is_plain
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.shadows.occlusion import half_extents
@@ -125,7 +125,7 @@ class LightChange:
             setattr(other, name, getattr(self.kernel, name))
         other.now, other.sky, other.casters = shading.lights.kernel, shading.sky, shading.occluders.casters
         swept = Swept()
-        for name in ("lower", "upper", "size", "lamp", "radius", "shadow", "kind", "masks"):
+        for name in ("lower", "upper", "size", "lamp", "radius", "kind", "masks"):
             setattr(swept, name, getattr(self.kernel.swept, name))
         swept.place = shading.visibility.empty(shading.visibility.envs, wp.vec3)
         other.swept = swept
@@ -178,15 +178,18 @@ class LightChange:
         return self._origin
 
     def _make_swept(self) -> Any:
-        v, lights, swept = self._v, self._scene.lights, Swept()
+        v, swept = self._v, Swept()
+        # No light without shadows is asked about.
+        casting = [k for k, light in enumerate(self._scene.lights) if light.shadows]
+        lights = [self._scene.lights[k] for k in casting]
         swept.lower, swept.upper = self._sweep.lower, self._sweep.upper
         swept.place = v.empty(v.envs, wp.vec3)
         swept.size = v.put(self._sweep.size, wp.float32)
         lamps = self._still_lamps()
         lamps[self._positional] -= self._origin_of()
-        swept.lamp = v.put(lamps, wp.vec3)
+        swept.lamp = v.put(lamps[casting], wp.vec3)
         swept.radius = v.put(np.array([_extent(light) for light in lights]), wp.float32)
-        swept.kind, swept.shadow = self._lights.kernel.kind, self._lights.kernel.shadow
+        swept.kind = v.put(np.array([KINDS[light.kind] for light in lights], np.int32), wp.int32)
         swept.masks = v.empty((self._envs, len(self._v.geometry.body), len(lights)), wp.uint32)
         return swept
 

@@ -54,16 +54,15 @@ def find_shaded(
     pad = 1.0e-4 * (wp.length(seen) + wp.length(middle) + wp.length(sides))
     for l in range(swept.lamp.shape[0]):
         mask = wp.uint32(0)
-        if swept.shadow[l] == 1:
-            way = swept.lamp[l]
-            length = FAR
-            if swept.kind[l] != DIRECTIONAL:
-                way = way - middle
-                length = 1.0
-            wide = sides + (pad + swept.radius[l]) * wp.vec3(1.0, 1.0, 1.0)
-            for k in range(1, swept.lower.shape[1]):
-                if box_met(swept.lower[env, k] - middle - wide, swept.upper[env, k] - middle + wide, way, length):
-                    mask = mask | bit(k - 1)
+        way = swept.lamp[l]
+        length = FAR
+        if swept.kind[l] != DIRECTIONAL:
+            way = way - middle
+            length = 1.0
+        wide = sides + (pad + swept.radius[l]) * wp.vec3(1.0, 1.0, 1.0)
+        for k in range(1, swept.lower.shape[1]):
+            if box_met(swept.lower[env, k] - middle - wide, swept.upper[env, k] - middle + wide, way, length):
+                mask = mask | bit(k - 1)
         masks[env, i, l] = mask
 
 

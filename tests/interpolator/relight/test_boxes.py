@@ -73,7 +73,7 @@ def test_what_may_be_shaded_of_an_instance_covers_all_of_its_points(kind: str):
     swept = change.swept
     swept.lower, swept.upper = (wp.array(box, dtype=wp.vec3, device="cpu") for box in boxes)
     swept.place, swept.lamp = wp.zeros(1, dtype=wp.vec3, device="cpu"), wp.array(lamp, dtype=wp.vec3, device="cpu")
-    swept.radius, swept.shadow = wp.zeros(1, dtype=float, device="cpu"), wp.ones(1, dtype=int, device="cpu")
+    swept.radius = wp.zeros(1, dtype=float, device="cpu")
     swept.kind = wp.array([KINDS[kind]], dtype=int, device="cpu")
     swept.masks = wp.zeros((1, instances, 1), dtype=wp.uint32, device="cpu")
     wp.launch(find_shaded, (1, instances), [change], [swept.masks], device="cpu")
