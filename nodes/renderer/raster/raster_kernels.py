@@ -8,8 +8,9 @@ import warp as wp
 
 from nodes.renderer.raster.bounds_kernels import bounds, facing, outside, turned_away
 from nodes.renderer.raster.distortion_kernels import make_bounds, walk_rays
-from nodes.renderer.raster.triangle_kernels import corners_of, set_up, walk
+from nodes.renderer.raster.triangle_kernels import corners_of, set_up
 from nodes.renderer.raster.view_kernels import CameraView
+from nodes.renderer.raster.walk_kernels import drawable, lowest, walk_own
 
 wp.set_module_options({"enable_backward": False})
 
@@ -84,7 +85,27 @@ def to_camera(
 def make_raster(lens: str) -> wp.Kernel:
     """Makes the kernel `raster`, a thread per block, for rows row0..row1 - 1. lens: `none` or a distortion model."""
     bounds_of = make_bounds(lens) if lens != "none" else bounds
-    walk_over = walk_rays if lens != "none" else walk
+    walk_over = walk_rays if lens != "none" else walk_own
+
+    @wp.func
+    def draw(
+        view: CameraView,
+        row0: int,
+        row1: int,
+        sides: int,
+        turn: wp.mat33,
+        place: wp.vec3,
+        vertices: wp.array2d(dtype=wp.vec3),
+        triangles: wp.array(dtype=wp.vec3i),
+        env: int,
+        t: int,
+        packed: wp.array3d(dtype=wp.uint64),
+    ):
+        """Draws triangle t, if it may be seen."""
+        a, b, c = corners_of(view, vertices, triangles, turn, place, env, t)
+        if facing(a, b, c, sides) and before_near(view, a, b, c):
+            s = set_up(view, a, b, c, bounds_of(view, a, b, c))
+            walk_over(view, s, s.x0, s.x1, wp.max(s.y0, row0), wp.min(s.y1, row1 - 1), env, t, packed)
 
     @wp.kernel(module="unique", enable_backward=False)
     def raster(
@@ -120,10 +141,17 @@ def make_raster(lens: str) -> wp.Kernel:
         if unseen(view, row0, row1, blocks, n, turn, place):
             return
         sides = two_sided[i]
-        for t in range(blocks.first[n], blocks.last[n]):
-            a, b, c = corners_of(view, vertices, triangles, turn, place, env, t)
-            if facing(a, b, c, sides) and before_near(view, a, b, c):
-                s = set_up(view, a, b, c, bounds_of(view, a, b, c))
-                walk_over(view, s, s.x0, s.x1, wp.max(s.y0, row0), wp.min(s.y1, row1 - 1), env, t, packed)
+        first = blocks.first[n]
+        last = blocks.last[n]
+        if wp.static(lens == "none"):
+            # Most triangles cover no pixel, and are left out together.
+            left = drawable(view, row0, row1, vertices, triangles, env, first, last, sides == 1)
+            while left != wp.uint64(0):
+                t = first + lowest(left)
+                left = left & (left - wp.uint64(1))
+                draw(view, row0, row1, sides, turn, place, vertices, triangles, env, t, packed)
+        else:
+            for t in range(first, last):
+                draw(view, row0, row1, sides, turn, place, vertices, triangles, env, t, packed)
 
     return raster

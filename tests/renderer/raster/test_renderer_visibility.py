@@ -75,6 +75,39 @@ def test_pools_and_threads_change_no_bit(monkeypatch):
         np.testing.assert_array_equal(images[0], image)
 
 
+def drawn(mesh, width, height, two_sided, **arguments):
+    view = camera(width, height, 0.8 * max(width, height), near=0.05)
+    world = scene([(mesh, -1, 0)], materials=[Material("m", np.ones(3), two_sided=two_sided)], view=view)
+    visibility = Visibility(world, view, **arguments)
+    visibility.update(poses(at(0, 0, 0)))
+    m = visibility.margin
+    return visibility.packed.numpy()[:, m : m + height, m : m + width]
+
+
+@pytest.mark.parametrize("width,height", [(1, 40), (5, 9), (8, 1), (9, 8), (31, 7), (70, 20)])
+@pytest.mark.parametrize("size,count", [(0.1, 6000), (0.6, 300)])
+@pytest.mark.parametrize("two_sided", [True, False])
+def test_pixels_done_together_are_those_done_one_by_one(width, height, size, count, two_sided):
+    """Triangles smaller than a pixel and as wide as the image, in images narrower than a run of pixels and wider."""
+    mesh, _ = soup(5, count=count, size=size)
+    one_by_one = drawn(mesh, width, height, two_sided, tiled=True)
+    assert (one_by_one != np.iinfo(np.uint64).max).any()
+    for arguments in ({}, {"margin": 2}, {"threads": 3}):
+        np.testing.assert_array_equal(one_by_one, drawn(mesh, width, height, two_sided, **arguments))
+
+
+def test_needles_done_together_are_those_done_one_by_one():
+    """The edges of a triangle with a sharp point leave pixels beyond it, which its bounds do not hold."""
+    mesh, triangles = soup(6, count=40000)
+    rng = np.random.default_rng(6)
+    along = rng.random((len(triangles), 1))
+    points = triangles[:, 0] * along + triangles[:, 1] * (1 - along)
+    mesh.vertices.reshape(-1, 3, 3)[:, 2] = points + 3e-4 * rng.standard_normal(points.shape)
+    one_by_one = drawn(mesh, 320, 240, True, tiled=True)
+    assert (one_by_one != np.iinfo(np.uint64).max).mean() > 0.2
+    np.testing.assert_array_equal(one_by_one, drawn(mesh, 320, 240, True))
+
+
 def test_hit_point_lies_on_its_triangle_in_the_body_frame():
     mesh, triangles = soup(4, depth=(1.5, 3.0), size=0.4)
     world = scene([(mesh, 0, 0)], bodies=1)
