@@ -17,7 +17,7 @@ from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.slots import Slots
 from nodes.renderer.raster.visibility import Visibility
 
-LEAST, LEAST_PER_FRAME, MOST = 16, 2, 1024
+LEAST, LEAST_PER_FRAME, MOST = 8, 2, 1024
 """Times per gap at which it is found out what all pixels see: least, least per coarse interval, and most."""
 ROOM = 1 << 25
 """Pixels of all these z-buffers of an environment, at most."""
