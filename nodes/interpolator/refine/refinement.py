@@ -24,6 +24,8 @@ PART = 2.0
 off the straight line between them."""
 PLAIN = 0.4
 """Tolerances within which ln I looked up in a keyframe counts as a straight line: look-ups are cheap."""
+EVEN = 1.0
+"""Distance [px] from a straight way, for a tolerance of 1, up to which a point counts as on it."""
 ROUGH = 4.0
 """Tolerances by which neighbouring pixels of a keyframe differ where look-ups between them may miss contrast."""
 LOOKS, LEAST_LOOKS = 32, 4
@@ -114,7 +116,7 @@ class Refinement:
         cut.rows = self._rigid.visibility.envs
         cut.envs, cut.margin = layout.envs, evaluator.visibility.margin
         cut.height, cut.width = evaluator.size
-        cut.gain = self._gain
+        cut.gain, cut.even = self._gain, EVEN * layout.tolerance
         return cut
 
     def _stage(self, rounds: Rounds) -> Any:

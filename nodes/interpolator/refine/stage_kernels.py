@@ -20,7 +20,8 @@ class Cut:
     interval. coarse: coarse intervals of the gap, K. slots: instants inside a coarse interval, 2^depth - 1. probes:
     parts that z-buffers make of a coarse interval, 2^n. looks: parts at whose ends flickering light is looked at, 2^n.
     rows: of the coarse frames' z-buffers. height, width [px]: of a frame, without margin [px]. gain: pixels per radian,
-    at most, or the focal length [px] of a pinhole.
+    at most, or the focal length [px] of a pinhole. even: distance [px] from a straight way up to which a point is
+    on it.
     """
 
     jump: float
@@ -38,6 +39,7 @@ class Cut:
     width: int
     margin: int
     gain: float
+    even: float
 
 
 @wp.struct

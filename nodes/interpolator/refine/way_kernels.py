@@ -6,9 +6,6 @@ from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, slot_row
 
 wp.set_module_options({"enable_backward": False})
 
-EVEN = wp.constant(0.1)
-"""Distance [px] from a straight way up to which a point counts as on it."""
-
 
 @wp.struct
 class Motion:
@@ -115,7 +112,7 @@ def stride_of(cut: Cut, stage: Stage, spot: Spot, which: int, body: int, away: f
     straight = wp.bool(False)
     while stride > each and not straight:
         bend = stage.bends[row, body, level]
-        straight = off_turn * bend[0] + off_shift * bend[1] <= EVEN
+        straight = off_turn * bend[0] + off_shift * bend[1] <= cut.even
         if not straight:
             stride = stride // 2
             level += 1

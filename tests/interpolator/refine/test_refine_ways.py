@@ -5,11 +5,12 @@ import pytest
 import warp as wp
 
 from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, shows_one
-from nodes.interpolator.refine.way_kernels import EVEN, find_bends, stride_of
+from nodes.interpolator.refine.way_kernels import find_bends, stride_of
 
 K, SLOTS, PROBES = 2, 15, 8
 """Coarse intervals, instants inside each, and parts that z-buffers make of each: instants 2, 4 .. 14."""
 GAIN = 200.0
+EVEN = 0.1
 WORLD = 1
 
 
@@ -47,7 +48,7 @@ def sizes(probes=PROBES):
     cut = Cut()
     cut.coarse, cut.slots, cut.depth, cut.probes = K, SLOTS, (SLOTS + 1).bit_length() - 1, probes
     cut.rows = cut.envs = 1
-    cut.rows, cut.gain = K, GAIN
+    cut.rows, cut.gain, cut.even = K, GAIN, EVEN
     return cut
 
 
