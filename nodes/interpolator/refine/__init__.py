@@ -12,7 +12,8 @@ The words of this room:
 
 The way of the data (`refinement.py` has a gap, `rounds.py` a window): `instants.py` chooses the instants, `probing/`
 draws as many probes as what moves asks for, `change_kernels.py` finds the changes, `run_kernels.py` with
-`path_kernels.py` lists the samples that each run needs, and `flicker.py` those that lamps ask for, `sight_kernels.py`
+`path_kernels.py` lists the samples that each run needs (past probes between which bodies go straight, says
+`way_kernels.py`), and `flicker.py` those that lamps ask for, `sight_kernels.py`
 and `evaluator.py` compute them, `interval_kernels.py` halves intervals that are still not straight, and
 `further_kernels.py` sorts all samples by pixel and time. What is listed lies in `lists.py` and is counted in
 `tally.py`, where the kernels that go through a list read its length: so a GPU goes from one to the next without the

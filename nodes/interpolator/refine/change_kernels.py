@@ -3,24 +3,17 @@
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
-from nodes.interpolator.refine.path_kernels import PARTS, SHARP, Cut, Spot, Stage, entry_at, slot_row
+from nodes.interpolator.refine.path_kernels import PARTS, SHARP
 from nodes.interpolator.refine.sight_kernels import passing, seen_between
+from nodes.interpolator.refine.stage_kernels import Cut, Stage, ends_of, entry_at, slot_row, spot_of
 from nodes.interpolator.rigid.plan_kernels import joined
-from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
+from nodes.renderer.raster.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 
 PENDING = wp.types.vector(length=12, dtype=wp.int32)
 SEEN_THEN = wp.types.vector(length=12, dtype=wp.uint64)
 """Ends of halves of an interval between probes that are still to be looked at: as often as it can be halved."""
-
-
-@wp.struct
-class Ends:
-    """Holds a pixel's z-buffer entries at both ends of a coarse interval."""
-
-    before: wp.uint64
-    after: wp.uint64
 
 
 @wp.struct
@@ -38,32 +31,6 @@ class Changes:
     later: wp.array(dtype=int)
     following: wp.array(dtype=int)
     first: wp.array(dtype=int)
-
-
-@wp.func
-def spot_of(view: CameraView, cut: Cut, k: int, q: int):
-    """Makes the Spot of coarse interval k and pixel q, an index into [E, h, w]."""
-    spot = Spot()
-    spot.k = k
-    spot.q = q
-    spot.x = q % cut.width + cut.margin
-    spot.y = q // cut.width % cut.height + cut.margin
-    spot.env = q // (cut.width * cut.height)
-    spot.d = pixel_ray(view, spot.x, spot.y)
-    return spot
-
-
-@wp.func
-def ends_of(cut: Cut, stage: Stage, start: wp.array3d(dtype=wp.uint64), spot: Spot):
-    """Reads the z-buffer entries at both ends of a coarse interval; start: z-buffer of keyframe A."""
-    ends = Ends()
-    if spot.k == 0:
-        ends.before = start[spot.env, spot.y, spot.x]
-    else:
-        ends.before = stage.packed[spot.k * cut.envs + spot.env, spot.y, spot.x]
-    row = wp.where(spot.k + 1 == cut.coarse, 0, spot.k + 1) * cut.envs + spot.env
-    ends.after = stage.packed[row, spot.y, spot.x]
-    return ends
 
 
 @wp.kernel
@@ -123,12 +90,13 @@ def find_changes(
                 middle = (low + high) // 2
                 waiting += 1
                 pending[waiting] = middle
-                entries[waiting] = seen_between(view, stage.targets, slot_row(cut, spot, middle), spot.d, hit, then)
+                row = slot_row(cut, spot.env, spot.k, middle)
+                entries[waiting] = seen_between(view, stage.targets, row, spot.d, hit, then)
             else:
                 later = wp.int32(0)
                 if low > 0 and high <= cut.slots:
-                    row_low = slot_row(cut, spot, low)
-                    row_high = slot_row(cut, spot, high)
+                    row_low = slot_row(cut, spot.env, spot.k, low)
+                    row_high = slot_row(cut, spot.env, spot.k, high)
                     f = passing(view, stage.targets, row_low, row_high, spot.d, hit, then)
                     later = wp.clamp(int(f * float(PARTS)), SHARP, PARTS - SHARP)
                 place = take_place(count, band)

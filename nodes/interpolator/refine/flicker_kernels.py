@@ -8,15 +8,11 @@ import warp as wp
 from nodes.interpolator.refine.path_kernels import (
     PARTS,
     STEEPEST,
-    Cut,
-    Spot,
-    Stage,
-    entry_at,
     make_instances,
     make_note,
     outside,
-    slot_row,
 )
+from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, entry_at, slot_row
 from nodes.interpolator.rigid.keyframe_kernels import log_of
 from nodes.interpolator.rigid.log_kernels import radiance_of
 from nodes.interpolator.rigid.look_up_kernels import make_keyframes
@@ -99,8 +95,8 @@ def make_note_marks(channels: int) -> Any:
             if n < end:
                 i = marks.at[n]
                 now = float(i) + float(marks.later[n]) / float(PARTS)
-                fresh = base + log_of(radiance_of(logs, within[slot_row(cut, spot, i)]))
-            if outside((fresh - anchor) / (now - anchored), low, high):
+                fresh = base + log_of(radiance_of(logs, within[slot_row(cut, spot.env, spot.k, i)]))
+            if outside(fresh - anchor, (now - anchored) * low, (now - anchored) * high):
                 last = note(
                     cut, instances, spot, marks.at[n - 1], hit, hit, value - anchor, last, room, most, band, count
                 )

@@ -6,8 +6,9 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
-from nodes.interpolator.refine.path_kernels import PARTS, UNKNOWN, Cut, Stage, make_instances
+from nodes.interpolator.refine.path_kernels import PARTS, UNKNOWN, make_instances
 from nodes.interpolator.refine.sight_kernels import seen_between
+from nodes.interpolator.refine.stage_kernels import Cut, Stage
 from nodes.interpolator.rigid.keyframe_kernels import log_of
 from nodes.interpolator.rigid.log_kernels import apart
 from nodes.interpolator.rigid.plan_kernels import joined

@@ -6,9 +6,10 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
-from nodes.interpolator.refine.sight_kernels import Targets
+from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, entry_at, slot_row
+from nodes.interpolator.refine.way_kernels import motion_since, stride_of
 from nodes.interpolator.rigid.log_kernels import LOGS, apart
-from nodes.interpolator.rigid.look_up_kernels import make_displacement, make_keyframes
+from nodes.interpolator.rigid.look_up_kernels import element, make_displacement, make_keyframes, number, whole_number
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.view_kernels import CameraView
 
@@ -16,8 +17,10 @@ wp.set_module_options({"enable_backward": False})
 
 LEAST_STEP = wp.constant(0.02)
 """Shortest way [px] over a surface along which ln I is looked up."""
+LONG = wp.constant(4.0)
+"""Longest way [px] that is taken for straight where the body's motion is: perspective and depth bend longer ones."""
 MOST_STEPS = wp.constant(48)
-PER_PIXEL = wp.constant(1.5)
+PER_PIXEL = wp.constant(2.0)
 """Look-ups per pixel of the way, of at most MOST_STEPS."""
 ROUGH_STEP = wp.constant(0.5)
 """Way [px] over a surface whose neighbouring pixels differ, after which a sample is taken: interpolation between these
@@ -29,66 +32,6 @@ PARTS = wp.constant(64)
 """Parts of the time from one instant to the next."""
 SHARP = wp.constant(2)
 """Half of the time that one surface takes to give way to the next, and light to be switched, in PARTS."""
-
-
-@wp.struct
-class Cut:
-    """Holds the limits beyond which an interval is halved, and the sizes of the present window.
-
-    jump: difference of ln I between the ends of an interval. bend: distance of ln I inside it from the straight line,
-    or from what was looked up. straight: the same distance within a keyframe. rough: difference of ln I between
-    neighbouring pixels of a keyframe, beyond which look-ups may miss contrast. first: the window's first coarse
-    interval. coarse: coarse intervals of the gap, K. slots: instants inside a coarse interval, 2^depth - 1. probes:
-    parts that z-buffers make of a coarse interval, 2^n. looks: parts at whose ends flickering light is looked at, 2^n.
-    rows: of the coarse frames' z-buffers. height, width [px]: of a frame, without margin [px].
-    """
-
-    jump: float
-    bend: float
-    straight: float
-    rough: float
-    first: int
-    coarse: int
-    slots: int
-    depth: int
-    probes: int
-    rows: int
-    envs: int
-    height: int
-    width: int
-    margin: int
-
-
-@wp.struct
-class Spot:
-    """Holds a pixel and a coarse interval.
-
-    env: environment. x, y: pixel in the image with its margin. q: its index into [E, h, w]. k: number of the coarse
-    interval. d: the pixel's ray; depth times d is the point that it sees.
-    """
-
-    env: int
-    x: int
-    y: int
-    q: int
-    k: int
-    d: wp.vec3
-
-
-@wp.struct
-class Stage:
-    """Holds the scene at the instants of a window.
-
-    turn, shift: [2 R, N + 2], motion of the bodies since A, then since B. packed: [rows, H, W], z-buffers of B and of
-    sub-frames 1 .. K - 1. probed, probes: `packed` and `each` of Probes. targets: what rays can meet.
-    """
-
-    turn: wp.array2d(dtype=wp.mat33)
-    shift: wp.array2d(dtype=wp.vec3)
-    packed: wp.array3d(dtype=wp.uint64)
-    probed: wp.array3d(dtype=wp.uint64)
-    probes: wp.array(dtype=int)
-    targets: Targets
 
 
 @cache
@@ -118,35 +61,17 @@ def make_instances(channels: int) -> Any:
 
 
 @wp.func
-def outside(slope: wp.float32, low: wp.float32, high: wp.float32):
-    """Tells whether a slope is below `low` or above `high`, in RGB in any channel."""
-    return slope < low or slope > high
+def outside(rise: wp.float32, low: wp.float32, high: wp.float32):
+    """Tells whether a rise is below `low` or above `high`, in RGB in any channel."""
+    return rise < low or rise > high
 
 
 @wp.func
-def outside(slope: Any, low: Any, high: Any):  # noqa: F811 - overloaded by its type
+def outside(rise: Any, low: Any, high: Any):  # noqa: F811 - overloaded by its type
     result = wp.bool(False)
-    for i in range(len(slope)):
-        result = result or slope[i] < low[i] or slope[i] > high[i]
+    for i in range(len(rise)):
+        result = result or rise[i] < low[i] or rise[i] > high[i]
     return result
-
-
-@wp.func
-def entry_at(cut: Cut, stage: Stage, spot: Spot, i: int):
-    """Reads the z-buffer entry of the probe at instant i of the coarse interval."""
-    half = wp.int32(1)
-    odd = (cut.slots + 1) // 2
-    while i % odd != 0:
-        odd = odd // 2
-        half *= 2
-    row = cut.coarse * (half - 1) + spot.k * half + i // odd // 2
-    return stage.probed[row * cut.envs + spot.env, spot.y, spot.x]
-
-
-@wp.func
-def slot_row(cut: Cut, spot: Spot, i: int):
-    """Gives the row of instant i of the coarse interval in arrays of all slots, [slots E, ...]."""
-    return ((spot.k - cut.first) * cut.slots + i - 1) * cut.envs + spot.env
 
 
 @cache
@@ -173,7 +98,7 @@ def make_note(channels: int) -> Any:
         """Adds instant i of a pixel to the list, from `room` on, unless it has `most` entries. Gives its index."""
         n = take_place(count, band)
         if n < most:
-            instances.at[room + n] = slot_row(cut, spot, i) // cut.envs * cut.envs * cut.height * cut.width + spot.q
+            instances.at[room + n] = slot_row(cut, 0, spot.k, i) * cut.height * cut.width + spot.q
             instances.before[room + n] = before
             instances.after[room + n] = after
             instances.previous[room + n] = previous
@@ -195,6 +120,7 @@ def make_walk(lens: str, channels: int, flicker: bool) -> Any:
     Instances: Any = make_instances(channels)
     displacement = make_displacement(lens)
     note = make_note(channels)
+    log_at = number if looked_up is wp.float32 else element
 
     @wp.func
     def place_then(
@@ -213,17 +139,9 @@ def make_walk(lens: str, channels: int, flicker: bool) -> Any:
         body: that the point is on. away: its distance along the ray, in multiples of `spot.d`.
         """
         middle = wp.vec2(float(spot.x), float(spot.y))
-        if which + i + spot.k == 0:
-            return middle
         point = away * spot.d
-        m = wp.vec3()
-        if i == 0 or i > cut.slots:
-            k = spot.k + wp.where(i == 0, 0, 1)
-            row = which * cut.rows + wp.where(k == cut.coarse, 0, k) * cut.envs + spot.env
-            m = keys.turn[row, body] * point + keys.shift[row, body]
-        else:
-            row = which * (stage.turn.shape[0] // 2) + slot_row(cut, spot, i)
-            m = stage.turn[row, body] * point + stage.shift[row, body]
+        motion = motion_since(cut, stage, keys.turn, keys.shift, spot.env, spot.k, which, i, body)
+        m = motion.turn * point + motion.shift
         near = wp.where(body == keys.turn.shape[1] - 1, 1.0e-6, view.near)
         return middle + displacement(view, spot.d, point, m, near)
 
@@ -233,30 +151,35 @@ def make_walk(lens: str, channels: int, flicker: bool) -> Any:
         return at[0] >= 0.0 and at[1] >= 0.0 and at[0] < float(view.width - 1) and at[1] < float(view.height - 1)
 
     @wp.func
-    def between_pixels(view: CameraView, keys: Keyframes, base: int, at: wp.vec2, patch: int):
-        """Interpolates ln I of a keyframe bilinearly; takes the nearest pixel's where not all four show the patch."""
-        left = int(at[0])
-        top = int(at[1])
+    def look(view: CameraView, keys: Keyframes, base: int, at: wp.vec2, patch: int):
+        """Tells whether a keyframe shows a patch at a place, ln I there, and how far the four pixels about it differ.
+
+        ln I is interpolated bilinearly, or the nearest pixel's where not all four show the patch.
+        """
+        # Rounding may put the end of a way onto the image's border.
+        left = wp.min(int(at[0]), view.width - 2)
+        top = wp.min(int(at[1]), view.height - 2)
         fx = at[0] - float(left)
         fy = at[1] - float(top)
         here = base + top * view.width + left
         below = here + view.width
-        one = keys.patch[here] == patch and keys.patch[here + 1] == patch
-        if one and keys.patch[below] == patch and keys.patch[below + 1] == patch:
-            upper = (1.0 - fx) * keys.logs[here] + fx * keys.logs[here + 1]
-            return (1.0 - fy) * upper + fy * ((1.0 - fx) * keys.logs[below] + fx * keys.logs[below + 1])
-        return keys.logs[here + int(fy + 0.5) * view.width + int(fx + 0.5)]
-
-    @wp.func
-    def roughness(view: CameraView, keys: Keyframes, base: int, at: wp.vec2):
-        """Computes the greatest difference of ln I between the four pixels around a place."""
-        here = base + int(at[1]) * view.width + int(at[0])
-        below = here + view.width
-        a = keys.logs[here]
-        b = keys.logs[here + 1]
-        c = keys.logs[below]
-        d = keys.logs[below + 1]
-        return apart(wp.min(wp.min(a, b), wp.min(c, d)), wp.max(wp.max(a, b), wp.max(c, d)))
+        a = log_at(keys.logs, here)
+        b = log_at(keys.logs, here + 1)
+        c = log_at(keys.logs, below)
+        d = log_at(keys.logs, below + 1)
+        spread = apart(wp.min(wp.min(a, b), wp.min(c, d)), wp.max(wp.max(a, b), wp.max(c, d)))
+        # One number tells where all is the patch, but at the border and of what never moves.
+        one = whole_number(keys.support, here) >> 1 == patch
+        if not one:
+            upper_two = whole_number(keys.patch, here) == patch and whole_number(keys.patch, here + 1) == patch
+            lower_two = whole_number(keys.patch, below) == patch and whole_number(keys.patch, below + 1) == patch
+            one = upper_two and lower_two
+        if one:
+            upper = a + fx * (b - a)
+            lower = c + fx * (d - c)
+            return True, upper + fy * (lower - upper), spread
+        nearest = here + int(fy + 0.5) * view.width + int(fx + 0.5)
+        return whole_number(keys.patch, nearest) == patch, log_at(keys.logs, nearest), spread
 
     @wp.func
     def walk(
@@ -297,66 +220,88 @@ def make_walk(lens: str, channels: int, flicker: bool) -> Any:
         nothing = pixel(UNKNOWN)
         if not inside(view, here):
             return last, nothing, False
-        anchor = between_pixels(view, keys, base, here, patch)
+        _shown, anchor, _spread = look(view, keys, base, here, patch)
         anchored = float(start)
         value = anchor
         then = anchored
         told = anchor
         listed = start
         gone = wp.float32(0.0)
+        bend = looked_up(cut.straight)
         low = looked_up(-STEEPEST)
         high = looked_up(STEEPEST)
+        stride = stride_of(cut, stage, spot, which, body, from_here)
         i = start
         hit = before
         while i < end:
-            following = wp.min(end, (i // each + 1) * each)
+            following = wp.int32(0)
             seen = after
-            if following < end:
-                seen = entry_at(cut, stage, spot, following)
-            away = from_here
-            if t != MISS:
-                away = depth_of(seen)
-            there = place_then(view, cut, keys, stage, spot, which, following, body, away)
-            if not inside(view, there):
-                return last, nothing, False
-            step = there - here
-            length = wp.length(step)
+            step = wp.vec2(0.0, 0.0)
+            length = wp.float32(0.0)
+            settled = wp.bool(False)
+            while not settled:
+                # Both are powers of two.
+                following = wp.min(end, (i | (stride - 1)) + 1)
+                seen = after
+                if following < end:
+                    seen = entry_at(cut, stage, spot, following)
+                away = from_here
+                if t != MISS:
+                    away = depth_of(seen)
+                there = place_then(view, cut, keys, stage, spot, which, following, body, away)
+                if not inside(view, there):
+                    return last, nothing, False
+                step = there - here
+                length = wp.length(step)
+                settled = length <= LONG or stride <= each
+                if not settled:
+                    stride = stride >> 1
             if length > LEAST_STEP or i > start:
                 steps = wp.min(int(PER_PIXEL * length) + 1, MOST_STEPS)
+                share = 1.0 / float(steps)
+                pace = share * float(following - i)
                 for n in range(1, steps + 1):
-                    g = float(n) / float(steps)
-                    at = here + g * step
-                    if keys.patch[base + int(at[1] + 0.5) * view.width + int(at[0] + 0.5)] != patch:
+                    at = here + (float(n) * share) * step
+                    now = float(i) + float(n) * pace
+                    shown, fresh, spread = look(view, keys, base, at, patch)
+                    if not shown:
                         return last, nothing, False
-                    now = float(i) + g * float(following - i)
-                    fresh = between_pixels(view, keys, base, at, patch)
-                    slope = (fresh - anchor) / (now - anchored)
-                    rough = wp.bool(False)
-                    gone += length / float(steps)
-                    if gone > ROUGH_STEP:
-                        rough = roughness(view, keys, base, at) > cut.rough
-                    if outside(slope, low, high) or rough:
+                    gone += length * share
+                    rough = gone > ROUGH_STEP and spread > cut.rough
+                    rise = fresh - anchor
+                    if outside(rise, (now - anchored) * low, (now - anchored) * high) or rough:
                         # The sample before is the last one that a straight line reaches.
                         place = int(then + 0.5)
                         if place > listed and place < end:
-                            rise = pixel(UNKNOWN)
+                            change = pixel(UNKNOWN)
                             if wp.static(not flicker):
-                                rise = value - told
-                            last = note(cut, instances, spot, place, hit, seen, rise, last, room, most, band, count)
+                                change = value - told
+                            ahead = hit
+                            behind = seen
+                            if triangle_of(hit) != triangle_of(seen):
+                                # What is nearer in time tells more of what is between.
+                                probe = place // each * each
+                                if probe > i:
+                                    ahead = entry_at(cut, stage, spot, probe)
+                                if probe + each < following:
+                                    behind = entry_at(cut, stage, spot, probe + each)
+                            last = note(
+                                cut, instances, spot, place, ahead, behind, change, last, room, most, band, count
+                            )
                             told = value
                             listed = place
                         anchor = value
                         anchored = then
+                        rise = fresh - anchor
                         gone = wp.float32(0.0)
                         low = looked_up(-STEEPEST)
                         high = looked_up(STEEPEST)
                     over = 1.0 / (now - anchored)
-                    bend = looked_up(cut.straight)
-                    low = wp.max(low, (fresh - bend - anchor) * over)
-                    high = wp.min(high, (fresh + bend - anchor) * over)
+                    low = wp.max(low, over * (rise - bend))
+                    high = wp.min(high, over * (rise + bend))
                     value = fresh
                     then = now
-            here = there
+            here += step
             hit = seen
             i = following
         change = pixel(UNKNOWN)

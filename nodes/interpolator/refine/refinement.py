@@ -12,17 +12,20 @@ from nodes.interpolator.refine.evaluator import Evaluator
 from nodes.interpolator.refine.flicker import Flicker
 from nodes.interpolator.refine.further_kernels import count_samples, make_sort, place_samples
 from nodes.interpolator.refine.instants import Instants, instants_of
-from nodes.interpolator.refine.path_kernels import Cut, Stage
 from nodes.interpolator.refine.probing.probes import Probes
 from nodes.interpolator.refine.rounds import Rounds, Window
+from nodes.interpolator.refine.stage_kernels import Cut, Stage
 from nodes.interpolator.rigid.method import Rigid
+from nodes.interpolator.rigid.sampling import pixels_per_radian
 from nodes.interpolator.samples import Further
 
 PART = 2.0
 """Tolerances of ln I within which an interval is left whole: the ends may differ by so much, and the middle lie so far
 off the straight line between them."""
-PLAIN = 0.6
+PLAIN = 0.4
 """Tolerances within which ln I looked up in a keyframe counts as a straight line: look-ups are cheap."""
+EVEN = 1.0
+"""Distance [px] from a straight way, for a tolerance of 1, up to which a point counts as on it."""
 ROUGH = 4.0
 """Tolerances by which neighbouring pixels of a keyframe differ where look-ups between them may miss contrast."""
 LOOKS, LEAST_LOOKS = 32, 4
@@ -43,6 +46,7 @@ class Refinement:
         self._probes = Probes(rigid, threads)
         self._looks = 1 << (max(LEAST_LOOKS, -(-LOOKS // layout.upsampling)) - 1).bit_length()
         channels = layout.channels
+        self._gain = pixels_per_radian(v) if v.view.distorted else max(v.view.fx, v.view.fy)
         self._pixel: Any = wp.float32 if channels == 1 else wp.vec3
         self._flicker = Flicker((light.waveform for light in v.scene.lights), PLAIN * layout.tolerance, v.device)
         self._sort_each, self._rank = make_sort(channels)
@@ -81,7 +85,7 @@ class Refinement:
         self._held.assign(held.astype(np.int32))
         self._flicker.find(starts, stamps, coarse)
         total = 0
-        stage = self._stage(evaluator)
+        stage = self._stage(rounds)
         for first, last in instants.windows():
             evaluator.send(instants.of_window(first), instants.count)
             cut = self._cut(instants, evaluator, first)
@@ -99,7 +103,7 @@ class Refinement:
             # What is not used any more is freed first.
             self._rounds.clear()
             evaluator = Evaluator(self._rigid, slots, self._threads, self._light_samples)
-            self._rounds[slots] = Rounds(self._rigid, evaluator)
+            self._rounds[slots] = Rounds(self._rigid, evaluator, instants)
         return self._rounds[slots]
 
     def _cut(self, instants: Instants, evaluator: Evaluator, first: int) -> Any:
@@ -112,10 +116,12 @@ class Refinement:
         cut.rows = self._rigid.visibility.envs
         cut.envs, cut.margin = layout.envs, evaluator.visibility.margin
         cut.height, cut.width = evaluator.size
+        cut.gain, cut.even = self._gain, EVEN * layout.tolerance
         return cut
 
-    def _stage(self, evaluator: Evaluator) -> Any:
+    def _stage(self, rounds: Rounds) -> Any:
         stage: Any = Stage()
+        evaluator, stage.bends = rounds.evaluator, rounds.bends
         stage.turn, stage.shift = evaluator.moved
         stage.packed, stage.targets = self._rigid.visibility.packed, evaluator.targets
         stage.probed, stage.probes = self._probes.packed, self._probes.each

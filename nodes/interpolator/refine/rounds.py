@@ -13,11 +13,13 @@ import warp as wp
 from evis.gpu.cuda_graph import CudaGraphs
 from nodes.interpolator.refine.change_kernels import Changes, find_changes
 from nodes.interpolator.refine.evaluator import WORKERS, Evaluator
+from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.interval_kernels import make_intervals, make_rounds, see
 from nodes.interpolator.refine.lists import Lists, Samples
 from nodes.interpolator.refine.path_kernels import make_instances
 from nodes.interpolator.refine.run_kernels import make_find_runs
 from nodes.interpolator.refine.tally import Tally, Told
+from nodes.interpolator.refine.way_kernels import find_bends
 from nodes.interpolator.rigid.method import Rigid
 from nodes.renderer.lighting import LIST_WORKERS
 
@@ -50,7 +52,7 @@ class Rounds:
     end where nothing is left.
     """
 
-    def __init__(self, rigid: Rigid, evaluator: Evaluator) -> None:
+    def __init__(self, rigid: Rigid, evaluator: Evaluator, instants: Instants) -> None:
         self._rigid, self.evaluator = rigid, evaluator
         v, layout, bands = rigid.visibility, rigid.layout, evaluator.bands
         channels, device = layout.channels, v.device
@@ -66,6 +68,8 @@ class Rounds:
         self._instances = Lists(make_instances(channels), pixel, bands, device)
         self._intervals = [Lists(make_intervals(channels), pixel, bands, device) for _ in range(2)]
         self.samples = Samples(pixel, device)
+        rows, bodies = 2 * instants.per_window * layout.envs, evaluator.moved[0].shape[1]
+        self.bends = wp.zeros((rows, bodies, instants.depth), dtype=wp.vec2, device=device)
 
     def run(self, window: Window, total: int) -> tuple[int, int]:
         """Finds the samples of a window that the evaluator was sent the instants of; total: samples so far.
@@ -125,6 +129,8 @@ class Rounds:
     def _launch(self, window: Window) -> None:
         """Does all that a window needs: launches only, but where the host reads counts."""
         self.evaluator.place()
+        keys = self._rigid.pair.kernel()
+        wp.launch(find_bends, self.bends.shape[:2], [window.cut, window.stage, keys.turn, keys.shift], [self.bends])
         self._find(window)
         listed, there = self._instances, self._intervals[0]
         # An interval between two samples, or between one and a coarse frame, has less than 2^depth parts: after as many

@@ -6,24 +6,20 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
-from nodes.interpolator.refine.change_kernels import Changes, ends_of, spot_of
+from nodes.interpolator.refine.change_kernels import Changes
 from nodes.interpolator.refine.flicker_kernels import Marks, entry_near, make_note_marks, marks_of
 from nodes.interpolator.refine.path_kernels import (
     PARTS,
     SHARP,
     UNKNOWN,
-    Cut,
-    Spot,
-    Stage,
-    entry_at,
     make_instances,
     make_note,
     make_walk,
 )
+from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, ends_of, shows_one, spot_at, spot_of
 from nodes.interpolator.rigid.keyframe_kernels import equal, log_of
 from nodes.interpolator.rigid.log_kernels import apart
 from nodes.interpolator.rigid.look_up_kernels import make_keyframes
-from nodes.interpolator.rigid.plan_kernels import joined
 from nodes.renderer.raster.depth_kernels import MISS, triangle_of
 from nodes.renderer.raster.view_kernels import CameraView
 
@@ -153,18 +149,10 @@ def make_find_runs(lens: str, channels: int, flicker: bool, relit: bool) -> tupl
         y = row0 + row
         each = cut.slots + 1
         for x in range(part * span, wp.min(part * span + span, cut.width)):
-            spot = spot_of(view, cut, k, (env * cut.height + y) * cut.width + x)
+            spot = spot_at(view, cut, env, k, y, x)
             ends = ends_of(cut, stage, start, spot)
-            one = wp.bool(True)
+            one = shows_one(cut, stage, spot, ends.before, ends.after)
             changed = ends.before != ends.after
-            hit = ends.before
-            probes = stage.probes[env]
-            for i in range(1, probes + 1):
-                then = ends.after
-                if i < probes:
-                    then = entry_at(cut, stage, spot, i * each // probes)
-                one = one and joined(hit, then, stage.targets.pieces)
-                hit = then
             a = wp.where(k == 0, image[env, spot.y, spot.x], frames[env * cut.coarse + wp.max(k - 1, 0), y, x])
             b = frames[env * cut.coarse + k, y, x]
             done = wp.bool(False)
@@ -173,8 +161,8 @@ def make_find_runs(lens: str, channels: int, flicker: bool, relit: bool) -> tupl
                     done = True
                     at_b = (env * view.height + spot.y) * view.width + spot.x
                     last, rise = note_marks(
-                        cut, keys, instances, marks, spot, at_b, hit, log_of(a), log_of(b), strength, within, room,
-                        most, band, count,
+                        cut, keys, instances, marks, spot, at_b, ends.after, log_of(a), log_of(b), strength, within,
+                        room, most, band, count,
                     )  # fmt: skip
                     if last >= 0:
                         instances.tail[last] = rise
@@ -183,15 +171,14 @@ def make_find_runs(lens: str, channels: int, flicker: bool, relit: bool) -> tupl
                 others[others0 + take_place(others_count, band)] = (
                     n // cut.envs * (cut.envs * cut.height * cut.width) + spot.q
                 )
-            elif not done and (changed or not equal(a, b) or (wp.static(relit) and triangle_of(hit) != MISS)):
-                log_a = log_of(a)
-                log_b = log_of(b)
+            elif not done and (changed or not equal(a, b) or (wp.static(relit) and triangle_of(ends.after) != MISS)):
                 last, rise, whole = through(
                     view, cut, keys, stage, instances, marks, spot, 0, each, ends.before, ends.after, -1, room, most,
                     band, count,
                 )  # fmt: skip
-                if last < 0 and apart(log_a, log_b) > cut.jump:
-                    if not whole or apart(rise, log_b - log_a) > cut.bend:
+                if last < 0:
+                    change = log_of(b) - log_of(a)
+                    if apart(change, pixel(0.0)) > cut.jump and (not whole or apart(rise, change) > cut.bend):
                         rise = pixel(UNKNOWN)
                         last = note(
                             cut, instances, spot, each // 2, ends.before, ends.after, rise, last, room, most, band,

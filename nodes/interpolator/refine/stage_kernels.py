@@ -1,0 +1,162 @@
+"""What the kernels of a window read: its limits and sizes, the scene at its instants, and what pixels see there."""
+
+import warp as wp
+
+from nodes.interpolator.refine.sight_kernels import Targets
+from nodes.interpolator.rigid.plan_kernels import joined
+from nodes.renderer.raster.depth_kernels import triangle_of
+from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Cut:
+    """Holds the limits beyond which an interval is halved, and the sizes of the present window.
+
+    jump: difference of ln I between the ends of an interval. bend: distance of ln I inside it from the straight line,
+    or from what was looked up. straight: the same distance within a keyframe. rough: difference of ln I between
+    neighbouring pixels of a keyframe, beyond which look-ups may miss contrast. first: the window's first coarse
+    interval. coarse: coarse intervals of the gap, K. slots: instants inside a coarse interval, 2^depth - 1. probes:
+    parts that z-buffers make of a coarse interval, 2^n. looks: parts at whose ends flickering light is looked at, 2^n.
+    rows: of the coarse frames' z-buffers. height, width [px]: of a frame, without margin [px]. gain: pixels per radian,
+    at most, or the focal length [px] of a pinhole. even: distance [px] from a straight way up to which a point is
+    on it.
+    """
+
+    jump: float
+    bend: float
+    straight: float
+    rough: float
+    first: int
+    coarse: int
+    slots: int
+    depth: int
+    probes: int
+    rows: int
+    envs: int
+    height: int
+    width: int
+    margin: int
+    gain: float
+    even: float
+
+
+@wp.struct
+class Spot:
+    """Holds a pixel and a coarse interval.
+
+    env: environment. x, y: pixel in the image with its margin. q: its index into [E, h, w]. k: number of the coarse
+    interval. d: the pixel's ray; depth times d is the point that it sees.
+    """
+
+    env: int
+    x: int
+    y: int
+    q: int
+    k: int
+    d: wp.vec3
+
+
+@wp.struct
+class Stage:
+    """Holds the scene at the instants of a window.
+
+    turn, shift: [2 R, N + 2], motion of the bodies since A, then since B. packed: [rows, H, W], z-buffers of B and of
+    sub-frames 1 .. K - 1. probed, probes: `packed` and `each` of Probes. bends: as of find_bends. targets: what
+    rays can meet.
+    """
+
+    turn: wp.array2d(dtype=wp.mat33)
+    shift: wp.array2d(dtype=wp.vec3)
+    packed: wp.array3d(dtype=wp.uint64)
+    probed: wp.array3d(dtype=wp.uint64)
+    probes: wp.array(dtype=int)
+    bends: wp.array3d(dtype=wp.vec2)
+    targets: Targets
+
+
+@wp.struct
+class Ends:
+    """Holds a pixel's z-buffer entries at both ends of a coarse interval."""
+
+    before: wp.uint64
+    after: wp.uint64
+
+
+@wp.func
+def spot_at(view: CameraView, cut: Cut, env: int, k: int, y: int, x: int):
+    """Makes the Spot of coarse interval k and the pixel in row y and column x of a frame."""
+    spot = Spot()
+    spot.k = k
+    spot.q = (env * cut.height + y) * cut.width + x
+    spot.x = x + cut.margin
+    spot.y = y + cut.margin
+    spot.env = env
+    spot.d = pixel_ray(view, spot.x, spot.y)
+    return spot
+
+
+@wp.func
+def spot_of(view: CameraView, cut: Cut, k: int, q: int):
+    """Makes the Spot of coarse interval k and pixel q, an index into [E, h, w]."""
+    return spot_at(view, cut, q // (cut.width * cut.height), k, q // cut.width % cut.height, q % cut.width)
+
+
+@wp.func
+def ends_of(cut: Cut, stage: Stage, start: wp.array3d(dtype=wp.uint64), spot: Spot):
+    """Reads the z-buffer entries at both ends of a coarse interval; start: z-buffer of keyframe A."""
+    ends = Ends()
+    if spot.k == 0:
+        ends.before = start[spot.env, spot.y, spot.x]
+    else:
+        ends.before = stage.packed[spot.k * cut.envs + spot.env, spot.y, spot.x]
+    row = wp.where(spot.k + 1 == cut.coarse, 0, spot.k + 1) * cut.envs + spot.env
+    ends.after = stage.packed[row, spot.y, spot.x]
+    return ends
+
+
+@wp.func
+def entry_at(cut: Cut, stage: Stage, spot: Spot, i: int):
+    """Reads the z-buffer entry of the probe at instant i of the coarse interval."""
+    half = (cut.slots + 1) >> 1
+    odd = i
+    while (odd & 1) == 0:
+        odd = odd >> 1
+        half = half >> 1
+    row = cut.coarse * (half - 1) + spot.k * half + (odd >> 1)
+    return stage.probed[row * cut.envs + spot.env, spot.y, spot.x]
+
+
+@wp.func
+def shows_one(cut: Cut, stage: Stage, spot: Spot, before: wp.uint64, after: wp.uint64):
+    """Tells whether a pixel shows one piece of surface at both ends of a coarse interval and at all probes."""
+    t = triangle_of(before)
+    alike = triangle_of(after) == t
+    probes = stage.probes[spot.env]
+    # Mostly it is one triangle; then the order of the probes does not matter.
+    half = wp.int32(1)
+    while alike and half < probes:
+        row = cut.coarse * (half - 1) + spot.k * half
+        for i in range(half):
+            alike = alike and triangle_of(stage.probed[(row + i) * cut.envs + spot.env, spot.y, spot.x]) == t
+        half = 2 * half
+    if alike:
+        return True
+    each = (cut.slots + 1) // probes
+    one = wp.bool(True)
+    hit = before
+    for i in range(1, probes + 1):
+        if one:
+            then = after
+            if i < probes:
+                then = entry_at(cut, stage, spot, i * each)
+            one = joined(hit, then, stage.targets.pieces)
+            hit = then
+    return one
+
+
+@wp.func
+def slot_row(cut: Cut, env: int, k: int, i: int):
+    """Gives the row of instant i of coarse interval k in arrays of all slots, [slots E, ...]."""
+    return ((k - cut.first) * cut.slots + i - 1) * cut.envs + env

@@ -1,0 +1,119 @@
+"""Finds how far bodies are off straight ways between instants, so that what lies between need not be looked at."""
+
+import warp as wp
+
+from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, slot_row
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Motion:
+    """Holds how a body has moved since a keyframe: the point p, in the camera's frame, by turn p + shift."""
+
+    turn: wp.mat33
+    shift: wp.vec3
+
+
+@wp.func
+def motion_since(
+    cut: Cut,
+    stage: Stage,
+    turn: wp.array2d(dtype=wp.mat33),
+    shift: wp.array2d(dtype=wp.vec3),
+    env: int,
+    k: int,
+    which: int,
+    i: int,
+    body: int,
+):
+    """Gives the motion of a body since keyframe `which` at instant i of coarse interval k; turn, shift: of Keyframes,
+    at the coarse frames."""
+    motion = Motion()
+    if which + i + k > 0:
+        if i == 0 or i > cut.slots:
+            frame = k + wp.where(i == 0, 0, 1)
+            row = which * cut.rows + wp.where(frame == cut.coarse, 0, frame) * cut.envs + env
+            motion.turn = turn[row, body]
+            motion.shift = shift[row, body]
+        else:
+            row = which * (stage.turn.shape[0] // 2) + slot_row(cut, env, k, i)
+            motion.turn = stage.turn[row, body]
+            motion.shift = stage.shift[row, body]
+    return motion
+
+
+@wp.func
+def norm_of(m: wp.mat33):
+    """Bounds by how much a matrix lengthens a vector; tight where it turns by a small angle, less one."""
+    skew = 0.5 * (m - wp.transpose(m))
+    rest = m - skew
+    # A skew matrix has two equal singular values, and none other.
+    return wp.sqrt(0.5 * wp.ddot(skew, skew)) + wp.sqrt(wp.ddot(rest, rest))
+
+
+@wp.kernel
+def find_bends(
+    # in
+    cut: Cut,
+    stage: Stage,
+    turn: wp.array2d(dtype=wp.mat33),
+    shift: wp.array2d(dtype=wp.vec3),
+    # out
+    bends: wp.array3d(dtype=wp.vec2),
+):
+    """Computes how far the motion of bodies since a keyframe is off a straight line at the probes, at most, where it is
+    known at both ends of a coarse interval, then at its half too, then at its quarters, and so on.
+
+    turn, shift: as of motion_since. bends [2 intervals E, N + 2, depth]: since A, then since B: turn and shift [m].
+    Motion since B is not known at A, and not asked for; zero may stand there, as it matters only how the rest goes on.
+    """
+    row, body = wp.tid()
+    env = row % cut.envs
+    intervals = bends.shape[0] // (2 * cut.envs)
+    which = row // cut.envs // intervals
+    k = cut.first + row // cut.envs % intervals
+    each = (cut.slots + 1) // stage.probes[env]
+    stride = cut.slots + 1
+    level = wp.int32(0)
+    while stride > each:
+        most = wp.vec2(0.0, 0.0)
+        for part in range((cut.slots + 1) // stride):
+            start = part * stride
+            a = motion_since(cut, stage, turn, shift, env, k, which, start, body)
+            b = motion_since(cut, stage, turn, shift, env, k, which, start + stride, body)
+            for n in range(1, stride // each):
+                g = float(n * each) / float(stride)
+                m = motion_since(cut, stage, turn, shift, env, k, which, start + n * each, body)
+                off = m.turn - a.turn - g * (b.turn - a.turn)
+                aside = m.shift - a.shift - g * (b.shift - a.shift)
+                most = wp.vec2(wp.max(most[0], norm_of(off)), wp.max(most[1], wp.length(aside)))
+        bends[row, body, level] = most
+        stride = stride // 2
+        level += 1
+
+
+@wp.func
+def stride_of(cut: Cut, stage: Stage, spot: Spot, which: int, body: int, away: float):
+    """Gives the instants from one to the next of which a point on a body goes a straight way, in both directions of the
+    image.
+
+    body, away: as of place_then.
+    """
+    intervals = stage.bends.shape[0] // (2 * cut.envs)
+    row = (which * intervals + spot.k - cut.first) * cut.envs + spot.env
+    each = (cut.slots + 1) // stage.probes[spot.env]
+    size = wp.length(spot.d)
+    # Of a point p off by e the image is off by gain |d| |e| / |p| times |d| at most.
+    off_turn = cut.gain * size * size
+    off_shift = cut.gain * size / away
+    stride = cut.slots + 1
+    level = wp.int32(0)
+    straight = wp.bool(False)
+    while stride > each and not straight:
+        bend = stage.bends[row, body, level]
+        straight = off_turn * bend[0] + off_shift * bend[1] <= cut.even
+        if not straight:
+            stride = stride // 2
+            level += 1
+    return stride
