@@ -26,8 +26,8 @@ Fewer save no time, for more is left to evaluate, and have more error (`evis ben
 x 4, x 8 and x 16 the drone has 0.063, 0.053 and 0.041 in 112, 95 and 122 ms a gap, the warehouse 0.043, 0.038 and 0.032
 in 182, 221 and 317 ms."""
 LOOSE_S = 2e-4
-"""Error of time from which on half as many will do [s]: with 0.3 ms, x 4 and x 8, the warehouse has 0.066 and 0.061 in 269
-and 319 ms, at 173x130."""
+"""Error of time from which on half as many will do [s]: with 0.3 ms, x 4 and x 8, at 173x130, the warehouse has 0.066
+and 0.061 in 269 and 319 ms."""
 EVEN = 1.02
 """Errors and costs within this factor of each other are the same: measurements do not tell them apart."""
 
