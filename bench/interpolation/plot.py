@@ -104,9 +104,7 @@ def _tolerances(axes: Any, rows: Sequence[dict[str, Any]], marker: str, colour: 
     points = sorted((r["run time [s/s]"], r["VP 1/ms"], r["keyframes x K"].partition(", ")[2]) for r in chosen)
     axes.plot([p[0] for p in points], [p[1] for p in points], marker + "-", color=colour, ms=10, lw=1.6, zorder=3)
     for x, y, label in points:
-        axes.annotate(
-            label, (x, y), fontsize=7, color=colour, xytext=(0, -14), textcoords="offset points", ha="center"
-        )
+        axes.annotate(label, (x, y), fontsize=7, color=colour, xytext=(0, -14), textcoords="offset points", ha="center")
 
 
 def _points(rows: Sequence[dict[str, Any]]) -> list[tuple[float, int, float, float]]:
