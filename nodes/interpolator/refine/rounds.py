@@ -130,7 +130,13 @@ class Rounds:
         """Does all that a window needs: launches only, but where the host reads counts."""
         self.evaluator.place()
         keys = self._rigid.pair.kernel()
-        wp.launch(find_bends, self.bends.shape[:2], [window.cut, window.stage, keys.turn, keys.shift], [self.bends])
+        wp.launch(
+            find_bends,
+            self.bends.shape[:2],
+            [window.cut, window.stage, keys.turn, keys.shift],
+            [self.bends],
+            device=self.bends.device,
+        )
         self._find(window)
         listed, there = self._instances, self._intervals[0]
         # An interval between two samples, or between one and a coarse frame, has less than 2^depth parts: after as many

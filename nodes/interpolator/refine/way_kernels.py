@@ -73,6 +73,9 @@ def find_bends(
     intervals = bends.shape[0] // (2 * cut.envs)
     which = row // cut.envs // intervals
     k = cut.first + row // cut.envs % intervals
+    if k >= cut.coarse:
+        # The last window of a gap may have fewer intervals than the others.
+        return
     each = (cut.slots + 1) // stage.probes[env]
     stride = cut.slots + 1
     level = wp.int32(0)

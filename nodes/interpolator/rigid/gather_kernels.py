@@ -309,7 +309,10 @@ def make_gather(
                         value = other
                     elif seen_b:
                         value += share * (other - value)
-                    frames[frame, row_out, column_out] = radiance_of(value, portion.strength[n])
+                    strength = wp.float32(1.0)
+                    if wp.static(flicker):
+                        strength = portion.strength[n]
+                    frames[frame, row_out, column_out] = radiance_of(value, strength)
                 else:
                     listed_at = first + take_place(count, band)
                     pixels[listed_at] = place
