@@ -126,6 +126,28 @@ def test_what_is_passed_over_is_on_the_straight_way(kind, k):
         assert (found.numpy() == each).all()
 
 
+def test_of_intervals_beyond_the_end_of_a_gap_nothing_is_found():
+    """A window has room for as many intervals as others have, also where the gap ends before."""
+    cut = sizes()
+    stage, _every = scene("swinging", cut)
+    cut.first = 1
+    marked = wp.full((2 * K, 3, cut.depth), wp.vec2(-1.0, -1.0), dtype=wp.vec2, device="cpu")
+    # Where what moves is one interval further on, the first of the window is the last of the gap.
+    later = Stage()
+    later.probes = stage.probes
+    half = SLOTS
+    later.turn, later.shift = (
+        wp.array(np.concatenate([a.numpy()[half : 2 * half]] * 4), dtype=kind)
+        for a, kind in ((stage.turn, wp.mat33), (stage.shift, wp.vec3))
+    )
+    frames = [wp.zeros((2 * K, 3), dtype=kind, device="cpu") for kind in (wp.mat33, wp.vec3)]
+    wp.launch(find_bends, (2 * K, 3), [cut, later, *frames], [marked], device="cpu")
+    found = marked.numpy()
+    assert (found[1] == -1).all() and (found[3] == -1).all()
+    # As many times as probes can be halved.
+    assert (found[[0, 2], :, : PROBES.bit_length() - 1] >= 0).all()
+
+
 def entry(triangle, depth):
     return (int(np.float32(depth).view(np.uint32)) << 32) | (triangle & 0xFFFFFFFF)
 
