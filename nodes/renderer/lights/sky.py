@@ -36,14 +36,25 @@ def make_sky(visibility: Visibility, gloss: bool) -> Any:
         levels = halvings(radiance)
         diffuse = irradiance_map(radiance) if scene.sky_lights else np.tile(scene.environment, (2, 2, 1))
     shapes = [level.shape for level in levels]
-    starts = np.cumsum([0] + [h * w for h, w, _ in shapes])
+    full = [surrounded(level) for level in levels]
+    starts = np.cumsum([0] + [level.shape[0] * level.shape[1] for level in full])
     places = [(start, w, h) for start, (h, w, _) in zip(starts, shapes)] + [(0, diffuse.shape[1], diffuse.shape[0])]
     sky.levels = put(np.array(places, np.int32), wp.vec3i)
-    sky.texels = put(np.concatenate([level.reshape(-1, 3) for level in levels]), wp.vec3)
-    sky.diffuse = put(diffuse.reshape(-1, 3), wp.vec3)
+    sky.texels = put(np.concatenate([level.reshape(-1, 3) for level in full]), wp.vec3)
+    sky.diffuse = put(surrounded(diffuse).reshape(-1, 3), wp.vec3)
     sky.albedo = put(directional_albedo() if gloss else np.zeros((0, 0, 2)), wp.vec2)
     sky.points = put(_points(SPECULAR_SAMPLES), wp.vec3)
     return sky
+
+
+def surrounded(level: np.ndarray) -> np.ndarray:
+    """Gives a map float [h, w, 3] as [h + 2, w + 2, 3], its columns from azimuth -pi to pi, with a texel more on every
+    side: whoever reads it has no end to look for. Beyond a pole lies the row of the other side."""
+    if level.size == 0:
+        return level
+    across = level.shape[1] // 2
+    tall = np.concatenate([np.roll(level[:1], -across, 1), level, np.roll(level[-1:], -across, 1)])
+    return tall[:, np.arange(-across - 1, level.shape[1] - across + 1) % level.shape[1]]
 
 
 def halvings(radiance: np.ndarray) -> list[np.ndarray]:

@@ -14,7 +14,6 @@ from nodes.renderer.materials.ggx_kernels import (
     stretched_view,
     view_masking,
 )
-from nodes.renderer.textures.texture_kernels import wrap
 
 wp.set_module_options({"enable_backward": False})
 
@@ -26,9 +25,9 @@ class Sky:
     """Holds camera [E] to world. levels (first texel, width, height) of the map and its halvings, the last one of
     `diffuse`.
 
-    texels: radiance of all levels. diffuse: irradiance / pi by normal. albedo: `ggx.directional_albedo`. points [N]:
-    the samples of the specular lobe, cosine and sine of an angle and a height in (0, 1], the same for every surface
-    point.
+    texels: radiance of all levels, each as `sky.surrounded` has it. diffuse: irradiance / pi by normal, likewise.
+    albedo: `ggx.directional_albedo`. points [N]: the samples of the specular lobe, cosine and sine of an angle and a
+    height in (0, 1], the same for every surface point.
     """
 
     uniform: wp.vec3
@@ -42,18 +41,8 @@ class Sky:
 
 @wp.func
 def texel(texels: wp.array(dtype=wp.vec3), level: wp.vec3i, i: int, j: int):
-    """Gives the texel of column i and row j; beyond a pole lies the other side of the map."""
-    w = level[1]
-    h = level[2]
-    column = i
-    row = j
-    if row < 0:
-        row = -1 - row
-        column = column + w // 2
-    if row >= h:
-        row = 2 * h - 1 - row
-        column = column + w // 2
-    return texels[level[0] + row * w + wrap(column, w)]
+    """Gives the texel of column i, from -w // 2 - 1 to (w + 1) // 2, and row j, from -1 to h: see sky.surrounded."""
+    return texels[level[0] + (j + 1) * (level[1] + 2) + i + (level[1] >> 1) + 1]
 
 
 @wp.func
