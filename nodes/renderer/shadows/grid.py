@@ -46,6 +46,23 @@ class Face:
     parallel: bool = False
 
 
+@dataclass(frozen=True)
+class Laid:
+    """Holds what the kernels' grids have of the scene; see grid_kernels.Grid, whose places are about `middle` [3] m of
+    the world. size: from there to the farthest box [m]; tall: as of each Face."""
+
+    middle: np.ndarray
+    size: float
+    lower: np.ndarray
+    upper: np.ndarray
+    place: np.ndarray
+    axes: np.ndarray
+    tall: np.ndarray
+    parallel: np.ndarray
+    cells: np.ndarray
+    entries: np.ndarray
+
+
 class ShadowGrid:
     """Makes `kernel` (grid_kernels.Grid) of some lights; `place` it for every new instant."""
 
@@ -92,37 +109,59 @@ class ShadowGrid:
             wp.launch(grid_kernels.mark_movers, dim, [self._occluders.casters], [grid], device=v.device)
 
     def _build(self) -> None:
-        """Boxes, cells and entries for where the still instances and the lights are."""
+        """Takes the grids for where the still instances and the lights are."""
         v, grid, last = self._v, self.kernel, self._v.last
         assert last is not None
-        frames = v.instance_poses(last)
+        bodies = {int(body) for body in v.geometry.body[self._still]}
+        bodies |= {v.scene.lights[light].body for light in self._lights}
+        at = last[0, sorted(body for body in bodies if body >= 0)]
+        # Who else sees the scene in this process needs the same.
+        key = "shadow grid", self._still.tobytes(), tuple(self._lights), at.tobytes()
+        laid: Laid = v.geometry.once(key, lambda: self._lay(last))
+        self._middle, self._size = laid.middle, laid.size
+        grid.slack = SLACK * laid.size
+        grid.lower, grid.upper = v.put(laid.lower, wp.vec3), v.put(laid.upper, wp.vec3)
+        grid.place, grid.scale = v.put(laid.place, wp.vec3), v.put(1 / laid.tall, wp.float32)
+        grid.parallel = v.put(laid.parallel, wp.int32)
+        grid.right, grid.down, grid.ahead = (v.put(laid.axes[:, k], wp.vec3) for k in range(3))
+        grid.cells, grid.entries = v.put(laid.cells, wp.int32), v.put(laid.entries, wp.vec2i)
+
+    def _lay(self, poses: np.ndarray) -> Laid:
+        """Finds boxes, cells and entries for poses of all bodies, float64 [E, N, 7]."""
+        frames = self._v.instance_poses(poses)
         rotation, translation = frames.body(-1)
         to_world = np.swapaxes(rotation[0], -1, -2)
         turn = to_world @ frames.rotation[0, self._still]
         # In the world, then about the middle of all.
         centre = (frames.translation[0, self._still] - translation[0]) @ to_world.T
         middle = (centre.min(0) + centre.max(0)) / 2
-        centre, self._middle = centre - middle, middle
+        centre = centre - middle
         extent = (np.abs(turn) @ self._half[:, :, None])[..., 0]
-        self._size = float((np.abs(centre) + extent).max())
-        slack = grid.slack = SLACK * self._size
+        size = float((np.abs(centre) + extent).max())
+        slack = SLACK * size
         corners = centre[:, None] + np.einsum("nij,nkj->nki", turn, SIGNS * (self._half + slack)[:, None])
-        grid.lower, grid.upper = (v.put(centre + s * (extent + 2 * slack), wp.vec3) for s in (-1, 1))
-        spread = float(np.linalg.norm(corners, axis=-1).max())
-        faces = [face for light in self._lights for face in self._faces(light, last, spread)]
-        place, axes, tall = (np.array([getattr(face, name) for face in faces]) for name in ("place", "axes", "tall"))
-        grid.place, grid.scale = v.put(place, wp.vec3), v.put(1 / tall, wp.float32)
-        grid.parallel = v.put(np.array([face.parallel for face in faces], np.int32), wp.int32)
-        grid.right, grid.down, grid.ahead = (v.put(axes[:, k], wp.vec3) for k in range(3))
+        spread = float(np.linalg.norm(corners, axis=-1).max()) or 1.0
+        faces = [face for light in self._lights for face in self._faces(light, poses, middle, spread)]
         parts = [fill((corners - f.place) @ f.axes.T, f.tall, f.parallel, slack) for f in faces]
         count = np.cumsum([0, *(len(entries) for _, entries in parts)])
         everybody = np.zeros((len(self._still), 2), np.int32)
         everybody[:, 0] = np.arange(len(self._still))
         starts = [*(starts + n for (starts, _), n in zip(parts, count)), [count[-1], count[-1] + len(everybody)]]
-        grid.cells = v.put(np.concatenate(starts), wp.int32)
-        grid.entries = v.put(np.concatenate([*(entries for _, entries in parts), everybody]), wp.vec2i)
+        place, axes, tall = (np.array([getattr(face, name) for face in faces]) for name in ("place", "axes", "tall"))
+        return Laid(
+            middle,
+            size,
+            centre - (extent + 2 * slack),
+            centre + (extent + 2 * slack),
+            place,
+            axes,
+            tall,
+            np.array([face.parallel for face in faces], np.int32),
+            np.concatenate(starts).astype(np.int32),
+            np.concatenate([*(entries for _, entries in parts), everybody]),
+        )
 
-    def _faces(self, index: int, poses: np.ndarray, spread: float) -> list[Face]:
+    def _faces(self, index: int, poses: np.ndarray, middle: np.ndarray, spread: float) -> list[Face]:
         """Gives where the grids of a light are, about the middle of the scene. poses: of all bodies, float64 [E, N, 7].
         spread: from the middle to the farthest corner [m]."""
         light = self._v.scene.lights[index]
@@ -133,10 +172,10 @@ class ShadowGrid:
                 ahead = se3.transform(pose, ahead) - se3.transform(pose, np.zeros(3))
             axes = axes_along(ahead)
             return [Face(-BEYOND * spread * axes[2], axes, 1.001 * spread, True)]
-        place = _placed(light, pose) - self._middle
+        place = _placed(light, pose) - middle
         if light.kind == "point":
             return [Face(place, axes_along(sign * axis), 1.001) for axis in np.eye(3) for sign in (1, -1)]
-        tip = _placed(light, pose, np.asarray(light.direction, np.float64)) - self._middle
+        tip = _placed(light, pose, np.asarray(light.direction, np.float64)) - middle
         # A bit more than the cone, for rounding.
         return [Face(place, axes_along(tip - place), 1.001 * float(np.tan(light.cone[1])))]
 
