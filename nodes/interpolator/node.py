@@ -13,7 +13,7 @@ import numpy as np
 from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
 from evis.scene.digest import appearance, shown
-from evis.scene.model import Camera, Scene
+from evis.scene.model import Scene
 from evis.scene.parameters import SCENE, SEED, camera_of, ends_alone, seeds_of, worlds_of
 from evis.scene.parts import Parts
 from evis.scene.worlds import Group, Worlds
@@ -21,6 +21,7 @@ from msgs.camera import Depth, Frames, Keyframe, Motion, Samples
 from msgs.header import Header, Message
 from msgs.own_time import STAMP
 from msgs.world import WorldState
+from nodes.interpolator.frames_alone import by_frames_alone
 from nodes.interpolator.methods import HELP, METHODS, reads
 from nodes.interpolator.samples import none_of
 from nodes.renderer import parameters
@@ -39,18 +40,6 @@ COUNTS = "reshaded"
 def usable(params: Mapping[str, Any]) -> str:
     """Gives the method asked for, or splat where it needs a scene and there is none."""
     return "splat" if "state" in reads(params["method"]) and not params.get("scene") else params["method"]
-
-
-def by_frames_alone(camera: Camera, params: Mapping[str, Any]) -> str:
-    """Says why the pixels of a camera go by frames alone although there is a tolerance of time; "" where they do
-    not."""
-    if (params["supersampling"] or camera.supersampling) > 1:
-        why = "each is the mean of several samples (supersampling)"
-    elif parameters.by_paths(params):
-        why = "their light comes by paths (bounces, sky_occlusion)"
-    else:
-        return ""
-    return f"time_tolerance changes nothing: all {camera.width}x{camera.height} pixels go by frames alone, for {why}"
 
 
 class InterpolatorNode(Node):

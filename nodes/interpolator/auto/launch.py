@@ -22,6 +22,7 @@ from nodes.interpolator.auto.choice import frames_beside_samples
 from nodes.interpolator.auto.probe import probe
 from nodes.interpolator.auto.setting import Setting
 from nodes.interpolator.auto.trial import Measured, settle
+from nodes.interpolator.frames_alone import by_frames_alone
 from nodes.renderer.parameters import light_options
 
 SENSOR = ("threshold", "threshold_on", "threshold_off", "crossing", "dark_level")
@@ -65,7 +66,10 @@ def replace_auto(
         # The rates of the others are fractions of it; what is measured is the first camera at its own.
         wishes["keyframe_rate"] = next(n.params["keyframe_rate"] for n in graph.nodes if n.type == "renderer")
     if values["time_tolerance"] > 0:
-        return _beside_samples(given, method, wishes["keyframe_rate"], values["time_tolerance"])
+        nodes = [node for node in graph.nodes if node.type == "interpolator"]
+        alone = method == "rigid" and any(map(_by_frames_alone, nodes))
+        # What goes by frames has as many as beside the closest samples.
+        return _beside_samples(given, method, wishes["keyframe_rate"], 0.0 if alone else values["time_tolerance"])
     setting = setting_of(graph.nodes, options.duration_s, wishes)
     found, cached = measured(setting, say)
     tried = len(found.trials)
@@ -93,6 +97,13 @@ def replace_auto(
         chosen["wish_kept"] = choice.met
     chosen |= expectation | {"from_cache": cached, "summary": f"{best}: {choice.why}; expected: {expected}"}
     return {**given, **taken}, chosen
+
+
+def _by_frames_alone(node: NodeSpec) -> bool:
+    """Whether the pixels of an interpolator's camera take no samples between frames."""
+    p = node.params
+    camera = camera_of(scene_of("interpolator", p), p.get("camera") or "cam0")
+    return bool(by_frames_alone(camera, {"supersampling": 0, **p}))
 
 
 def _beside_samples(
