@@ -7,6 +7,7 @@ import warp as wp
 
 from evis.gpu.append_kernels import take_place
 from evis.gpu.division_kernels import Divisor, divided, divisor
+from evis.gpu.reading_kernels import entry, whole_number
 from nodes.interpolator.relight.change_kernels import Change, make_asked, make_relit, moved_point, point_of
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.log_kernels import LOGS, apart, brighter, fused_luminance, radiance_of
@@ -17,10 +18,8 @@ from nodes.interpolator.rigid.look_up_kernels import (
     SEEN,
     Sight,
     displaced,
-    entry,
     make_keyframes,
     make_look_up,
-    whole_number,
 )
 from nodes.interpolator.rigid.texture_kernels import make_log_albedo
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of

@@ -39,12 +39,6 @@ def drawable(
     ...
 
 
-@wp.func_native("return __builtin_ctzll(bits);")
-def lowest(bits: wp.uint64) -> int:
-    """Gives the place of the lowest bit that is set; some bit is."""
-    ...
-
-
 @wp.func_native(native_code([WALK], COVER))
 def cover_box(
     columns: wp.array(dtype=wp.float32),

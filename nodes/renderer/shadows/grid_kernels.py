@@ -9,6 +9,7 @@ same test, so the shadows are the same.
 
 import warp as wp
 
+from evis.gpu.bits_kernels import lowest
 from nodes.renderer.shadows.ray_kernels import LIFT, Casters, in_the_way
 
 wp.set_module_options({"enable_backward": False})
@@ -60,24 +61,6 @@ class Grid:
     upper: wp.array(dtype=wp.vec3)
     slack: float
     masks: wp.array3d(dtype=wp.uint64)
-
-
-LOWEST = """
-#if defined(__CUDA_ARCH__)
-    return __ffsll((long long)bits) - 1;
-#else
-    int n = 0;
-    for (unsigned long long rest = bits; !(rest & 1ull); rest >>= 1)
-        n++;
-    return n;
-#endif
-"""
-
-
-@wp.func_native(LOWEST)
-def lowest(bits: wp.uint64) -> wp.int32:
-    """Gives the number of the lowest bit that is set; at least one is."""
-    ...
 
 
 @wp.func
