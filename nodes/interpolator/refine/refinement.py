@@ -42,7 +42,7 @@ class Refinement:
         layout = rigid.layout
         v = rigid.visibility
         self._device, self._pixels = v.device, layout.envs * v.shape[1] * v.shape[2]
-        self._rounds: dict[int, Rounds] = {}
+        self._rounds: dict[tuple[int, int], Rounds] = {}
         self._probes = Probes(rigid, threads)
         self._looks = 1 << (max(LEAST_LOOKS, -(-LOOKS // layout.upsampling)) - 1).bit_length()
         channels = layout.channels
@@ -98,13 +98,13 @@ class Refinement:
 
     def _rounds_of(self, instants: Instants) -> Rounds:
         """Gives what works on these instants; one is kept, as gaps seldom differ by more than a nanosecond."""
-        slots = instants.slots
-        if slots not in self._rounds:
+        shape = instants.per_window, instants.depth
+        if shape not in self._rounds:
             # What is not used any more is freed first.
             self._rounds.clear()
-            evaluator = Evaluator(self._rigid, slots, self._threads, self._light_samples)
-            self._rounds[slots] = Rounds(self._rigid, evaluator, instants)
-        return self._rounds[slots]
+            evaluator = Evaluator(self._rigid, instants.slots, self._threads, self._light_samples)
+            self._rounds[shape] = Rounds(self._rigid, evaluator, instants)
+        return self._rounds[shape]
 
     def _cut(self, instants: Instants, evaluator: Evaluator, first: int) -> Any:
         cut: Any = Cut()

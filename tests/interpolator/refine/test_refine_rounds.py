@@ -9,7 +9,9 @@ import evis
 from evis.gpu.cuda_graph import CudaGraphs
 from evis.scene.model import Waveform
 from nodes.interpolator.refine import rounds
+from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.refinement import Refinement
+from nodes.interpolator.rigid import Rigid, RigidOptions
 
 
 @pytest.fixture
@@ -76,3 +78,14 @@ def test_recorded_launches_find_what_those_do_that_are_not(scene, monkeypatch):
     monkeypatch.setattr(CudaGraphs, "run", lambda self, key, launch: launch())
     for a, b in zip(recorded, samples()):
         np.testing.assert_array_equal(a, b)
+
+
+def test_what_lies_by_instants_is_made_anew_where_gaps_are_divided_otherwise():
+    """Three intervals of one instant and one of three have as many slots, but what is known of bodies does not fit."""
+    scene = tumbling()
+    rigid = Rigid(scene, scene.cameras[0], 1, 4, options=RigidOptions(single=True))
+    refinement = Refinement(rigid, 50_000.0, 1, 16)
+    for per_window, depth in ((3, 1), (1, 2), (3, 1)):
+        made = refinement._rounds_of(Instants(4, depth, per_window))
+        assert made.bends.shape[0] == 2 * per_window and made.bends.shape[2] == depth
+        assert refinement._rounds_of(Instants(4, depth, per_window)) is made
