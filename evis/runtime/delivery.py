@@ -27,7 +27,10 @@ class Delivery:
         device = device_of(message)
         if device is None:
             return Delivery([message] * len(consumers), [publisher.send(message)])
-        there = [_takes(consumer, port, device) for consumer, port in consumers]
+        there = [
+            _takes(consumer, port, device) or not _reads(consumer, port, publisher.topic, message)
+            for consumer, port in consumers
+        ]
         slots, host = [], message
         if publisher.reads_bytes() or not all(there):
             host = on_host(message, publisher.loan)
@@ -43,6 +46,13 @@ class Delivery:
         for slot in self.slots:
             if slot is not None:
                 slot.unpin()
+
+
+def _reads(consumer: Host, port: str, topic: str, message: Message) -> bool:
+    """Whether a node reads the arrays of a message."""
+    single = port not in consumer.join.queues and port not in consumer.delayed
+    name = topic if consumer.node.INPUTS[port].topic == "*" else port
+    return not single or consumer.node.reads_arrays(name, message.header)
 
 
 def _takes(consumer: Host, port: str, device: Any) -> bool:

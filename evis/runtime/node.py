@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 import numpy as np
 
 from evis.config.params import EACH, Param, resolve
-from msgs.header import Message
+from msgs.header import Header, Message
 
 if TYPE_CHECKING:
     from evis.runtime.plan import Plan
@@ -232,6 +232,11 @@ class Node:
     def receive(self, port: str, message: Message) -> None:
         """Takes a message of an input that is not joined, or of a latched topic."""
         raise TypeError(f"{type(self).__name__} takes no single inputs")
+
+    def reads_arrays(self, port: str, header: Header) -> bool:
+        """Says whether `receive` reads the arrays of the next message of an input; False, and they may come as they lie
+        on a device. Asked once of each message that has arrays on a device, before it comes."""
+        return True
 
     def finish(self) -> None:
         """Publishes what is left, after all inputs have ended."""

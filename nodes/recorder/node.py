@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from evis.bus.device import device_of
 from evis.config.params import Param, resolve
 from evis.runtime.node import Input, Node
-from msgs.header import Message
+from msgs.header import Header, Message
 from nodes.recorder.handover import Handover
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ class RecorderNode(Node):
     def setup(self) -> None:
         """Open the bag, so that a path that cannot be written is known before the graph starts."""
         from evis.files.named_pipe import with_reader
+        from nodes.recorder.preview import PreviewClock
         from nodes.recorder.recorder import Recorder
 
         p = self.params
@@ -53,13 +55,24 @@ class RecorderNode(Node):
                 p["sync"],
                 p["threads"] or None,
             )
-        self._handover = Handover(self.recorder.receive)
+        self._handover = Handover(self.recorder.write)
+        self._clocks = {
+            topic: PreviewClock(p["preview_hz"])
+            for topic in self.recorder.previewed
+            if not self.recorder.selects(topic)
+        }
         if backup := self.recorder.writer.backup:
             self.runtime.diagnose(self, "info", f"the older {p['path']} is now {backup}")
 
+    def reads_arrays(self, port: str, header: Header) -> bool:
+        """Of keyframes that make nothing but previews, those that one is due of."""
+        return port not in self._clocks or self._clocks[port].takes(header)
+
     def receive(self, port: str, message: Message) -> None:
         """Have one message of topic `port` written."""
-        self._handover.put(port, message)
+        self.recorder.notice(port, message.header)
+        if device_of(message) is None:  # else it was not asked for: see reads_arrays
+            self._handover.put(port, message)
         self._count()
 
     def idle(self) -> None:

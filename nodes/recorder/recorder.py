@@ -10,7 +10,7 @@ from evis.bag.selection import preview_sources, select
 from evis.bag.writer import BagWriter, describe_run
 from evis.runtime.plan import Plan
 from msgs.camera import Keyframe
-from msgs.header import Message
+from msgs.header import Header, Message
 from msgs.topics import SYSTEM_TOPICS
 from nodes.recorder.outcome import Outcome
 from nodes.recorder.preview import PreviewMaker
@@ -56,12 +56,25 @@ class Recorder:
         self.writer = BagWriter(path, metadata, event_encoding=encoding, sync=sync, threads=threads)
 
     def receive(self, topic: str, message: Message) -> None:
-        """Write one message; its arrays are free when this returns. Raises BagError."""
-        self._notice_loss(topic, message.header.seq)
-        self._outcome.take(topic, message)
+        """Notice one message and write it; its arrays are free when this returns. Raises BagError."""
+        self.notice(topic, message.header)
+        self.write(topic, message)
+
+    def selects(self, topic: str) -> bool:
+        """Says whether messages of a topic are written as they are."""
         if topic not in self._selected:
             self._selected[topic] = bool(select([topic], self._globs))
-        if self._selected[topic]:
+        return self._selected[topic]
+
+    @property
+    def previewed(self) -> list[str]:
+        """Names the topics of which previews are made."""
+        return list(self._previews)
+
+    def write(self, topic: str, message: Message) -> None:
+        """Write one message and what is made of it; its arrays are free when this returns. Raises BagError."""
+        self._outcome.take(topic, message)
+        if self.selects(topic):
             self.writer.write(topic, message)
             self.counters["messages"] += 1
         maker = self._previews.get(topic)
@@ -77,7 +90,9 @@ class Recorder:
         if syncer is not None and syncer.late:
             self.counters["late_syncs"] = syncer.late
 
-    def _notice_loss(self, topic: str, seq: int) -> None:
+    def notice(self, topic: str, header: Header) -> None:
+        """Counts what was lost before a message; all of a topic are noticed, in their order."""
+        seq = header.seq
         missed = seq - self._seen.get(topic, seq) - 1
         if missed > 0 and topic not in SYSTEM_TOPICS:
             self._lost[topic] += missed

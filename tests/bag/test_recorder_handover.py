@@ -126,8 +126,8 @@ def test_a_slow_recorder_writes_the_same_bag(tmp_path, monkeypatch):
     for name, wait_s in (("a", 0.0), ("b", 0.01)):
         node = make(RecorderNode, path=str(tmp_path / name), topics=["*"])
         node.setup()
-        receive, pause = node.recorder.receive, threading.Event()
-        monkeypatch.setattr(node._handover, "_take", lambda *m, s=wait_s, r=receive, p=pause: (p.wait(s), r(*m)))
+        write, pause = node.recorder.write, threading.Event()
+        monkeypatch.setattr(node._handover, "_take", lambda *m, s=wait_s, r=write, p=pause: (p.wait(s), r(*m)))
         for k in range(6):
             for topic, one in scene(k).items():
                 node.receive(topic, one)

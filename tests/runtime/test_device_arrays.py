@@ -35,12 +35,14 @@ def make_plan(directory: Path, processes: dict[str, str], size: int, **devices: 
         "painter": {},
         "watcher": {"depth": ["/cam0/depth"], "motion": ["/cam0/motion"]},
         "reader": {"depth": ["/cam0/depth"]},
+        "glancer": {"depth": ["/cam0/depth"]},
     }
     outputs = {"depth": "/cam0/depth", "motion": "/cam0/motion"}
     params = {
         "painter": {"count": COUNT, "size": size, "device": devices.get("painter", "cpu")},
         "watcher": {"path": str(directory / "watcher.json"), "device": devices.get("watcher", "cpu")},
         "reader": {"path": str(directory / "reader.json")},
+        "glancer": {"path": str(directory / "glancer.json")},
     }
     for name, process in processes.items():
         plan.nodes[name] = NodePlan(
@@ -80,6 +82,15 @@ def test_everybody_sees_the_same_values_and_only_who_takes_them_there_gets_warp_
     """The watcher keeps three messages at a time: what it keeps must not be written over."""
     assert run(make_plan(tmp_path, processes, size)) == {}
     check(tmp_path, processes, by_reference=processes.get("watcher") == "a")
+
+
+@pytest.mark.parametrize("beside", [{}, {"watcher": "a"}, {"reader": "b"}], ids=str)
+def test_arrays_that_nobody_reads_stay_where_they_are(tmp_path: Path, beside: dict[str, str]) -> None:
+    """Of three messages one is copied to the host, unless somebody else reads all."""
+    assert run(make_plan(tmp_path, {"painter": "a", "glancer": "a", **beside}, 300)) == {}
+    seen = json.loads((tmp_path / "glancer.json").read_text())
+    assert seen == [["array" if k % 3 else "ndarray", k] for k in range(COUNT)]
+    check(tmp_path, beside, by_reference=True)
 
 
 @pytest.mark.gpu
