@@ -32,22 +32,36 @@ class Swept:
     masks: wp.array3d(dtype=wp.uint32)
 
 
+# Comparisons of C++ are one instruction each, where Warp's min and max look for what is not a number. With such a box
+# nothing is compared as less, and it counts as met.
+SLABS = """
+    float near = 0.0f, far = length;
+    for (int k = 0; k < 3; ++k) {
+        const float t0 = lower[k] * inverse[k], t1 = upper[k] * inverse[k];
+        const float first = t0 < t1 ? t0 : t1, last = t0 < t1 ? t1 : t0;
+        near = near < first ? first : near;
+        far = last < far ? last : far;
+    }
+    return !(far < near);
+"""
+
+
+@wp.func_native(SLABS)
+def box_met(lower: wp.vec3, upper: wp.vec3, inverse: wp.vec3, length: wp.float32) -> bool:
+    """Tells whether a ray from the origin meets a box within `length` (the slab test; Kay and Kajiya, 1986).
+
+    inverse: of the ray's direction, of `inverse_of`.
+    """
+    ...
+
+
 @wp.func
-def box_met(lower: wp.vec3, upper: wp.vec3, direction: wp.vec3, length: float):
-    """Tells whether a ray from the origin meets a box within `length` (the slab test; Kay and Kajiya, 1986)."""
-    near = float(0.0)
-    far = float(length)
+def inverse_of(direction: wp.vec3):
+    """Gives the inverse of a ray's components; of those that are 0 a number so large that FAR is not beyond it."""
+    inverse = wp.vec3()
     for k in range(3):
-        if wp.abs(direction[k]) < 1.0e-12:
-            if lower[k] > 0.0 or upper[k] < 0.0:
-                return False
-        else:
-            inverse = 1.0 / direction[k]
-            t0 = lower[k] * inverse
-            t1 = upper[k] * inverse
-            near = wp.max(near, wp.min(t0, t1))
-            far = wp.min(far, wp.max(t0, t1))
-    return near <= far
+        inverse[k] = wp.where(wp.abs(direction[k]) < 1.0e-12, 3.0e38, 1.0 / direction[k])
+    return inverse
 
 
 @wp.func
@@ -70,12 +84,18 @@ def crossed(swept: Swept, env: int, eye: wp.mat33, row: int, instance: int, posi
             if swept.kind[l] != DIRECTIONAL:
                 way = way - at
                 length = 1.0
+            inverse = inverse_of(way)
             wide = (pad + swept.radius[l]) * wp.vec3(1.0, 1.0, 1.0)
-            if box_met(swept.lower[env, 0] - at - wide, swept.upper[env, 0] - at + wide, way, length):
-                for k in range(1, swept.lower.shape[1]):
-                    if (mask & bit(k - 1)) != wp.uint32(0):
-                        if box_met(swept.lower[env, k] - at - wide, swept.upper[env, k] - at + wide, way, length):
-                            return True
+            low = at + wide
+            high = at - wide
+            # The box around all and those of single bodies by one test, of which a second copy would cost registers.
+            for k in range(swept.lower.shape[1]):
+                if k == 0 or (mask & bit(k - 1)) != wp.uint32(0):
+                    met = box_met(swept.lower[env, k] - low, swept.upper[env, k] - high, inverse, length)
+                    if k > 0 and met:
+                        return True
+                    if k == 0 and not met:
+                        break
     return False
 
 
@@ -132,7 +152,7 @@ def make_cast(f: LightChanges) -> Any:
                     sides = half[i] + (around + 1.0e-5 * (wp.length(centre) + casters.radius[i])) * wp.vec3(
                         1.0, 1.0, 1.0
                     )
-                    if box_met(at - sides, at + sides, inverse * ray, length):
+                    if box_met(at - sides, at + sides, inverse_of(inverse * ray), length):
                         return True
         return False
 

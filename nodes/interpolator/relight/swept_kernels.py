@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from nodes.interpolator.relight.boxes_kernels import bit, box_met, crossed, nearby
+from nodes.interpolator.relight.boxes_kernels import bit, box_met, crossed, inverse_of, nearby
 from nodes.interpolator.relight.change_kernels import AROUND, LIT_ANEW, SHADED, Change
 from nodes.renderer.lights.light_kernels import DIRECTIONAL, FAR
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
@@ -60,8 +60,9 @@ def find_shaded(
             way = way - middle
             length = 1.0
         wide = sides + (pad + swept.radius[l]) * wp.vec3(1.0, 1.0, 1.0)
+        inverse = inverse_of(way)
         for k in range(1, swept.lower.shape[1]):
-            if box_met(swept.lower[env, k] - middle - wide, swept.upper[env, k] - middle + wide, way, length):
+            if box_met(swept.lower[env, k] - middle - wide, swept.upper[env, k] - middle + wide, inverse, length):
                 mask = mask | bit(k - 1)
         masks[env, i, l] = mask
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from nodes.interpolator.relight.boxes_kernels import Swept, box_met, crossed
+from nodes.interpolator.relight.boxes_kernels import Swept, box_met, crossed, inverse_of
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.swept_kernels import find_shaded
 from nodes.renderer.lights.lights import KINDS
@@ -19,7 +19,7 @@ def meet(
 ):
     """Tells which rays of length 2 meet their boxes."""
     n = wp.tid()
-    if box_met(lower[n], upper[n], ray[n], 2.0):
+    if box_met(lower[n], upper[n], inverse_of(ray[n]), 2.0):
         met[n] = 1
 
 
@@ -40,6 +40,20 @@ def test_a_ray_meets_a_box_as_its_points_lie_in_it():
     assert not (~found & (away < -1e-5)).any(), "nothing that is in the way is missed"
     assert not (found & (away > 2e-3)).any()
     assert 0.05 < found.mean() < 0.95
+
+
+def test_of_a_box_that_is_not_a_number_it_is_not_told_that_nothing_is_in_the_way():
+    """Where a body has diverged shadows are asked of rays, not left out."""
+    low = np.full((3, 3), -0.5, np.float32)
+    high = -low
+    low[0] = high[0] = np.nan
+    low[1, 2] = high[1, 2] = np.nan
+    low[2], high[2] = -np.inf, np.inf
+    met = wp.zeros(3, dtype=int, device="cpu")
+    given = (low, high, np.full((3, 3), 0.5, np.float32))
+    arrays = [wp.array(v, dtype=wp.vec3, device="cpu") for v in given]
+    wp.launch(meet, 3, [*arrays, met], device="cpu")
+    assert (met.numpy() == 1).all()
 
 
 @wp.kernel(enable_backward=False)
