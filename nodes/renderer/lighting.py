@@ -156,6 +156,7 @@ class Shading:
             masked=self.shadow_pass is not None,
             grids=self._grid is not None,
             tiled=self._tiled,
+            by_runs=self.device.is_cpu,
             half=self._half and not rays,
         )
 

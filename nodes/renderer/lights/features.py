@@ -44,6 +44,8 @@ class Features:
     """Rays to some lights that are points go by grids over what these see (shadows/grid_kernels)."""
     tiled: bool = False
     """Threads that run together have a tile of pixels (view_kernels.tile_pixel)."""
+    by_runs: bool = False
+    """Several samples of a lobe are taken at a time, in a CPU's way (lobe_kernels)."""
     half: bool = False
     """Light is written as float16."""
 

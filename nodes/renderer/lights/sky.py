@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from evis.scene.model import Scene
-from nodes.renderer.lights import sky_kernels
+from nodes.renderer.lights import lobe_kernels, sky_kernels
 from nodes.renderer.lights.lights import check_colour
 from nodes.renderer.materials.ggx import directional_albedo
 from nodes.renderer.raster.visibility import Visibility
@@ -20,7 +20,7 @@ NORMALS = (32, 64)
 """Rows and columns of the irradiance map."""
 
 SPECULAR_SAMPLES = 24
-"""Of a lobe."""
+"""Of a lobe: a multiple of lobe_kernels.RUN."""
 
 
 def make_sky(visibility: Visibility, gloss: bool) -> Any:
@@ -40,10 +40,11 @@ def make_sky(visibility: Visibility, gloss: bool) -> Any:
     starts = np.cumsum([0] + [level.shape[0] * level.shape[1] for level in full])
     places = [(start, w, h) for start, (h, w, _) in zip(starts, shapes)] + [(0, diffuse.shape[1], diffuse.shape[0])]
     sky.levels = put(np.array(places, np.int32), wp.vec3i)
-    sky.texels = put(np.concatenate([level.reshape(-1, 3) for level in full]), wp.vec3)
+    beside = np.zeros((lobe_kernels.BESIDE, 3))
+    sky.texels = put(np.concatenate([*(level.reshape(-1, 3) for level in full), beside]), wp.vec3)
     sky.diffuse = put(surrounded(diffuse).reshape(-1, 3), wp.vec3)
     sky.albedo = put(directional_albedo() if gloss else np.zeros((0, 0, 2)), wp.vec2)
-    sky.points = put(_points(SPECULAR_SAMPLES), wp.vec3)
+    sky.points = put(_points(SPECULAR_SAMPLES), wp.float32)
     return sky
 
 
@@ -118,12 +119,12 @@ def _overlap(size: int, parts: int, total: bool) -> np.ndarray:
 
 
 def _points(count: int) -> np.ndarray:
-    """Gives Hammersley's points as cosine and sine of an angle and a height in (0, 1], float64 [count, 3]."""
+    """Gives Hammersley's points as cosines and sines of an angle and heights in (0, 1], float64 [3, count]."""
     index = np.arange(count)
     bits = np.zeros(count)
     for digit in range(int(np.ceil(np.log2(count)))):
         bits += ((index >> digit) & 1) * 0.5 ** (digit + 1)
-    return np.stack([np.cos(2 * np.pi * bits), np.sin(2 * np.pi * bits), 1 - (index + 0.5) / count], -1)
+    return np.stack([np.cos(2 * np.pi * bits), np.sin(2 * np.pi * bits), 1 - (index + 0.5) / count])
 
 
 def _checked(scene: Scene) -> np.ndarray:

@@ -1,9 +1,11 @@
 """Light of the sky: uniform, or an equirectangular map (row 0 up, +z; column 0 at +x turning to +y); not occluded."""
 
+from functools import cache
 from typing import Any
 
 import warp as wp
 
+from nodes.renderer.lights.lobe_kernels import Means, gathered_by_runs
 from nodes.renderer.materials.ggx_kernels import (
     LEAST_COSINE,
     fresnel_weight,
@@ -25,9 +27,9 @@ class Sky:
     """Holds camera [E] to world. levels (first texel, width, height) of the map and its halvings, the last one of
     `diffuse`.
 
-    texels: radiance of all levels, each as `sky.surrounded` has it. diffuse: irradiance / pi by normal, likewise.
-    albedo: `ggx.directional_albedo`. points [N]: the samples of the specular lobe, cosine and sine of an angle and a
-    height in (0, 1], the same for every surface point.
+    texels: radiance of all levels, each as `sky.surrounded` has it, and `lobe_kernels.BESIDE` more. diffuse: irradiance
+    / pi by normal, as surrounded. albedo: `ggx.directional_albedo`. points [3, N]: the samples of the specular lobe,
+    cosines and sines of an angle and heights in (0, 1], the same for every surface point.
     """
 
     uniform: wp.vec3
@@ -36,7 +38,7 @@ class Sky:
     texels: wp.array(dtype=wp.vec3)
     diffuse: wp.array(dtype=wp.vec3)
     albedo: wp.array2d(dtype=wp.vec2)
-    points: wp.array(dtype=wp.vec3)
+    points: wp.array2d(dtype=wp.float32)
 
 
 @wp.func
@@ -123,37 +125,25 @@ def reflectances(sky: Sky, alpha: float, nv: float):
 
 
 @wp.func
-def mirrored(sky: Sky, env: int, n: wp.vec3, v: wp.vec3, alpha: float):
-    """Estimates what the specular lobe gathers of the map: two means of its radiance, one as Schlick's weight has it
-    where the surface reflects by f0, and one where it reflects whatever f0 is.
+def gathered(
+    sky: Sky, to_world: wp.mat33, view: wp.vec2, alpha: float, held: float, stretched: wp.vec3, widest: float
+) -> Means:
+    """Gives the two means of `make_mirrored`, one sample after another: mirrored.h does the same by runs.
 
-    Samples of the visible normals, each as wide as its share of the lobe (Krivanek and Colbert, EGSR 2008), in the
-    surface's own frame: t, b and n.
+    view: towards the viewer, by t and n. held: n.v, held. widest: halvings of the map that suit a sample whose share of
+    the lobe is 1.
     """
-    t, b = lobe_axes(n, v)
-    to_world = sky.camera[env] * wp.matrix_from_cols(t, b, n)
-    # v without the component along b, which it does not have.
-    out = wp.vec2(wp.dot(v, t), wp.dot(v, n))
-    held = wp.clamp(out[1], LEAST_COSINE, 1.0)
-    stretched = stretched_view(alpha, held)
-    whole = sky.levels[0]
-    texels = float(whole[1]) * float(whole[2]) / (2.0 * PI * PI)
-    # The density of l is D G1 / (4 n.v), with D = (h.h / (alpha c.c))^2 / pi of a cap c and h = (alpha c_t, alpha c_b,
-    # c_n).
-    width = texels * 4.0 * PI * held / (float(sky.points.shape[0]) * view_masking(alpha, held))
-    widest = 0.5 * wp.log2(width) + wp.log2(alpha)
     base = wp.vec3(0.0, 0.0, 0.0)
     rim = wp.vec3(0.0, 0.0, 0.0)
     base_weight = wp.float32(0.0)
     rim_weight = wp.float32(0.0)
-    for k in range(sky.points.shape[0]):
-        point = sky.points[k]
-        cap = sample_cap(stretched, wp.vec2(point[0], point[1]), point[2])
+    for k in range(sky.points.shape[1]):
+        cap = sample_cap(stretched, wp.vec2(sky.points[0, k], sky.points[1, k]), sky.points[2, k])
         h = wp.vec3(alpha * cap[0], alpha * cap[1], wp.max(cap[2], 0.0))
         hh = wp.dot(h, h)
-        vh = out[0] * h[0] + out[1] * h[2]
+        vh = view[0] * h[0] + view[1] * h[2]
         twice = 2.0 * vh / hh
-        l = wp.vec3(twice * h[0] - out[0], twice * h[1], twice * h[2] - out[1])
+        l = wp.vec3(twice * h[0] - view[0], twice * h[1], twice * h[2] - view[1])
         if l[2] > 0.0:
             weight = l[2] * masking(alpha, l[2], held)
             glancing = weight * fresnel_weight(vh / wp.sqrt(hh))
@@ -166,11 +156,44 @@ def mirrored(sky: Sky, env: int, n: wp.vec3, v: wp.vec3, alpha: float):
         base = base / base_weight
     if rim_weight > 0.0:
         rim = rim / rim_weight
-    return base, rim
+    return wp.matrix_from_rows(base, rim)
 
 
-def make_sky(mapped: bool) -> tuple[Any, Any, Any]:
-    """Makes the functions `background`, `ambient` and `gloss` for a uniform sky or a map."""
+@cache
+def make_mirrored(by_runs: bool) -> Any:
+    """Makes the function `mirrored`. by_runs: for a CPU, in C++."""
+
+    @wp.func
+    def mirrored(sky: Sky, env: int, n: wp.vec3, v: wp.vec3, alpha: float) -> Means:
+        """Estimates what the specular lobe gathers of the map: two means of its radiance, one as Schlick's weight has
+        it where the surface reflects by f0, and one where it reflects whatever f0 is.
+
+        Samples of the visible normals, each as wide as its share of the lobe (Krivanek and Colbert, EGSR 2008), in the
+        surface's own frame: t, b and n.
+        """
+        t, b = lobe_axes(n, v)
+        to_world = sky.camera[env] * wp.matrix_from_cols(t, b, n)
+        # v without the component along b, which it does not have.
+        view = wp.vec2(wp.dot(v, t), wp.dot(v, n))
+        held = wp.clamp(view[1], LEAST_COSINE, 1.0)
+        stretched = stretched_view(alpha, held)
+        whole = sky.levels[0]
+        texels = float(whole[1]) * float(whole[2]) / (2.0 * PI * PI)
+        # The density of l is D G1 / (4 n.v), with D = (h.h / (alpha c.c))^2 / pi of a cap c and h = (alpha c_t,
+        # alpha c_b, c_n).
+        width = texels * 4.0 * PI * held / (float(sky.points.shape[1]) * view_masking(alpha, held))
+        widest = 0.5 * wp.log2(width) + wp.log2(alpha)
+        if wp.static(by_runs):
+            return gathered_by_runs(sky.points, sky.levels, sky.texels, to_world, view, alpha, held, stretched, widest)
+        return gathered(sky, to_world, view, alpha, held, stretched, widest)
+
+    return mirrored
+
+
+def make_sky(mapped: bool, by_runs: bool = False) -> tuple[Any, Any, Any]:
+    """Makes the functions `background`, `ambient` and `gloss` for a uniform sky or a map. by_runs: see
+    `make_mirrored`."""
+    mirrored = make_mirrored(by_runs)
 
     @wp.func
     def background(sky: Sky, env: int, ray: wp.vec3):
@@ -194,8 +217,8 @@ def make_sky(mapped: bool) -> tuple[Any, Any, Any]:
         """
         r = reflectances(sky, alpha, wp.dot(n, v))
         if wp.static(mapped):
-            base, rim = mirrored(sky, env, n, v, alpha)
-            return r[0] * wp.cw_mul(f0, base) + r[1] * rim, r
+            found = mirrored(sky, env, n, v, alpha)
+            return r[0] * wp.cw_mul(f0, found[0]) + r[1] * found[1], r
         return wp.cw_mul(specular_share(r, f0), sky.uniform), r
 
     return background, ambient, gloss

@@ -19,7 +19,7 @@ wp.set_module_options({"enable_backward": False})
 def make_look(f: Features) -> Any:
     """Makes the function `look`."""
     surface = make_surface(f.textures, f.smooth, f.tinted)
-    _, ambient, sky_gloss = make_sky(f.mapped)
+    _, ambient, sky_gloss = make_sky(f.mapped, f.by_runs)
 
     @wp.func(inline=True)
     def look(view: CameraView, pixel: Pixel, seen: Seen, surfaces: Surfaces, sky: Sky, face: Face, point: SurfacePoint):

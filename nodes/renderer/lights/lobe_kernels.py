@@ -1,0 +1,38 @@
+"""What a CPU's thread does for a lobe under a map of the sky: several samples at a time, in C++.
+
+Warp's own code takes one sample after another, and calls the C library for each.
+"""
+
+from pathlib import Path
+
+import warp as wp
+
+from evis.native_code import native_code
+
+wp.set_module_options({"enable_backward": False})
+
+RUN = 8
+"""Samples that are taken at a time, as in mirrored.h."""
+BESIDE = 1
+"""Texels that must follow the last one of a map: mirrored.h reads two numbers beyond it."""
+MIRRORED = Path(__file__).with_name("mirrored.h")
+GATHER = "return mirrored(points, levels, texels, to_world, view, alpha, held, stretched, widest);"
+
+Means = wp.types.matrix(shape=(2, 3), dtype=wp.float32)
+"""Two means of the radiance of a map, as rows."""
+
+
+@wp.func_native(native_code([MIRRORED], GATHER))
+def gathered_by_runs(
+    points: wp.array2d(dtype=wp.float32),
+    levels: wp.array(dtype=wp.vec3i),
+    texels: wp.array(dtype=wp.vec3),
+    to_world: wp.mat33,
+    view: wp.vec2,
+    alpha: float,
+    held: float,
+    stretched: wp.vec3,
+    widest: float,
+) -> Means:
+    """Gives what `sky_kernels.gathered` gives."""
+    ...
