@@ -256,14 +256,14 @@ def make_gather(
             elif changed:
                 s, body = sight_of(view, hit, y, x, portion.pieces, keys.turn.shape[1] - 1)
                 base = env * view.height * view.width
-                since = n * keys.turn.shape[1] + body
-                m_a = displaced(keys.turn, keys.shift, since, s.point)
-                m_b = displaced(keys.turn, keys.shift, since + keys.turn.shape[0] / 2 * keys.turn.shape[1], s.point)
                 flag = wp.int32(0)
                 if wp.static(changes.any):
                     if s.sky == 0:
                         shift_b = keys.shift[n + keys.turn.shape[0] / 2, body]
                         flag = asked(change, body, env, n, hit, s.point, keys.shift[n, body], shift_b)
+                since = n * keys.turn.shape[1] + body
+                m_a = displaced(keys.turn, keys.shift, since, s.point)
+                m_b = displaced(keys.turn, keys.shift, since + keys.turn.shape[0] / 2 * keys.turn.shape[1], s.point)
                 apart_a = portion.pace * float(i)
                 apart_b = portion.pace * float(portion.upsampling - i)
                 later = wp.bool(False)
@@ -338,7 +338,10 @@ def make_gather(
                         places[listed_at] = j
             else:
                 frames[frame, row_out, column_out] = keys.image[env, y, x]
-            j += workers
+            if wp.static(listed):
+                j += workers
+            else:
+                j = end
 
     return gather
 
