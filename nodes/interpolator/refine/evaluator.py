@@ -61,7 +61,7 @@ class Evaluator:
             self.strength = wp.zeros(v.envs if exact else 0, dtype=wp.float32)
         f = self.shading.features
         kind = (f.textures, f.smooth, f.tinted) if textured_in(self.shading, layout) else None
-        self._gather = make_gather(v.lens, channels, exact, True, changes, layout.detailed, kind, True)
+        self._gather = make_gather(v.lens, channels, exact, "careful", changes, layout.detailed, kind, True)
         self._place = make_place(channels, True)
         self.targets = self._make_targets()
         self._at: list[int] = []
@@ -135,7 +135,9 @@ class Evaluator:
         values = self.values.reshape((1, 1, -1))
         keys = rigid.pair.kernel()
         keys.turn, keys.shift = self._turn, self._shift
-        how = [self._portion(), keys, self._change, self.shading.seen, self.shading.surfaces, listed, count]
+        # Nothing is flagged here: a list of that is not read.
+        lists = [listed, count, listed, count]
+        how = [self._portion(), keys, self._change, self.shading.seen, self.shading.surfaces, *lists]
         workers = 1 if v.device.is_cpu else WORKERS
         launches: list[tuple[wp.Kernel, int, list[Any]]] = []
         for k in bands:

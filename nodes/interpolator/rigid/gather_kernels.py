@@ -1,7 +1,13 @@
-"""The sub-frames: every pixel's surface point looked up in both keyframes, and a list of those that neither shows."""
+"""The sub-frames: every pixel's surface point looked up in both keyframes, and a list of those that neither shows.
+
+On a GPU three kernels do this, each of which lists what it leaves to the next ones: what most pixels need takes few
+registers, so that many threads wait for memory at once. The first goes through all pixels, the second does those that
+light may change on, and the last one looks with care at what is beside an edge. On a CPU the last one does all that is
+listed.
+"""
 
 from functools import cache
-from typing import Any
+from typing import Any, Literal
 
 import warp as wp
 
@@ -94,7 +100,7 @@ def make_gather(
     lens: str,
     channels: int,
     flicker: bool,
-    listed: bool,
+    look: Literal["first", "flagged", "careful"],
     changes: LightChanges,
     detailed: bool,
     kind: tuple[bool, bool, bool] | None,
@@ -102,21 +108,23 @@ def make_gather(
 ) -> wp.Kernel:
     """Makes the kernel that looks up the pixels of sub-frames in both keyframes.
 
-    lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). flicker: as of LOGS. listed: the kernel
-    looks up listed pixels, also at silhouettes; otherwise it goes through all and lists those at silhouettes. changes:
-    of light in the scene. detailed: as of make_look_up. kind: whether the scene has textures, shading normals of its
-    own and colours at vertices, if textures are looked up at their own time. single: pixels are listed one by one: what
-    they see and their radiance stand where they do in the list, not in images.
+    lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). flicker: as of LOGS. look: `first` goes
+    through all pixels and lists those that light may change on; `flagged` does these; both list what needs care, and
+    `careful` does whatever is listed. changes: of light in the scene. detailed: as of make_look_up. kind: whether the
+    scene has textures, shading normals of its own and colours at vertices, if textures are looked up at their own time.
+    single: pixels are listed one by one: what they see and their radiance stand where they do in the list, not in
+    images.
     """
-    log_albedo = make_log_albedo(*kind) if kind and listed else None
+    listed, careful = look != "first", look == "careful"
+    log_albedo = make_log_albedo(*kind) if kind and careful else None
     relit, asked = (make_relit(changes), make_asked(changes)) if changes.any else (None, None)
     Keyframes: Any = make_keyframes(channels, flicker)
     pixel = wp.float32 if channels == 1 else wp.vec3
     looked_up: Any = LOGS[channels, flicker]
-    look_up = make_look_up(lens, channels, flicker, listed, detailed, kind is not None)
+    look_up = make_look_up(lens, channels, flicker, careful, detailed, kind is not None)
     # Fewer than it would take: while some threads wait for memory there must be others. With care, and of RGB, all of
     # them are worth more.
-    registers = 64 if channels == 1 and not flicker and not listed else None
+    registers = {"first": 64, "flagged": 128}.get(look) if channels == 1 and not flicker else None
 
     @wp.func
     def lit_otherwise(
@@ -157,6 +165,8 @@ def make_gather(
         shown: Seen,
         surfaces: Surfaces,
         # in or out
+        flagged: wp.array(dtype=int),
+        flagged_count: wp.array(dtype=int),
         todo: wp.array(dtype=int),
         todo_count: wp.array(dtype=int),
         # out
@@ -167,13 +177,13 @@ def make_gather(
     ):
         """Computes the frames [E frames, h, w] of a portion.
 
-        Listed: `todo` has the pixels to do, as indices into [.., E, h, w] from slot0 on; on a CPU entries first..last -
-        1, on a GPU (last < 0) todo_count[band] of them, shared by `workers` threads. Otherwise a thread does one
-        pixel, and what needs a careful look goes to `todo`. What no keyframe shows goes to `pixels` from `first`
-        on, as indices into [P E, H, W]; count[band]: how many. So does that of which the keyframes differ by more than
-        the tolerance in log radiance. Single pixels: entries first..last - 1 of `todo`, todo_count[band] at most;
-        portion.packed and frames are [1, 1, list]; z-buffers of what is listed in `pixels` are written to those that
-        are shown, and `places` says where they were listed.
+        First: a thread does one pixel; those that light may change on go to `flagged`, as indices into [.., E, h, w]
+        from slot0 on. Flagged: `workers` threads share flagged_count[band] of these. Both leave to `todo` what needs
+        care. Careful: on a CPU entries first..last - 1 of that, on a GPU (last < 0) todo_count[band], shared likewise.
+        What no keyframe shows goes to `pixels` from `first` on, as indices into [P E, H, W]; count[band]: how many. So
+        does that of which the keyframes differ by more than the tolerance in log radiance. Single pixels: entries
+        first..last - 1 of `todo`, todo_count[band] at most; portion.packed and frames are [1, 1, list]; z-buffers of
+        what is listed in `pixels` are written to those that are shown, and `places` says where they were listed.
         """
         width = view.width - 2 * view.margin
         height = view.height - 2 * view.margin
@@ -183,8 +193,10 @@ def make_gather(
         end = j + 1
         if wp.static(single):
             end = wp.min(last, first + todo_count[band])
-        elif wp.static(listed):
+        elif wp.static(careful):
             end = wp.where(last >= 0, last, todo_count[band])
+        elif wp.static(listed):
+            end = flagged_count[band]
         # The row that the pixel before was in, which need not be found again.
         row = wp.int32(-1)
         left = wp.int32(0)
@@ -196,10 +208,13 @@ def make_gather(
             x = wp.int32(0)
             anew = wp.bool(False)
             if wp.static(listed):
-                at = todo[j]
-                if at < 0:
-                    at = -1 - at
-                    anew = True
+                if wp.static(careful):
+                    at = todo[j]
+                    if at < 0:
+                        at = -1 - at
+                        anew = True
+                else:
+                    at = flagged[j]
                 if row < 0 or at < left or at - left >= width:
                     row = divided(at, portion.by_width)
                     left = row * width
@@ -241,24 +256,24 @@ def make_gather(
             elif changed:
                 s, body = sight_of(view, hit, y, x, portion.pieces, keys.turn.shape[1] - 1)
                 base = env * view.height * view.width
-                since = n * keys.turn.shape[1] + body
-                m_a = displaced(keys.turn, keys.shift, since, s.point)
-                m_b = displaced(keys.turn, keys.shift, since + keys.turn.shape[0] / 2 * keys.turn.shape[1], s.point)
                 flag = wp.int32(0)
                 if wp.static(changes.any):
                     if s.sky == 0:
                         shift_b = keys.shift[n + keys.turn.shape[0] / 2, body]
                         flag = asked(change, body, env, n, hit, s.point, keys.shift[n, body], shift_b)
+                since = n * keys.turn.shape[1] + body
+                m_a = displaced(keys.turn, keys.shift, since, s.point)
+                m_b = displaced(keys.turn, keys.shift, since + keys.turn.shape[0] / 2 * keys.turn.shape[1], s.point)
                 apart_a = portion.pace * float(i)
                 apart_b = portion.pace * float(portion.upsampling - i)
-                hard = wp.bool(False)
+                later = wp.bool(False)
                 if wp.static(not listed):
-                    hard = flag != 0
+                    later = flag != 0
                 state_a = wp.int32(HIDDEN)
                 state_b = wp.int32(HIDDEN)
                 value = looked_up(0.0)
                 other = looked_up(0.0)
-                if not hard:
+                if not later:
                     state_a, value = look_up(view, keys, keys.first[0] + base, s, m_a, portion.tolerance, apart_a)
                     state_b, other = look_up(view, keys, keys.first[1] + base, s, m_b, portion.tolerance, apart_b)
                 if wp.static(log_albedo is not None):
@@ -278,11 +293,12 @@ def make_gather(
                 seen_a = state_a == SEEN
                 seen_b = state_b == SEEN
                 share = float(i) / float(portion.upsampling)
-                if wp.static(not listed):
-                    hard = hard or state_a == HARD or state_b == HARD
+                hard = wp.bool(False)
+                if wp.static(not careful):
+                    hard = state_a == HARD or state_b == HARD
                 told = (seen_a or seen_b) and (s.sky == 1 or portion.relight == 0)
                 if wp.static(listed and changes.any):
-                    if told and flag != 0:
+                    if told and flag != 0 and not hard:
                         otherwise, above = lit_otherwise(
                             change, portion, keys, flag, n, hit, body, s.point, m_a, m_b, seen_a, seen_b, share
                         )
@@ -298,7 +314,9 @@ def make_gather(
                 if wp.static(not flicker):
                     unchanged = seen_b and difference == 0.0 and m_b[0] == 0.0 and m_b[1] == 0.0 and m_b[2] == 0.0
                     unchanged = unchanged and flag == 0
-                if hard:
+                if later:
+                    flagged[take_place(flagged_count, band)] = at
+                elif hard:
                     todo[take_place(todo_count, band)] = at
                 elif told and unchanged:
                     # The keyframe's own pixel, to the last bit: nothing has changed.
@@ -320,7 +338,10 @@ def make_gather(
                         places[listed_at] = j
             else:
                 frames[frame, row_out, column_out] = keys.image[env, y, x]
-            j += workers
+            if wp.static(listed):
+                j += workers
+            else:
+                j = end
 
     return gather
 

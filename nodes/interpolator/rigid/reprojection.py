@@ -22,8 +22,8 @@ from nodes.renderer.lighting import LIST_WORKERS, Shading
 BLOCK = 128
 """Threads of a block that looks up."""
 
-CARE_WORKERS = 1 << 18
-"""Threads that share the list of what needs care, on a GPU."""
+WORKERS = 1 << 18
+"""Threads that share a list of what is to be looked up, on a GPU."""
 
 
 class Reprojection:
@@ -60,6 +60,9 @@ class Reprojection:
             self._pixels = wp.empty(slots * self._inner, dtype=wp.int32)
             self._places = wp.empty(0, dtype=wp.int32)
             self._count = wp.zeros(sampling.counts.size + 1, dtype=wp.int32)
+            flagged = layout.on_device and changes.any
+            self._flagged = wp.empty(slots * self._inner if flagged else 0, dtype=wp.int32)
+            self._flagged_count = wp.zeros_like(sampling.counts)
             self.strength = wp.zeros(slots * envs if exact else 0, dtype=wp.float32)
             self._all: wp.array = wp.array(np.arange(whole, dtype=np.int32))
             self._all_count: wp.array = wp.array(np.diff(starts).astype(np.int32))
@@ -67,8 +70,14 @@ class Reprojection:
         f = shading.features
         kind = (f.textures, f.smooth, f.tinted) if textured_in(shading, layout) else None
         self._take_albedo = make_take_albedo(*kind) if kind else None
-        self._first_look = make_gather(v.lens, channels, exact, False, changes, layout.detailed, kind)
-        self._gather = make_gather(v.lens, channels, exact, True, changes, layout.detailed, kind)
+        how = (changes, layout.detailed, kind)
+        self._careful_look = make_gather(v.lens, channels, exact, "careful", *how)
+        self._first_looks: list[wp.Kernel] = []
+        """What goes before it on a GPU."""
+        if layout.on_device:
+            self._first_looks.append(make_gather(v.lens, channels, exact, "first", *how))
+            if changes.any:
+                self._first_looks.append(make_gather(v.lens, channels, exact, "flagged", *how))
         self._place = make_place(channels)
         # The portion that lights and what casts shadows are placed for, on a CPU.
         self._lit: int | None = None
@@ -88,6 +97,7 @@ class Reprojection:
     def clear(self) -> None:
         """Begins a gap."""
         self._count.zero_()
+        self._flagged_count.zero_()
         self._sampling.clear()
 
     def place(self, pair: Pair) -> None:
@@ -111,7 +121,7 @@ class Reprojection:
 
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
         """Gives the kernels that are launched, as `build_together` takes them."""
-        looks = [self._gather, *([self._first_look] if self._on_device else [])]
+        looks = [self._careful_look, *reversed(self._first_looks)]
         shading = [*self._shading.kernels(True), (self._place, LAUNCH_BLOCK)]
         return [*((kernel, BLOCK) for kernel in looks), *shading, *self._sampling.kernels()]
 
@@ -164,21 +174,27 @@ class Reprojection:
     def _first_pixels(self, part: SubframeRange, how: list[Any], frames: wp.array) -> Todo:
         """Look up all pixels of a portion but those that need care, which are listed."""
         todo = self._sampling.everything(part)
-        given: list[Any] = [self._v.view, 0, 0, 1, todo.at, *how, todo.pixels, self._sampling.counts]
-        given += [frames, self._pixels, self._places, self._count]
-        wp.launch(self._first_look, part.count * self._inner, given, device=self._device, block_dim=BLOCK)
+        shared = self._shared(todo, how, frames)
+        for look, threads in zip(self._first_looks, (part.count * self._inner, WORKERS)):
+            given: list[Any] = [self._v.view, 0, -1, threads, todo.at, *shared]
+            wp.launch(look, threads, given, device=self._device, block_dim=BLOCK)
         return todo
+
+    def _shared(self, todo: Todo, how: list[Any], frames: wp.array) -> list[Any]:
+        """What every look at a portion is given alike."""
+        lists = [self._flagged, self._flagged_count, todo.pixels, self._sampling.counts]
+        return [*how, *lists, frames, self._pixels, self._places, self._count]
 
     def _look_up(self, todo: Todo, how: list[Any], frames: wp.array) -> list[int]:
         """Look up what is listed. Gives where the list of each band begins of what no keyframe shows."""
         view = self._v.view
-        shared = [*how, todo.pixels, self._sampling.counts, frames, self._pixels, self._places, self._count]
+        shared = self._shared(todo, how, frames)
         if todo.starts is None:
-            given: list[Any] = [view, 0, -1, CARE_WORKERS, todo.at, *shared]
-            wp.launch(self._gather, CARE_WORKERS, given, device=self._device, block_dim=BLOCK)
+            given: list[Any] = [view, 0, -1, WORKERS, todo.at, *shared]
+            wp.launch(self._careful_look, WORKERS, given, device=self._device, block_dim=BLOCK)
             return [0] * self._sampling.bands
         launches = [
-            (self._gather, 1, [view, first, last, 1, todo.at + k, *shared])
+            (self._careful_look, 1, [view, first, last, 1, todo.at + k, *shared])
             for k, (first, last) in enumerate(pairwise(todo.starts))
         ]
         self._sampling.launch(launches)

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+import rigid_rig
 from rigid_rig import GAP, START, closed_form, cross, disc, keyframe, lamp, luminance, painted, plain, pose, quad, world
 
 from evis.geometry import se3
 from evis.runtime.clock import subframe_stamps
-from evis.scene.model import Light, Material, Mesh
+from evis.scene.model import Light, Material, Mesh, Waveform
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
 from nodes.interpolator.keyframe import States
 from nodes.interpolator.relight.features import light_changes
@@ -220,6 +221,53 @@ def test_lines_and_samples_of_every_frame_agree():
     scene = world([WALL, rod], lights=[sun((0.3, 0.5, 1))], sky=0.05)
     lines, all_frames = (cross(scene, 16, on_device=every) for every in (False, True))
     assert share_off(lines) < 0.003 and share_off(all_frames) < 0.003
+
+
+METAL = Material("metal", np.full(3, 0.8), roughness=0.3, metallic=1.0, two_sided=True)
+SPUN = turning(0.5, (0, 0, 1), (0.0, 0.0, 2.0))
+LOOKED_AT = {
+    "shadow": ([WALL, (box(0.5, 0.1, 0.1), plain(0.7), turning(1.5, (1, 0, 0), start=0.2))], sun((0.3, 0.5, 1))),
+    "texture": ([WALL, (disc(0.6), painted(), SPUN)], lamp(shadows=False)),
+    "gloss": ([WALL, (disc(0.6), METAL, SPUN)], lamp()),
+    "flicker": ([WALL, (disc(0.6), painted(), SPUN)], lamp(waveform=Waveform("sine", 100.0, 0.5, 0.0))),
+}
+"""Things and their light, which changes on one that moves."""
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """Gives what `cross` makes its frames by, the last one last."""
+    every, make = [], rigid_rig.Rigid
+    monkeypatch.setattr(rigid_rig, "Rigid", lambda *a, **k: every.append(make(*a, **k)) or every[-1])
+    return every
+
+
+def listed(rigid):
+    """How many pixels may have light that changes, and how many were looked at with care."""
+    lists = rigid._reprojection._flagged_count, rigid.sampling.counts
+    return [int(counts.numpy().sum()) for counts in lists]
+
+
+@pytest.mark.parametrize("things", LOOKED_AT)
+def test_the_three_looks_of_a_gpu_see_what_a_careful_one_does(things, made):
+    """To the last bit, where one device takes them; most of what may change its light is away from edges."""
+    scene = world(LOOKED_AT[things][0], lights=[LOOKED_AT[things][1]], sky=0.05)
+    careful, three = (cross(scene, 16, single=True, on_device=every) for every in (False, True))
+    assert (three.frames == careful.frames).all()
+    assert three.report.reshaded == careful.report.reshaded > 0
+    flagged, todo = listed(made[-1])
+    assert 0 < todo < 0.5 * flagged
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("things", LOOKED_AT)
+def test_a_gpu_lists_what_a_cpu_does(things, made):
+    """But for what rounding decides."""
+    scene = world(LOOKED_AT[things][0], lights=[LOOKED_AT[things][1]], sky=0.05)
+    here, there = (cross(scene, 16, on_device=True, device=device) for device in ("cpu", "cuda"))
+    assert listed(made[-1]) == pytest.approx(listed(made[-2]), rel=0.02)
+    assert there.report.reshaded == pytest.approx(here.report.reshaded, rel=0.02)
+    assert (np.abs(np.log(there.frames) - np.log(here.frames)) > 1e-3).mean() < 0.01
 
 
 @pytest.mark.gpu
