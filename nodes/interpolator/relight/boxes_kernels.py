@@ -7,7 +7,7 @@ import warp as wp
 
 from nodes.interpolator.relight.features import LightChanges
 from nodes.renderer.lights.light_kernels import DIRECTIONAL, FAR
-from nodes.renderer.shadows.ray_kernels import Casters, sphere_met
+from nodes.renderer.shadows.ray_kernels import Casters, box_met, inverse_of, sphere_met
 
 wp.set_module_options({"enable_backward": False})
 
@@ -30,38 +30,6 @@ class Swept:
     radius: wp.array(dtype=float)
     kind: wp.array(dtype=int)
     masks: wp.array3d(dtype=wp.uint32)
-
-
-# Comparisons of C++ are one instruction each, where Warp's min and max look for what is not a number. With such a box
-# nothing is compared as less, and it counts as met.
-SLABS = """
-    float near = 0.0f, far = length;
-    for (int k = 0; k < 3; ++k) {
-        const float t0 = lower[k] * inverse[k], t1 = upper[k] * inverse[k];
-        const float first = t0 < t1 ? t0 : t1, last = t0 < t1 ? t1 : t0;
-        near = near < first ? first : near;
-        far = last < far ? last : far;
-    }
-    return !(far < near);
-"""
-
-
-@wp.func_native(SLABS)
-def box_met(lower: wp.vec3, upper: wp.vec3, inverse: wp.vec3, length: wp.float32) -> bool:
-    """Tells whether a ray from the origin meets a box within `length` (the slab test; Kay and Kajiya, 1986).
-
-    inverse: of the ray's direction, of `inverse_of`.
-    """
-    ...
-
-
-@wp.func
-def inverse_of(direction: wp.vec3):
-    """Gives the inverse of a ray's components; of those that are 0 a number so large that FAR is not beyond it."""
-    inverse = wp.vec3()
-    for k in range(3):
-        inverse[k] = wp.where(wp.abs(direction[k]) < 1.0e-12, 3.0e38, 1.0 / direction[k])
-    return inverse
 
 
 @wp.func

@@ -2,11 +2,12 @@
 
 import warp as wp
 
-from nodes.interpolator.relight.boxes_kernels import bit, box_met, crossed, inverse_of, nearby
+from nodes.interpolator.relight.boxes_kernels import bit, crossed, nearby
 from nodes.interpolator.relight.change_kernels import AROUND, LIT_ANEW, SHADED, Change
 from nodes.renderer.lights.light_kernels import DIRECTIONAL, FAR
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
+from nodes.renderer.shadows.ray_kernels import box_met, inverse_of
 
 wp.set_module_options({"enable_backward": False})
 

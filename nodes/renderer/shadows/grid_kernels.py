@@ -10,7 +10,7 @@ same test, so the shadows are the same.
 import warp as wp
 
 from evis.gpu.bits_kernels import lowest
-from nodes.renderer.shadows.ray_kernels import LIFT, Casters, in_the_way
+from nodes.renderer.shadows.ray_kernels import LIFT, Casters, box_met, in_the_way, inverse_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -61,20 +61,6 @@ class Grid:
     upper: wp.array(dtype=wp.vec3)
     slack: float
     masks: wp.array3d(dtype=wp.uint64)
-
-
-@wp.func
-def meets_box(lower: wp.vec3, upper: wp.vec3, origin: wp.vec3, inverse: wp.vec3, length: float):
-    """Tells whether a ray meets a box; inverse: 1 / its direction."""
-    a = wp.cw_mul(lower - origin, inverse)
-    b = wp.cw_mul(upper - origin, inverse)
-    return wp.max(wp.max(wp.min(a, b)), 0.0) <= wp.min(wp.min(wp.max(a, b)), length)
-
-
-@wp.func
-def inverse_of(x: float):
-    """Gives 1 / x, large where x is about 0."""
-    return wp.where(wp.abs(x) < 1.0e-12, wp.where(x < 0.0, -1.0e12, 1.0e12), 1.0 / x)
 
 
 @wp.func
@@ -138,7 +124,7 @@ def hidden_from(
         cell = (g * SIDE + int(y * float(SIDE))) * SIDE + int(x * float(SIDE))
         movers = grid.masks[env, g, int(y * float(COARSE)) * COARSE + int(x * float(COARSE))]
     along = grid.turn[env] * direction
-    inverse = wp.vec3(inverse_of(along[0]), inverse_of(along[1]), inverse_of(along[2]))
+    inverse = inverse_of(along)
     k = grid.cells[cell]
     end = grid.cells[cell + 1]
     if whole == MOVERS_ONLY:
@@ -152,7 +138,7 @@ def hidden_from(
             k += 1
             if whole == 0 and wp.cast(entry[1], wp.float32) >= ahead:
                 k = end
-            elif meets_box(grid.lower[entry[0]], grid.upper[entry[0]], start, inverse, length):
+            elif box_met(grid.lower[entry[0]] - start, grid.upper[entry[0]] - start, inverse, length):
                 n = entry[0]
         else:
             bit = lowest(movers)

@@ -79,6 +79,38 @@ def sphere_met(centre: wp.vec3, radius: float, direction: wp.vec3, length: float
     return wp.dot(away, away) <= wide * wide and along >= -wide and along - wide <= length
 
 
+# Comparisons of C++ are one instruction each, where Warp's min and max look for what is not a number. With such a box
+# nothing is compared as less, and it counts as met.
+SLABS = """
+    float near = 0.0f, far = length;
+    for (int k = 0; k < 3; ++k) {
+        const float t0 = lower[k] * inverse[k], t1 = upper[k] * inverse[k];
+        const float first = t0 < t1 ? t0 : t1, last = t0 < t1 ? t1 : t0;
+        near = near < first ? first : near;
+        far = last < far ? last : far;
+    }
+    return !(far < near);
+"""
+
+
+@wp.func_native(SLABS)
+def box_met(lower: wp.vec3, upper: wp.vec3, inverse: wp.vec3, length: wp.float32) -> bool:
+    """Tells whether a ray from the origin meets a box within `length` (the slab test; Kay and Kajiya, 1986).
+
+    inverse: of the ray's direction, of `inverse_of`.
+    """
+    ...
+
+
+@wp.func
+def inverse_of(direction: wp.vec3):
+    """Gives the inverse of a ray's components; of those that are 0 a number so large that FAR is not beyond it."""
+    inverse = wp.vec3()
+    for k in range(3):
+        inverse[k] = wp.where(wp.abs(direction[k]) < 1.0e-12, 3.0e38, 1.0 / direction[k])
+    return inverse
+
+
 @wp.func
 def in_the_way(
     casters: Casters,

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 import warp as wp
 
-from nodes.interpolator.relight.boxes_kernels import Swept, box_met, crossed, inverse_of
+from nodes.interpolator.relight.boxes_kernels import Swept, crossed
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.swept_kernels import find_shaded
 from nodes.renderer.lights.lights import KINDS
+from nodes.renderer.shadows.ray_kernels import box_met, inverse_of
 
 
 @wp.kernel(enable_backward=False)
