@@ -11,6 +11,7 @@ from evis.scene.model import Mesh
 from nodes.renderer.geometry.poses import InstancePoses
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.shadows import occlusion_kernels
+from nodes.renderer.shadows.boxes import box_halves
 from nodes.renderer.shadows.merged import MergedMesh, mergeable
 from nodes.renderer.shadows.ray_kernels import Casters
 
@@ -53,6 +54,7 @@ class Occluders:
         self.casters = casters = Casters()
         casters.rotation, casters.translation = visibility.rotation, visibility.translation
         casters.mesh, casters.order = put(ids, wp.uint64), put(order, wp.int32)
+        casters.box = put(box_halves(visibility), wp.vec3)
         casters.radius, casters.shell = put(geometry.radius, wp.float32), put(geometry.shell, wp.int32)
         casters.still, casters.is_still = count, put(still.astype(np.int32), wp.int32)
         casters.turn = visibility.eye

@@ -22,8 +22,8 @@ LIFT = wp.constant(4.0e-6)
 
 @wp.struct
 class Casters:
-    """Holds instances as occluders. mesh [I] ids; radius and shell [I]; order [I]: still ones first, `still` of
-    them."""
+    """Holds instances as occluders. mesh [I] ids; radius and shell [I]; box [I]: half the sides of those that are boxes,
+    else 0; order [I]: still ones first, `still` of them."""
 
     rotation: wp.array2d(dtype=wp.mat33)
     """[E, I] frame to the camera's, with `translation`."""
@@ -31,6 +31,7 @@ class Casters:
     mesh: wp.array(dtype=wp.uint64)
     radius: wp.array(dtype=float)
     shell: wp.array(dtype=int)
+    box: wp.array(dtype=wp.vec3)
     order: wp.array(dtype=int)
     still: int
     is_still: wp.array(dtype=int)
@@ -111,6 +112,27 @@ def inverse_of(direction: wp.vec3):
     return inverse
 
 
+SIDES = """
+    float near = -3.0e38f, far = 3.0e38f;
+    for (int k = 0; k < 3; ++k) {
+        const float inverse = (direction[k] < 0.0f ? -direction[k] : direction[k]) < 1.0e-12f ? 3.0e38f
+                                                                                             : 1.0f / direction[k];
+        const float t0 = (-half[k] - start[k]) * inverse, t1 = (half[k] - start[k]) * inverse;
+        const float first = t0 < t1 ? t0 : t1, last = t0 < t1 ? t1 : t0;
+        near = near < first ? first : near;
+        far = last < far ? last : far;
+    }
+    const float met = near < 0.0f ? far : near;
+    return near <= far && met >= 0.0f && met <= length;
+"""
+
+
+@wp.func_native(SIDES)
+def sides_met(half: wp.vec3, start: wp.vec3, direction: wp.vec3, length: wp.float32) -> bool:
+    """Tells whether a ray meets a side of a box about the origin, from outside or inside; half: of its sides."""
+    ...
+
+
 @wp.func
 def in_the_way(
     casters: Casters,
@@ -121,12 +143,17 @@ def in_the_way(
     length: float,
     extent: float,
 ):
-    """Tells whether a ray meets instance i; its triangles are tried only if its bounding sphere is hit. extent: of no
-    use."""
+    """Tells whether a ray meets instance i; its triangles, or its sides if it is a box, are tried only if its bounding
+    sphere is hit. extent: of no use."""
     centre = casters.translation[env, i] - origin
     if sphere_met(centre, casters.radius[i], direction, length):
         inverse = wp.transpose(casters.rotation[env, i])
-        if wp.mesh_query_ray_anyhit(casters.mesh[i], -(inverse * centre), inverse * direction, length):
+        start = -(inverse * centre)
+        along = inverse * direction
+        half = casters.box[i]
+        if half[0] + half[1] > 0.0:
+            return sides_met(half, start, along, length)
+        if wp.mesh_query_ray_anyhit(casters.mesh[i], start, along, length):
             return True
     return False
 
