@@ -196,7 +196,7 @@ class LightChange:
     def _casters_then(self, now: Any, rows: int) -> Any:
         """The casters with places of their own, for the keyframes."""
         then, count = Casters(), len(self._v.geometry.body)
-        for name in ("mesh", "radius", "shell", "order", "still", "is_still"):
+        for name in ("mesh", "radius", "shell", "box", "order", "still", "is_still"):
             setattr(then, name, getattr(now, name))
         then.rotation, then.translation = self._v.empty((rows, count), wp.mat33), self._v.empty((rows, count), wp.vec3)
         return then

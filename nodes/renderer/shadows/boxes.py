@@ -7,8 +7,8 @@ import numpy as np
 from evis.scene.model import Mesh
 from nodes.renderer.raster.visibility import Visibility
 
-ROUNDING = 1e-7
-"""Of a box's size, within which a vertex lies in its corner: as good as float32 tells."""
+ROUNDING = 2.5e-7
+"""Of a mesh's largest coordinate, within which places are one: as good as float32 tells."""
 
 
 def box_halves(visibility: Visibility) -> np.ndarray:
@@ -33,9 +33,9 @@ def half_of(mesh: Mesh) -> np.ndarray:
     if not len(mesh.faces):
         return none
     points = np.asarray(mesh.vertices, np.float64)
+    near = ROUNDING * np.abs(points).max()
     points = (points - (points.min(0) + points.max(0)) / 2)[np.asarray(mesh.faces)]
     half = np.abs(points).max((0, 1))
-    near = ROUNDING * half.max()
     flat = half <= near
     if flat.sum() > 1:
         return none

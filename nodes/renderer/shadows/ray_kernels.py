@@ -22,8 +22,8 @@ LIFT = wp.constant(4.0e-6)
 
 @wp.struct
 class Casters:
-    """Holds instances as occluders. mesh [I] ids; radius and shell [I]; box [I]: half the sides of those that are boxes,
-    else 0; order [I]: still ones first, `still` of them."""
+    """Holds instances as occluders. mesh [I] ids; radius and shell [I]; box [I]: half the sides of those that are
+    boxes, else 0; order [I]: still ones first, `still` of them."""
 
     rotation: wp.array2d(dtype=wp.mat33)
     """[E, I] frame to the camera's, with `translation`."""
