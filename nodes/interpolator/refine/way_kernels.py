@@ -3,6 +3,7 @@
 import warp as wp
 
 from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, slot_row
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -120,3 +121,16 @@ def stride_of(cut: Cut, stage: Stage, spot: Spot, which: int, body: int, away: f
             stride = stride // 2
             level += 1
     return stride
+
+
+@wp.func
+def strays(cut: Cut, stage: Stage, spot: Spot, hit: wp.uint64):
+    """Tells whether what a pixel sees at the start of a coarse interval is not on a straight way all through it, so
+    that it may have come back at its end."""
+    body = stage.bends.shape[1] - 1
+    away = wp.float32(1.0)
+    t = triangle_of(hit)
+    if t != MISS:
+        body = stage.targets.pieces[t][0]
+        away = depth_of(hit)
+    return stride_of(cut, stage, spot, 0, body, away) <= cut.slots
