@@ -22,7 +22,7 @@ from rigid_rig import (
 )
 
 from evis.runtime.clock import subframe_stamps
-from evis.scene.model import Waveform
+from evis.scene.model import Material, Waveform
 from evis.scene.motion import Linear, Prescribed, Spin
 from nodes.renderer.renderer import Renderer
 
@@ -213,3 +213,24 @@ def test_a_gpu_finds_the_same_samples():
     assert len(both) > 0.98 * max(len(here), len(there))
     apart = np.array([abs(np.log(here[key] / there[key])) for key in both])
     assert (apart > 1e-3).mean() < 0.005
+
+
+def test_stripes_that_look_alike_at_all_frames():
+    """A wall of stripes, parallel to the image, goes by one of their periods from frame to frame: where it is as far
+    and as bright as before, it has moved all the same."""
+    period = 0.25
+    at = (np.arange(1024) + 0.5) / 1024 * 8.0
+    row = np.where(at % period < period / 2, 0.8, 0.2).astype(np.float32)
+    stripes = Material("stripes", np.ones(3), np.tile(row[None, :, None], (8, 1, 3)), two_sided=True)
+    speed = period / (GAP / 4 * 1e-9)
+    flight = Prescribed(pose(-speed * START * 1e-9, 0, 3.0), [Linear(np.array([speed, 0.0, 0.0]))])
+    scene = world([(quad(4.0), stripes, flight)])
+    frames, (pixels, ns, values) = refined(scene, 4, 50_000)
+    assert (np.ptp(frames[:, 20:50, 40:60], axis=0) < 1e-6).mean() > 0.5
+    here = np.zeros(frames[0].shape, bool)
+    here[20:50, 40:60] = True
+    for pixel in np.flatnonzero(here)[::5]:
+        mine = pixels == pixel
+        seen = values[mine][np.argsort(ns[mine])]
+        # It sees each of four bright and four dark stripes.
+        assert np.count_nonzero(np.diff((seen > 0.15).astype(int))) >= 7
