@@ -80,11 +80,16 @@ def test_values_under_a_lamp_that_flickers():
     assert np.median(errors) < 0.005 and np.quantile(errors, 0.98) < 0.1
 
 
-@pytest.mark.parametrize("alike", [True, False])
-def test_lamps_that_are_switched_many_times_between_frames(alike):
+PULSES = Waveform("square", 700.0, 0.8, 0.1, 0.3)
+BESIDE = [replace(PULSES, frequency=hz, phase=0.2 * n) for n, hz in enumerate((530.0, 610.0, 830.0))]
+
+
+@pytest.mark.parametrize(
+    "waves", [[PULSES, None], [PULSES, Waveform("sine", 330.0, 0.6)], [PULSES, *BESIDE]], ids=["one", "two", "four"]
+)
+def test_lamps_that_are_switched_many_times_between_frames(waves):
     """ln I is a line between a pixel's samples: against dense rendering at times of its own, beside a disc that turns.
-    alike: one lamp; else two that flicker each in its own way."""
-    waves = [Waveform("square", 700.0, 0.8, 0.1, 0.3), None if alike else Waveform("sine", 330.0, 0.6)]
+    Of several lamps each flickers in its own way; four of them are switched after one another within 0.2 ms."""
     lights = [replace(lamp(waveform=w), name=f"lamp{n}") for n, w in enumerate(waves)]
     turn = Spin(np.array([0.0, 0.0, 1.0]), 20.0)
     things = [(quad(4.0), painted(), Prescribed(pose(z=3.0))), (disc(0.4), plain(0.7), Prescribed(pose(z=2.5), [turn]))]
