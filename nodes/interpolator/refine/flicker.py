@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 
 from evis.scene.model import Waveform
+from evis.scene.sampling import FOLLOWED
 from nodes.interpolator.refine.flicker_kernels import Marks
 from nodes.interpolator.refine.lists import SPARE
 from nodes.interpolator.refine.path_kernels import PARTS, SHARP
@@ -23,8 +24,6 @@ PER_PERIOD = 32
 PER_SWITCH = 4
 """Instants that there are for each switch of a square wave, where there are others: what shows between two switches is
 looked at only if there is an instant between them."""
-MOST_PERIODS = 64
-"""Periods in a gap up to which each is looked at."""
 
 
 class Flicker:
@@ -86,7 +85,7 @@ class Flicker:
                 getattr(kernel, name)[: len(values)].assign(np.array(values, np.int32))
 
     def _slow(self, gap_ns: int) -> list[Waveform]:
-        return [w for w in self._waveforms if w.frequency * gap_ns * 1e-9 <= MOST_PERIODS]
+        return [w for w in self._waveforms if w.frequency * gap_ns * 1e-9 <= FOLLOWED]
 
     def _of(self, t: np.ndarray, coarse: int, each: int) -> list[dict[int, int]]:
         """The marks within each coarse interval, and how much later they are, for instants t [n + 1]."""
