@@ -39,23 +39,26 @@ def pose_at(start: wp.array2d(dtype=wp.transformd), poses: wp.array3d(dtype=wp.t
 def seen_at(
     balls: Balls,
     camera: int,
+    back: wp.mat33d,
     start: wp.array2d(dtype=wp.transformd),
     poses: wp.array3d(dtype=wp.transformd),
     n: int,
     env: int,
     j: int,
 ):
-    """Computes where ball j is in the camera's frame at instant n."""
+    """Computes where ball j is in the camera's frame at instant n. back: from the world to the frame of a camera that
+    stands still."""
     at = balls.eye[env]
+    turn_back = back
     if camera >= 0:
         at = pose_at(start, poses, n, env, camera)
+        turn_back = wp.transpose(turned(at))
     pose = wp.transformd(wp.transform_get_translation(balls.eye[env]), wp.quatd(0.0, 0.0, 0.0, 1.0))
     if j < balls.mover.shape[0]:
         pose = pose_at(start, poses, n, env, balls.mover[j])
-    back = wp.transpose(turned(at))
     seen = Seen()
-    seen.turn = back * turned(pose)
-    seen.place = back * (wp.transform_get_translation(pose) - wp.transform_get_translation(at))
+    seen.turn = turn_back * turned(pose)
+    seen.place = turn_back * (wp.transform_get_translation(pose) - wp.transform_get_translation(at))
     return seen
 
 
@@ -99,15 +102,18 @@ def strays(
     step: int,
 ):
     """Tells whether ball j is in the image and off a straight way, from instant `first` to the one `step` later."""
-    a = seen_at(balls, camera, start, poses, first, env, j)
-    b = seen_at(balls, camera, start, poses, first + step, env, j)
+    back = wp.transpose(turned(balls.eye[env]))
+    a = seen_at(balls, camera, back, start, poses, first, env, j)
+    b = seen_at(balls, camera, back, start, poses, first + step, env, j)
     shown = wp.bool(whole == 1 or j == balls.mover.shape[0])
     away = balls.away[env, j]
     before = a
     path = wp.float64(0.0)
     off = wp.float64(0.0)
     for i in range(1, step + 1):
-        m = seen_at(balls, camera, start, poses, first + i, env, j)
+        m = b
+        if i < step:
+            m = seen_at(balls, camera, back, start, poses, first + i, env, j)
         shown = shown or in_view(m, radius, sides)
         path += angle_of(m.turn - before.turn, m.place - before.place, radius, away)
         g = wp.float64(i) / wp.float64(step)

@@ -33,18 +33,17 @@ class Strays:
         v, movers = visibility, placement.movers
         geometry = v.geometry
         self._tolerance_ns = tolerance_ns
-        # Boxes of what moves by itself, in the order of bodies, then of all that stands still.
+        # Boxes of what moves by itself, body by body, and of all that stands still.
         on_mover = np.isin(geometry.body, movers)
-        which = np.flatnonzero(geometry.body != v.camera_body)
-        which = which[np.lexsort((geometry.body[which], ~on_mover[which]))]
-        self._body, half = geometry.body[which], half_extents(v)[which]
-        self._boxes = geometry.rotation[which], geometry.translation[which], half
-        reach = np.linalg.norm(geometry.translation[which], axis=1) + np.linalg.norm(half, axis=1)
-        moving = int(on_mover[which].sum())
-        bodies, self._first = np.unique(self._body[:moving], return_index=True)
-        radius = np.maximum.reduceat(reach[:moving], self._first) if moving else np.zeros(0)
-        if moving < len(which):
-            self._first = np.append(self._first, moving)
+        which = np.flatnonzero(on_mover & (geometry.body != v.camera_body))
+        which = which[np.argsort(geometry.body[which], kind="stable")]
+        self._moving, self._still = (
+            _Boxes(geometry.body[n], geometry.rotation[n], geometry.translation[n], half_extents(v)[n])
+            for n in (which, np.flatnonzero(~on_mover & (geometry.body != v.camera_body)))
+        )
+        bodies, self._first = np.unique(geometry.body[which], return_index=True)
+        reach = np.linalg.norm(self._moving.translation, axis=1) + np.linalg.norm(self._moving.half, axis=1)
+        radius = np.maximum.reduceat(reach, self._first) if len(which) else np.zeros(0)
         camera = np.flatnonzero(movers == v.camera_body)
         self._camera_body, self._near = v.camera_body, float(v.view.near)
         self._camera = int(camera[0]) if len(camera) else -1
@@ -67,7 +66,7 @@ class Strays:
         sides = self._sides or NO_SIDES
         with wp.ScopedDevice("cpu"):
             needed: wp.array = wp.full(envs, least, dtype=wp.int32)
-            balls.away = wp.array(self._away(places, balls.mover.size + 1), dtype=wp.float64)
+            balls.away = wp.array(self._away(places), dtype=wp.float64)
             balls.eye = wp.array(np.ascontiguousarray(places.rest[:, self._camera_body]), dtype=wp.transformd)
             start: wp.array = wp.array(np.ascontiguousarray(places.before[:, self._movers]), dtype=wp.transformd)
             poses: wp.array = wp.array(np.ascontiguousarray(places.moved), dtype=wp.transformd)
@@ -76,22 +75,39 @@ class Strays:
             wp.launch(find_strays, (envs, balls.mover.size + 1), given, [needed])
         return needed.numpy().astype(np.int64)
 
-    def _away(self, places: Slots, count: int) -> np.ndarray:
-        """Gives how far from the cameras the nearest side of a box of each ball is, float64 [E, count] m, at the start
-        or the end of the gap."""
-        away = np.full((len(places.rest), count), np.inf)
-        for poses in (places.before, places.rest):
-            # The world's own boxes are on body -1.
-            world = np.broadcast_to(se3.IDENTITY, (len(poses), 1, 7))
-            stand = np.concatenate([poses, world], axis=1)[:, self._body]
-            rotation, translation, half = self._boxes
-            turn = se3.to_matrix(stand[..., 3:])
-            middle = stand[..., :3] + np.einsum("enij,nj->eni", turn, translation)
-            off = poses[:, self._camera_body, None, :3] - middle
-            at = np.abs(np.einsum("enji,enj->eni", turn @ rotation, off)) - half
-            outside = np.linalg.norm(np.maximum(at, 0.0), axis=-1)
-            sides = outside + np.maximum(-at.max(axis=-1), 0.0)
-            if len(self._first):
-                nearest = np.minimum.reduceat(sides, self._first, axis=1)
-                away[:, : len(self._first)] = np.minimum(away[:, : len(self._first)], nearest)
+    def _away(self, places: Slots) -> np.ndarray:
+        """Gives how far from the cameras the nearest side of a box of each ball is, float64 [E, balls] m: at the start
+        or the end of the gap, of what stands still at its end."""
+        away = np.full((len(places.rest), len(self._first) + 1), FAR)
+        if len(self._first):
+            for poses in (places.before, places.rest):
+                sides = self._moving.sides(poses, poses[:, self._camera_body, :3])
+                away[:, :-1] = np.minimum(away[:, :-1], np.minimum.reduceat(sides, self._first, axis=1))
+        # A still world does not stray before a still camera.
+        if self._camera >= 0 and len(self._still.body):
+            away[:, -1] = self._still.sides(places.rest, places.rest[:, self._camera_body, :3]).min(axis=1)
         return np.clip(away, self._near, FAR)
+
+
+class _Boxes:
+    """Holds boxes on bodies."""
+
+    def __init__(self, body: np.ndarray, rotation: np.ndarray, translation: np.ndarray, half: np.ndarray) -> None:
+        self.body, self.translation, self.half = body, translation, half
+        self._rotation = rotation
+        self._stood = np.zeros((0, 0, 7))
+        self._axes, self._middle = np.zeros((0, 0, 3, 3)), np.zeros((0, 0, 3))
+
+    def sides(self, poses: np.ndarray, eye: np.ndarray) -> np.ndarray:
+        """Gives how far the nearest side of each box is from `eye` [E, 3], float64 [E, I] m, for poses [E, N, 7]."""
+        # The world's own boxes are on body -1.
+        world = np.broadcast_to(se3.IDENTITY, (len(poses), 1, 7))
+        stand = np.concatenate([poses, world], axis=1)[:, self.body]
+        if not np.array_equal(stand, self._stood):
+            turn = se3.to_matrix(stand[..., 3:])
+            self._stood, self._axes = stand, turn @ self._rotation
+            self._middle = stand[..., :3] + np.einsum("enij,nj->eni", turn, self.translation)
+        off = (eye[:, None] - self._middle)[..., None, :] @ self._axes
+        at = np.abs(off[..., 0, :]) - self.half
+        outside = np.linalg.norm(np.maximum(at, 0.0), axis=-1)
+        return outside + np.maximum(-at.max(axis=-1), 0.0)
