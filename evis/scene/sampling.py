@@ -16,8 +16,15 @@ ENOUGH = 8
 """Frames per period from which on a sinusoid keeps nine tenths of its change, at any phase, up to a depth of 0.5."""
 
 
-def undersampled(scene: Scene, frame_rate: float) -> list[str]:
+FOLLOWED = 64
+"""Periods of a light between two keyframes up to which single pixels are looked at whenever it changes."""
+
+
+def undersampled(scene: Scene, frame_rate: float, pixel_rate: float = 0.0, keyframe_rate: float = 0.0) -> list[str]:
     """Returns a line for each light and each body of prescribed motion that frames at `frame_rate` [Hz] show falsely.
+
+    pixel_rate: at which single pixels are seen between frames [Hz], 0 = frames alone. keyframe_rate: of keyframes
+    then [Hz]; lights that are slow enough, FOLLOWED, are seen as they are.
 
     Lights need ENOUGH frames per period, and two in the shorter part of a square wave; from two frames per period down
     (Nyquist) the frequency is wrong too. So is a rotation's from a frame per half turn down. What a physics engine
@@ -27,15 +34,17 @@ def undersampled(scene: Scene, frame_rate: float) -> list[str]:
     for light in scene.lights:
         if light.waveform is not None and light.waveform.depth:
             frequency, wanted = light.waveform.frequency, _wanted(light.waveform)
-            if frame_rate < wanted:
+            followed = pixel_rate > frame_rate and frequency <= FOLLOWED * keyframe_rate
+            if frame_rate < wanted and not followed:
                 what = f"light '{light.name}' flickers at {frequency:g} Hz"
                 lines.append(_line(what, frame_rate, wanted, 2 * frequency >= frame_rate))
+    rate = max(frame_rate, pixel_rate)
     for body in scene.bodies:
         if isinstance(body.trajectory, Prescribed):
             fastest = max(_half_turns(body.trajectory), default=0.0)
-            if fastest >= frame_rate:
+            if fastest >= rate:
                 what = f"body '{body.name}' makes {fastest / 2:.4g} turns or swings per second"
-                lines.append(_line(what, frame_rate, ENOUGH * fastest / 2, True))
+                lines.append(_line(what, rate, ENOUGH * fastest / 2, True))
     return lines
 
 

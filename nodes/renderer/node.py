@@ -114,7 +114,8 @@ class RendererNode(Node):
         if params.get("scene") and params.get("frame_rate"):
             # Whoever loads the scene says what is wrong with it.
             with contextlib.suppress(ValueError, OSError):
-                return tuple(undersampled(scene_of("renderer", params, textures=False), _seen_at(params)))
+                scene = scene_of("renderer", params, textures=False)
+                return tuple(undersampled(scene, params["frame_rate"], *_between(params, scene)))
         return ()
 
     def setup(self) -> None:
@@ -128,9 +129,9 @@ class RendererNode(Node):
         self.renderer = self._renderers(worlds.groups(appearance))
         self.renderer.begin(self._wanted())
         if p["frame_rate"]:
-            for line in undersampled(self.scene, _seen_at(p)):
+            for line in undersampled(self.scene, p["frame_rate"], *_between(p, self.scene)):
                 self.warn(line)
-        self._turns = Turns(self.scene, _seen_at(p))
+        self._turns = Turns(self.scene, max(p["frame_rate"], _between(p, self.scene)[0]))
         self._names = [body.name for body in self.scene.bodies]
         self._begin()
         self.publish("info", self._info(Header(0)))
@@ -406,9 +407,9 @@ def same_lens(a: Camera, b: Camera) -> bool:
     return bool(np.array_equal(a.k, b.k)) and a.distortion == b.distortion
 
 
-def _seen_at(params: Mapping[str, Any]) -> float:
-    """Gives the rate [Hz] at which what is fast is seen: that of frames, or of single pixels between them."""
-    resolved = params["resolved"]
-    if not resolved or params["supersampling"] > 1 or parameters.by_paths(params):
-        return params["frame_rate"]
-    return max(params["frame_rate"], 1.0 / resolved)
+def _between(params: Mapping[str, Any], scene: Scene) -> tuple[float, float]:
+    """Gives the rate [Hz] at which single pixels are seen between frames, and that of keyframes; 0 where none are."""
+    samples = params["supersampling"] or camera_of(scene, params["camera"]).supersampling
+    if not params["resolved"] or samples > 1 or parameters.by_paths(params):
+        return 0.0, 0.0
+    return 1.0 / params["resolved"], params["keyframe_rate"]

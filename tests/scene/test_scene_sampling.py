@@ -69,6 +69,21 @@ def test_flicker_is_named_where_frames_miss_a_part_of_it(wave, per_period):
         assert wanted > frame_rate and undersampled(scene(flicker=wave), wanted * 1.001) == []
 
 
+@pytest.mark.parametrize(("frequency", "pixel_rate", "named"), [
+    (240, 0.0, True), (240, 625.0, False), (240, 100.0, True), (1920, 5000.0, False), (1930, 5000.0, True),
+])  # fmt: skip
+def test_a_light_that_single_pixels_follow_is_not_named(frequency, pixel_rate, named):
+    """At 30 keyframes per second 64 periods of 1920 Hz are in a gap; what is faster goes by the frames, at 120 Hz."""
+    lines = undersampled(scene(flicker=Waveform("square", frequency, 0.8, duty=0.2)), 120, pixel_rate, 30)
+    assert len(lines) == named
+    assert all("frames come at 120 Hz" in line for line in lines)
+
+
+def test_a_turn_is_held_against_single_pixels_too():
+    turning = scene(Spin(Z, 2 * np.pi * 300))
+    assert undersampled(turning, 240) and not undersampled(turning, 240, 1000.0, 30)
+
+
 def test_a_light_that_does_not_vary_is_not_named():
     assert undersampled(scene(flicker=Waveform("sine", 240, 0.0)), 240) == []
 

@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 
 from evis.scene.model import Waveform
+from evis.scene.sampling import FOLLOWED
 from nodes.interpolator.refine.flicker_kernels import Marks
 from nodes.interpolator.refine.lists import SPARE
 from nodes.interpolator.refine.path_kernels import PARTS, SHARP
@@ -20,8 +21,9 @@ LEAST_STRENGTH = 0.01
 """Of a light, relative to its mean, below which its logarithm does not matter: something else is about as bright."""
 PER_PERIOD = 32
 """Instants of a period of a sine that there are, of which those are taken that it takes."""
-MOST_PERIODS = 64
-"""Periods in a gap up to which each is looked at."""
+PER_SWITCH = 4
+"""Instants that there are for each switch of a square wave, where there are others: what shows between two switches is
+looked at only if there is an instant between them."""
 
 
 class Flicker:
@@ -40,7 +42,10 @@ class Flicker:
 
     def instants(self, gap_ns: int) -> int:
         """Gives how many instants a gap has to have at least, so that no period is missed."""
-        return max((int(_per_period(w) * gap_ns * 1e-9 * w.frequency) + 1 for w in self._slow(gap_ns)), default=1)
+        slow, gap = self._slow(gap_ns), gap_ns * 1e-9
+        least = max((int(_per_period(w) * gap * w.frequency) + 1 for w in slow), default=1)
+        switches = sum(2.0 * gap * w.frequency for w in slow if w.kind == "square")
+        return max(least, int(PER_SWITCH * switches) + 1) if len(slow) > 1 else least
 
     def follows(self, gap_ns: int) -> bool:
         """Tells whether all of them are slow enough to be followed."""
@@ -80,7 +85,7 @@ class Flicker:
                 getattr(kernel, name)[: len(values)].assign(np.array(values, np.int32))
 
     def _slow(self, gap_ns: int) -> list[Waveform]:
-        return [w for w in self._waveforms if w.frequency * gap_ns * 1e-9 <= MOST_PERIODS]
+        return [w for w in self._waveforms if w.frequency * gap_ns * 1e-9 <= FOLLOWED]
 
     def _of(self, t: np.ndarray, coarse: int, each: int) -> list[dict[int, int]]:
         """The marks within each coarse interval, and how much later they are, for instants t [n + 1]."""
@@ -90,9 +95,19 @@ class Flicker:
                 mine = t[k * each : (k + 1) * each + 1]
                 new = _switches(waveform, mine) if waveform.kind == "square" else _bends(waveform, mine, self._bend)
                 for i, by in new.items():
-                    # What one light is sharp at is not to be moved by another.
-                    marks[i] = by if by or i not in marks else marks[i]
+                    marks[i] = _together(marks[i], by) if i in marks else by
         return found
+
+
+def _together(one: int, other: int) -> int:
+    """Gives how much later than its instant a mark of two lights is.
+
+    What one light is sharp at is not to be moved by another; of two switches between the same instants, what is seen
+    before is seen up to the first of them, and what is seen after from the last one on.
+    """
+    if one * other > 0:
+        return min(one, other, key=abs)
+    return other or one
 
 
 def _per_period(waveform: Waveform) -> float:

@@ -43,7 +43,7 @@ class Refinement:
         v = rigid.visibility
         self._device, self._pixels = v.device, layout.envs * v.shape[1] * v.shape[2]
         self._rounds: dict[tuple[int, int], Rounds] = {}
-        self._probes = Probes(rigid, threads)
+        self._probes = Probes(rigid, tolerance_ns, threads)
         self._looks = 1 << (max(LEAST_LOOKS, -(-LOOKS // layout.upsampling)) - 1).bit_length()
         channels = layout.channels
         self._gain = pixels_per_radian(v) if v.view.distorted else max(v.view.fx, v.view.fy)

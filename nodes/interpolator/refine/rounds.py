@@ -69,7 +69,7 @@ class Rounds:
         self._intervals = [Lists(make_intervals(channels), pixel, bands, device) for _ in range(2)]
         self.samples = Samples(pixel, device)
         rows, bodies = 2 * instants.per_window * layout.envs, evaluator.moved[0].shape[1]
-        self.bends = wp.zeros((rows, bodies, instants.depth), dtype=wp.vec2, device=device)
+        self.bends = wp.zeros((rows, bodies, instants.depth + 1), dtype=wp.vec2, device=device)
 
     def run(self, window: Window, total: int) -> tuple[int, int]:
         """Finds the samples of a window that the evaluator was sent the instants of; total: samples so far.

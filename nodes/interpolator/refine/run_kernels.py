@@ -17,6 +17,7 @@ from nodes.interpolator.refine.path_kernels import (
     make_walk,
 )
 from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, ends_of, shows_one, spot_at, spot_of
+from nodes.interpolator.refine.way_kernels import moves
 from nodes.interpolator.rigid.keyframe_kernels import equal, log_of
 from nodes.interpolator.rigid.log_kernels import apart
 from nodes.interpolator.rigid.look_up_kernels import make_keyframes
@@ -152,7 +153,10 @@ def make_find_runs(lens: str, channels: int, flicker: bool, relit: bool) -> tupl
             spot = spot_at(view, cut, env, k, y, x)
             ends = ends_of(cut, stage, start, spot)
             one = shows_one(cut, stage, spot, ends.before, ends.after)
-            changed = ends.before != ends.after
+            changed = wp.bool(ends.before != ends.after)
+            if one and not changed:
+                # It may have come back, or be as far on as what is painted on it repeats.
+                changed = moves(cut, stage, spot, ends.before)
             a = wp.where(k == 0, image[env, spot.y, spot.x], frames[env * cut.coarse + wp.max(k - 1, 0), y, x])
             b = frames[env * cut.coarse + k, y, x]
             done = wp.bool(False)

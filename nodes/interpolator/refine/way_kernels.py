@@ -3,6 +3,7 @@
 import warp as wp
 
 from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, slot_row
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -65,8 +66,9 @@ def find_bends(
     """Computes how far the motion of bodies since a keyframe is off a straight line at the probes, at most, where it is
     known at both ends of a coarse interval, then at its half too, then at its quarters, and so on.
 
-    turn, shift: as of motion_since. bends [2 intervals E, N + 2, depth]: since A, then since B: turn and shift [m].
-    Motion since B is not known at A, and not asked for; zero may stand there, as it matters only how the rest goes on.
+    turn, shift: as of motion_since. bends [2 intervals E, N + 2, depth + 1]: since A, then since B: turn and shift [m];
+    last, how far the ends of a coarse interval are apart. Motion since B is not known at A, and not asked for; zero may
+    stand there, as it matters only how the rest goes on.
     """
     row, body = wp.tid()
     env = row % cut.envs
@@ -94,6 +96,9 @@ def find_bends(
         bends[row, body, level] = most
         stride = stride // 2
         level += 1
+    a = motion_since(cut, stage, turn, shift, env, k, which, 0, body)
+    b = motion_since(cut, stage, turn, shift, env, k, which, cut.slots + 1, body)
+    bends[row, body, bends.shape[2] - 1] = wp.vec2(norm_of(b.turn - a.turn), wp.length(b.shift - a.shift))
 
 
 @wp.func
@@ -120,3 +125,19 @@ def stride_of(cut: Cut, stage: Stage, spot: Spot, which: int, body: int, away: f
             stride = stride // 2
             level += 1
     return stride
+
+
+@wp.func
+def moves(cut: Cut, stage: Stage, spot: Spot, hit: wp.uint64):
+    """Tells whether what a pixel sees at the start of a coarse interval moves in the image, although it may look alike
+    at its end."""
+    body = stage.bends.shape[1] - 1
+    away = wp.float32(1.0)
+    t = triangle_of(hit)
+    if t != MISS:
+        body = stage.targets.pieces[t][0]
+        away = depth_of(hit)
+    row = (spot.k - cut.first) * cut.envs + spot.env
+    gone = stage.bends[row, body, 0] + stage.bends[row, body, stage.bends.shape[2] - 1]
+    size = wp.length(spot.d)
+    return cut.gain * size * (size * gone[0] + gone[1] / away) > cut.even

@@ -19,7 +19,8 @@ class Swept:
 
     size [M]: radius of a ball about each of these bodies [m]. place [P E]: of the cameras. lamp [L]: positions of
     lights with shadows that stand still, or unit vectors towards those of kind 0; radius [L]: of their extents. masks
-    [E, I, L]: of instances that rest, bit k % 32 where body k may hide a light from some point of one.
+    [E, I, L]: of instances that rest, bit k % 32 where body k may hide a light from some point of one. blur: as
+    of Change, 0 for a camera that stands still: what rests is looked up in its own pixel there.
     """
 
     lower: wp.array2d(dtype=wp.vec3)
@@ -30,6 +31,7 @@ class Swept:
     radius: wp.array(dtype=float)
     kind: wp.array(dtype=int)
     masks: wp.array3d(dtype=wp.uint32)
+    blur: float
 
 
 @wp.func
@@ -40,10 +42,11 @@ def bit(k: int):
 
 @wp.func
 def crossed(swept: Swept, env: int, eye: wp.mat33, row: int, instance: int, position: wp.vec3):
-    """Tells whether anything that moves may come between a light that stands still and a point of an instance that
-    rests, which the camera of a slot's row sees there, at any time of the gap. eye: that camera to world."""
+    """Tells whether anything that moves may come between a light that stands still and what is about a point of an
+    instance that rests, which the camera of a slot's row sees there, at any time of the gap. eye: that camera to
+    world."""
     at = eye * position + swept.place[row]
-    pad = 1.0e-5 * (wp.length(position) + wp.length(at))
+    pad = (1.0e-5 + swept.blur) * wp.length(position) + 1.0e-5 * wp.length(at)
     for l in range(swept.lamp.shape[0]):
         mask = swept.masks[env, instance, l]
         if mask != wp.uint32(0):
@@ -97,6 +100,7 @@ def make_cast(f: LightChanges) -> Any:
         ray: wp.vec3,
         length: float,
         wide: float,
+        beside: float,
     ):
         """Tells whether the box of a caster order[first ..] but `skip` may hide a light from a point.
 
@@ -105,6 +109,7 @@ def make_cast(f: LightChanges) -> Any:
             row: of the casters' places.
             origin, ray, length: point, unit vector towards the light's middle, and its distance [m].
             wide: radius of the light, 0 for one without size [m].
+            beside: how far from the point it counts too [m].
         """
         for k in range(first, casters.order.shape[0]):
             i = casters.order[k]
@@ -112,7 +117,7 @@ def make_cast(f: LightChanges) -> Any:
                 centre = casters.translation[row, i] - origin
                 # Seen from the point, the light is a cone that is as wide as that at the caster's far side.
                 reach = wp.dot(centre, ray) + casters.radius[i]
-                around = wide * wp.clamp(reach / length, 0.0, 1.0)
+                around = beside + wide * wp.clamp(reach / length, 0.0, 1.0)
                 if sphere_met(centre, casters.radius[i] + around, ray, length):
                     inverse = wp.transpose(casters.rotation[row, i])
                     at = inverse * centre

@@ -15,6 +15,7 @@ from nodes.interpolator.relight.boxes_kernels import Swept
 from nodes.interpolator.relight.features import LightChanges, light_changes
 from nodes.interpolator.relight.sweep import Sweep
 from nodes.renderer.geometry.poses import of_bodies
+from nodes.renderer.geometry.triangles import is_static
 from nodes.renderer.lighting import Shading
 from nodes.renderer.lights.lights import KINDS, fixed_vectors
 from nodes.renderer.materials.ggx import alpha_of, is_plain
@@ -24,6 +25,8 @@ from nodes.renderer.shadows.ray_kernels import Casters
 
 MOVED, SHADED = int(change_kernels.MOVED), int(change_kernels.SHADED)
 LIT_ANEW, AROUND = int(change_kernels.LIT_ANEW), int(change_kernels.AROUND)
+BLURRED = 2.0
+"""Distance [px] from a shadow's edge up to which a look-up in a keyframe mixes both sides of it."""
 
 
 class LightChange:
@@ -64,6 +67,7 @@ class LightChange:
         dark = [not np.any(scene.materials[i.material].emission) for i in scene.instances]
         change.carried = v.put(np.logical_and(plain, dark).astype(np.int32), wp.int32)
         change.even, change.bend, change.turned = 0.25 * tolerance, 0.03 * tolerance, 2.0 * float(np.sqrt(tolerance))
+        change.blur = BLURRED / min(v.view.fx, v.view.fy)
         self._flags = np.zeros(change.flags.shape, np.int32)
         on_movers = {i.material for i in scene.instances if i.body in movers}
         self._glows = any(np.any(scene.materials[m].emission) for m in on_movers)
@@ -121,11 +125,11 @@ class LightChange:
         other: Any = change_kernels.Change()
         for name in ("then", "casters_then", "eye_then", "flags", "instance", "normals", "alpha", "half", "weight"):
             setattr(other, name, getattr(self.kernel, name))
-        for name in ("carried", "least", "even", "bend", "turned"):
+        for name in ("carried", "least", "even", "bend", "turned", "blur"):
             setattr(other, name, getattr(self.kernel, name))
         other.now, other.sky, other.casters = shading.lights.kernel, shading.sky, shading.occluders.casters
         swept = Swept()
-        for name in ("lower", "upper", "size", "lamp", "radius", "kind", "masks"):
+        for name in ("lower", "upper", "size", "lamp", "radius", "kind", "masks", "blur"):
             setattr(swept, name, getattr(self.kernel.swept, name))
         swept.place = shading.visibility.empty(shading.visibility.envs, wp.vec3)
         other.swept = swept
@@ -184,6 +188,7 @@ class LightChange:
         lights = [self._scene.lights[k] for k in casting]
         swept.lower, swept.upper = self._sweep.lower, self._sweep.upper
         swept.place = v.empty(v.envs, wp.vec3)
+        swept.blur = 0.0 if is_static(self._scene, v.camera_body) else self.kernel.blur
         swept.size = v.put(self._sweep.size, wp.float32)
         lamps = self._still_lamps()
         lamps[self._positional] -= self._origin_of()

@@ -36,6 +36,8 @@ MANY = wp.constant(16)
 CARRIED = wp.constant(20.0)
 """How much ln I may change, of `even`, where the change is added to what the keyframes show."""
 BRIGHTNESS = wp.constant(wp.vec3(*REC709))
+LEAST_COSINE = wp.constant(0.1)
+"""Least cosine between view and normal for which the width of a pixel on a surface is worked out."""
 
 
 @wp.struct
@@ -46,7 +48,8 @@ class Change:
     triangles; alpha: of an instance's material, -1 for a plain one; half: of its box [m]; weight: luminance of lights.
     carried: 1 for instances whose radiance goes as what falls on them; least: least alpha there is. even: change of ln
     I that still counts as none;
-    bend: by how much a line may be off; turned: angle, of alpha, up to which a highlight changes evenly.
+    bend: by how much a line may be off; turned: angle, of alpha, up to which a highlight changes evenly; blur: from a
+    shadow's edge, up to which a look-up in a keyframe mixes both sides of it [rad].
     """
 
     now: Lights
@@ -67,6 +70,7 @@ class Change:
     even: float
     bend: float
     turned: float
+    blur: float
 
 
 @wp.struct
@@ -133,8 +137,9 @@ def make_light(f: LightChanges) -> tuple[Any, Any, Any]:
         return e
 
     @wp.func
-    def shaded(change: Change, lights: Lights, casters: Casters, row: int, s: Point, first: int):
-        """Tells whether casters from order[first] on may be between a point and a light that shines on it."""
+    def shaded(change: Change, lights: Lights, casters: Casters, row: int, s: Point, first: int, around: float):
+        """Tells whether casters from order[first] on may be between a light and what it shines on within a distance
+        `around` of a point [m]."""
         for l in range(lights.kind.shape[0]):
             if lights.shadow[l] == 1:
                 ray, length, strength = towards(lights, row, l, s.position)
@@ -145,7 +150,7 @@ def make_light(f: LightChanges) -> tuple[Any, Any, Any]:
                 if wp.dot(s.normal, ray) * length > -wide and strength > 0.0:
                     if casters.order.shape[0] - first > MANY:
                         return True
-                    if cast(casters, change.half, row, first, s.skip, s.position, ray, length, wide):
+                    if cast(casters, change.half, row, first, s.skip, s.position, ray, length, wide, around):
                         return True
         return False
 
@@ -173,6 +178,13 @@ def make_light(f: LightChanges) -> tuple[Any, Any, Any]:
 def make_relit(f: LightChanges) -> Any:
     """Makes the function `relit`."""
     irradiance, shaded, turned = make_light(f)
+
+    @wp.func
+    def blurred(change: Change, then: Point):
+        """Gives how far from a point [m] a look-up in the keyframe takes in what is beside it."""
+        away = wp.length(then.position)
+        cosine = wp.abs(wp.dot(then.normal, then.position)) / away
+        return change.blur * away / wp.max(cosine, LEAST_COSINE)
 
     @wp.func
     def level_then(change: Change, row: int, row_then: int, then: Point):
@@ -230,13 +242,16 @@ def make_relit(f: LightChanges) -> Any:
         if wp.static(f.shadows):
             if moved or (flag & SHADED) != 0:
                 first = wp.where(moved, 0, change.casters.still)
-                if shaded(change, change.now, change.casters, row, s, first):
+                if shaded(change, change.now, change.casters, row, s, first, 0.0):
                     return True, above
+                # A keyframe by itself blurs the edges of its shadows, of two the other one tells.
+                around_a = wp.where(seen_b, 0.0, blurred(change, a))
+                around_b = wp.where(seen_a, 0.0, blurred(change, b))
                 if seen_a:
-                    if shaded(change, change.then, change.casters_then, row_a, a, first):
+                    if shaded(change, change.then, change.casters_then, row_a, a, first, around_a):
                         return True, above
                 if seen_b:
-                    if shaded(change, change.then, change.casters_then, row_b, b, first):
+                    if shaded(change, change.then, change.casters_then, row_b, b, first, around_b):
                         return True, above
         return False, above
 
@@ -317,7 +332,7 @@ def make_level(f: LightChanges) -> Any:
         if wp.static(f.shadows):
             if not hidden and (moved or (here & SHADED) != 0):
                 first = wp.where(moved, 0, change.casters.still)
-                hidden = shaded(change, change.now, change.casters, row, s, first)
+                hidden = shaded(change, change.now, change.casters, row, s, first, 0.0)
         return level, hidden
 
     return level_of

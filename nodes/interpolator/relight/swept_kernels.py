@@ -53,6 +53,7 @@ def find_shaded(
         sides[k] = wp.abs(turn[k, 0]) * half[0] + wp.abs(turn[k, 1]) * half[1] + wp.abs(turn[k, 2]) * half[2]
     # For what is rounded in single precision here and at the points.
     pad = 1.0e-4 * (wp.length(seen) + wp.length(middle) + wp.length(sides))
+    pad += swept.blur * (wp.length(seen) + wp.length(sides))
     for l in range(swept.lamp.shape[0]):
         mask = wp.uint32(0)
         way = swept.lamp[l]

@@ -87,5 +87,5 @@ def test_what_lies_by_instants_is_made_anew_where_gaps_are_divided_otherwise():
     refinement = Refinement(rigid, 50_000.0, 1, 16)
     for per_window, depth in ((3, 1), (1, 2), (3, 1)):
         made = refinement._rounds_of(Instants(4, depth, per_window))
-        assert made.bends.shape[0] == 2 * per_window and made.bends.shape[2] == depth
+        assert made.bends.shape[0] == 2 * per_window and made.bends.shape[2] == depth + 1
         assert refinement._rounds_of(Instants(4, depth, per_window)) is made

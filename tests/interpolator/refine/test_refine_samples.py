@@ -22,7 +22,7 @@ from rigid_rig import (
 )
 
 from evis.runtime.clock import subframe_stamps
-from evis.scene.model import Waveform
+from evis.scene.model import Material, Waveform
 from evis.scene.motion import Linear, Prescribed, Spin
 from nodes.renderer.renderer import Renderer
 
@@ -80,11 +80,16 @@ def test_values_under_a_lamp_that_flickers():
     assert np.median(errors) < 0.005 and np.quantile(errors, 0.98) < 0.1
 
 
-@pytest.mark.parametrize("alike", [True, False])
-def test_lamps_that_are_switched_many_times_between_frames(alike):
+PULSES = Waveform("square", 700.0, 0.8, 0.1, 0.3)
+BESIDE = [replace(PULSES, frequency=hz, phase=0.2 * n) for n, hz in enumerate((530.0, 610.0, 830.0))]
+
+
+@pytest.mark.parametrize(
+    "waves", [[PULSES, None], [PULSES, Waveform("sine", 330.0, 0.6)], [PULSES, *BESIDE]], ids=["one", "two", "four"]
+)
+def test_lamps_that_are_switched_many_times_between_frames(waves):
     """ln I is a line between a pixel's samples: against dense rendering at times of its own, beside a disc that turns.
-    alike: one lamp; else two that flicker each in its own way."""
-    waves = [Waveform("square", 700.0, 0.8, 0.1, 0.3), None if alike else Waveform("sine", 330.0, 0.6)]
+    Of several lamps each flickers in its own way; four of them are switched after one another within 0.2 ms."""
     lights = [replace(lamp(waveform=w), name=f"lamp{n}") for n, w in enumerate(waves)]
     turn = Spin(np.array([0.0, 0.0, 1.0]), 20.0)
     things = [(quad(4.0), painted(), Prescribed(pose(z=3.0))), (disc(0.4), plain(0.7), Prescribed(pose(z=2.5), [turn]))]
@@ -213,3 +218,24 @@ def test_a_gpu_finds_the_same_samples():
     assert len(both) > 0.98 * max(len(here), len(there))
     apart = np.array([abs(np.log(here[key] / there[key])) for key in both])
     assert (apart > 1e-3).mean() < 0.005
+
+
+def test_stripes_that_look_alike_at_all_frames():
+    """A wall of stripes, parallel to the image, goes by one of their periods from frame to frame: where it is as far
+    and as bright as before, it has moved all the same."""
+    period = 0.25
+    at = (np.arange(1024) + 0.5) / 1024 * 8.0
+    row = np.where(at % period < period / 2, 0.8, 0.2).astype(np.float32)
+    stripes = Material("stripes", np.ones(3), np.tile(row[None, :, None], (8, 1, 3)), two_sided=True)
+    speed = period / (GAP / 4 * 1e-9)
+    flight = Prescribed(pose(-speed * START * 1e-9, 0, 3.0), [Linear(np.array([speed, 0.0, 0.0]))])
+    scene = world([(quad(4.0), stripes, flight)])
+    frames, (pixels, ns, values) = refined(scene, 4, 50_000)
+    assert (np.ptp(frames[:, 20:50, 40:60], axis=0) < 1e-6).mean() > 0.5
+    here = np.zeros(frames[0].shape, bool)
+    here[20:50, 40:60] = True
+    for pixel in np.flatnonzero(here)[::5]:
+        mine = pixels == pixel
+        seen = values[mine][np.argsort(ns[mine])]
+        # It sees each of four bright and four dark stripes.
+        assert np.count_nonzero(np.diff((seen > 0.15).astype(int))) >= 7

@@ -83,7 +83,7 @@ def scene(kind, cut):
     stage.turn = wp.array(np.array([[every[n][0]] * 3 for n in rows], np.float32), dtype=wp.mat33)
     stage.shift = wp.array(np.array([[every[n][1]] * 3 for n in rows], np.float32), dtype=wp.vec3)
     stage.probes = wp.array([cut.probes], dtype=wp.int32)
-    stage.bends = wp.zeros((2 * K, 3, cut.depth), dtype=wp.vec2)
+    stage.bends = wp.zeros((2 * K, 3, cut.depth + 1), dtype=wp.vec2)
     frames = [K * each, *range(each, K * each, each)] * 2
     turn = wp.array(np.array([[every[n][0]] * 3 for n in frames], np.float32), dtype=wp.mat33)
     shift = wp.array(np.array([[every[n][1]] * 3 for n in frames], np.float32), dtype=wp.vec3)
@@ -131,7 +131,7 @@ def test_of_intervals_beyond_the_end_of_a_gap_nothing_is_found():
     cut = sizes()
     stage, _every = scene("swinging", cut)
     cut.first = 1
-    marked = wp.full((2 * K, 3, cut.depth), wp.vec2(-1.0, -1.0), dtype=wp.vec2, device="cpu")
+    marked = wp.full((2 * K, 3, cut.depth + 1), wp.vec2(-1.0, -1.0), dtype=wp.vec2, device="cpu")
     # Where what moves is one interval further on, the first of the window is the last of the gap.
     later = Stage()
     later.probes = stage.probes

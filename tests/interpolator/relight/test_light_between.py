@@ -73,6 +73,17 @@ def test_a_shadow_that_comes_and_goes():
     assert (np.abs(np.log(gap.dense / gap.dense[-1])) > 1).any(0).mean() > 0.05
 
 
+def test_a_shadow_edge_that_one_keyframe_alone_shows():
+    """The camera turns by 32 px, so that a third of the wall is in the later keyframe alone, whose pixels mix what is
+    on both sides of a plate's shadow; its edge moves by 8 px, and nothing else tells where it has been."""
+    fall = Prescribed(pose(0, -0.35 - 0.05 * SPEED * START * 1e-9, 2.0), [_along(0, 0.05, 0)])
+    plate = (box(1.5, 0.15, 0.01), plain(0.5), fall)
+    pan = Prescribed(pose(turn=(0, -0.4 * SPEED * START * 1e-9, 0)), [Spin(np.array([0.0, 1.0, 0.0]), 0.4 * SPEED)])
+    gap = cross(world([wall(3.0, plain(0.6)), plate], lights=[lamp()], sky=0.05, camera_motion=pan), 16)
+    assert share_off(gap) < 0.0005
+    assert (np.abs(np.log(gap.dense / gap.dense[-1])) > 1).any(0).mean() > 0.05, "the shadow moves"
+
+
 def tile(x, y, side, z, material):
     """A square of a wall, a thing of its own."""
     mesh = quad(side)

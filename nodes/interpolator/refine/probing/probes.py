@@ -11,6 +11,7 @@ from evis.gpu.cuda_graph import CudaGraphs
 from nodes.interpolator.keyframe import States
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.probing.probe_kernels import make_find_thin
+from nodes.interpolator.refine.probing.strays import Strays
 from nodes.interpolator.refine.probing.visits import Visits
 from nodes.interpolator.rigid.displacement_kernels import displace
 from nodes.interpolator.rigid.method import Rigid
@@ -40,7 +41,7 @@ class Probes:
     per coarse interval, itself included, that an environment goes by; most: of all environments.
     """
 
-    def __init__(self, rigid: Rigid, threads: int) -> None:
+    def __init__(self, rigid: Rigid, tolerance_ns: float, threads: int) -> None:
         coarse, layout = rigid.visibility, rigid.layout
         self._rigid, self._envs, self._coarse = rigid, layout.envs, layout.upsampling
         self._least = least_of(layout.upsampling)
@@ -55,6 +56,7 @@ class Probes:
         self._before = Slots(coarse.scene, v, rigid.placement, self._at_once)
         self._find_thin = make_find_thin(v.lens)
         self._visits, self._graphs = Visits(v, rigid.placement), CudaGraphs(v.device)
+        self._strays = Strays(v, rigid.placement, tolerance_ns)
         with wp.ScopedDevice(v.device):
             self.packed = wp.empty((0, *v.shape[1:]), dtype=wp.uint64)
             self.each = wp.zeros(self._envs, dtype=wp.int32)
@@ -84,14 +86,19 @@ class Probes:
         most = min(MOST, ROOM // pixels, shortest // (2 * SHORT_NS)) // coarse
         most = min(1 << max(most.bit_length() - 1, 0), 1 << instants.depth)
         least = min(self._least, 1 << instants.depth)
-        if most <= least or not len(rigid.placement.movers):
+        if not len(rigid.placement.movers):
             each = np.full(self._envs, least)
             self._draw(instants, places, 1, least)
         else:
+            most = max(most, least)
             # So many that what comes and goes is in some of them, then as many as what is in them needs.
-            begun = np.where(held, least, np.minimum(self._visits.needed(instants, places, least), most))
+            visits = self._visits.needed(instants, places, least)
+            begun = np.where(held, least, np.minimum(visits, most))
             self._draw(instants, places, 1, int(begun.max()))
             each = self._needed(instants, stamps, lengths, places, states, held, begun, most)
+            strays = self._strays.needed(instants, places, shortest, least, most)
+            self.unseen |= bool((np.maximum(visits, strays)[~held] > most).any())
+            each = np.where(held, each, np.maximum(each, np.minimum(strays, most)))
             self._draw(instants, places, int(begun.max()), int(each.max()))
         self.each.assign(each.astype(np.int32))
         self.most = int(each.max())

@@ -4,6 +4,9 @@ import warp as wp
 
 wp.set_module_options({"enable_backward": False})
 
+PIECES = wp.constant(64)
+"""Parts of the way from one instant to the next at which a thing is looked for that may pass the image on it."""
+
 
 @wp.struct
 class Boxes:
@@ -28,6 +31,38 @@ def reach(normal: wp.vec3d, centre: wp.vec3d, axes: wp.mat33d, half: wp.vec3d):
     return wp.dot(normal, centre) + wp.abs(along[0]) * half[0] + wp.abs(along[1]) * half[1] + wp.abs(along[2]) * half[2]
 
 
+@wp.struct
+class Way:
+    """Holds how far into the image a box reaches, as a part of how far ahead it does, and beyond which of its sides it
+    is: a bit for each, 0 inside."""
+
+    inside: wp.float64
+    ahead: wp.float64
+    beyond: int
+
+
+@wp.func
+def way_in(centre: wp.vec3d, axes: wp.mat33d, half: wp.vec3d, near: wp.float64, sides: wp.vec4d):
+    """Finds how far a box reaches into the image. sides: as of find_visits."""
+    zero = wp.float64(0.0)
+    one = wp.float64(1.0)
+    way = Way()
+    way.inside = -one
+    ahead = reach(wp.vec3d(zero, zero, one), centre, axes, half)
+    way.ahead = wp.max(ahead, near)
+    left = reach(wp.vec3d(one, zero, -sides[0]), centre, axes, half)
+    right = reach(wp.vec3d(-one, zero, sides[1]), centre, axes, half)
+    top = reach(wp.vec3d(zero, one, -sides[2]), centre, axes, half)
+    bottom = reach(wp.vec3d(zero, -one, sides[3]), centre, axes, half)
+    if ahead > near:
+        way.inside = wp.min(wp.min(left, right), wp.min(top, bottom)) / ahead
+    else:
+        way.beyond = 1
+    way.beyond += wp.where(left < zero, 2, 0) + wp.where(right < zero, 4, 0)
+    way.beyond += wp.where(top < zero, 8, 0) + wp.where(bottom < zero, 16, 0)
+    return way
+
+
 @wp.kernel
 def find_visits(
     # in
@@ -42,7 +77,7 @@ def find_visits(
     shortest: wp.array(dtype=int),
 ):
     """Finds the shortest visit of a box to the image, in instants: one that begins and ends within the gap, and in
-    which it comes further in than `deep`.
+    which it comes further in than `deep`; 0 for one that does so between two instants alone.
 
     camera: its place among what moves, -1 where it stands at eye [E]. sides: least and greatest x / z, then y / z, of
     the image; deep: in these. poses [n, E, M]: at the instants of a gap, one after the other.
@@ -52,6 +87,10 @@ def find_visits(
     before = wp.bool(True)
     stay = wp.int32(0)
     far_in = wp.float64(0.0)
+    zero = wp.float64(0.0)
+    last = Way()
+    last_centre = wp.vec3d()
+    last_axes = wp.mat33d()
     for n in range(poses.shape[0]):
         at = eye[env]
         if camera >= 0:
@@ -63,23 +102,29 @@ def find_visits(
             wp.transform_get_translation(pose) - wp.transform_get_translation(at)
         )
         axes = turn * boxes.rotation[j]
-        zero = wp.float64(0.0)
-        one = wp.float64(1.0)
-        ahead = reach(wp.vec3d(zero, zero, one), centre, axes, half)
-        inside = wp.float64(-1.0)
-        if ahead > near:
-            left = reach(wp.vec3d(one, zero, -sides[0]), centre, axes, half)
-            right = reach(wp.vec3d(-one, zero, sides[1]), centre, axes, half)
-            top = reach(wp.vec3d(zero, one, -sides[2]), centre, axes, half)
-            bottom = reach(wp.vec3d(zero, -one, sides[3]), centre, axes, half)
-            inside = wp.min(wp.min(left, right), wp.min(top, bottom)) / ahead
-        if inside >= zero:
+        way = way_in(centre, axes, half, near, sides)
+        if way.inside >= zero:
             if not before:
                 stay += 1
-                far_in = wp.max(far_in, inside)
+                far_in = wp.max(far_in, way.inside)
         else:
             if stay > 0 and far_in > deep:
                 wp.atomic_min(shortest, env, stay)
             before = wp.bool(False)
             stay = wp.int32(0)
             far_in = zero
+        # What stays beyond one side all along does not come in, and what hardly moves not far.
+        most_in = wp.max(last.inside, way.inside)
+        if n > 0 and most_in < deep and (way.beyond & last.beyond) == 0:
+            gone = wp.length(centre - last_centre) + wp.length((axes - last_axes) * half)
+            if most_in + gone / wp.min(last.ahead, way.ahead) > deep:
+                for k in range(1, PIECES):
+                    g = wp.float64(k) / wp.float64(PIECES)
+                    between = way_in(
+                        last_centre + g * (centre - last_centre), last_axes + g * (axes - last_axes), half, near, sides
+                    )
+                    if between.inside > deep:
+                        wp.atomic_min(shortest, env, 0)
+        last = way
+        last_centre = centre
+        last_axes = axes

@@ -44,9 +44,9 @@ class Visits:
 
     def needed(self, instants: Instants, places: Slots, least: int) -> np.ndarray:
         """Gives how many z-buffers per coarse interval each environment needs for them, int64 [E], powers of two, and
-        `least` at least. places: at all instants of the gap."""
+        `least` at least; more than there are instants where one is too short. places: at all instants of the gap."""
         envs, most = places.rest.shape[0], 1 << instants.depth
-        if not self._count or least >= most or self._sides is None:
+        if not self._count or self._sides is None:
             return np.full(envs, least)
         sides = self._sides
         deep = DEEP * min(sides[1] - sides[0], sides[3] - sides[2])
@@ -56,8 +56,10 @@ class Visits:
             poses: wp.array = wp.array(np.ascontiguousarray(places.moved), dtype=wp.transformd)
             given = [self._boxes, self._camera, self._near, wp.vec4d(*sides), deep, eye, poses]
             wp.launch(find_visits, (envs, self._count), given, [shortest])
-        apart = np.maximum(shortest.numpy() // TWICE, 1)
-        return np.clip(most >> np.floor(np.log2(apart)).astype(np.int64), least, most)
+        found = shortest.numpy()
+        apart = np.maximum(found // TWICE, 1)
+        needed = np.clip(most >> np.floor(np.log2(apart)).astype(np.int64), least, None)
+        return np.where(found > 0, needed, 2 * most)
 
 
 def sides_of(visibility: Visibility) -> tuple[float, float, float, float] | None:
