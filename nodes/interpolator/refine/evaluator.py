@@ -29,6 +29,7 @@ class Evaluator:
 
     hits: uint64 [list], z-buffer entries, which the caller writes first. values: [list], the radiance found. bands:
     parts of the list, each for a CPU thread. strength: float32 [slots E], of lights that flicker, empty without such.
+    change, changes: struct for kernels of how light changes at the instants, and which kinds of that there are.
     """
 
     def __init__(self, rigid: Rigid, slots: int, threads: int, light_samples: int) -> None:
@@ -44,8 +45,8 @@ class Evaluator:
         self.shading = Shading(v, options, rigid.shading.occluders.meshes)
         self.places = Slots(scene, v, rigid.placement, slots)
         change = rigid.change
-        self._change: Any = change.beside(self.shading) if change else Change()
-        changes = change.features if change else LightChanges()
+        self.change: Any = change.beside(self.shading) if change else Change()
+        self.changes = changes = change.features if change else LightChanges()
         channels, exact = layout.channels, layout.exact_flicker
         self._room = 0
         self.size = (v.shape[1] - 2 * v.margin, v.shape[2] - 2 * v.margin)
@@ -113,7 +114,7 @@ class Evaluator:
         self.shading.place()
         self.shading.placed()
         if rigid.change is not None:
-            rigid.change.place_beside(v, self._change)
+            rigid.change.place_beside(v, self.change)
 
     def reserve(self, size: int) -> None:
         """Makes room for lists of `size` pixels; entries there are lost where the arrays must grow."""
@@ -137,7 +138,7 @@ class Evaluator:
         keys.turn, keys.shift = self._turn, self._shift
         # Nothing is flagged here: a list of that is not read.
         lists = [listed, count, listed, count]
-        how = [self._portion(), keys, self._change, self.shading.seen, self.shading.surfaces, *lists]
+        how = [self._portion(), keys, self.change, self.shading.seen, self.shading.surfaces, *lists]
         workers = 1 if v.device.is_cpu else WORKERS
         launches: list[tuple[wp.Kernel, int, list[Any]]] = []
         for k in bands:

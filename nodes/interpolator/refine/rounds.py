@@ -59,7 +59,9 @@ class Rounds:
         pixel: Any = wp.float32 if channels == 1 else wp.vec3
         self.reads_counts = device.is_cpu
         """Whether the host reads counts while a window is done."""
-        self._find_plain, self._find_runs = make_find_runs(v.lens, channels, layout.exact_flicker, layout.relight)
+        self._find_plain, self._find_runs = make_find_runs(
+            v.lens, channels, layout.exact_flicker, layout.relight, evaluator.changes
+        )
         self._check, self._split = make_rounds(channels)
         self._tally, self._graphs = Tally(bands, device), CudaGraphs(device)
         self._others = wp.empty(0, dtype=wp.int32, device=device)
@@ -179,7 +181,15 @@ class Rounds:
             rows, other = edges[k + 1] - edges[k], window.intervals * cut.envs * cut.width * edges[k]
             most, most_changes = self._instances.most, self._changes.most
             given = [v.view, cut, edges[k], span, k * most, most, other, k, window.held, keys, stage]
-            given += [marks, rigid.strength, evaluator.strength, rigid.pair.a.image, start, window.frames]
+            given += [
+                marks,
+                evaluator.change,
+                rigid.strength,
+                evaluator.strength,
+                rigid.pair.a.image,
+                start,
+                window.frames,
+            ]
             given += [instances, found, self._others, tally.others]
             launches[0].append((self._find_plain, (window.intervals * cut.envs, rows, cut.width // span), given))
             given = [v.view, cut, workers, k * most_changes, most_changes, other, k, self._others, tally.others]

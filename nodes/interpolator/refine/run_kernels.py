@@ -16,21 +16,29 @@ from nodes.interpolator.refine.path_kernels import (
     make_note,
     make_walk,
 )
-from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, ends_of, shows_one, spot_at, spot_of
+from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, ends_of, shows_one, slot_row, spot_at, spot_of
 from nodes.interpolator.refine.way_kernels import moves
+from nodes.interpolator.relight.change_kernels import Change, make_asked
+from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.keyframe_kernels import equal, log_of
 from nodes.interpolator.rigid.log_kernels import apart
 from nodes.interpolator.rigid.look_up_kernels import make_keyframes
-from nodes.renderer.raster.depth_kernels import MISS, triangle_of
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 
 
 @cache
-def make_find_runs(lens: str, channels: int, flicker: bool, relit: bool) -> tuple[wp.Kernel, wp.Kernel]:
+def make_find_runs(
+    lens: str, channels: int, flicker: bool, relit: bool, changes: LightChanges
+) -> tuple[wp.Kernel, wp.Kernel]:
     """Makes the kernels `find_plain` and `find_runs`, of pixels that show one surface all along, and of all others;
-    arguments as of make_look_up. relit: whether lights flicker each in its own way: then surfaces are shaded anew."""
+    arguments as of make_look_up. relit: whether lights flicker each in its own way: then surfaces are shaded anew.
+    changes: of light in the scene."""
+    # What light does otherwise goes on evenly, as far as frames tell.
+    passing = changes.shadows or changes.spot or changes.view
+    asked = make_asked(changes) if passing else None
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
     Keyframes: Any = make_keyframes(channels, flicker)
     Instances: Any = make_instances(channels)
@@ -109,6 +117,18 @@ def make_find_runs(lens: str, channels: int, flicker: bool, relit: bool) -> tupl
         )
         return last, rise, whole
 
+    @wp.func
+    def relit_between(cut: Cut, stage: Stage, change: Change, spot: Spot, i: int, hit: wp.uint64):
+        """Tells whether light on what a pixel shows at instant i may change otherwise than evenly in the gap."""
+        t = triangle_of(hit)
+        if t == MISS:
+            return False
+        body = stage.targets.pieces[t][0]
+        row = slot_row(cut, spot.env, spot.k, i)
+        to_a = stage.shift[row, body]
+        to_b = stage.shift[row + stage.shift.shape[0] // 2, body]
+        return asked(change, body, spot.env, row, hit, depth_of(hit) * spot.d, to_a, to_b) != 0
+
     @wp.kernel(module="unique", enable_backward=False)
     def find_plain(
         # in
@@ -124,6 +144,7 @@ def make_find_runs(lens: str, channels: int, flicker: bool, relit: bool) -> tupl
         keys: Keyframes,
         stage: Stage,
         marks: Marks,
+        change: Change,
         strength: wp.array(dtype=float),
         within: wp.array(dtype=float),
         image: wp.array3d(dtype=pixel),
@@ -160,6 +181,8 @@ def make_find_runs(lens: str, channels: int, flicker: bool, relit: bool) -> tupl
             a = wp.where(k == 0, image[env, spot.y, spot.x], frames[env * cut.coarse + wp.max(k - 1, 0), y, x])
             b = frames[env * cut.coarse + k, y, x]
             done = wp.bool(False)
+            last = wp.int32(-1)
+            rise = pixel(UNKNOWN)
             if wp.static(flicker):
                 if one and not changed:
                     done = True
@@ -181,8 +204,8 @@ def make_find_runs(lens: str, channels: int, flicker: bool, relit: bool) -> tupl
                     band, count,
                 )  # fmt: skip
                 if last < 0:
-                    change = log_of(b) - log_of(a)
-                    if apart(change, pixel(0.0)) > cut.jump and (not whole or apart(rise, change) > cut.bend):
+                    grown = log_of(b) - log_of(a)
+                    if apart(grown, pixel(0.0)) > cut.jump and (not whole or apart(rise, grown) > cut.bend):
                         rise = pixel(UNKNOWN)
                         last = note(
                             cut, instances, spot, each // 2, ends.before, ends.after, rise, last, room, most, band,
@@ -191,6 +214,17 @@ def make_find_runs(lens: str, channels: int, flicker: bool, relit: bool) -> tupl
                 if last >= 0:
                     instances.tail[last] = rise
                     instances.ends[last] = 1
+            if wp.static(passing):
+                # A shadow or a highlight may have come and gone: frames alone do not tell.
+                if one and not done and last < 0:
+                    if relit_between(cut, stage, change, spot, each // 2, ends.before):
+                        rise = pixel(UNKNOWN)
+                        last = note(
+                            cut, instances, spot, each // 2, ends.before, ends.after, rise, last, room, most, band,
+                            count,
+                        )  # fmt: skip
+                        instances.tail[last] = rise
+                        instances.ends[last] = 1
 
     @wp.kernel(module="unique", enable_backward=False)
     def find_runs(

@@ -239,3 +239,31 @@ def test_stripes_that_look_alike_at_all_frames():
         seen = values[mine][np.argsort(ns[mine])]
         # It sees each of four bright and four dark stripes.
         assert np.count_nonzero(np.diff((seen > 0.15).astype(int))) >= 7
+
+
+def test_a_shadow_that_comes_and_goes_between_two_frames():
+    """A strip beside the view passes a lamp: its shadow is on pixels for half of the time from one frame to the next,
+    around the middle, and on none of them at any frame."""
+    each = GAP / 4 * 1e-9
+    wide = 0.04
+    # The shadow is five times as wide as the strip, and as fast.
+    speed = wide / (0.5 * each)
+    begin = -speed * (START * 1e-9 + 1.5 * each)
+    flight = Prescribed(pose(begin, -0.8, 0.6), [Linear(np.array([speed, 0.0, 0.0]))])
+    strip = quad(wide / 2)
+    things = [(quad(4.0), plain(0.5), Prescribed(pose(z=3.0))), (strip, plain(0.2), flight)]
+    scene = world(things, lights=[lamp()])
+    frames, (pixels, ns, values) = refined(scene, 4, 50_000)
+    renderer = Renderer(scene, scene.cameras[0])
+    stamps = START + np.linspace(1, 2, 41)[1:-1] * GAP / 4
+    poses = [closed_form(scene, np.array([round(t)])).pose[:, 0] for t in stamps]
+    dark = np.array([luminance(renderer.render(p)["radiance"])[0] < 0.5 * frames[0] for p in poses])
+    passed = dark[len(stamps) // 2] & (np.ptp(frames, axis=0) < 0.01 * frames[0])
+    assert passed.sum() >= 20
+    for pixel in np.flatnonzero(passed):
+        mine = pixels == pixel
+        order = np.argsort(ns[mine])
+        shaded = ns[mine][order][values[mine][order] < 0.5 * frames[0].ravel()[pixel]]
+        # It is dark from 1.25 to 1.75 frames on, but for what the pixel's place adds.
+        truth = stamps[dark[:, pixel // dark.shape[2], pixel % dark.shape[2]]] - START
+        assert abs(shaded.min() - truth.min()) < 0.05 * GAP / 4 and abs(shaded.max() - truth.max()) < 0.05 * GAP / 4
