@@ -125,7 +125,8 @@ def start_row(case: Case, device: str, limits: Limits) -> dict[str, Any]:
     try:
         for _ in range(limits.runs):
             with tempfile.TemporaryDirectory() as cache:
-                there = {"WARP_CACHE_PATH": cache, "CUDA_CACHE_DISABLE": "1"}
+                (Path(cache) / "cuda").mkdir()
+                there = {"WARP_CACHE_PATH": f"{cache}/warp", "CUDA_CACHE_PATH": f"{cache}/cuda"}
                 for times in found.values():
                     one = attempt(case, device, FRAMES_ALONE, limits, meter=meter, environment=there)
                     times.append(one["first_event_s"])

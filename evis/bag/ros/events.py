@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 ENCODINGS = ("mono", "evt3")
 NAMES = ("t", "x", "y", "p")
-_SHARE = 1 << 16
+_SHARE = 1 << 18
 """Events that a thread packs at a time."""
 
 

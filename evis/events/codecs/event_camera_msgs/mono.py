@@ -11,7 +11,7 @@ import numpy as np
 SPAN_NS = 1 << 32
 """Times of one packet must lie within this many ns of its time base."""
 MAX_Y = 0x7FFF
-_BLOCK = 1 << 16
+_BLOCK = 1 << 18
 """Events that are packed at a time: few steps, for each is a turn of the interpreter that threads wait for."""
 
 
