@@ -71,6 +71,23 @@ def test_as_many_as_a_thing_that_passes_is_wide(width, speed, wanted):
     assert drawn(gap_of(passing(width, speed))) == [wanted]
 
 
+def slit(width_px):
+    """Two plates far wider than the image, with a slit between them."""
+    half = 0.5 * width_px * DEPTH / FOCAL
+    corners = [[x, y, 0] for side in (-1, 1) for x in (side * half, side * 40.0) for y in (-8, 8)]
+    faces = [face for n in (0, 4) for face in ((n, n + 2, n + 3), (n, n + 3, n + 1))]
+    both = [*faces, *((a, c, b) for a, b, c in faces)]
+    return Mesh(np.array(corners, np.float32), np.array(both, np.int32))
+
+
+@pytest.mark.parametrize(("width", "speed", "wanted"), [(4, 40, 16), (3, 150, 64), (3, 300, 128), (80, 150, LEAST)])
+def test_as_many_as_a_slit_that_passes_is_wide(width, speed, wanted):
+    """What is behind it is on a pixel for as long as a strip of its width and speed would be."""
+    scene = passing(width, speed)
+    scene.instances[1].mesh = slit(width)
+    assert drawn(gap_of(scene)) == [wanted]
+
+
 def test_a_small_thing_counts_although_the_image_hardly_changes():
     """A square of 4 px on its way over 200 px is on a pixel for a fiftieth of the gap."""
     scene = passing(4, 200)

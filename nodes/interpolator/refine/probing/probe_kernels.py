@@ -14,6 +14,8 @@ REACH = wp.constant(64)
 """Widest thing [px] that is measured; wider ones are not missed."""
 THIN = wp.constant(0.125)
 """Width [px] taken for a thing that one pixel alone shows, as it may be much thinner than a pixel."""
+BEFORE = wp.constant(1.1)
+"""How much farther the other side of a slit may be than this one."""
 MOST_NEEDED = wp.constant(4096)
 """Most z-buffers per gap that are counted as needed."""
 
@@ -47,6 +49,33 @@ def width_to(
             if depth_of(other) > depth_of(hit):
                 return s
             return 0
+    return 0
+
+
+@wp.func
+def gap_to(
+    packed: wp.array3d(dtype=wp.uint64),
+    pieces: wp.array(dtype=wp.vec2i),
+    row: int,
+    y: int,
+    x: int,
+    hit: wp.uint64,
+    along: wp.vec2,
+    reach: int,
+):
+    """Counts the pixels of something farther from (x, y), at the end of a thing, along a direction to where its body
+    goes on in front of that. Gives 0 where it does not within `reach` pixels."""
+    body = pieces[triangle_of(hit)][0]
+    for s in range(1, reach + 1):
+        i = int(wp.floor(float(x) + along[0] * float(s) + 0.5))
+        j = int(wp.floor(float(y) + along[1] * float(s) + 0.5))
+        if i < 0 or j < 0 or i >= packed.shape[2] or j >= packed.shape[1]:
+            return 0
+        other = packed[row, j, i]
+        u = triangle_of(other)
+        if u != MISS:
+            if pieces[u][0] == body and depth_of(other) <= BEFORE * depth_of(hit):
+                return s - 1
     return 0
 
 
@@ -97,6 +126,18 @@ def make_find_thin(lens: str) -> wp.Kernel:
                     reach = wp.min(int(wp.min(speed / float(least), float(REACH))) + 1, REACH)
                     ahead = width_to(packed, instance, row, y, x, hit, along, reach)
                     behind = wp.int32(0)
+                    if ahead == 1:
+                        # It is at an edge: what is seen beside it may be so through a slit alone.
+                        slit = gap_to(packed, pieces, row, y, x, hit, along, reach)
+                        if slit > 0:
+                            width = wp.where(slit == 1, THIN, float(slit))
+                            needed = int(wp.min(speed / width, float(MOST_NEEDED)))
+                            levels = missed.shape[1] - 1
+                            wp.atomic_add(missed, row % envs, levels, wp.int64(slit * needed))
+                            for level in range(levels):
+                                short = needed - (least << level)
+                                if short > 0:
+                                    wp.atomic_add(missed, row % envs, level, wp.int64(slit * short))
                     if ahead > 0:
                         behind = width_to(packed, instance, row, y, x, hit, -along, reach)
                     if behind > 0:
