@@ -88,6 +88,20 @@ def test_as_many_as_a_slit_that_passes_is_wide(width, speed, wanted):
     assert drawn(gap_of(scene)) == [wanted]
 
 
+@pytest.mark.parametrize("tilt", [0.0, 0.1])
+def test_the_steps_of_a_silhouette_are_no_slits(tilt):
+    """A square wider than the image that goes nearly along its edge: of that nothing but steps of pixels goes by."""
+    speed = 60 * DEPTH / FOCAL / (GAP * 1e-9)
+    way = speed * np.array([np.cos(tilt + 0.02), np.sin(tilt + 0.02), 0.0])
+    turn = np.array([0.0, 0.0, np.sin(tilt / 2), np.cos(tilt / 2)])
+    half = 5.0
+    edge = half * np.array([np.sin(tilt), -np.cos(tilt), 0.0])
+    middle = -way * (START + GAP / 2) * 1e-9 + edge + np.array([0.0, 0.0, DEPTH])
+    flight = Prescribed(np.concatenate([middle, turn]), [Linear(way)])
+    scene = world([(quad(8.0), plain(0.2), Prescribed(pose(z=3.0))), (quad(half), plain(0.9), flight)])
+    assert drawn(gap_of(scene)) == [LEAST]
+
+
 def test_a_small_thing_counts_although_the_image_hardly_changes():
     """A square of 4 px on its way over 200 px is on a pixel for a fiftieth of the gap."""
     scene = passing(4, 200)

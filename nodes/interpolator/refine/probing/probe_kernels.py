@@ -14,6 +14,11 @@ REACH = wp.constant(64)
 """Widest thing [px] that is measured; wider ones are not missed."""
 THIN = wp.constant(0.125)
 """Width [px] taken for a thing that one pixel alone shows, as it may be much thinner than a pixel."""
+BEHIND = wp.constant(0)
+IN_FRONT = wp.constant(1)
+OUTSIDE = wp.constant(2)
+STEP = wp.constant(2.0)
+"""Distance [px] from a silhouette within which pixels on one side of it may show what is on the other."""
 BEFORE = wp.constant(1.1)
 """How much farther the other side of a slit may be than this one."""
 MOST_NEEDED = wp.constant(4096)
@@ -53,6 +58,29 @@ def width_to(
 
 
 @wp.func
+def in_front(
+    packed: wp.array3d(dtype=wp.uint64),
+    pieces: wp.array(dtype=wp.vec2i),
+    row: int,
+    at: wp.vec2,
+    body: int,
+    hit: wp.uint64,
+):
+    """Tells whether the pixel at a place shows a body, about as near as `hit` or nearer: IN_FRONT; or is none:
+    OUTSIDE."""
+    i = int(wp.floor(at[0] + 0.5))
+    j = int(wp.floor(at[1] + 0.5))
+    if i < 0 or j < 0 or i >= packed.shape[2] or j >= packed.shape[1]:
+        return OUTSIDE
+    other = packed[row, j, i]
+    t = triangle_of(other)
+    if t != MISS:
+        if pieces[t][0] == body and depth_of(other) <= BEFORE * depth_of(hit):
+            return IN_FRONT
+    return BEHIND
+
+
+@wp.func
 def gap_to(
     packed: wp.array3d(dtype=wp.uint64),
     pieces: wp.array(dtype=wp.vec2i),
@@ -64,18 +92,22 @@ def gap_to(
     reach: int,
 ):
     """Counts the pixels of something farther from (x, y), at the end of a thing, along a direction to where its body
-    goes on in front of that. Gives 0 where it does not within `reach` pixels."""
+    goes on in front of that. Gives 0 where it does not within `reach` pixels, and where that is only a step of pixels
+    along a silhouette: beside the middle of a slit, on both sides, it goes on."""
     body = pieces[triangle_of(hit)][0]
+    start = wp.vec2(float(x), float(y))
+    beside = STEP * wp.vec2(-along[1], along[0])
     for s in range(1, reach + 1):
-        i = int(wp.floor(float(x) + along[0] * float(s) + 0.5))
-        j = int(wp.floor(float(y) + along[1] * float(s) + 0.5))
-        if i < 0 or j < 0 or i >= packed.shape[2] or j >= packed.shape[1]:
+        there = in_front(packed, pieces, row, start + float(s) * along, body, hit)
+        if there == OUTSIDE:
             return 0
-        other = packed[row, j, i]
-        u = triangle_of(other)
-        if u != MISS:
-            if pieces[u][0] == body and depth_of(other) <= BEFORE * depth_of(hit):
-                return s - 1
+        if there == IN_FRONT:
+            middle = start + 0.5 * float(s) * along
+            left = in_front(packed, pieces, row, middle + beside, body, hit)
+            right = in_front(packed, pieces, row, middle - beside, body, hit)
+            if left == IN_FRONT or right == IN_FRONT:
+                return 0
+            return s - 1
     return 0
 
 
