@@ -166,6 +166,28 @@ def test_end_of_the_run_is_said(page: Any) -> None:
     assert pixels(page, "/cam0/keyframe").std() > 10
 
 
+def test_a_picture_that_is_drawn_after_the_end_does_not_revive_the_run(page: Any) -> None:
+    """A busy browser draws what it was sent when it gets a frame, which may be when all is over."""
+    wait_for_picture(page, "/cam0/keyframe")
+    page.evaluate("""() => {
+      const real = window.requestAnimationFrame.bind(window);
+      window.held = [];
+      window.requestAnimationFrame = (callback) => window.held.push(callback);
+      window.release = () => {
+        window.requestAnimationFrame = real;
+        window.held.forEach((callback) => real(callback));
+      };
+    }""")
+    until(page, lambda: page.evaluate("window.held.length"), "something to draw")
+    page.ended = True
+    page.player.node.finish()
+    page.player.node._server.stop()
+    playwright.expect(page.locator("#state")).to_have_text("run has ended")
+    page.evaluate("window.release()")
+    page.wait_for_timeout(300)  # a few frames
+    assert page.locator("#state").inner_text() == "run has ended"
+
+
 def test_small_screen(page: Any, tmp_path: Path) -> None:
     """A telephone's width: nothing sticks out sideways."""
     page.set_viewport_size({"width": 390, "height": 800})

@@ -247,7 +247,8 @@ class App {
   }
 
   setState(state) {
-    if (this.state === "finished" && state === "closed") return;
+    // What was sent before the end may be drawn after it; only a graph that says hello begins anew.
+    if (this.state === "finished" && state !== "waiting") return;
     this.state = state;
     const texts = { recording: this.playback.text(), live: "live", waiting: "waiting for data", finished: "run has ended", closed: "not connected", connecting: "connecting" };
     const element = byId("state");
