@@ -81,22 +81,23 @@ def sphere_met(centre: wp.vec3, radius: float, direction: wp.vec3, length: float
 
 
 # Comparisons of C++ are one instruction each, where Warp's min and max look for what is not a number. With such a box
-# nothing is compared as less, and it counts as met.
+# nothing is compared as less, and its ends stay.
 SLABS = """
-    float near = 0.0f, far = length;
+    float near = -3.0e38f, far = 3.0e38f;
     for (int k = 0; k < 3; ++k) {
         const float t0 = lower[k] * inverse[k], t1 = upper[k] * inverse[k];
         const float first = t0 < t1 ? t0 : t1, last = t0 < t1 ? t1 : t0;
         near = near < first ? first : near;
         far = last < far ? last : far;
     }
-    return !(far < near);
+    return wp::vec_t<2, wp::float32>(near, far);
 """
 
 
 @wp.func_native(SLABS)
-def box_met(lower: wp.vec3, upper: wp.vec3, inverse: wp.vec3, length: wp.float32) -> bool:
-    """Tells whether a ray from the origin meets a box within `length` (the slab test; Kay and Kajiya, 1986).
+def slabs(lower: wp.vec3, upper: wp.vec3, inverse: wp.vec3) -> wp.vec2:
+    """Computes where a ray from the origin enters and leaves a box, in lengths of its direction (the slab test; Kay and
+    Kajiya, 1986); it misses the box where it leaves before it enters.
 
     inverse: of the ray's direction, of `inverse_of`.
     """
@@ -112,25 +113,19 @@ def inverse_of(direction: wp.vec3):
     return inverse
 
 
-SIDES = """
-    float near = -3.0e38f, far = 3.0e38f;
-    for (int k = 0; k < 3; ++k) {
-        const float inverse = (direction[k] < 0.0f ? -direction[k] : direction[k]) < 1.0e-12f ? 3.0e38f
-                                                                                             : 1.0f / direction[k];
-        const float t0 = (-half[k] - start[k]) * inverse, t1 = (half[k] - start[k]) * inverse;
-        const float first = t0 < t1 ? t0 : t1, last = t0 < t1 ? t1 : t0;
-        near = near < first ? first : near;
-        far = last < far ? last : far;
-    }
-    const float met = near < 0.0f ? far : near;
-    return near <= far && met >= 0.0f && met <= length;
-"""
+@wp.func
+def box_met(lower: wp.vec3, upper: wp.vec3, inverse: wp.vec3, length: float):
+    """Tells whether any of a ray from the origin, within `length`, is in a box; so it is in one that is no number."""
+    ends = slabs(lower, upper, inverse)
+    return ends[0] <= ends[1] and ends[1] >= 0.0 and ends[0] <= length
 
 
-@wp.func_native(SIDES)
-def sides_met(half: wp.vec3, start: wp.vec3, direction: wp.vec3, length: wp.float32) -> bool:
+@wp.func
+def sides_met(half: wp.vec3, start: wp.vec3, direction: wp.vec3, length: float):
     """Tells whether a ray meets a side of a box about the origin, from outside or inside; half: of its sides."""
-    ...
+    ends = slabs(-half - start, half - start, inverse_of(direction))
+    met = wp.where(ends[0] < 0.0, ends[1], ends[0])
+    return ends[0] <= ends[1] and met >= 0.0 and met <= length
 
 
 @wp.func
