@@ -111,6 +111,19 @@ def gap_to(
     return 0
 
 
+@wp.func
+def count_passes(missed: wp.array2d(dtype=wp.int64), env: int, least: int, wanted: float, pixels: int):
+    """Adds up how often something that wants so many z-buffers per gap passes so many pixels, and how often unseen;
+    missed, least: as of find_thin."""
+    needed = int(wp.min(wanted, float(MOST_NEEDED)))
+    levels = missed.shape[1] - 1
+    wp.atomic_add(missed, env, levels, wp.int64(pixels * needed))
+    for level in range(levels):
+        short = needed - (least << level)
+        if short > 0:
+            wp.atomic_add(missed, env, level, wp.int64(pixels * short))
+
+
 @cache
 def make_find_thin(lens: str) -> wp.Kernel:
     """Makes the kernel `find_thin`. lens: `none` or a distortion model."""
@@ -163,25 +176,13 @@ def make_find_thin(lens: str) -> wp.Kernel:
                         slit = gap_to(packed, pieces, row, y, x, hit, along, reach)
                         if slit > 0:
                             width = wp.where(slit == 1, THIN, float(slit))
-                            needed = int(wp.min(speed / width, float(MOST_NEEDED)))
-                            levels = missed.shape[1] - 1
-                            wp.atomic_add(missed, row % envs, levels, wp.int64(slit * needed))
-                            for level in range(levels):
-                                short = needed - (least << level)
-                                if short > 0:
-                                    wp.atomic_add(missed, row % envs, level, wp.int64(slit * short))
+                            count_passes(missed, row % envs, least, speed / width, slit)
                     if ahead > 0:
                         behind = width_to(packed, instance, row, y, x, hit, -along, reach)
                     if behind > 0:
                         width = float(ahead + behind - 1)
                         if ahead + behind == 2:
                             width = THIN
-                        needed = int(wp.min(speed / width, float(MOST_NEEDED)))
-                        levels = missed.shape[1] - 1
-                        wp.atomic_add(missed, row % envs, levels, wp.int64(needed))
-                        for level in range(levels):
-                            short = needed - (least << level)
-                            if short > 0:
-                                wp.atomic_add(missed, row % envs, level, wp.int64(short))
+                        count_passes(missed, row % envs, least, speed / width, 1)
 
     return find_thin
