@@ -4,11 +4,13 @@
 
 640x480, K = 8, 30 Hz keyframes, output on the device. A gap is from the call to the end of the device's work, the least
 of several gaps; `host` is how long the call itself took. Parts: kernels of one gap by name, from the device's own
-clock, launched one by one.
+clock, launched one by one. Then whole steps of evis.Simulation, one after the other, with frames alone and with samples
+of single pixels between them.
 """
 
 from __future__ import annotations
 
+import statistics
 import time
 from collections.abc import Callable
 from functools import partial
@@ -18,6 +20,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+import evis
 from bench import command
 from evis.scene import load_scene
 from evis.scene.model import Scene
@@ -31,6 +34,14 @@ HEIGHT, WIDTH, RATE, UPSAMPLING = 480, 640, 30, 8
 GAP = round(1e9 / RATE)
 COMMAND = "python -m bench.interpolation.gpu"
 START = 1_000_000_000
+BETWEEN: dict[str, dict[str, Any]] = {
+    "8 frames": {"time_tolerance": 0, "upsampling": 8},
+    "32 frames": {"time_tolerance": 0, "upsampling": 32},
+    **{f"{1e3 * t:g} ms": {"time_tolerance": t} for t in (8e-4, 3e-4, 1e-4)},
+}
+STEPPED = ("spinning_disk", "drone", "warehouse", "fidget_spinner")
+WARM_STEPS = 4
+"""Steps before anything is measured: kernels are loaded, graphs recorded, lists grown."""
 STEP = 1_000_000
 """Sub-step of the states [ns]."""
 
@@ -106,8 +117,27 @@ def rows(name: str, envs: int, device: str, count: int, parts: bool) -> list[dic
     return result
 
 
+def step_row(scene: str, device: str, count: int) -> dict[str, Any]:
+    """Measures steps, from keyframe to keyframe, with frames alone and with samples between frames: median [ms]."""
+    row: dict[str, Any] = {"scene": scene}
+    for label, given in BETWEEN.items():
+        with evis.Simulation(
+            scene, outputs=["events"], device=device, width=WIDTH, height=HEIGHT, keyframe_rate=RATE, audit=0, **given
+        ) as sim:
+            sim.reset(seed=0)
+            for _ in range(WARM_STEPS):
+                sim.step()
+            times = []
+            for _ in range(count):
+                began = time.perf_counter()
+                sim.step()
+                times.append(time.perf_counter() - began)
+        row[f"{label} [ms]"] = round(1e3 * statistics.median(times), 1)
+    return row
+
+
 def measure(quick: bool = False, device: str = "cuda") -> dict[str, Any]:
-    """Measures gaps of one environment and of many; quick: fewer gaps, and no 64 warehouses."""
+    """Measures gaps of one environment and of many, and steps; quick: fewer gaps, and no 64 warehouses."""
     count, many = (12, 64) if quick else (24, 64)
     table: list[dict[str, Any]] = []
     for name in ("spinning_disk", "drone", "warehouse"):
@@ -121,7 +151,16 @@ def measure(quick: bool = False, device: str = "cuda") -> dict[str, Any]:
     note = "ms: a whole gap, the least of several. host ms: until the call returns. ratio: the time of many "
     note += "environments over as many times that of one. kernels ms: of one gap, launched one by one."
     title = f"Gaps of 8 frames on {wp.get_device(device).name}, {WIDTH}x{HEIGHT}"
-    return {"gaps": {"title": title, "command": COMMAND, "rows": table, "note": note}}
+    steps = [step_row(name, device, 6 if quick else 20) for name in STEPPED[: 1 if quick else None]]
+    return {
+        "gaps": {"title": title, "command": COMMAND, "rows": table, "note": note},
+        "steps": {
+            "title": f"A step of evis.Simulation on {wp.get_device(device).name}, {WIDTH}x{HEIGHT}, events alone",
+            "command": COMMAND,
+            "rows": steps,
+            "note": "Medians. Frames alone by their number per keyframe, samples between them by their time_tolerance.",
+        },
+    }
 
 
 if __name__ == "__main__":
