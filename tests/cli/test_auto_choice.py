@@ -112,7 +112,7 @@ def test_beside_single_pixels_250_frames_per_second_do(evis_here, rate, frames):
     done = evis_here("launch", "spinning_disk", *words, *SMALL, "--explain")
     assert done.code == 0, done.err
     plan = json.loads(done.out)
-    assert plan["args"]["upsampling"] == frames and "time_tolerance" in plan["chosen"]["why"]
+    assert plan["args"]["upsampling"] == frames and "by samples between them" in plan["chosen"]["why"]
 
 
 @pytest.mark.parametrize(
@@ -124,6 +124,20 @@ def test_a_tolerance_of_time_decides_k_unless_it_is_given(evis_here, asked, fram
     done = evis_here("launch", "spinning_disk", "time_tolerance:=0.0003", *asked, *SMALL, "--explain")
     assert done.code == 0, done.err
     assert json.loads(done.out)["args"]["upsampling"] == frames
+
+
+@pytest.mark.parametrize(
+    ("asked", "text"),
+    [
+        (("time_tolerance:=0.004",), "by samples between them"),  # frames are 8.3 ms apart
+        (("time_tolerance:=0.005",), "there are no samples between them"),
+        (("time_tolerance:=0.0003", "supersampling:=2"), "by which all pixels go"),
+    ],
+)
+def test_it_is_said_where_frames_are_all_there_is(evis_here, asked, text):
+    done = evis_here("launch", "spinning_disk", *asked, *SMALL, "--explain")
+    assert done.code == 0, done.err
+    assert text in json.loads(done.out)["chosen"]["why"]
 
 
 @pytest.mark.parametrize("words,text", [

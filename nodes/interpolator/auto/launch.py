@@ -109,14 +109,19 @@ def _by_frames_alone(node: NodeSpec) -> bool:
 def _beside_samples(
     given: Mapping[str, Any], method: str, keyframe_rate: float, time_tolerance: float
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Chooses K for a run with `time_tolerance`, which needs no measuring."""
+    """Chooses K for a run with `time_tolerance` [s], which needs no measuring; 0 = of whose pixels all go by frames."""
     if method == "auto":
         raise ValueError("interpolator:=auto compares frames alone; with time_tolerance write interpolator:=rigid")
     if method != "rigid":
         raise ValueError(f"time_tolerance goes with interpolator:=rigid alone, and this is {method}")
     k = frames_beside_samples(keyframe_rate, time_tolerance)
-    taken = {"upsampling": k}
-    why = f"about {k * keyframe_rate:.0f} frames per second; time_tolerance decides the error, by samples between them"
+    taken, rate = {"upsampling": k}, k * keyframe_rate
+    how = "; time_tolerance decides the error, by samples between them"
+    if time_tolerance == 0:
+        how = ", by which all pixels go"
+    elif 2 * time_tolerance * rate >= 1:
+        how = ", which are as close as time_tolerance asks for: there are no samples between them"
+    why = f"about {rate:.0f} frames per second{how}"
     summary = f"rigid, {keyframe_rate:g} keyframes per second x {taken['upsampling']}: {why}"
     return {**given, **taken}, {**taken, "why": why, "summary": summary}
 
