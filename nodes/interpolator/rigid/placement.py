@@ -50,9 +50,11 @@ class Placement:
         self._alone: list[tuple[int, Trajectory]] = [
             (m, path) for m, path in moving if path is not None and not isinstance(path, Prescribed)
         ]
-        # Of the gaps that are expected next, by their stamps: [1 or E, bodies, K - 1, 7].
-        self._ahead: dict[bytes, np.ndarray] = {}
-        self._gaps = FEWEST
+        # Of the gaps that are expected next, by the number of their stamps and then by these: [1 or E, bodies, K - 1,
+        # 7].
+        self._ahead: dict[int, dict[bytes, np.ndarray]] = {}
+        # How many gaps are computed ahead next, by the number of their stamps.
+        self._gaps: dict[int, int] = {}
         self._parts = max(1, min(threads, envs // APART)) if len(self._driven) else 1
         self._pool = ThreadPoolExecutor(self._parts, "placement") if self._parts > 1 else None
 
@@ -87,7 +89,7 @@ class Placement:
         if len(stamps) == 1:
             return poses
         if len(self._together):
-            known = self._ahead.get(stamps[:-1].tobytes())
+            known = self._ahead.get(len(stamps), {}).get(stamps[:-1].tobytes())
             known = self._known(stamps[:-1]) if known is None else known
             poses[:-1, :, self._together] = known.transpose(2, 0, 1, 3)
         for m, path in self._alone:
@@ -106,20 +108,21 @@ class Placement:
         length = round((start - int(stamps[0])) * count / (count - 1))
         one = len(self._prescribed) * len(self._together) * (count - 1) * POSE
         (following,) = _sub_frames(_next_gaps(start, length, 1)[:1], count)
-        if following.tobytes() in self._ahead:
+        if following.tobytes() in self._ahead.get(count, {}):
             return
-        nexts = _sub_frames(_next_gaps(start, length, self._gaps), count)
-        self._gaps = max(min(2 * self._gaps, AHEAD // one), FEWEST)
+        gaps = self._gaps.get(count, FEWEST)
+        nexts = _sub_frames(_next_gaps(start, length, gaps), count)
+        self._gaps[count] = max(min(2 * gaps, AHEAD // one), FEWEST)
         poses = self._known(nexts.reshape(-1))
         parts = np.split(poses, len(nexts), axis=2)
-        self._ahead = {t.tobytes(): part for t, part in zip(nexts, parts)}
+        self._ahead[count] = {t.tobytes(): part for t, part in zip(nexts, parts)}
 
     def foresee(self, stamps: np.ndarray) -> None:
         """Computes at once the poses of several gaps with sub-frames at stamps int64 [gaps, K] ns, for `moved`."""
         if len(self._together) and stamps.shape[1] > 1:
             poses = self._known(stamps[:, :-1].reshape(-1))
             parts = np.split(poses, len(stamps), axis=2)
-            self._ahead = {t[:-1].tobytes(): part for t, part in zip(stamps, parts)}
+            self._ahead[stamps.shape[1]] = {t[:-1].tobytes(): part for t, part in zip(stamps, parts)}
 
     def _drive(self, stamps: np.ndarray, states: States, poses: np.ndarray) -> None:
         """Those that physics moves in this interval, between the sub-steps about the stamps; poses [.., E, M, 7]."""
@@ -157,7 +160,8 @@ def _next_gaps(start: int, length: int, count: int) -> list[tuple[int, int]]:
     """
     rate = _rate(length)
     k = round(start * rate / NS)
-    if not rate or (keyframe_stamp(k - 1, rate), keyframe_stamp(k, rate)) != (start - length, start):
+    # A gap's length that was told from rounded sub-frames may be off by a nanosecond.
+    if not rate or keyframe_stamp(k, rate) != start or abs(keyframe_stamp(k - 1, rate) - start + length) > 1:
         return [(start, start + length + off) for off in (-1, 0, 1)]
     return list(pairwise(keyframe_stamp(k + i, rate) for i in range(count + 1)))
 

@@ -67,19 +67,23 @@ def test_a_gap_that_was_expected_is_where_the_paths_are(rate):
         placement.expect(stamps)
 
 
-def test_gaps_that_follow_at_an_even_rate_are_expected_many_at_a_time():
-    """Each is worked out once, in blocks that grow and are bounded."""
+@pytest.mark.parametrize("count", [2, 3, 4, 8, 128])
+def test_gaps_that_follow_at_an_even_rate_are_expected_many_at_a_time(count):
+    """Each is worked out once, in blocks that grow and are bounded; of few sub-frames, whose rounded times tell the
+    length of their gap to a nanosecond, as of many."""
     placement = Placement(load_scene("warehouse", textures=False))
     computed = []
     known = placement._known
     placement._known = lambda stamps: computed.append(stamps) or known(stamps)
     for k in range(100):
-        stamps = subframe_stamps(keyframe_stamp(k, 30.0), keyframe_stamp(k + 1, 30.0), 8)
+        stamps = subframe_stamps(keyframe_stamp(k, 30.0), keyframe_stamp(k + 1, 30.0), count)
         placement.expect(stamps)
-        following = subframe_stamps(keyframe_stamp(k + 1, 30.0), keyframe_stamp(k + 2, 30.0), 8)
-        assert following[:-1].tobytes() in placement._ahead
-    sizes = [len(stamps) // 7 for stamps in computed]
-    assert sizes[:3] == [2, 4, 8] and max(sizes) == AHEAD // (23 * 7 * POSE)
+        following = subframe_stamps(keyframe_stamp(k + 1, 30.0), keyframe_stamp(k + 2, 30.0), count)
+        assert following[:-1].tobytes() in placement._ahead[count]
+    sizes = [len(stamps) // (count - 1) for stamps in computed]
+    most = max(AHEAD // (23 * (count - 1) * POSE), 2)
+    # They are as many as there is room for, or have not grown to that.
+    assert sizes[:3] == [min(n, most) for n in (2, 4, 8)] and max(sizes) <= most
     assert len(np.unique(np.concatenate(computed))) == sum(map(len, computed))
 
 
