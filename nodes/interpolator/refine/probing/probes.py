@@ -20,6 +20,9 @@ from nodes.renderer.raster.visibility import Visibility
 
 LEAST, LEAST_PER_FRAME, MOST = 8, 2, 1024
 """Times per gap at which it is found out what all pixels see: least, least per coarse interval, and most."""
+AT_ONCE, FEWER = 32, 4
+"""Z-buffers that are drawn at once, at most, where there is one environment, and how many times fewer the next smaller
+size has: each size has memory of its own."""
 ROOM = 1 << 25
 """Pixels of all these z-buffers of an environment, at most."""
 MISSED = 0.03
@@ -27,8 +30,8 @@ MISSED = 0.03
 MISSED_OF_ALL, OF_VISITS, FEW = 0.25, 0.1, 0.003
 """Part of what passes that may be unseen, and where something visits the image in between, unless that is few: so
 often a pixel, on the average."""
-RECORDED = 16
-"""Times as many as are drawn at once in any case, up to which a GPU keeps its launches: more are rare."""
+RECORDED = 128
+"""Z-buffers of a gap up to which a GPU keeps the launches that draw them: more are rare."""
 SHORT_NS = 10_000
 """Time over which it is found how fast things are."""
 
@@ -44,16 +47,14 @@ class Probes:
     def __init__(self, rigid: Rigid, tolerance_ns: float, threads: int) -> None:
         coarse, layout = rigid.visibility, rigid.layout
         self._rigid, self._envs, self._coarse = rigid, layout.envs, layout.upsampling
-        self._least = least_of(layout.upsampling)
+        self._threads, self._least = threads, least_of(layout.upsampling)
         # What there is in any case is drawn at once.
-        self._at_once = layout.upsampling * (self._least - 1)
-        sparse = True if len(rigid.placement.movers) else None
-        v = self._v = Visibility(
-            coarse.scene, coarse.camera, self._envs * self._at_once, coarse.margin, str(coarse.device), threads,
-            sparse=sparse,
-        )  # fmt: skip
-        self._places = Slots(coarse.scene, v, rigid.placement, self._at_once)
-        self._before = Slots(coarse.scene, v, rigid.placement, self._at_once)
+        self._first = layout.upsampling * (self._least - 1)
+        self._drawers: dict[int, tuple[Visibility, Slots]] = {}
+        """By how many z-buffers of each environment they draw at once; made when there is use for them."""
+        v, self._places = self._drawer(self._first)
+        self._v = v
+        self._before = Slots(coarse.scene, v, rigid.placement, self._first)
         self._find_thin = make_find_thin(v.lens)
         self._visits, self._graphs = Visits(v, rigid.placement), CudaGraphs(v.device)
         self._strays = Strays(v, rigid.placement, tolerance_ns)
@@ -63,6 +64,18 @@ class Probes:
         self.most = self._least
         self.unseen = False
         """Whether more would be needed than there may be."""
+
+    def _drawer(self, count: int) -> tuple[Visibility, Slots]:
+        """Gives what draws `count` z-buffers of each environment at once."""
+        if count not in self._drawers:
+            coarse, placement = self._rigid.visibility, self._rigid.placement
+            sparse = True if len(placement.movers) else None
+            envs = self._envs * count
+            v = Visibility(
+                coarse.scene, coarse.camera, envs, coarse.margin, str(coarse.device), self._threads, sparse=sparse
+            )
+            self._drawers[count] = v, Slots(coarse.scene, v, placement, count)
+        return self._drawers[count]
 
     def draw(
         self,
@@ -95,8 +108,9 @@ class Probes:
             visits = self._visits.needed(instants, places, least)
             begun = np.where(held, least, np.minimum(visits, most))
             self._draw(instants, places, 1, int(begun.max()))
-            each = self._needed(instants, stamps, lengths, places, states, held, begun, most)
+            # What is found on the host comes first: a GPU draws meanwhile, and is waited for then.
             strays = self._strays.needed(instants, places, shortest, least, most)
+            each = self._needed(instants, stamps, lengths, places, states, held, begun, most)
             self.unseen |= bool((np.maximum(visits, strays)[~held] > most).any())
             each = np.where(held, each, np.maximum(each, np.minimum(strays, most)))
             self._draw(instants, places, int(begun.max()), int(each.max()))
@@ -106,28 +120,36 @@ class Probes:
     def _draw(self, instants: Instants, places: Slots, drawn: int, each: int) -> None:
         """Draws `each` per coarse interval, of which `drawn` are there."""
         done = self._coarse * (drawn - 1)
-        order = order_of(instants, each)[done:]
-        chunks = -(-len(order) // self._at_once)
-        order += order[-1:] * (chunks * self._at_once - len(order))
-        rows = (done + len(order)) * self._envs
-        v = self._v
+        order = order_of(instants, each)
+        rows, v = len(order) * self._envs, self._v
         if rows > self.packed.shape[0]:
             packed = wp.empty((rows, *v.shape[1:]), dtype=wp.uint64, device=v.device)
             if done:
                 wp.copy(packed[: done * self._envs], self.packed[: done * self._envs])
             self.packed = packed
-        mine = self._places
-        mine.moved, mine.before, mine.rest = places.moved, places.before, places.rest
-        for n in range(chunks):
-            mine.place(order[n * self._at_once : (n + 1) * self._at_once])
+        while done < len(order):
+            count = self._count(len(order) - done)
+            v, mine = self._drawer(count)
+            mine.moved, mine.before, mine.rest = places.moved, places.before, places.rest
+            mine.place(order[done : done + count])
             v.settle()
-            first = (done + n * self._at_once) * self._envs
-            v.packed = self.packed[first : first + self._at_once * self._envs]
-            if first < RECORDED * self._at_once * self._envs:
-                self._graphs.run((v.packed.ptr, v.still_moved), v.draw)
+            first, done = done * self._envs, done + count
+            v.packed = self.packed[first : done * self._envs]
+            if done <= RECORDED:
+                self._graphs.run((count, v.packed.ptr, v.still_moved), v.draw)
             else:
                 v.draw()
             v.drawn()
+
+    def _count(self, left: int) -> int:
+        """Gives how many z-buffers are drawn next: all if they are the first ones, else some of few sizes."""
+        if left == self._first:
+            return left
+        # What is left is a multiple of the coarse intervals times a power of two.
+        size = self._coarse
+        while FEWER * size <= left and FEWER * size * self._envs <= AT_ONCE:
+            size *= FEWER
+        return size
 
     def _needed(
         self,
