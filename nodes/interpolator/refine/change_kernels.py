@@ -1,11 +1,13 @@
 """Finds the instants at which pixels pass from one surface to another: between two probes, by bisection."""
 
+from functools import cache
+
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
 from nodes.interpolator.refine.path_kernels import PARTS, SHARP
-from nodes.interpolator.refine.sight_kernels import passing, seen_between
-from nodes.interpolator.refine.stage_kernels import Cut, Stage, ends_of, entry_at, slot_row, spot_of
+from nodes.interpolator.refine.sight_kernels import make_seen_between, passing
+from nodes.interpolator.refine.stage_kernels import FEW_REGISTERS, Cut, Stage, ends_of, entry_at, slot_row, spot_of
 from nodes.interpolator.rigid.plan_kernels import joined
 from nodes.renderer.raster.view_kernels import CameraView
 
@@ -33,86 +35,93 @@ class Changes:
     first: wp.array(dtype=int)
 
 
-@wp.kernel
-def find_changes(
-    # in
-    view: CameraView,
-    cut: Cut,
-    workers: int,
-    room: int,
-    most: int,
-    others0: int,
-    band: int,
-    others: wp.array(dtype=int),
-    others_count: wp.array(dtype=int),
-    stage: Stage,
-    start: wp.array3d(dtype=wp.uint64),
-    # out
-    changes: Changes,
-    count: wp.array(dtype=int),
-):
-    """Lists the changes of pixels that show several surfaces.
+@cache
+def make_find_changes(trees: bool) -> wp.Kernel:
+    """Makes the kernel `find_changes`; trees: as of `make_seen_of_all`."""
+    seen_between = make_seen_between(trees)
 
-    others: these pixels, from others0 on, indices into [coarse intervals, E, h, w]. changes: written from `room` on,
-    at most `most`. count[band]: how many there are, also where that is more than `most`.
-    """
-    inner = cut.envs * cut.height * cut.width
-    job = wp.tid()
-    while job < others_count[band] * cut.probes:
-        n = job % cut.probes
-        at = others[others0 + job // cut.probes]
-        spot = spot_of(view, cut, cut.first + at // inner, at % inner)
-        ends = ends_of(cut, stage, start, spot)
-        probes = stage.probes[spot.env]
-        low = n * (cut.slots + 1) // probes
-        hit = ends.before
-        pending = PENDING()
-        entries = SEEN_THEN()
-        waiting = wp.int32(-1)
-        if n < probes:
-            waiting = 0
-            if n > 0:
-                hit = entry_at(cut, stage, spot, low)
-            pending[0] = (n + 1) * (cut.slots + 1) // probes
-            entries[0] = ends.after
-            if n + 1 < probes:
-                entries[0] = entry_at(cut, stage, spot, pending[0])
-        last = wp.int32(-1)
-        changes.first[(others0 + job // cut.probes) * cut.probes + n] = -1
-        while waiting >= 0:
-            high = pending[waiting]
-            then = entries[waiting]
-            if joined(hit, then, stage.targets.pieces):
-                low = high
-                hit = then
-                waiting -= 1
-            elif high - low > 1:
-                middle = (low + high) // 2
-                waiting += 1
-                pending[waiting] = middle
-                row = slot_row(cut, spot.env, spot.k, middle)
-                entries[waiting] = seen_between(view, stage.targets, row, spot.d, hit, then)
-            else:
-                later = wp.int32(0)
-                if low > 0 and high <= cut.slots:
-                    row_low = slot_row(cut, spot.env, spot.k, low)
-                    row_high = slot_row(cut, spot.env, spot.k, high)
-                    f = passing(view, stage.targets, row_low, row_high, spot.d, hit, then)
-                    later = wp.clamp(int(f * float(PARTS)), SHARP, PARTS - SHARP)
-                place = take_place(count, band)
-                if place < most:
-                    place += room
-                    changes.low[place] = low
-                    changes.before[place] = hit
-                    changes.after[place] = then
-                    changes.later[place] = later
-                    changes.following[place] = -1
-                    if last < 0:
-                        changes.first[(others0 + job // cut.probes) * cut.probes + n] = place
-                    else:
-                        changes.following[last] = place
-                    last = place
-                low = high
-                hit = then
-                waiting -= 1
-        job += workers
+    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FEW_REGISTERS)
+    def find_changes(
+        # in
+        view: CameraView,
+        cut: Cut,
+        workers: int,
+        room: int,
+        most: int,
+        others0: int,
+        band: int,
+        others: wp.array(dtype=int),
+        others_count: wp.array(dtype=int),
+        stage: Stage,
+        start: wp.array3d(dtype=wp.uint64),
+        # out
+        changes: Changes,
+        count: wp.array(dtype=int),
+    ):
+        """Lists the changes of pixels that show several surfaces.
+
+        others: these pixels, from others0 on, indices into [coarse intervals, E, h, w]. changes: written from `room`
+        on, at most `most`. count[band]: how many there are, also where that is more than `most`.
+        """
+        inner = cut.envs * cut.height * cut.width
+        job = wp.tid()
+        while job < others_count[band] * cut.probes:
+            n = job % cut.probes
+            at = others[others0 + job // cut.probes]
+            spot = spot_of(view, cut, cut.first + at // inner, at % inner)
+            ends = ends_of(cut, stage, start, spot)
+            probes = stage.probes[spot.env]
+            low = n * (cut.slots + 1) // probes
+            hit = ends.before
+            pending = PENDING()
+            entries = SEEN_THEN()
+            waiting = wp.int32(-1)
+            if n < probes:
+                waiting = 0
+                if n > 0:
+                    hit = entry_at(cut, stage, spot, low)
+                pending[0] = (n + 1) * (cut.slots + 1) // probes
+                entries[0] = ends.after
+                if n + 1 < probes:
+                    entries[0] = entry_at(cut, stage, spot, pending[0])
+            last = wp.int32(-1)
+            changes.first[(others0 + job // cut.probes) * cut.probes + n] = -1
+            while waiting >= 0:
+                high = pending[waiting]
+                then = entries[waiting]
+                if joined(hit, then, stage.targets.pieces):
+                    low = high
+                    hit = then
+                    waiting -= 1
+                elif high - low > 1:
+                    middle = (low + high) // 2
+                    waiting += 1
+                    pending[waiting] = middle
+                    row = slot_row(cut, spot.env, spot.k, middle)
+                    entries[waiting] = seen_between(view, stage.targets, row, spot.d, hit, then)
+                else:
+                    later = wp.int32(0)
+                    if low > 0 and high <= cut.slots:
+                        row_low = slot_row(cut, spot.env, spot.k, low)
+                        row_high = slot_row(cut, spot.env, spot.k, high)
+                        f = passing(view, stage.targets, row_low, row_high, spot.d, hit, then)
+                        later = wp.clamp(int(f * float(PARTS)), SHARP, PARTS - SHARP)
+                    place = take_place(count, band)
+                    if place < most:
+                        place += room
+                        changes.low[place] = low
+                        changes.before[place] = hit
+                        changes.after[place] = then
+                        changes.later[place] = later
+                        changes.following[place] = -1
+                        if last < 0:
+                            changes.first[(others0 + job // cut.probes) * cut.probes + n] = place
+                        else:
+                            changes.following[last] = place
+                        last = place
+                    low = high
+                    hit = then
+                    waiting -= 1
+            job += workers
+
+    return find_changes

@@ -20,8 +20,8 @@ from nodes.renderer.lighting import LIST_WORKERS, Shading, ShadingOptions
 from nodes.renderer.lights.lights import waveform_strength
 from nodes.renderer.raster.visibility import Visibility
 
-WORKERS = 1 << 18
-"""Threads that share a list of pixels on a GPU, where they are looked up."""
+WORKERS = 1 << 20, 1 << 18
+"""Threads that share a list of pixels on a GPU, where they are looked up: the first one, and shorter ones."""
 
 
 class Evaluator:
@@ -64,7 +64,7 @@ class Evaluator:
         kind = (f.textures, f.smooth, f.tinted) if textured_in(self.shading, layout) else None
         self._gather = make_gather(v.lens, channels, exact, "careful", changes, layout.detailed, kind, True)
         self._place = make_place(channels, True)
-        self.targets = self._make_targets()
+        self._targets = self._make_targets()
         self._at: list[int] = []
         """The instants that `_index` has."""
         self.reserve(1)
@@ -74,8 +74,13 @@ class Evaluator:
         targets.vertices, targets.triangles, targets.instance = v.vertices, v.triangles, v.triangle_instance
         targets.two_sided, targets.pieces = v.two_sided, self._rigid.pieces
         targets.first = v.put(v.geometry.first, wp.int32)
-        targets.casters = self.shading.occluders.casters
         return targets
+
+    @property
+    def targets(self) -> Any:
+        """Gives what rays can meet, for kernels: with the trees that there are now."""
+        self._targets.casters = self.shading.occluders.casters
+        return self._targets
 
     @property
     def moved(self) -> tuple[wp.array, wp.array]:
@@ -125,8 +130,14 @@ class Evaluator:
                 self.values = wp.empty(self._room, dtype=self._pixel)
                 self._anew, self._places = (wp.empty(self._room, dtype=wp.int32) for _ in range(2))
 
-    def evaluate(self, listed: wp.array, most: int, count: wp.array, bands: Sequence[int], unseen: wp.array) -> None:
-        """Computes `values` of listed pixels: launches only, but that a CPU reads how many are unseen.
+    def workers(self, number: int) -> int:
+        """Gives how many threads share list `number`, counted from 0."""
+        return 1 if self.visibility.device.is_cpu else WORKERS[min(number, 1)]
+
+    def evaluate(
+        self, number: int, listed: wp.array, most: int, count: wp.array, bands: Sequence[int], unseen: wp.array
+    ) -> None:
+        """Computes `values` of the pixels of list `number`: launches only, but that a CPU reads how many are unseen.
 
         listed: int32, indices into [slots, E, h, w]; band k's begin at k * most. count [bands]: how many there are, of
         which the first `most` of a band are looked at. bands: those that have any. unseen [bands]: 0, to which is added
@@ -139,7 +150,7 @@ class Evaluator:
         # Nothing is flagged here: a list of that is not read.
         lists = [listed, count, listed, count]
         how = [self._portion(), keys, self.change, self.shading.seen, self.shading.surfaces, *lists]
-        workers = 1 if v.device.is_cpu else WORKERS
+        workers = self.workers(number)
         launches: list[tuple[wp.Kernel, int, list[Any]]] = []
         for k in bands:
             given: list[Any] = [v.view, k * most, (k + 1) * most, workers, k, *how]

@@ -7,8 +7,8 @@ import warp as wp
 
 from evis.gpu.append_kernels import take_place
 from nodes.interpolator.refine.path_kernels import PARTS, UNKNOWN, make_instances
-from nodes.interpolator.refine.sight_kernels import seen_between
-from nodes.interpolator.refine.stage_kernels import Cut, Stage
+from nodes.interpolator.refine.sight_kernels import make_seen_between
+from nodes.interpolator.refine.stage_kernels import FEW_REGISTERS, Cut, Stage
 from nodes.interpolator.rigid.keyframe_kernels import log_of
 from nodes.interpolator.rigid.log_kernels import apart
 from nodes.interpolator.rigid.plan_kernels import joined
@@ -42,7 +42,11 @@ def make_intervals(channels: int) -> Any:
     return wp.struct(Intervals)
 
 
-@wp.kernel
+seen_between = make_seen_between(False)
+"""Without trees: that the few rays that meet nothing they should would be faster costs all others more."""
+
+
+@wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FEW_REGISTERS)
 def see(
     # in
     view: CameraView,

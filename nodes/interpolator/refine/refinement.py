@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -85,16 +86,20 @@ class Refinement:
         self._held.assign(held.astype(np.int32))
         self._flicker.find(starts, stamps, coarse)
         total = 0
-        stage = self._stage(rounds)
         for first, last in instants.windows():
             evaluator.send(instants.of_window(first), instants.count)
             cut = self._cut(instants, evaluator, first)
-            window = Window(last - first, cut, stage, self._held, self._flicker.kernel, frames)
-            total, shaded = rounds.run(window, total)
+            window = Window(last - first, cut, self._stage(rounds), self._held, self._flicker.kernel, frames)
+            total, shaded = rounds.run(window, total, partial(self._expect, stamps))
             self.shaded += shaded
         self.evaluated = total
         since = np.broadcast_to(stamps, (envs, instants.count)) - starts[:, None]
         return self._sorted(rounds.samples.arrays, total, since.astype(np.int32)) if total else None
+
+    def _expect(self, stamps: np.ndarray) -> None:
+        """Has poses of the next gap computed ahead while a GPU works on this one; stamps: of all its instants."""
+        if self._device.is_cuda and stamps.ndim == 1:
+            self._rigid.placement.expect(stamps)
 
     def _rounds_of(self, instants: Instants) -> Rounds:
         """Gives what works on these instants; one is kept, as gaps seldom differ by more than a nanosecond."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.cuda_graph import CudaGraphs
-from nodes.interpolator.refine.change_kernels import Changes, find_changes
-from nodes.interpolator.refine.evaluator import WORKERS, Evaluator
+from nodes.interpolator.refine.change_kernels import Changes, make_find_changes
+from nodes.interpolator.refine.evaluator import Evaluator
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.interval_kernels import make_intervals, make_rounds, see
 from nodes.interpolator.refine.lists import Lists, Samples
@@ -23,6 +24,9 @@ from nodes.interpolator.refine.way_kernels import find_bends
 from nodes.interpolator.rigid.method import Rigid
 from nodes.renderer.lighting import LIST_WORKERS
 
+SEARCHERS, BLOCK = 1 << 20, 64
+"""Threads that look for changes on a GPU, and of a block of them: few of a block's probes have any between them, and
+the block ends with the last of these."""
 AT_FIRST = 1.0
 """Entries of a list for each pixel of an instant, before it is known how many are needed."""
 
@@ -62,6 +66,7 @@ class Rounds:
         self._find_plain, self._find_runs = make_find_runs(
             v.lens, channels, layout.exact_flicker, layout.relight, evaluator.changes
         )
+        self._find_changes = make_find_changes(evaluator.shading.occluders.trees)
         self._check, self._split = make_rounds(channels)
         self._tally, self._graphs = Tally(bands, device), CudaGraphs(device)
         self._others = wp.empty(0, dtype=wp.int32, device=device)
@@ -73,8 +78,9 @@ class Rounds:
         rows, bodies = 2 * instants.per_window * layout.envs, evaluator.moved[0].shape[1]
         self.bends = wp.zeros((rows, bodies, instants.depth + 1), dtype=wp.vec2, device=device)
 
-    def run(self, window: Window, total: int) -> tuple[int, int]:
-        """Finds the samples of a window that the evaluator was sent the instants of; total: samples so far.
+    def run(self, window: Window, total: int, meanwhile: Callable[[], None]) -> tuple[int, int]:
+        """Finds the samples of a window that the evaluator was sent the instants of; total: samples so far; meanwhile:
+        what the host does before it waits.
 
         Returns how many there are then, and how many of the new ones were shaded.
         """
@@ -85,6 +91,7 @@ class Rounds:
             self._changes.kernel.first = self._first
             self._tally.begin(total)
             self._graphs.run(self._key(window), partial(self._launch, window))
+            meanwhile()
             told = self._tally.read()
             made = int(told.made.max())
             if not self._grow(told, made, total):
@@ -172,11 +179,11 @@ class Rounds:
         v, bands = evaluator.visibility, evaluator.bands
         edges = [cut.height * k // bands for k in range(bands + 1)]
         span = cut.width if v.device.is_cpu else 1
-        workers = 1 if v.device.is_cpu else LIST_WORKERS
+        workers, searchers = (1, 1) if v.device.is_cpu else (LIST_WORKERS, SEARCHERS)
         keys, start, marks, stage = rigid.pair.kernel(), rigid.pair.a.packed, window.marks, window.stage
         instances, found = self._instances.kernel, tally.lists[0]
         changes = self._changes.kernel
-        launches: list[list[tuple[Any, Any, list[Any]]]] = [[], [], []]
+        launches: tuple[list[tuple[Any, Any, list[Any]]], ...] = ([], [], [])
         for k in range(bands):
             rows, other = edges[k + 1] - edges[k], window.intervals * cut.envs * cut.width * edges[k]
             most, most_changes = self._instances.most, self._changes.most
@@ -192,28 +199,28 @@ class Rounds:
             ]
             given += [instances, found, self._others, tally.others]
             launches[0].append((self._find_plain, (window.intervals * cut.envs, rows, cut.width // span), given))
-            given = [v.view, cut, workers, k * most_changes, most_changes, other, k, self._others, tally.others]
-            launches[1].append((find_changes, workers, [*given, stage, start, changes, tally.changes]))
+            given = [v.view, cut, searchers, k * most_changes, most_changes, other, k, self._others, tally.others]
+            launches[1].append((self._find_changes, searchers, [*given, stage, start, changes, tally.changes]))
             given = [v.view, cut, workers, k * most, most, other, k, self._others, tally.others, changes, keys, stage]
             launches[2].append((self._find_runs, workers, [*given, marks, start, instances, found]))
-        for each in launches:
-            rigid.sampling.launch(each)
+        for each, block in zip(launches, (LAUNCH_BLOCK, BLOCK, LAUNCH_BLOCK)):
+            rigid.sampling.launch(each, block)
 
     def _evaluate(self, window: Window, number: int, listed: Lists, bands: list[int]) -> None:
         """Computes z-buffer entries and radiance of the listed pixels."""
         evaluator, pixels, count = self.evaluator, listed.kernel, self._tally.lists[number]
-        workers = 1 if evaluator.visibility.device.is_cpu else WORKERS
+        workers = evaluator.workers(number)
         launches = []
         for k in bands:
             given = [evaluator.visibility.view, window.cut, workers, k, listed.most, count, window.stage]
             launches.append((see, workers, [*given, pixels.at, pixels.before, pixels.after, evaluator.hits]))
         self._rigid.sampling.launch(launches)
-        evaluator.evaluate(pixels.at, listed.most, count, bands, self._tally.unseen[number])
+        evaluator.evaluate(number, pixels.at, listed.most, count, bands, self._tally.unseen[number])
 
     def _launch_round(self, window: Window, number: int, listed: Lists, there: Lists, bands: list[int]) -> None:
         """Adds what was evaluated to the samples, and lists the intervals that are to be halved next in `there`."""
         rigid, evaluator, tally, a = self._rigid, self.evaluator, self._tally, self._rigid.pair.a
-        workers = 1 if evaluator.visibility.device.is_cpu else WORKERS
+        workers = evaluator.workers(number)
         if number == 0:
             kernel, what = self._check, [a.image, a.packed, window.frames, window.stage, listed.kernel]
         else:

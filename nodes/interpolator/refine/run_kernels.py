@@ -16,7 +16,17 @@ from nodes.interpolator.refine.path_kernels import (
     make_note,
     make_walk,
 )
-from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, ends_of, shows_one, slot_row, spot_at, spot_of
+from nodes.interpolator.refine.stage_kernels import (
+    FEW_REGISTERS,
+    Cut,
+    Spot,
+    Stage,
+    ends_of,
+    shows_one,
+    slot_row,
+    spot_at,
+    spot_of,
+)
 from nodes.interpolator.refine.way_kernels import moves
 from nodes.interpolator.relight.change_kernels import Change, make_asked
 from nodes.interpolator.relight.features import LightChanges
@@ -129,7 +139,7 @@ def make_find_runs(
         to_b = stage.shift[row + stage.shift.shape[0] // 2, body]
         return asked(change, body, spot.env, row, hit, depth_of(hit) * spot.d, to_a, to_b) != 0
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FEW_REGISTERS)
     def find_plain(
         # in
         view: CameraView,

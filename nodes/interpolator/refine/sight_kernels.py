@@ -1,5 +1,7 @@
 """Computes z-buffer entries of single pixels by rays, first against what the pixel saw before and after."""
 
+from functools import cache
+
 import warp as wp
 
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
@@ -94,68 +96,107 @@ def traced(view: CameraView, targets: Targets, row: int, i: int, d: wp.vec3, unt
 
 
 @wp.func
-def seen_of_all(view: CameraView, targets: Targets, row: int, d: wp.vec3):
-    """Casts a ray at all instances and gives its z-buffer entry."""
-    z = float(FAR)
-    t = wp.int32(MISS)
-    for i in range(targets.casters.mesh.shape[0]):
-        nearer, hit = traced(view, targets, row, i, d, z)
-        if hit != MISS:
-            z = nearer
-            t = hit
-    if t == MISS:
-        return SKY
-    return entry_of(z, t)
+def nearest(view: CameraView, targets: Targets, row: int, i: int, d: wp.vec3, z: float, t: int):
+    """Gives depth [m] and triangle where a ray meets instance i, or z and t if it meets none of it before that."""
+    nearer, hit = traced(view, targets, row, i, d, z)
+    if hit == MISS:
+        return z, t
+    return nearer, hit
 
 
-@wp.func
-def seen_between(view: CameraView, targets: Targets, row: int, d: wp.vec3, before: wp.uint64, after: wp.uint64):
-    """Computes the z-buffer entry of a ray at an instant between two at which its entries were `before` and `after`."""
-    t = triangle_of(before)
-    u = triangle_of(after)
-    z = float(FAR)
-    hit = wp.int32(MISS)
-    z_t = float(FAR)
-    z_u = float(FAR)
-    in_t = float(OUTSIDE)
-    in_u = float(OUTSIDE)
-    if t != MISS:
-        z_t, in_t = met(view, targets, row, t, d)
-        if in_t >= 0.0:
-            z = z_t
-            hit = t
-    if u != MISS and u != t:
-        z_u, in_u = met(view, targets, row, u, d)
-        if in_u >= 0.0 and z_u < z:
-            z = z_u
-            hit = u
-    alike = t == u
-    if t != MISS and u != MISS and not alike:
-        alike = targets.pieces[t][1] == targets.pieces[u][1]
-    if t != MISS or u != MISS:
-        if not alike or hit == MISS:
-            i = wp.int32(-1)
-            if t != MISS and in_t < 0.0:
-                i = targets.instance[t]
-                nearer, there = traced(view, targets, row, i, d, z)
-                if there != MISS:
-                    z = nearer
-                    hit = there
-            if u != MISS and in_u < 0.0:
-                if targets.instance[u] != i:
-                    nearer, there = traced(view, targets, row, targets.instance[u], d, z)
+@cache
+def make_seen_of_all(trees: bool) -> wp.Function:
+    """Makes the function `seen_of_all`; trees: whether there are any among the casters, as of `make_occlusion`."""
+
+    @wp.func
+    def seen_of_all(view: CameraView, targets: Targets, row: int, d: wp.vec3):
+        """Casts a ray at all instances and gives its z-buffer entry."""
+        casters = targets.casters
+        z = float(FAR)
+        t = wp.int32(MISS)
+        begin = wp.int32(0)
+        end = casters.order.shape[0]
+        if wp.static(trees):
+            length = wp.length(d)
+            u = d / length
+            k = wp.int32(0)
+            if casters.still_tree != wp.uint64(0):
+                begin = casters.still
+                there = casters.turn[row] * u
+                still = wp.bvh_query_capsule(casters.still_tree, casters.shift[row], there, casters.pad[row])
+                while wp.bvh_query_next(still, k, z * length):
+                    z, t = nearest(view, targets, row, casters.order[k], d, z, t)
+            if casters.moving_tree != wp.uint64(0):
+                base = casters.still - row * (end - casters.still)
+                end = casters.still
+                root = wp.bvh_get_group_root(casters.moving_tree, row)
+                moving = wp.bvh_query_capsule(casters.moving_tree, wp.vec3(), u, casters.pad[row], root)
+                while wp.bvh_query_next(moving, k, z * length):
+                    z, t = nearest(view, targets, row, casters.order[base + k], d, z, t)
+        for n in range(begin, end):
+            z, t = nearest(view, targets, row, casters.order[n], d, z, t)
+        if t == MISS:
+            return SKY
+        return entry_of(z, t)
+
+    return seen_of_all
+
+
+@cache
+def make_seen_between(trees: bool) -> wp.Function:
+    """Makes the function `seen_between`; trees: as of `make_seen_of_all`."""
+    seen_of_all = make_seen_of_all(trees)
+
+    @wp.func
+    def seen_between(view: CameraView, targets: Targets, row: int, d: wp.vec3, before: wp.uint64, after: wp.uint64):
+        """Computes the z-buffer entry of a ray at an instant between two at which it was `before` and `after`."""
+        t = triangle_of(before)
+        u = triangle_of(after)
+        z = float(FAR)
+        hit = wp.int32(MISS)
+        z_t = float(FAR)
+        z_u = float(FAR)
+        in_t = float(OUTSIDE)
+        in_u = float(OUTSIDE)
+        if t != MISS:
+            z_t, in_t = met(view, targets, row, t, d)
+            if in_t >= 0.0:
+                z = z_t
+                hit = t
+        if u != MISS and u != t:
+            z_u, in_u = met(view, targets, row, u, d)
+            if in_u >= 0.0 and z_u < z:
+                z = z_u
+                hit = u
+        alike = t == u
+        if t != MISS and u != MISS and not alike:
+            alike = targets.pieces[t][1] == targets.pieces[u][1]
+        if t != MISS or u != MISS:
+            if not alike or hit == MISS:
+                i = wp.int32(-1)
+                if t != MISS and in_t < 0.0:
+                    i = targets.instance[t]
+                    nearer, there = traced(view, targets, row, i, d, z)
                     if there != MISS:
                         z = nearer
                         hit = there
-            if alike and hit == MISS and wp.max(in_t, in_u) >= BESIDE:
-                # The patch goes on between the two, although a ray just misses it.
-                hit = wp.where(in_t >= in_u, t, u)
-                z = wp.where(in_t >= in_u, z_t, z_u)
-            if hit == MISS and t != MISS and u != MISS:
-                return seen_of_all(view, targets, row, d)
-    if hit == MISS:
-        return SKY
-    return entry_of(z, hit)
+                if u != MISS and in_u < 0.0:
+                    if targets.instance[u] != i:
+                        nearer, there = traced(view, targets, row, targets.instance[u], d, z)
+                        if there != MISS:
+                            z = nearer
+                            hit = there
+                if alike and hit == MISS and wp.max(in_t, in_u) >= BESIDE:
+                    # The patch goes on between the two, although a ray just misses it.
+                    hit = wp.where(in_t >= in_u, t, u)
+                    z = wp.where(in_t >= in_u, z_t, z_u)
+                if hit == MISS and t != MISS and u != MISS:
+                    return seen_of_all(view, targets, row, d)
+        if hit == MISS:
+            return SKY
+        return entry_of(z, hit)
+
+    return seen_between
 
 
 @wp.func

@@ -9,6 +9,9 @@ from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
 
 wp.set_module_options({"enable_backward": False})
 
+FEW_REGISTERS = 64
+"""Registers of a GPU's thread in kernels that wait for memory most of the time, so that there are others meanwhile."""
+
 
 @wp.struct
 class Cut:

@@ -122,9 +122,10 @@ def make_gather(
     pixel = wp.float32 if channels == 1 else wp.vec3
     looked_up: Any = LOGS[channels, flicker]
     look_up = make_look_up(lens, channels, flicker, careful, detailed, kind is not None)
-    # Fewer than it would take: while some threads wait for memory there must be others. With care, and of RGB, all of
-    # them are worth more.
-    registers = {"first": 64, "flagged": 128}.get(look) if channels == 1 and not flicker else None
+    # Fewer than it would take: while some threads wait for memory there must be others. With care, where it is not of
+    # single pixels far from each other, and of RGB, all of them are worth more.
+    few = {"first": 64, "flagged": 128, "careful": 128 if single else None}
+    registers = few[look] if channels == 1 and not flicker else None
 
     @wp.func
     def lit_otherwise(

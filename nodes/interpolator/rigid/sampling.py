@@ -176,11 +176,11 @@ class Sampling:
     def _split(self, count: int) -> list[int]:
         return [count * k // self.bands for k in range(self.bands + 1)]
 
-    def launch(self, launches: list[tuple[wp.Kernel, Any, list[Any]]]) -> None:
-        """Launches kernels, for each band: (kernel, threads, arguments)."""
+    def launch(self, launches: list[tuple[wp.Kernel, Any, list[Any]]], block: int = LAUNCH_BLOCK) -> None:
+        """Launches kernels, for each band: (kernel, threads, arguments). block: threads of one on a GPU."""
         if self._pool is None:
             for kernel, dim, given in launches:
-                wp.launch(kernel, dim, given, device=self._v.device)
+                wp.launch(kernel, dim, given, device=self._v.device, block_dim=block)
             return
         # A band may have nothing to do, and a launch of no threads cannot be recorded.
         some = [one for one in launches if one[1]]
