@@ -22,7 +22,9 @@ Key = tuple[str, Any, int | None]
 """Device, module, and threads of a block on a GPU."""
 
 _begun: dict[Key, Future[None]] = {}
-"""What is being built, or was and has not been asked for yet."""
+"""What is being built for a CPU, or was and has not been asked for yet."""
+_compiled: dict[Key, Future[None]] = {}
+"""The same of a GPU, where it is compiled alone."""
 
 
 @cache
@@ -32,13 +34,18 @@ def _helpers() -> ThreadPoolExecutor:
 
 
 def begin_building(device: Any, kernels: Iterable[tuple[wp.Kernel, int]]) -> None:
-    """Has kernels of a CPU compiled and loaded while the caller does something else.
+    """Has kernels compiled, and of a CPU loaded, while the caller does something else.
 
-    Not of a GPU, where nothing may be loaded while launches are recorded. kernels: as of `build_together`, which is to
-    be called before one of them is launched: what is not there by then would be compiled twice.
+    Of a GPU they are loaded by `build_together`, for nothing may be while launches are recorded. kernels: as of that,
+    which is to be called before one of them is launched: what is not there by then would be compiled twice.
     """
     if wp.get_device(device).is_cpu:
         _begin(device, kernels)
+    elif len(os.sched_getaffinity(0)) >= FEWEST_CORES:
+        for kernel, block in kernels:
+            key = wp.get_device(device).alias, kernel.module, block
+            if key not in _compiled:
+                _compiled[key] = _helpers().submit(_compile, *key)
 
 
 def build_together(device: Any, kernels: Iterable[tuple[wp.Kernel, int]]) -> None:
@@ -77,4 +84,16 @@ def _is_kept(module: Any) -> bool:
 
 
 def _build(device: str, module: Any, block: int | None) -> None:
+    begun = _compiled.pop((device, module, block), None)
+    if begun is not None and not begun.cancel():
+        wait([begun])  # what went wrong goes wrong again, and is told
     wp.force_load(device, [module], block, max_workers=0)
+
+
+def _compile(device: str, module: Any, block: int) -> None:
+    """Compiles a module into Warp's cache, and does not load it.
+
+    Warp's compile_aot_module does the same for the number of threads to a block that a module has by default.
+    """
+    module.get_module_hash(block)
+    module._compile(wp.get_device(device), options=module.resolved_options[block])

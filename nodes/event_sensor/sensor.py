@@ -33,7 +33,6 @@ import numpy as np
 import warp as wp
 
 from evis.gpu.devices import device_named
-from nodes.event_sensor.cpu.ideal import Ideal
 from nodes.event_sensor.cpu.listing import Listing
 from nodes.event_sensor.engines.engine import FLOOR as FLOOR
 from nodes.event_sensor.engines.engine import make_engine, sensor_struct, unlit_rate
@@ -157,7 +156,7 @@ class EventSensor:
 
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
         """Gives the kernels that take long to compile, as `build_together` takes them."""
-        return self._engine.kernels() if isinstance(self._engine, Ideal) else []
+        return [*self._engine.kernels(), *self._side.kernels()]
 
     @property
     def state_bytes(self) -> int:

@@ -131,7 +131,8 @@ class Shading:
         """Gives the kernels that light a whole image, or a list of pixels, as `build_together` takes them."""
         direct = self._list_kernel if listed else self._kernel
         made = [direct] if self.paths is None else [direct, self.paths.kernel(listed)]
-        return [(kernel, SHADE_BLOCK) for kernel in made]
+        rays = self.shadow_pass.kernels(listed) if self.shadow_pass is not None else []
+        return [*((kernel, SHADE_BLOCK) for kernel in made), *rays, *self.lights.kernels]
 
     def _features_of(self, textured: bool, gloss: bool, shadows: bool, rays: bool, cached: bool) -> Features:
         """Finds what the scene needs of the kernels of light. rays: whether light comes by paths."""

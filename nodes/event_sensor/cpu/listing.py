@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.gpu.building import LAUNCH_BLOCK
+from nodes.event_sensor.cpu import order_kernels
 from nodes.event_sensor.cpu.order import env_offsets, sort_keys, unpack
 from nodes.event_sensor.cpu.simd_kernels import SPARE
 from nodes.event_sensor.model.keys import KeyLayout
@@ -30,6 +32,10 @@ class Listing:
         self._listed = np.zeros(0, np.int64)
         self._t_base = 0
         self._grow(max(2 * total, 4096))
+
+    def kernels(self) -> list[tuple[wp.Kernel, int]]:
+        """Gives a kernel of the module that sorts and unpacks, as `build_together` takes it."""
+        return [(order_kernels.unpack, LAUNCH_BLOCK)]
 
     def _grow(self, capacity: int) -> None:
         self._keys: wp.array = wp.empty(capacity + SPARE, dtype=wp.int64, device="cpu")

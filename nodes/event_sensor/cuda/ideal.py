@@ -6,6 +6,7 @@ from typing import Any
 
 import warp as wp
 
+from evis.gpu.building import LAUNCH_BLOCK
 from nodes.event_sensor.cuda import ideal_kernels
 from nodes.event_sensor.model.sensor_kernels import Sensor
 
@@ -39,6 +40,10 @@ class IdealPasses:
         """Returns everything that there is per pixel, the list with it."""
         s = self._state
         return s.last, s.low, s.high, s.counts, s.base, self._active
+
+    def kernels(self) -> list[tuple[wp.Kernel, int]]:
+        """Gives the kernels that are launched, as `build_together` takes them."""
+        return [(self._kernel, BLOCK), (ideal_kernels.find_active, LAUNCH_BLOCK)]
 
     def find(
         self, sensor: Sensor, call: wp.array, frames: int, filled: wp.array, counters: wp.array, before: wp.array

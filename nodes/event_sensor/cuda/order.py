@@ -36,6 +36,10 @@ class Order:
         self.filled = [self._empty(self._length) for _ in range(2)]
         self._first = [self._empty(self._length + 1) for _ in range(2)]
 
+    def kernels(self) -> list[tuple[wp.Kernel, int]]:
+        """Gives one kernel for each number of threads to a block that there is, as `build_together` takes them."""
+        return [(order_kernels.place_buckets, SCAN), (order_kernels.in_order, BLOCK)]
+
     def _empty(self, length: int, dtype: Any = wp.int32) -> wp.array:
         return wp.empty(length, dtype=dtype, device=self._device)
 

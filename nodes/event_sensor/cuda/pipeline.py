@@ -156,6 +156,10 @@ class Pipeline:
         """Gives the memory of a pinned array as one of the device, which writes there by itself."""
         return wp.array(ptr=host.ptr, shape=host.shape, dtype=host.dtype, device=self._device)
 
+    def kernels(self) -> list[tuple[wp.Kernel, int]]:
+        """Gives the kernels that put events in order, as `build_together` takes them."""
+        return self._order.kernels()
+
     def grow(self, capacity: int) -> None:
         """Makes room for so many events in a call. Events given out keep the arrays that they have."""
         if capacity >= 1 << 31:

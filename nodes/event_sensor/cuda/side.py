@@ -60,6 +60,10 @@ class DeviceSide:
         columns = {name: wp.empty(0, dtype=dtype, device=self._device) for name, dtype in types.items()}
         return DeviceEvents(columns, 0, np.zeros(envs + 1, np.int64), (0, 0))
 
+    def kernels(self) -> list[tuple[wp.Kernel, int]]:
+        """Gives the kernels that put events in order, as `build_together` takes them."""
+        return self.pipeline.kernels()
+
     @property
     def pipelined(self) -> bool:
         """Tells whether several calls may be in flight."""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.gpu.building import LAUNCH_BLOCK
 from nodes.event_sensor.cpu.nonideal_kernels import rows_kernel
 from nodes.event_sensor.cuda.nonideal_kernels import pixels_kernel
 from nodes.event_sensor.input.batch import Batch, Size
@@ -44,6 +45,10 @@ class NonIdeal:
             if values.size:
                 rare[name] = values.reshape(-1)
         self._rare: wp.array = wp.array(rare, dtype=Rare, device=device)
+
+    def kernels(self) -> list[tuple[wp.Kernel, int]]:
+        """Gives the kernel that is launched, as `build_together` takes it; for further samples there is another."""
+        return [(self._make(self._features), LAUNCH_BLOCK)]
 
     def arrays(self) -> tuple[wp.array, ...]:
         """Everything that is kept per pixel."""

@@ -7,6 +7,7 @@ from typing import Any
 
 import warp as wp
 
+from evis.gpu.building import LAUNCH_BLOCK
 from nodes.event_sensor.input.batch import Batch, Size
 from nodes.event_sensor.model import paper_kernels
 from nodes.event_sensor.model.fixed_pattern import pattern_of
@@ -32,6 +33,10 @@ class Paper:
     def arrays(self) -> tuple[wp.array, ...]:
         """Everything that is kept per pixel."""
         return self._before, self._after, *self._pattern
+
+    def kernels(self) -> list[tuple[wp.Kernel, int]]:
+        """Gives the kernel that is launched, as `build_together` takes it."""
+        return [(paper_kernels.paper, LAUNCH_BLOCK)]
 
     def launch(self, sensor: Sensor, batch: Batch, keys: wp.array, counters: wp.array, resume: int) -> None:
         """Events of a batch to `keys`, as many as fit; all are counted."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.gpu.building import LAUNCH_BLOCK
 from evis.scene.model import WORLD, Light, Scene, Waveform
 from nodes.renderer.lights import light_kernels, place_kernels
 from nodes.renderer.raster.scene_arrays import store
@@ -61,6 +62,11 @@ class LightSet:
         self.kernel.side = self.side
         self._now = self.kernel.colour
         self._chosen: dict[str, wp.array] = {}
+
+    @property
+    def kernels(self) -> list[tuple[wp.Kernel, int]]:
+        """Gives the kernel that `launch` and `place` launch, as `build_together` takes it."""
+        return [(place_kernels.place_lights, LAUNCH_BLOCK)] if self.lights else []
 
     def set_times(self, t_ns: np.ndarray) -> bool:
         """Sets flickering lights to what they are at int64 [E] ns, one instant for each environment; True where one

@@ -47,6 +47,10 @@ class ShadowPass:
                 kernels = shadow_kernels.make_shadow_rays(**delta, trees=occluders.trees, grids=grid is not None)
                 self._parts.append((self._receivers(part), Grid() if grid is None else grid.kernel, *kernels))
 
+    def kernels(self, listed: bool) -> list[tuple[wp.Kernel, int]]:
+        """Gives those that trace rays of a whole image, or of a list of pixels, as `build_together` takes them."""
+        return [(of_list if listed else of_image, BLOCK) for _, _, of_image, of_list in self._parts]
+
     def clear(self) -> None:
         """Forgets the last image's bits."""
         self.hidden.zero_()
