@@ -26,6 +26,10 @@ BARRIER_S = 1800.0
 """Longest wait for the other processes [s]: their setup may compile kernels for the first time, minutes on a small
 machine. One that dies meanwhile is the supervisor's to notice."""
 
+SWITCH_S = 2e-4
+"""Time after which a thread gives way to one that waits for Python's interpreter [s]: nodes give it up at each of their
+many short calls of a device, and waited for a recorder's threads up to 5 ms each time."""
+
 
 def main(argv: list[str]) -> int:
     """Runs the nodes of one process. Exit status 0, 1 after a failure that was reported, 143 when told to end."""
@@ -36,6 +40,7 @@ def main(argv: list[str]) -> int:
 def _main(argv: list[str]) -> int:
     plan_path, process = argv
     die_with_parent()
+    sys.setswitchinterval(SWITCH_S)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C is the supervisor's to handle, in order
     termination = Termination()
     plan = Plan.load(Path(plan_path))
