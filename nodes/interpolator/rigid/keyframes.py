@@ -21,7 +21,8 @@ class Pair:
     Of E gaps in a row, which are as environments whose times differ, a gap's A is the B of the one before: E + 1
     keyframes, of which all but the last are A and all but the first are B.
 
-    patch, support int32, inverse float32 and texels vec4 as in keyframe_kernels; logs: as of LOGS. turn mat33 and shift
+    patch, support int32, inverse float32 and texels vec4 as in keyframe_kernels; logs: as of LOGS. bare float32: ln of
+    the light alone on textures, elsewhere WITHOUT, in scenes that have textures. turn mat33 and shift
     vec3 [2 P E, N + 2]: how the bodies of the sub-frames have moved since A, then since B.
     """
 
@@ -44,7 +45,7 @@ class Pair:
         pixel: Any = wp.float32 if channels == 1 else wp.vec3
         with wp.ScopedDevice(device):
             self.logs = wp.empty(both, dtype=LOGS[channels, flicker])
-            self.albedo = wp.zeros(both if textured else (0, 0, 0), dtype=wp.float32)
+            self.bare = wp.zeros(both if textured else (0, 0, 0), dtype=wp.float32)
             self.patch = wp.empty(both, dtype=wp.int32)
             self.support = wp.empty(both, dtype=wp.int32)
             self.inverse = wp.empty(both, dtype=wp.float32)
@@ -63,7 +64,7 @@ class Pair:
         if not self._in_a_row:
             self.a, self.b = self.b, self.a
             return
-        for name in ("logs", "albedo", "patch", "support", "inverse", "texels", "image", "packed", "poses"):
+        for name in ("logs", "bare", "patch", "support", "inverse", "texels", "image", "packed", "poses"):
             array = getattr(self, name)
             if array.size:
                 wp.copy(array[:1], array[-1:])
@@ -99,7 +100,7 @@ class Pair:
         size = self.a.patch.size
         keys.first = wp.vec2i(*(size // len(self.a.patch) * prepared.first for prepared in (self.a, self.b)))
         keys.image, keys.turn, keys.shift = self.b.image, self.turn, self.shift
-        for name in ("patch", "support", "inverse", "logs", "albedo", "texels"):
+        for name in ("patch", "support", "inverse", "logs", "bare", "texels"):
             setattr(keys, name, getattr(self, name).flatten())
         return keys
 
@@ -126,7 +127,7 @@ class Prepared:
         mine = slice(first, first + shape[0])
         self.logs, self.patch, self.support = pair.logs[mine], pair.patch[mine], pair.support[mine]
         self.inverse, self.texels = pair.inverse[mine], pair.texels[mine]
-        self.albedo = pair.albedo[mine] if pair.albedo.size else pair.albedo
+        self.bare = pair.bare[mine] if pair.bare.size else pair.bare
         self.image, self.packed, self.poses = pair.image[mine], pair.packed[mine], pair.poses[mine]
         with wp.ScopedDevice(device):
             # At their mean, and without.

@@ -1,5 +1,6 @@
 """A surface point looked up in a keyframe: where it is there, whether it is seen, and its log radiance."""
 
+import math
 from functools import cache
 from typing import Any
 
@@ -22,6 +23,8 @@ STEEP = wp.constant(3.0)
 FINE = wp.constant(0.03)
 """Difference of cubic and linear interpolation, in tolerances, above which what a surface shows is too fine for its
 keyframes: interpolation would dull it by about as much."""
+WITHOUT = wp.constant(math.inf)
+"""Stands for ln of the light on a texture where there is none; no mean of it and others is finite."""
 ENOUGH = wp.constant(5)
 """Pixels about a place, of 16, that tell how even a patch is there."""
 HIDDEN = wp.constant(0)
@@ -46,7 +49,7 @@ def make_keyframes(channels: int, flicker: bool) -> Any:
         support: wp.array(dtype=int)
         inverse: wp.array(dtype=float)
         logs: wp.array(dtype=LOGS[channels, flicker])
-        albedo: wp.array(dtype=float)
+        bare: wp.array(dtype=float)
         texels: wp.array(dtype=wp.vec4)
         turn: wp.array2d(dtype=wp.mat33)
         shift: wp.array2d(dtype=wp.vec3)
@@ -114,6 +117,12 @@ def displaced(
 def shows(t: wp.vec4, p: int, w: float):
     """Tells whether a pixel shows patch p at about the inverse distance w."""
     return wp.cast(t[0], wp.int32) == p and wp.abs(t[1] - w) <= SAME_SHEET * w
+
+
+@wp.func
+def is_bare(value: float):
+    """Tells whether a mean of ln of the light is of textures alone."""
+    return wp.isfinite(value)
 
 
 @wp.func
@@ -274,27 +283,19 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool, detaile
         return HIDDEN, pixel(0.0)
 
     @wp.func
-    def texture(keys: Keyframes, width: int, at: int, wx: wp.vec4, wy: wp.vec4):
-        """Computes ln albedo about the pixel `at` as dulled as the light's logarithm is by `whole`."""
+    def bare(keys: Keyframes, width: int, at: int, fx: float, fy: float):
+        """Computes, as `whole` does, ln of the light alone that falls on a texture; a number that `is_bare` refuses
+        where any of the pixels has none."""
         first = at - 1
         below = first + width
+        wx = weights(fx)
         return in_column(
-            weighted(keys.albedo, first - width, wx),
-            weighted(keys.albedo, first, wx),
-            weighted(keys.albedo, below, wx),
-            weighted(keys.albedo, below + width, wx),
-            wy,
+            weighted(keys.bare, first - width, wx),
+            weighted(keys.bare, first, wx),
+            weighted(keys.bare, below, wx),
+            weighted(keys.bare, below + width, wx),
+            weights(fy),
         )
-
-    @wp.func
-    def has_texture(keys: Keyframes, width: int, at: int):
-        """Tells whether all pixels that `texture` interpolates have an albedo."""
-        for j in range(4):
-            row = at + (j - 1) * width
-            for i in range(4):
-                if number(keys.albedo, row + i - 1) == 0.0:
-                    return False
-        return True
 
     @wp.func
     def about(
@@ -342,13 +343,11 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool, detaile
                 if apart(value, straight) > FINE * tolerance:
                     seen = wp.int32(HIDDEN)
                     if wp.static(textured):
-                        if (code & 1) == 1 and number(keys.albedo, at) != 0.0:
+                        if (code & 1) == 1 and is_bare(number(keys.bare, at)):
                             seen = wp.int32(HARD)
                             if wp.static(careful):
-                                seen = wp.int32(HIDDEN)
-                                if has_texture(keys, width, at):
-                                    seen = wp.int32(BARE)
-                                    value -= texture(keys, width, at, weights(fx), weights(fy))
+                                value = bare(keys, width, at, fx, fy)
+                                seen = wp.where(is_bare(value), BARE, HIDDEN)
         elif (
             whole_number(keys.patch, at) == s.patch
             or whole_number(keys.patch, at + 1) == s.patch

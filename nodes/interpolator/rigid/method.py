@@ -305,7 +305,7 @@ class Rigid:
             if self.layout.waveform is not None:
                 self.pair.b.take_lights(partial(self._reprojection.light, placed=True))
             self.pair.b.fill(self.pieces, self._moving, self._reprojection.nonfinite)
-            self._reprojection.take_albedo(self.pair.b)
+            self._reprojection.take_bare(self.pair.b)
         self._beside.join()
         if count:
             before = (self.pair.a.poses, self.pair.a.packed) if first else self._before
@@ -364,7 +364,7 @@ class Rigid:
             self.shading.update(placed)
             a.take_lights(partial(self._reprojection.light, placed=False))
         a.fill(self.pieces, self._moving, self._reprojection.nonfinite)
-        self._reprojection.take_albedo(a)
+        self._reprojection.take_bare(a)
 
     def _take_poses(self) -> None:
         """Where bodies, lights and casters are at keyframe B: launches only."""

@@ -16,7 +16,7 @@ from nodes.interpolator.rigid.gather_kernels import Portion, cut, make_gather, m
 from nodes.interpolator.rigid.keyframes import Pair, Prepared
 from nodes.interpolator.rigid.layout import Layout
 from nodes.interpolator.rigid.sampling import Sampling, SubframeRange, Todo
-from nodes.interpolator.rigid.texture_kernels import make_take_albedo
+from nodes.interpolator.rigid.texture_kernels import make_take_bare
 from nodes.renderer.lighting import LIST_WORKERS, Shading
 
 BLOCK = 128
@@ -69,7 +69,7 @@ class Reprojection:
         self._all_starts = starts[:-1]
         f = shading.features
         kind = (f.textures, f.smooth, f.tinted) if textured_in(shading, layout) else None
-        self._take_albedo = make_take_albedo(*kind) if kind else None
+        self._take_bare = make_take_bare(*kind) if kind else None
         how = (changes, layout.detailed, kind)
         self._careful_look = make_gather(v.lens, channels, exact, "careful", *how)
         self._first_looks: list[wp.Kernel] = []
@@ -111,13 +111,13 @@ class Reprojection:
             self._shading.place()
             self._shading.placed()
 
-    def take_albedo(self, keyframe: Prepared) -> None:
-        """Notes the textures of the first slot as those of a keyframe: a launch only."""
-        if self._take_albedo is not None:
+    def take_bare(self, keyframe: Prepared) -> None:
+        """Takes the textures of the first slot out of the light of a keyframe that is filled: a launch only."""
+        if self._take_bare is not None:
             v = self._v
             dim = (self._envs, v.shape[1], v.shape[2] // v.span)
-            given = [v.view, v.span, self._shading.seen, self._shading.surfaces, keyframe.albedo]
-            wp.launch(self._take_albedo, dim, given, device=v.device)
+            given = [v.view, v.span, self._shading.seen, self._shading.surfaces, keyframe.logs]
+            wp.launch(self._take_bare, dim, given, [keyframe.bare], device=v.device)
 
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
         """Gives the kernels that are launched, as `build_together` takes them."""

@@ -6,6 +6,7 @@ from typing import Any
 import warp as wp
 
 from evis.media.colour import REC709
+from nodes.interpolator.rigid.look_up_kernels import WITHOUT
 from nodes.renderer.raster.depth_kernels import MISS
 from nodes.renderer.raster.surface_kernels import (
     Pixel,
@@ -50,23 +51,25 @@ def make_log_albedo(textures: bool, smooth: bool, tinted: bool) -> Any:
 
 
 @cache
-def make_take_albedo(textures: bool, smooth: bool, tinted: bool) -> wp.Kernel:
-    """Makes the kernel `take_albedo`."""
+def make_take_bare(textures: bool, smooth: bool, tinted: bool) -> wp.Kernel:
+    """Makes the kernel `take_bare`."""
     log_albedo = make_log_albedo(textures, smooth, tinted)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def take_albedo(
+    def take_bare(
         # in
         view: CameraView,
         span: int,
         seen: Seen,
         surfaces: Surfaces,
+        logs: wp.array3d(dtype=float),
         # out
-        albedo: wp.array3d(dtype=float),
+        bare: wp.array3d(dtype=float),
     ):
-        """Computes ln albedo of the pixels [E, H, W] of the first slot."""
+        """Computes ln of the light alone of the pixels [E, H, W] of the first slot, or WITHOUT; logs: ln I."""
         env, y, part = wp.tid()
         for x in range(part * span, wp.min(part * span + span, view.width)):
-            albedo[env, y, x] = log_albedo(view, pixel_at(env, y, x), seen, surfaces)
+            texture = log_albedo(view, pixel_at(env, y, x), seen, surfaces)
+            bare[env, y, x] = wp.where(texture == 0.0, WITHOUT, logs[env, y, x] - texture)
 
-    return take_albedo
+    return take_bare

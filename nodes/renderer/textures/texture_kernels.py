@@ -21,35 +21,38 @@ class Textures:
     place: wp.array(dtype=wp.vec2i)
 
 
-@wp.func
-def wrap(i: int, n: int):
-    """Gives texel -1 ... n of a row of n; a remainder would take longer than all the rest of a sample."""
-    if i < 0:
-        return i + n
-    if i >= n:
-        return i - n
-    return i
+# A CPU reads a texel and the number behind it as one vector, so a texel must follow the last one. Places are held to
+# the level, for uv may be no number.
+BILINEAR = """
+    const auto held = [](int i, int n) { return i < 0 ? 0 : i < n ? i : n - 1; };
+    const int w = level[1], h = level[2];
+    // The whole number is taken off first, so that the fraction of a far repetition keeps its digits.
+    const float x = (uv[0] - floorf(uv[0])) * (float)w - 0.5f;
+    const float y = (1.0f - (uv[1] - floorf(uv[1]))) * (float)h - 0.5f;
+    const float west = floorf(x), north = floorf(y);
+    const float fx = x - west, fy = y - north;
+    const int i = (int)west, j = (int)north;
+    const int left = held(i < 0 ? i + w : i, w), right = held(i + 1 < w ? i + 1 : 0, w);
+    const int above = level[0] + w * held(j < 0 ? j + h : j, h), below = level[0] + w * held(j + 1 < h ? j + 1 : 0, h);
+#if defined(__CUDA_ARCH__)
+    const wp::vec3 upper = texels.data[above + left] * (1.0f - fx) + texels.data[above + right] * fx;
+    const wp::vec3 lower = texels.data[below + left] * (1.0f - fx) + texels.data[below + right] * fx;
+    return upper * (1.0f - fy) + lower * fy;
+#else
+    typedef float four __attribute__((ext_vector_type(4), aligned(4)));
+    const auto at = [&](int place) { return *(const four*)(&texels.data[place]); };
+    const four upper = at(above + left) * (1.0f - fx) + at(above + right) * fx;
+    const four lower = at(below + left) * (1.0f - fx) + at(below + right) * fx;
+    const four value = upper * (1.0f - fy) + lower * fy;
+    return wp::vec3(value[0], value[1], value[2]);
+#endif
+"""
 
 
-@wp.func
-def bilinear(texels: wp.array(dtype=wp.vec3), level: wp.vec3i, uv: wp.vec2):
+@wp.func_native(BILINEAR)
+def bilinear(texels: wp.array(dtype=wp.vec3), level: wp.vec3i, uv: wp.vec2) -> wp.vec3:
     """Gives linear interpolation between texel centres ((i + 0.5) / width, 1 - (j + 0.5) / height), repeating."""
-    w = level[1]
-    h = level[2]
-    # The whole number is taken off first, so that the fraction of a far repetition keeps its digits.
-    x = (uv[0] - wp.floor(uv[0])) * float(w) - 0.5
-    y = (1.0 - (uv[1] - wp.floor(uv[1]))) * float(h) - 0.5
-    i = int(wp.floor(x))
-    j = int(wp.floor(y))
-    fx = x - float(i)
-    fy = y - float(j)
-    left = wrap(i, w)
-    right = wrap(i + 1, w)
-    above = level[0] + wrap(j, h) * w
-    below = level[0] + wrap(j + 1, h) * w
-    upper = texels[above + left] * (1.0 - fx) + texels[above + right] * fx
-    lower = texels[below + left] * (1.0 - fx) + texels[below + right] * fx
-    return upper * (1.0 - fy) + lower * fy
+    ...
 
 
 @wp.func

@@ -70,6 +70,9 @@ def pack(scene: Scene, put: Any) -> tuple[Textures, bool]:
             texels.append(level.reshape(-1, 3))
             start += level.shape[0] * level.shape[1]
         places[-1] = (places[-1][0], len(levels) - places[-1][0])
+    if start:
+        # Native code reads a number beyond the last texel.
+        texels.append(np.zeros((1, 3), np.float32))
     # A mesh without texture coordinates has its material's plain albedo.
     place = [places[i.material] if i.mesh.uv is not None else (0, 0) for i in scene.instances]
     packed = Textures()

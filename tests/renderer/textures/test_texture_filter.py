@@ -4,10 +4,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import warp as wp
 from renderer_scenes import at, camera, poses, quad, rays, scene
 
 from evis.scene.model import Camera, Material, Mesh
 from nodes.renderer.renderer import Renderer
+from nodes.renderer.textures import texture_kernels
 from nodes.renderer.textures.textures import halve, pyramid
 
 THRESHOLD = 0.15
@@ -179,3 +181,23 @@ def test_a_texture_that_no_mesh_shows_is_not_carried():
     plain = Mesh(quad(1, 1).vertices, quad(1, 1).faces)
     world = scene([(plain, -1, 0)], materials=[Material("m", np.full(3, 0.5), checker(512), two_sided=True)])
     assert not Renderer(world, world.cameras[0]).shading.surfaces.textures.texels.size
+
+
+@pytest.mark.parametrize(
+    "uv", [(0.0, 0.0), (-1e-9, 1.0 + 1e-9), (7e6, -7e6), (1e30, 0.5), (np.nan, 0.5), (np.inf, -np.inf)]
+)
+def test_texture_coordinates_of_any_size(uv):
+    """Nothing is read beside the texels, and numbers give numbers between those."""
+    rng = np.random.default_rng(1)
+    texture = rng.uniform(0.2, 0.8, (5, 7, 3)).astype(np.float32)
+    texels = np.concatenate([np.full((4, 3), 1e6), texture.reshape(-1, 3), np.full((1, 3), 1e6)]).astype(np.float32)
+
+    @wp.kernel(module="unique")
+    def look(texels: wp.array(dtype=wp.vec3), uv: wp.vec2, found: wp.array(dtype=wp.vec3)):
+        found[0] = texture_kernels.bilinear(texels, wp.vec3i(4, 7, 5), uv)
+
+    found = wp.zeros(1, dtype=wp.vec3, device="cpu")
+    wp.launch(look, 1, [wp.array(texels, dtype=wp.vec3, device="cpu"), wp.vec2(*uv)], [found], device="cpu")
+    value = found.numpy()[0]
+    assert not np.isfinite(uv).all() or ((value >= texture.min()).all() and (value <= texture.max()).all())
+    assert not (np.abs(value) > 1.0).any()
