@@ -7,6 +7,9 @@ from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 
 wp.set_module_options({"enable_backward": False})
 
+STILL = wp.constant(0.4)
+"""Way of a point, of the distance from a straight one that counts as none, up to which it counts as still."""
+
 
 @wp.struct
 class Motion:
@@ -140,4 +143,4 @@ def moves(cut: Cut, stage: Stage, spot: Spot, hit: wp.uint64):
     row = (spot.k - cut.first) * cut.envs + spot.env
     gone = stage.bends[row, body, 0] + stage.bends[row, body, stage.bends.shape[2] - 1]
     size = wp.length(spot.d)
-    return cut.gain * size * (size * gone[0] + gone[1] / away) > cut.even
+    return cut.gain * size * (size * gone[0] + gone[1] / away) > STILL * cut.even
