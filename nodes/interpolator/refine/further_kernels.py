@@ -65,6 +65,7 @@ def make_sort(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
     @wp.kernel(module="unique", enable_backward=False)
     def sort_each(
         # in
+        q0: int,
         inner: int,
         first: wp.array(dtype=int),
         instants: wp.array(dtype=int),
@@ -76,8 +77,8 @@ def make_sort(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
         offset: wp.array(dtype=int),
         value: wp.array(dtype=pixel),
     ):
-        """Sorts the samples of a pixel by Shell's method; arguments as of `rank`."""
-        q = wp.tid()
+        """Sorts the samples of each pixel from q0 on by Shell's method; other arguments as of `rank`."""
+        q = q0 + wp.tid()
         start = first[q]
         end = first[q + 1]
         stride = (end - start) // 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -148,8 +149,10 @@ class Refinement:
             wp.launch(place_samples, total, [pixels, first, taken, order])
             when: wp.array = wp.array(since, dtype=wp.int32)
             if device.is_cpu:
-                given = [height * width, first, instants, values, when, order]
-                wp.launch(self._sort_each, count, given, [offset, value])
+                given = [height * width, first, instants, values, when, order, offset, value]
+                sampling = self._rigid.sampling
+                edges = [count * k // sampling.bands for k in range(sampling.bands + 1)]
+                sampling.launch([(self._sort_each, e - s, [s, *given]) for s, e in pairwise(edges)])
             else:
                 given = [height * width, first, pixels, instants, values, when, order]
                 wp.launch(self._rank, total, given, [offset, value])

@@ -114,10 +114,12 @@ class Reprojection:
     def take_bare(self, keyframe: Prepared) -> None:
         """Takes the textures of the first slot out of the light of a keyframe that is filled: a launch only."""
         if self._take_bare is not None:
-            v = self._v
-            dim = (self._envs, v.shape[1], v.shape[2] // v.span)
-            given = [v.view, v.span, self._shading.seen, self._shading.surfaces, keyframe.logs]
-            wp.launch(self._take_bare, dim, given, [keyframe.bare], device=v.device)
+            v, what = self._v, [self._shading.seen, self._shading.surfaces, keyframe.logs, keyframe.bare]
+
+            def of_rows(row0: int, row1: int) -> tuple[Any, list[Any]]:
+                return (self._envs, row1 - row0, v.shape[2] // v.span), [v.view, row0, v.span, *what]
+
+            v.row_tiles.launch(self._take_bare, of_rows, v.device, in_parts=True)
 
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
         """Gives the kernels that are launched, as `build_together` takes them."""

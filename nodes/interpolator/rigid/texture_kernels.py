@@ -59,6 +59,7 @@ def make_take_bare(textures: bool, smooth: bool, tinted: bool) -> wp.Kernel:
     def take_bare(
         # in
         view: CameraView,
+        row0: int,
         span: int,
         seen: Seen,
         surfaces: Surfaces,
@@ -66,8 +67,10 @@ def make_take_bare(textures: bool, smooth: bool, tinted: bool) -> wp.Kernel:
         # out
         bare: wp.array3d(dtype=float),
     ):
-        """Computes ln of the light alone of the pixels [E, H, W] of the first slot, or WITHOUT; logs: ln I."""
-        env, y, part = wp.tid()
+        """Computes ln of the light alone of the pixels [E, H, W] of the first slot, from row0 on, or WITHOUT; logs: ln
+        I."""
+        env, row, part = wp.tid()
+        y = row0 + row
         for x in range(part * span, wp.min(part * span + span, view.width)):
             texture = log_albedo(view, pixel_at(env, y, x), seen, surfaces)
             bare[env, y, x] = wp.where(texture == 0.0, WITHOUT, logs[env, y, x] - texture)

@@ -22,7 +22,7 @@ def in_order(kernel, pixels, instants, values, since):
     if kernel == "rank":
         wp.launch(make_sort(1)[1], pixels.size, [INNER, first, *given, *shared], [offset, value])
     else:
-        wp.launch(make_sort(1)[0], PIXELS, [INNER, first, given[1], *shared], [offset, value])
+        wp.launch(make_sort(1)[0], PIXELS, [0, INNER, first, given[1], *shared], [offset, value])
     return first.numpy(), offset.numpy(), value.numpy()
 
 

@@ -135,6 +135,7 @@ def make_find_thin(lens: str) -> wp.Kernel:
         view: CameraView,
         envs: int,
         row0: int,
+        y0: int,
         span: int,
         gaps: wp.array(dtype=float),
         least: int,
@@ -152,8 +153,10 @@ def make_find_thin(lens: str) -> wp.Kernel:
 
         turn, shift [rows, N + 2]: how bodies have moved since a short time before, against the camera; gaps [E]: how
         many such times a gap has. packed [rows, H, W]: z-buffers, from row0 on, of which an environment has own [E].
+        y0: row of the image to begin with.
         """
-        row, y, part = wp.tid()
+        row, line, part = wp.tid()
+        y = y0 + line
         if (row0 + row) // envs >= own[row % envs]:
             return
         for x in range(part * span, wp.min(part * span + span, view.width)):

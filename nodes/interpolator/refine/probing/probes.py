@@ -168,7 +168,8 @@ class Probes:
         pixels = v.shape[1] * v.shape[2]
         least = min(self._least, 1 << instants.depth)
         levels = (most // least).bit_length()
-        missed: wp.array = wp.zeros((self._envs, levels + 1), dtype=wp.int64, device=v.device)
+        parts = {row0: k for k, (row0, _) in enumerate(v.row_tiles.parts)}
+        missed: wp.array = wp.zeros((len(parts), self._envs, levels + 1), dtype=wp.int64, device=v.device)
         span = v.shape[2] if v.device.is_cpu else 1
         gaps: wp.array = wp.array((lengths / SHORT_NS).astype(np.float32), device=v.device)
         # Coarse frames tell, but for what is in the image between them alone.
@@ -183,10 +184,17 @@ class Probes:
             if not rows:
                 continue
             turn, shift = self._displaced(which, stamps, places, states, held)
-            given: list[Any] = [v.view, self._envs, first * self._envs, span, gaps, least * coarse, own, turn, shift]
-            given += [rigid.pieces, v.triangle_instance, packed]
-            wp.launch(self._find_thin, (rows, v.shape[1], v.shape[2] // span), given, [missed], device=v.device)
-        found = missed.numpy()
+            where = [v.view, self._envs, first * self._envs]
+            what = [span, gaps, least * coarse, own, turn, shift, rigid.pieces, v.triangle_instance, packed]
+
+            def of_rows(
+                y0: int, y1: int, rows: int = rows, where: list[Any] = where, what: list[Any] = what
+            ) -> tuple[Any, list[Any]]:
+                dim = (rows, y1 - y0, v.shape[2] // span)
+                return dim, [*where, y0, *what, missed[parts[y0]]]
+
+            v.row_tiles.launch(self._find_thin, of_rows, v.device, in_parts=True)
+        found = missed.numpy().sum(axis=0)
         unseen, all_of_it = found[:, :-1], found[:, -1:]
         of_all = np.where(begun > least, OF_VISITS, MISSED_OF_ALL)[:, None]
         once = pixels * looked_at[:, None]
