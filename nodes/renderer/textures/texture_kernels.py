@@ -35,9 +35,10 @@ BILINEAR = """
     const int left = held(i < 0 ? i + w : i, w), right = held(i + 1 < w ? i + 1 : 0, w);
     const int above = level[0] + w * held(j < 0 ? j + h : j, h), below = level[0] + w * held(j + 1 < h ? j + 1 : 0, h);
 #if defined(__CUDA_ARCH__)
-    const wp::vec3 upper = texels.data[above + left] * (1.0f - fx) + texels.data[above + right] * fx;
-    const wp::vec3 lower = texels.data[below + left] * (1.0f - fx) + texels.data[below + right] * fx;
-    return upper * (1.0f - fy) + lower * fy;
+    const wp::vec3* at = texels.data;
+    const wp::vec3 upper = wp::add(at[above + left] * (1.0f - fx), at[above + right] * fx);
+    const wp::vec3 lower = wp::add(at[below + left] * (1.0f - fx), at[below + right] * fx);
+    return wp::add(upper * (1.0f - fy), lower * fy);
 #else
     typedef float four __attribute__((ext_vector_type(4), aligned(4)));
     const auto at = [&](int place) { return *(const four*)(&texels.data[place]); };
