@@ -112,8 +112,14 @@ class Listener:
         self.path = path
         self._socket = socket.socket(socket.AF_UNIX)
         self._socket.setblocking(False)
-        self._socket.bind(str(path))
-        self._socket.listen()
+        # Who sees the path can connect: a socket that is bound and does not listen yet refuses.
+        bound = str(path)[:-1] + "~"
+        self._socket.bind(bound)
+        try:
+            self._socket.listen()
+            os.link(bound, path)
+        finally:
+            os.unlink(bound)
 
     def fileno(self) -> int:
         """Returns the file descriptor, for a poller."""
