@@ -85,7 +85,9 @@ def _rigid(gap: Gap) -> Method:
     options = RigidOptions(**{"tolerance": tolerance_of(1e-9 * gap.time_tolerance_ns), **asked}, single=True)
     rigid = Rigid(gap.scene, gap.camera, *gap.bodies, options, worlds=gap.worlds)
     rigid.begin_build()
-    return Refined(rigid, gap.time_tolerance_ns, gap.threads, options.light_samples)
+    refined = Refined(rigid, gap.time_tolerance_ns, gap.threads, options.light_samples)
+    refined.begin_build()
+    return refined
 
 
 def _splat(gap: Gap) -> Method:

@@ -24,12 +24,25 @@ WORKERS = 1 << 20, 1 << 18
 """Threads that share a list of pixels on a GPU, where they are looked up: the first one, and shorter ones."""
 
 
+def changes_of(rigid: Rigid) -> LightChanges:
+    """Tells how light may change in the scene of a `Rigid`."""
+    return rigid.change.features if rigid.change else LightChanges()
+
+
+def looks_of(rigid: Rigid) -> tuple[wp.Kernel, wp.Kernel]:
+    """Makes the kernels that look up listed pixels, and that write to their places what was shaded."""
+    layout, f = rigid.layout, rigid.shading.features
+    kind = (f.textures, f.smooth, f.tinted) if textured_in(rigid.shading, layout) else None
+    how = (layout.channels, layout.exact_flicker, "careful", changes_of(rigid), layout.detailed, kind)
+    return make_gather(rigid.visibility.lens, *how, single=True), make_place(layout.channels, single=True)
+
+
 class Evaluator:
     """Evaluates listed pixels at the instants of one window, in the gap whose frames a `Rigid` made last.
 
     hits: uint64 [list], z-buffer entries, which the caller writes first. values: [list], the radiance found. bands:
     parts of the list, each for a CPU thread. strength: float32 [slots E], of lights that flicker, empty without such.
-    change, changes: struct for kernels of how light changes at the instants, and which kinds of that there are.
+    change: struct for kernels of how light changes at the instants.
     """
 
     def __init__(self, rigid: Rigid, slots: int, threads: int, light_samples: int) -> None:
@@ -46,12 +59,10 @@ class Evaluator:
         self.places = Slots(scene, v, rigid.placement, slots)
         change = rigid.change
         self.change: Any = change.beside(self.shading) if change else Change()
-        self.changes = changes = change.features if change else LightChanges()
-        channels, exact = layout.channels, layout.exact_flicker
         self._room = 0
         self.size = (v.shape[1] - 2 * v.margin, v.shape[2] - 2 * v.margin)
         self.bands = len(v.row_tiles.parts)
-        self._pixel: Any = wp.float32 if channels == 1 else wp.vec3
+        self._pixel: Any = wp.float32 if layout.channels == 1 else wp.vec3
         bodies = len(v.names) + 2
         with wp.ScopedDevice(v.device):
             self._radiance = wp.empty(v.shape, dtype=wp.vec3)
@@ -59,11 +70,8 @@ class Evaluator:
             self._shift = wp.empty((2 * v.envs, bodies), dtype=wp.vec3)
             self._frame = wp.zeros(slots, dtype=wp.int32)
             self._index: wp.array = wp.zeros(slots, dtype=wp.int32)
-            self.strength = wp.zeros(v.envs if exact else 0, dtype=wp.float32)
-        f = self.shading.features
-        kind = (f.textures, f.smooth, f.tinted) if textured_in(self.shading, layout) else None
-        self._gather = make_gather(v.lens, channels, exact, "careful", changes, layout.detailed, kind, True)
-        self._place = make_place(channels, True)
+            self.strength = wp.zeros(v.envs if layout.exact_flicker else 0, dtype=wp.float32)
+        self._gather, self._place = looks_of(rigid)
         self._targets = self._make_targets()
         self._at: list[int] = []
         """The instants that `_index` has."""

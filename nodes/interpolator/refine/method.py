@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import warp as wp
 
+from evis.gpu.building import begin_building, build_together
 from nodes.interpolator.keyframe import KeyframeView, Report
 from nodes.interpolator.refine.refinement import Refinement
 from nodes.interpolator.rigid.method import Rigid
@@ -33,6 +34,11 @@ class Refined:
         """tolerance_ns: greatest error wanted in the time of a threshold crossing [ns]."""
         self.rigid, self.refinement = rigid, Refinement(rigid, tolerance_ns, threads, light_samples)
         self.further: Further | None = None
+        self._built = False
+
+    def begin_build(self) -> None:
+        """Has its kernels compiled, while the caller does something else, for the first gap."""
+        begin_building(self.rigid.visibility.device, self.refinement.kernels())
 
     def settle(self) -> None:
         """See Rigid."""
@@ -42,6 +48,9 @@ class Refined:
         self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array
     ) -> Report:
         """See Method."""
+        if not self._built:
+            build_together(self.rigid.visibility.device, [*self.rigid.kernels(), *self.refinement.kernels()])
+            self._built = True
         told = self.rigid.begin(a, b, held, out)
         if self.rigid.rested:
             self.further = None

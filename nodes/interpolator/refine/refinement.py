@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.gpu.building import LAUNCH_BLOCK
 from nodes.interpolator.keyframe import KeyframeView, own_subframes
-from nodes.interpolator.refine.evaluator import Evaluator
+from nodes.interpolator.refine.evaluator import Evaluator, looks_of
 from nodes.interpolator.refine.flicker import Flicker
 from nodes.interpolator.refine.further_kernels import count_samples, make_sort, place_samples
 from nodes.interpolator.refine.instants import Instants, instants_of
 from nodes.interpolator.refine.probing.probes import Probes
-from nodes.interpolator.refine.rounds import Rounds, Window
+from nodes.interpolator.refine.rounds import Kernels, Rounds, Window
 from nodes.interpolator.refine.stage_kernels import Cut, Stage
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.sampling import pixels_per_radian
@@ -53,6 +54,7 @@ class Refinement:
         self._pixel: Any = wp.float32 if channels == 1 else wp.vec3
         self._flicker = Flicker((light.waveform for light in v.scene.lights), PLAIN * layout.tolerance, v.device)
         self._sort_each, self._rank = make_sort(channels)
+        self._kernels = Kernels.of(rigid)
         self._held = wp.zeros(layout.envs, dtype=wp.int32, device=v.device)
         self.evaluated = self.shaded = 0
         """How many samples the last gap has, and how many of them were shaded."""
@@ -60,6 +62,13 @@ class Refinement:
         """Whether these are as close as the tolerance of time asks for, where need be."""
         self.unseen = False
         """Whether something is so fast that part of it passes pixels between two looks at them."""
+
+    def kernels(self) -> list[tuple[wp.Kernel, int]]:
+        """Gives the kernels that take long to compile, as `build_together` takes them."""
+        looks = [(kernel, LAUNCH_BLOCK) for kernel in looks_of(self._rigid)]
+        sort = self._sort_each if self._device.is_cpu else self._rank
+        window = self._kernels.to_build(self._rigid.shading.occluders.trees)
+        return [*looks, *window, *self._probes.kernels(), (sort, LAUNCH_BLOCK)]
 
     def further(self, a: KeyframeView, b: KeyframeView, held: np.ndarray, frames: wp.array) -> Further | None:
         """Computes the samples between the frames [E K, h, w] of the gap made last; None without any."""
@@ -110,7 +119,7 @@ class Refinement:
             # What is not used any more is freed first.
             self._rounds.clear()
             evaluator = Evaluator(self._rigid, instants.slots, self._threads, self._light_samples)
-            self._rounds[shape] = Rounds(self._rigid, evaluator, instants)
+            self._rounds[shape] = Rounds(self._rigid, evaluator, instants, self._kernels)
         return self._rounds[shape]
 
     def _cut(self, instants: Instants, evaluator: Evaluator, first: int) -> Any:

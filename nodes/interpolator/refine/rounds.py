@@ -13,7 +13,7 @@ import warp as wp
 from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.cuda_graph import CudaGraphs
 from nodes.interpolator.refine.change_kernels import Changes, make_find_changes
-from nodes.interpolator.refine.evaluator import Evaluator
+from nodes.interpolator.refine.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.interval_kernels import make_intervals, make_rounds, see
 from nodes.interpolator.refine.lists import Lists, Samples
@@ -47,6 +47,28 @@ class Window:
     frames: wp.array
 
 
+@dataclass(frozen=True)
+class Kernels:
+    """Holds the kernels of a window that depend on the scene."""
+
+    find_plain: wp.Kernel
+    find_runs: wp.Kernel
+    check: wp.Kernel
+    split: wp.Kernel
+
+    @classmethod
+    def of(cls, rigid: Rigid) -> Kernels:
+        """Makes those for what there is in the scene of a `Rigid`."""
+        layout, lens, changes = rigid.layout, rigid.visibility.lens, changes_of(rigid)
+        runs = make_find_runs(lens, layout.channels, layout.exact_flicker, layout.relight, changes)
+        return cls(*runs, *make_rounds(layout.channels))
+
+    def to_build(self, trees: bool) -> list[tuple[wp.Kernel, int]]:
+        """Gives them as `build_together` takes them, with those that depend on trees: as of `make_seen_of_all`."""
+        others = (self.find_plain, self.find_runs, self.check, self.split, see)
+        return [*((kernel, LAUNCH_BLOCK) for kernel in others), (make_find_changes(trees), BLOCK)]
+
+
 class Rounds:
     """Adds the samples of one window after another to `samples`, in lists that grow as need be.
 
@@ -56,18 +78,14 @@ class Rounds:
     end where nothing is left.
     """
 
-    def __init__(self, rigid: Rigid, evaluator: Evaluator, instants: Instants) -> None:
-        self._rigid, self.evaluator = rigid, evaluator
+    def __init__(self, rigid: Rigid, evaluator: Evaluator, instants: Instants, kernels: Kernels) -> None:
+        self._rigid, self.evaluator, self._kernels = rigid, evaluator, kernels
         v, layout, bands = rigid.visibility, rigid.layout, evaluator.bands
         channels, device = layout.channels, v.device
         pixel: Any = wp.float32 if channels == 1 else wp.vec3
         self.reads_counts = device.is_cpu
         """Whether the host reads counts while a window is done."""
-        self._find_plain, self._find_runs = make_find_runs(
-            v.lens, channels, layout.exact_flicker, layout.relight, evaluator.changes
-        )
         self._find_changes = make_find_changes(evaluator.shading.occluders.trees)
-        self._check, self._split = make_rounds(channels)
         self._tally, self._graphs = Tally(bands, device), CudaGraphs(device)
         self._others = wp.empty(0, dtype=wp.int32, device=device)
         self._first = wp.empty(0, dtype=wp.int32, device=device)
@@ -176,6 +194,7 @@ class Rounds:
     def _find(self, window: Window) -> None:
         """Lists the pixels and instants at which runs need a sample."""
         rigid, evaluator, cut, tally = self._rigid, self.evaluator, window.cut, self._tally
+        find = self._kernels
         v, bands = evaluator.visibility, evaluator.bands
         edges = [cut.height * k // bands for k in range(bands + 1)]
         span = cut.width if v.device.is_cpu else 1
@@ -198,11 +217,13 @@ class Rounds:
                 window.frames,
             ]
             given += [instances, found, self._others, tally.others]
-            launches[0].append((self._find_plain, (window.intervals * cut.envs, rows, cut.width // span), given))
+            launches[0].append(
+                (self._kernels.find_plain, (window.intervals * cut.envs, rows, cut.width // span), given)
+            )
             given = [v.view, cut, searchers, k * most_changes, most_changes, other, k, self._others, tally.others]
             launches[1].append((self._find_changes, searchers, [*given, stage, start, changes, tally.changes]))
             given = [v.view, cut, workers, k * most, most, other, k, self._others, tally.others, changes, keys, stage]
-            launches[2].append((self._find_runs, workers, [*given, marks, start, instances, found]))
+            launches[2].append((find.find_runs, workers, [*given, marks, start, instances, found]))
         for each, block in zip(launches, (LAUNCH_BLOCK, BLOCK, LAUNCH_BLOCK)):
             rigid.sampling.launch(each, block)
 
@@ -222,9 +243,9 @@ class Rounds:
         rigid, evaluator, tally, a = self._rigid, self.evaluator, self._tally, self._rigid.pair.a
         workers = evaluator.workers(number)
         if number == 0:
-            kernel, what = self._check, [a.image, a.packed, window.frames, window.stage, listed.kernel]
+            kernel, what = self._kernels.check, [a.image, a.packed, window.frames, window.stage, listed.kernel]
         else:
-            kernel, what = self._split, [rigid.pieces, listed.kernel]
+            kernel, what = self._kernels.split, [rigid.pieces, listed.kernel]
         given = [*what, evaluator.hits, evaluator.values, tally.made, *self.samples.arrays]
         launches = []
         for k in bands:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.cuda_graph import CudaGraphs
 from nodes.interpolator.keyframe import States
 from nodes.interpolator.refine.instants import Instants
@@ -64,6 +65,10 @@ class Probes:
         self.most = self._least
         self.unseen = False
         """Whether more would be needed than there may be."""
+
+    def kernels(self) -> list[tuple[wp.Kernel, int]]:
+        """Gives the kernel that takes long to compile, as `build_together` takes it."""
+        return [(self._find_thin, LAUNCH_BLOCK)]
 
     def _drawer(self, count: int) -> tuple[Visibility, Slots]:
         """Gives what draws `count` z-buffers of each environment at once."""
