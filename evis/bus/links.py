@@ -44,7 +44,10 @@ class Link:
         return self._socket.fileno()
 
     def send(self, frames: Sequence[Buffer], timeout_s: float = 0.0) -> None:
-        """Sends one packet. Raises LinkLost when the other side has gone, or takes nothing for `timeout_s`."""
+        """Sends one packet. Raises LinkLost when the other side has gone, or takes nothing for `timeout_s`.
+
+        What it had sent before can still be received then, and ends behind that.
+        """
         sizes = [len(frame) for frame in frames]
         packet = b"".join([_HEAD.pack(len(frames)), *map(_HEAD.pack, sizes), *frames])
         rest = memoryview(packet)
@@ -55,10 +58,15 @@ class Link:
             except BlockingIOError:
                 left_s = deadline - time.monotonic()
                 if left_s <= 0:
-                    raise LinkLost(f"the other side has read nothing for {timeout_s:g} s") from None
+                    raise self._lost(f"the other side has read nothing for {timeout_s:g} s") from None
                 select.select((), (self._socket,), (), left_s)
             except OSError as error:
-                raise LinkLost(error.strerror or str(error)) from None
+                raise self._lost(error.strerror or str(error)) from None
+
+    def _lost(self, why: str) -> LinkLost:
+        with contextlib.suppress(OSError):  # the other side has gone
+            self._socket.shutdown(socket.SHUT_RDWR)
+        return LinkLost(why)
 
     def receive(self, timeout_s: float = 0.0) -> list[bytes] | None:
         """Returns the frames of the next packet, None when none has come within `timeout_s`. Raises LinkLost."""

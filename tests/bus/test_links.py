@@ -47,6 +47,22 @@ def test_packets_come_whole_and_in_order(pair: tuple[Link, Link]) -> None:
     assert there.peer == os.getpid()
 
 
+@pytest.mark.parametrize("gone", [True, False])
+def test_what_came_is_read_after_an_answer_that_could_not_be_sent(pair: tuple[Link, Link], gone: bool) -> None:
+    """gone: the other side has closed its end; otherwise it reads nothing."""
+    here, there = pair
+    for said in (b"last", b"leave"):
+        here.send([said])
+    if gone:
+        here.close()
+    with pytest.raises(LinkLost):
+        for _ in range(1 << 12):
+            there.send([bytes(1 << 12)])
+    assert [there.receive(10.0), there.receive(10.0)] == [[b"last"], [b"leave"]]
+    with pytest.raises(LinkLost, match="closed"):
+        there.receive(10.0)
+
+
 def test_a_packet_larger_than_the_socket_comes_in_parts(pair: tuple[Link, Link]) -> None:
     here, _ = pair
     big = os.urandom(3_000_000)

@@ -20,6 +20,7 @@ from evis.client.requests import Requests
 from evis.runtime.executor import Executor
 from evis.runtime.outside import ANY_STAMP, holding
 from evis.runtime.plan import NodePlan, Plan
+from msgs.codec import encode
 from msgs.header import Header
 from msgs.world import Action, Reset
 
@@ -184,6 +185,22 @@ def test_who_dies_hands_control_back(graph: Callable[[str], Graph]) -> None:
     program.close()  # as the system closes the socket of a process that is killed
     until(lambda: run.node.now_ns > stamp)
     assert ("warning", True) in [(level, "is gone without a word" in text) for level, text in run.lines]
+
+
+def test_who_leaves_and_is_gone_has_left(graph: Callable[[str], Graph]) -> None:
+    """Its last action counts, although nobody reads the answers any more: of twenty programs, for it is a race."""
+    run = graph("lockstep")
+    for n in range(20):
+        program = run.program()
+        take(program)
+        given = action(n, stamp=due(program))
+        program._link.send([msgpack.packb({"op": "message", "topic": "/action"}), *encode(given)])
+        program.leave()
+        program.close()
+        until(lambda n=n: sum("has left /action" in text for _, text in run.lines) == n + 1 or run.failure)
+    assert not any("gone without a word" in text for _, text in run.lines)
+    assert run.counters()["outside_actions"] == 20
+    until(lambda: [19.0] in [values for _, values in run.node.had])
 
 
 def test_who_says_nothing_is_named_and_loses_control(

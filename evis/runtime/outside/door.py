@@ -12,11 +12,12 @@ import msgpack
 from evis.bus.endpoints import door_of
 from evis.bus.links import Link, LinkLost, Listener
 from evis.runtime.node import Node
-from evis.runtime.outside.holding import GONE, Holding, Say, tell
+from evis.runtime.outside.holding import Holding, Say, tell
 from msgs.codec import decode
 from msgs.header import Message
 from msgs.topics import find_topic
 
+GONE = "is gone without a word"
 LONGEST_NAME = 200
 LOOK_EVERY_S = 0.005
 """Interval at which a door looks for newcomers while the graph is busy [s]: each look costs 10 us."""
@@ -116,7 +117,7 @@ class Door:
             else:
                 raise ValueError(f"no request is called {op!r:.80}")
         except ValueError as error:  # MessageError is one
-            _reply(link, op="refused", why=str(error))
+            tell(link, op="refused", why=str(error))
 
     def _attach(self, link: Link, port: str, asked: Mapping[str, Any]) -> None:
         holding = self.holdings.get(port)
@@ -133,7 +134,7 @@ class Door:
         name = " ".join(str(asked.get("who", "a program")).split())[:LONGEST_NAME]
         who = f"{name} (process {link.peer}, outside)"
         holding.take(link, who, self._now_ns(), lockstep, patience_s)
-        _reply(link, op="welcome", lockstep=lockstep, offer=offer, stamp_ns=self._now_ns())
+        tell(link, op="welcome", lockstep=lockstep, offer=offer, stamp_ns=self._now_ns())
 
     def _ports_of(self, port: str) -> str:
         return next(topic for topic, name in self._ports.items() if name == port)
@@ -159,7 +160,7 @@ class Door:
             holding.put(message)
         else:
             self._node.receive(port, message)
-        _reply(link, op="taken", stamp_ns=self._now_ns())
+        tell(link, op="taken", stamp_ns=self._now_ns())
 
     def _refuse(self, port: str, holding: Holding | None, why: str) -> None:
         """All are counted, and the first of each controller is told: it may send a thousand in a second."""
@@ -170,9 +171,3 @@ class Door:
         holding.refused += 1
         if holding.refused == 1:
             self._say("warning", f"refused from {holding.who}: {why}; the next ones are only counted")
-
-
-def _reply(link: Link, **fields: Any) -> None:
-    """Answer a request. Raises LinkLost when the program has gone, or does not read."""
-    if not tell(link, **fields):
-        raise LinkLost("it does not read")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import time
@@ -16,7 +17,6 @@ from msgs.header import Header, Message
 
 SAY_S = 5.0
 """A wait for the action of one step is told of after this time [s]."""
-GONE = "is gone without a word"
 Say = Callable[[str, str], None]
 
 
@@ -82,9 +82,7 @@ class Holding:
         now = time.monotonic()
         if self._due != stamp_ns:
             self._due, self._waits_since, self._told = stamp_ns, now, False
-            if not tell(self.holder, op="due", stamp_ns=stamp_ns):
-                self.hand_back(stamp_ns, GONE, "warning")
-                return False
+            tell(self.holder, op="due", stamp_ns=stamp_ns)
         waited = now - self._waits_since
         if waited > self._patience_s:
             why = f"gave no action for {self._patience_s:g} s and lost {self.topic}"
@@ -107,10 +105,7 @@ class Holding:
         self._pending, self._due = None, None
 
 
-def tell(link: Link, **fields: Any) -> bool:
-    """Sends one answer; False when the program has gone, or does not read."""
-    try:
+def tell(link: Link, **fields: Any) -> None:
+    """Sends one answer, if the program is there and reads; otherwise its link ends behind what it has sent."""
+    with contextlib.suppress(LinkLost):
         link.send([msgpack.packb(fields)])
-    except LinkLost:
-        return False
-    return True
