@@ -53,8 +53,7 @@ class Probes:
         self._first = layout.upsampling * (self._least - 1)
         self._drawers: dict[int, tuple[Visibility, Slots]] = {}
         """By how many z-buffers of each environment they draw at once; made when there is use for them."""
-        v, self._places = self._drawer(self._first)
-        self._v = v
+        v = self._v = self._drawer(self._first)[0]
         self._before = Slots(coarse.scene, v, rigid.placement, self._first)
         self._find_thin = make_find_thin(v.lens)
         self._visits, self._graphs = Visits(v, rigid.placement), CudaGraphs(v.device)
