@@ -178,6 +178,13 @@ class DevicePool(Loans[DeviceSlot]):
             self.live -= 1
 
 
+def on_host_too(asked: Asked) -> dict[str, tuple[tuple[int, ...], np.dtype]]:
+    """Gives shapes and dtypes of the numpy arrays that hold what Warp's would. asked: of scalars."""
+    import warp as wp
+
+    return {name: (tuple(shape), np.dtype(wp.dtype_to_numpy(dtype))) for name, (shape, dtype) in asked.items()}
+
+
 def _nbytes(shape: tuple[int, ...], dtype: Any) -> int:
     import warp as wp
 

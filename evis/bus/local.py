@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import zmq
 
-from evis.bus.device import Asked, DevicePool, DeviceSlot, check
+from evis.bus.device import Asked, DevicePool, DeviceSlot, check, on_host_too
 from evis.bus.publisher import check_sent
 from evis.bus.slots import Slot, SlotPool
 from msgs.codec import checked
@@ -78,6 +78,12 @@ class LocalPublisher:
         if device.is_cuda:
             self._pool.pin_memory()
         return self._on_device.loan(device, asked)
+
+    def loan_from(self, device: Any, asked: Asked) -> dict[str, np.ndarray]:
+        """Returns numpy arrays as `loan` does, of (shape, Warp dtype), in memory that the device writes to fast."""
+        if device.is_cuda:
+            self._pool.pin_memory()
+        return self.loan(**on_host_too(asked))
 
     def claim_on(self, message: Message) -> DeviceSlot | None:
         """Returns the slot of `loan_on` that a message's Warp arrays lie in, pinned once for the caller."""

@@ -12,7 +12,7 @@ import zmq
 
 from evis.bus import pipes, wire
 from evis.bus.consumers import Consumer, Consumers
-from evis.bus.device import Asked, DevicePool, DeviceSlot, check
+from evis.bus.device import Asked, DevicePool, DeviceSlot, check, on_host_too
 from evis.bus.endpoints import Endpoints, bind, check_bind, unlink
 from evis.bus.errors import BusError, PeerLost
 from evis.bus.placing import describe, place
@@ -162,6 +162,12 @@ class Publisher:
         if device.is_cuda:
             self._pool.pin_memory()
         return self._on_device.loan(device, asked)
+
+    def loan_from(self, device: Any, asked: Asked) -> dict[str, np.ndarray]:
+        """Returns numpy arrays as `loan` does, of (shape, Warp dtype), in memory that the device writes to fast."""
+        if device.is_cuda:
+            self._pool.pin_memory()
+        return self.loan(**on_host_too(asked))
 
     def claim_on(self, message: Message) -> DeviceSlot | None:
         """Returns the slot of `loan_on` that a message's Warp arrays lie in, pinned once for the caller.

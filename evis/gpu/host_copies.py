@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from itertools import cycle
 from typing import Any
 
 import numpy as np
 import warp as wp
+
+
+@cache
+def copying_stream(alias: str) -> wp.Stream:
+    """Gives the stream of a CUDA device, by its alias, for copies to the host beside all other work."""
+    return wp.Stream(alias)
 
 
 class HostCopies:

@@ -48,6 +48,16 @@ class Delivery:
                 slot.unpin()
 
 
+def read_on_host(publisher: AnyPublisher, consumers: Sequence[tuple[Host, str]], device: Any) -> bool:
+    """Says whether there are readers of a topic, and all of them read the next message on the host.
+
+    consumers: those in this process, each with its port. device: a Warp device on which they might.
+    """
+    if any(_takes(consumer, port, device) for consumer, port in consumers):
+        return False
+    return bool(consumers) or publisher.reads_bytes()
+
+
 def _reads(consumer: Host, port: str, topic: str, message: Message) -> bool:
     """Whether a node reads the arrays of a message."""
     single = port not in consumer.join.queues and port not in consumer.delayed

@@ -17,8 +17,9 @@ import zmq
 
 from evis.bus import END
 from evis.config.secret import Redactor
+from evis.gpu.early_context import begin_contexts
 from evis.runtime.calls import Calls
-from evis.runtime.delivery import Delivery
+from evis.runtime.delivery import Delivery, read_on_host
 from evis.runtime.host import AnyPublisher, Host, Inside, NodeFailed, Subscription, Wiring, load_class
 from evis.runtime.node import Node
 from evis.runtime.outside.door import Door
@@ -69,6 +70,7 @@ class Executor:
         self._wiring = Wiring(plan, process, self._context)
         self._telemetry = Telemetry(plan, process, self._context, self.profile, self._redactor, say)
         self._hosts = self._wiring.hosts
+        begin_contexts(host.node.computes_on() for host in self._hosts.values())
         for host in self._hosts.values():
             self.profile.node(host.name).made_elsewhere = host.plan.joins
         self._calls = Calls(self._hosts, self.profile, self._telemetry, plan.mode == "realtime")
@@ -377,6 +379,18 @@ class Executor:
         """Implements Node.loan_on."""
         host = self._hosts[node.name]
         return host.publishers[host.plan.outputs[port]].loan_on(device, arrays)
+
+    def loan_for_readers(
+        self, node: Node, port: str, device: Any, arrays: Mapping[str, tuple[tuple[int, ...], Any]]
+    ) -> Any:
+        """Implements Node.loan_for_readers."""
+        host = self._hosts[node.name]
+        topic = host.plan.outputs[port]
+        publisher = host.publishers[topic]
+        consumers = [(c, port) for c, port, consumed in host.downstream if consumed == topic]
+        if read_on_host(publisher, consumers, device):
+            return publisher.loan_from(device, arrays)
+        return publisher.loan_on(device, arrays)
 
     def publish(self, node: Node, port: str, message: Message) -> None:
         """Implements Node.publish."""

@@ -71,6 +71,9 @@ class Runtime(Protocol):
     def loan_on(self, node: Node, port: str, device: Any, arrays: Arrays) -> dict[str, Any]:
         """Gives arrays on a device to write an output's next message into."""
 
+    def loan_for_readers(self, node: Node, port: str, device: Any, arrays: Arrays) -> dict[str, Any]:
+        """Gives arrays to write an output's next message into, on the host where it is read there alone."""
+
     def publish(self, node: Node, port: str, message: Message) -> None:
         """Sends a message on an output."""
 
@@ -193,6 +196,10 @@ class Node:
 
     # -- what the executor calls -------------------------------------------------------------------------------------
 
+    def computes_on(self) -> str:
+        """Names the Warp device that this node is sure to need, so that it is made ready early; "" = none."""
+        return ""
+
     def setup(self) -> None:
         """Prepares the node; latched outputs (CameraInfo) are published here."""
 
@@ -274,6 +281,12 @@ class Node:
         of the device; nobody need wait for it before `publish`.
         """
         return self.runtime.loan_on(self, port, device, arrays)
+
+    def loan_for_readers(self, port: str, device: Any, **arrays: tuple[tuple[int, ...], Any]) -> dict[str, Any]:
+        """Returns arrays as `loan_on` does, or numpy's, in memory that the device writes to fast, where there are
+        readers and all of them read on the host. What writes numpy's must be done before `publish`.
+        """
+        return self.runtime.loan_for_readers(self, port, device, arrays)
 
     def tell(self, text: str) -> None:
         """Says one line to the user alone: it goes to no log, no topic and no bag."""

@@ -102,6 +102,10 @@ class EventSensorNode(Node):
             return frozenset({"rgb" if params["colour"] else "luminance"})
         return frozenset({"radiance" if params["colour"] else "luminance"}) if port == "keyframe" else None
 
+    def computes_on(self) -> str:
+        """Names its device."""
+        return str(self.params["device"])
+
     def setup(self) -> None:
         from evis.gpu.building import begin_building
         from evis.gpu.devices import device_named

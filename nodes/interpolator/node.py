@@ -124,6 +124,10 @@ class InterpolatorNode(Node):
             return (told,) if told else ()
         return ()
 
+    def computes_on(self) -> str:
+        """Names its device."""
+        return str(self.params["device"])
+
     def setup(self) -> None:
         from evis.gpu.devices import device_named
         from nodes.interpolator.interpolator import Interpolator

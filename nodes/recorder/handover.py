@@ -8,9 +8,9 @@ from collections.abc import Callable
 from evis.bag.mcap.behind import Behind
 from msgs.header import Message
 
-MOST = 32 << 20
+MOST = 64 << 20
 """Bytes of messages that may wait; whoever has more waits."""
-MOST_MESSAGES = 16
+MOST_MESSAGES = 48
 """Of which there are no more than these, be they small: fewer than the slots that a topic has."""
 
 

@@ -118,6 +118,10 @@ class RendererNode(Node):
                 return tuple(undersampled(scene, params["frame_rate"], *_between(params, scene)))
         return ()
 
+    def computes_on(self) -> str:
+        """Names its device."""
+        return str(self.params["device"])
+
     def setup(self) -> None:
         """Makes the renderer, begins to compile what is wanted of it, and publishes the camera's info."""
         p = self.params

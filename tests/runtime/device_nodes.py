@@ -20,17 +20,25 @@ DEVICE = Param(str, "cpu", "Warp device")
 class Painter(Node):
     """Publishes `count` depths and motions in Warp arrays: all k at the k-th stamp, motion as vectors."""
 
-    PARAMS = {"count": Param(int, 20, "messages"), "size": Param(int, 8, "pixels"), "device": DEVICE}
+    PARAMS = {
+        "count": Param(int, 20, "messages"),
+        "size": Param(int, 8, "pixels"),
+        "device": DEVICE,
+        "loans": Param(str, "", "file of the types of loans that are where depths are read, and not always Warp's"),
+    }
     OUTPUTS = {"depth": Output("/cam0/depth"), "motion": Output("/cam0/motion")}
     SOURCE = True
 
     def setup(self) -> None:
         self.k = 0
+        self.loans: list[str] = []
 
     def step(self, inputs: Mapping[str, Message]) -> bool:
         device, shape = wp.get_device(self.params["device"]), (1, self.params["size"], self.params["size"])
-        depth = self.loan_on("depth", device, depth=(shape, wp.float32))["depth"]
-        depth.fill_(float(self.k))
+        loan = self.loan_for_readers if self.params["loans"] else self.loan_on
+        depth = loan("depth", device, depth=(shape, wp.float32))["depth"]
+        self.loans.append(type(depth).__name__)
+        (depth.fill if isinstance(depth, np.ndarray) else depth.fill_)(float(self.k))
         self.publish("depth", Depth(Header(self.k * 1_000_000), depth))
         if self.wants("motion"):
             motion = self.loan_on("motion", device, motion=(shape, wp.vec2))["motion"]
@@ -38,6 +46,10 @@ class Painter(Node):
             self.publish("motion", Motion(Header(self.k * 1_000_000), motion))
         self.k += 1
         return self.k < self.params["count"]
+
+    def close(self) -> None:
+        if self.params["loans"]:
+            Path(self.params["loans"]).write_text(json.dumps(self.loans))
 
 
 class Watcher(Node):

@@ -93,6 +93,28 @@ def test_arrays_that_nobody_reads_stay_where_they_are(tmp_path: Path, beside: di
     check(tmp_path, beside, by_reference=True)
 
 
+IN_PLACE = [
+    ({"painter": "a"}, "array"),
+    ({"painter": "a", "watcher": "a"}, "array"),
+    ({"painter": "a", "reader": "a"}, "ndarray"),
+    ({"painter": "a", "watcher": "a", "reader": "a"}, "array"),
+    ({"painter": "a", "watcher": "a", "reader": "b"}, "array"),
+    ({"painter": "a", "watcher": "b"}, "ndarray"),
+    ({"painter": "a", "watcher": "b", "reader": "a"}, "ndarray"),
+]
+
+
+@pytest.mark.parametrize(("processes", "kind"), IN_PLACE, ids=str)
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
+def test_arrays_are_made_where_they_are_read(tmp_path: Path, processes: dict[str, str], kind: str, device: str) -> None:
+    """On the device where one reader takes them there, or nobody reads them; else on the host, with no copy."""
+    plan = make_plan(tmp_path, processes, 300, painter=device, watcher=device)
+    plan.nodes["painter"].params["loans"] = str(tmp_path / "loans.json")
+    assert run(plan) == {}
+    assert json.loads((tmp_path / "loans.json").read_text()) == [kind] * COUNT
+    check(tmp_path, processes, by_reference=processes.get("watcher") == "a")
+
+
 @pytest.mark.gpu
 @pytest.mark.parametrize("watcher", ["cuda", "cuda:0", "cpu"])
 def test_arrays_of_a_gpu_reach_a_node_on_the_same_device_as_they_are(tmp_path: Path, watcher: str) -> None:

@@ -323,7 +323,7 @@ class Pipeline:
         if self._envs == 1:
             ends = slot.call.stamps.copy(), slot.call.ends_host.numpy().copy()
         pending.events = DeviceEvents(
-            slot.named, int(head[0]), offsets, pending.span, lambda: slot.serial == serial, ends
+            slot.named, int(head[0]), offsets, pending.span, lambda: slot.serial == serial, ends, settled=True
         )  # fmt: skip
         pending.keep = None
 
@@ -339,6 +339,7 @@ class Pipeline:
             call, span = slot.call, pending.span
             ends = self._order.sort(self._sensor, self._layout, span, slot.keys, count, slot.columns, call.stamps)
             call.ends_host.numpy()[:] = ends
+            wp.synchronize_device(self._device)
         if outgrown:
             # Those after it did nothing.
             for serial in range(pending.serial + 1, self._serial):

@@ -29,8 +29,9 @@ class Packets:
     def memory(self, types: Mapping[str, Any], count: int, device: Any = None) -> dict[str, Any]:
         """Gives arrays [count] for the columns of the next packet.
 
-        types: dtype of each column. device: GPU on which they are to lie, None = the host. Marks (`signal`) travel on a
-        topic of their own, and a loan is for one topic, so that they get memory of their own.
+        types: dtype of each column. device: GPU that they come from, on which they lie unless all who read the port
+        read them on the host; None = the host. Marks (`signal`) travel on a topic of their own, and a loan is for one
+        topic, so that they get memory of their own.
         """
         loaned = {name: dtype for name, dtype in types.items() if name != "signal"}
         out: dict[str, Any]
@@ -38,13 +39,13 @@ class Packets:
             import warp as wp
 
             on_gpu = {name: ((count,), wp.dtype_from_numpy(dtype)) for name, dtype in loaned.items()}
-            out = {**self._node.loan_on("events", device, **on_gpu)}
-            if "signal" in types:
+            out = {**self._node.loan_for_readers("events", device, **on_gpu)}
+            if "signal" in types and not isinstance(out["t"], np.ndarray):
                 out["signal"] = wp.empty(count, dtype=wp.uint8, device=device)
         else:
             out = {**self._node.loan("events", **{name: ((count,), dtype) for name, dtype in loaned.items()})}
-            if "signal" in types:
-                out["signal"] = np.empty(count, np.uint8)
+        if "signal" in types and "signal" not in out:
+            out["signal"] = np.empty(count, np.uint8)
         return out
 
     def of_step(self, header: Header, sensor: Any, count: int) -> None:

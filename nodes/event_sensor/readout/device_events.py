@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.gpu.host_copies import copying_stream
 from nodes.event_sensor.readout.packet import Events
 
 CALLS = 4
@@ -21,7 +22,8 @@ class DeviceEvents:
     env_offsets: int64 [E + 1], on the host. t_base, stamp: the events lie in (t_base, stamp]. The arrays belong to the
     sensor, which writes others into them CALLS calls later; reading them through this object then raises ValueError.
     `copy` and `numpy` give arrays that stay. ends: of one environment, ascending stamps int64 [K] ns and the number of
-    events up to each, where they are known.
+    events up to each, where they are known. settled: the arrays are written, so that they can be copied to the host
+    while the device works on what was launched later.
     """
 
     def __init__(
@@ -32,8 +34,9 @@ class DeviceEvents:
         span: tuple[int, int],
         alive: Callable[[], bool] = lambda: True,
         ends: tuple[np.ndarray, np.ndarray] | None = None,
+        settled: bool = False,
     ) -> None:
-        self._columns, self._alive, self._ends = columns, alive, ends
+        self._columns, self._alive, self._ends, self._settled = columns, alive, ends, settled
         self.count, self.env_offsets = count, env_offsets
         self.t_base, self.stamp = span
 
@@ -95,16 +98,19 @@ class DeviceEvents:
 
     def read(self, out: Mapping[str, np.ndarray | wp.array]) -> None:
         """Write the columns to arrays of their length and dtype: numpy's, or the device's, which nobody waits for."""
+        device: Any = wp.get_device(self._columns["t"].device)
+        to_host = all(isinstance(values, np.ndarray) for values in out.values())
+        stream = None
+        if device.is_cuda:
+            stream = copying_stream(device.alias) if to_host and self._settled else device.stream
         for name, values in out.items():
             if self.count:
                 target: Any = values
                 if isinstance(values, np.ndarray):
                     target = wp.array(values, copy=False, device="cpu", dtype=self._columns[name].dtype)
-                wp.copy(target, self.column(name))
-        if any(not isinstance(values, np.ndarray) for values in out.values()):
-            return
-        if wp.get_device(self._columns["t"].device).is_cuda:
-            wp.synchronize_stream(self._columns["t"].device)
+                wp.copy(target, self.column(name), stream=stream)
+        if to_host and stream is not None:
+            wp.synchronize_stream(stream)
 
     def numpy(self) -> Events:
         """Copies the events to the host."""

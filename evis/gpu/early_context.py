@@ -1,0 +1,36 @@
+"""CUDA contexts made in the background, while Python still imports and reads: a context takes the driver tenths of a
+second, in which it does not need the interpreter. Warp then finds them there.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import threading
+from collections.abc import Iterable
+
+
+def begin_contexts(devices: Iterable[str]) -> threading.Thread | None:
+    """Begins to make the primary contexts of devices, named as Warp names them; None where none of them is a GPU.
+
+    Without a driver, or for a device that is not there, nothing is made: who asks for the device is told so.
+    """
+    numbers = sorted({int(name.partition(":")[2] or 0) for name in devices if name.startswith("cuda")})
+    if not numbers:
+        return None
+    thread = threading.Thread(target=_make, args=(numbers,), name="contexts", daemon=True)
+    thread.start()
+    return thread
+
+
+def _make(numbers: list[int]) -> None:
+    try:
+        driver = ctypes.CDLL("libcuda.so.1")
+    except OSError:
+        return
+    if driver.cuInit(0):
+        return
+    for number in numbers:
+        device, context = ctypes.c_int(), ctypes.c_void_p()
+        if not driver.cuDeviceGet(ctypes.byref(device), number):
+            # Kept to the end of the process, as Warp keeps it.
+            driver.cuDevicePrimaryCtxRetain(ctypes.byref(context), device)
