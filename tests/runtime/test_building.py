@@ -23,12 +23,12 @@ def kernel_of(factor: float) -> wp.Kernel:
 
 @pytest.fixture(autouse=True)
 def _cores(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As on a machine where it pays."""
+    """As on a machine where it pays. Warp runs: what a test sets of it is put back to what it is then."""
+    wp.init()
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(FEWEST_CORES)))
 
 
 def test_what_was_built_is_launched_without_compiling(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    wp.init()
     monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
     kernels = [kernel_of(1.0 + 0.5 * k) for k in range(3)]
     build_together("cpu", [(kernel, LAUNCH_BLOCK) for kernel in [*kernels, kernels[0]]])
@@ -42,7 +42,6 @@ def test_what_was_built_is_launched_without_compiling(tmp_path: Path, monkeypatc
 
 
 def test_what_was_begun_is_there_when_it_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    wp.init()
     monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
     kernels = [(kernel_of(11.0 + k), LAUNCH_BLOCK) for k in range(3)]
     begin_building("cpu", kernels)
