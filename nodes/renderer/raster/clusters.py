@@ -35,8 +35,9 @@ def triangle_blocks(geometry: Geometry, still: np.ndarray, two_sided: np.ndarray
 
 def _triangle_blocks(geometry: Geometry, still: np.ndarray, two_sided: np.ndarray) -> Blocks:
     instance, first, last, count = _cut(geometry.first, still)
-    corners = geometry.vertices[geometry.triangles].astype(np.float64)
-    low, high = corners.min(1), corners.max(1)
+    # One step for all triangles each: numpy is slow to go over axes of three.
+    corners = geometry.vertices[geometry.triangles.T].astype(np.float64)
+    low, high = (of(of(corners[0], corners[1]), corners[2]) for of in (np.minimum, np.maximum))
     normals = geometry.normals.astype(np.float64)
     centre, radius = np.zeros((len(instance), 3)), np.zeros(len(instance))
     axis, cosine = np.zeros((len(instance), 3)), np.zeros(len(instance))
@@ -45,13 +46,14 @@ def _triangle_blocks(geometry: Geometry, still: np.ndarray, two_sided: np.ndarra
         order = np.argsort(first)
         starts, lengths = first[order], (last - first)[order]
         middle = (np.minimum.reduceat(low, starts) + np.maximum.reduceat(high, starts)) / 2
-        away = np.sqrt(((corners - np.repeat(middle, lengths, 0)[:, None]) ** 2).sum(2)).max(1)
+        x, y, z = np.moveaxis(corners - np.repeat(middle, lengths, 0), -1, 0) ** 2
+        away = np.maximum.reduce(np.sqrt(x + y + z))
         mean = np.add.reduceat(normals, starts)
         size = np.linalg.norm(mean, axis=1, keepdims=True)
         mean = np.divide(mean, size, out=np.zeros_like(mean), where=size > 1e-6)
-        lean = (normals * np.repeat(mean, lengths, 0)).sum(1)
+        x, y, z = (normals * np.repeat(mean, lengths, 0)).T
         # A triangle without area is never seen.
-        lean[~normals.any(1)] = 1.0
+        lean = np.where((normals.T != 0).any(0), x + y + z, 1.0)
         centre[order], radius[order] = middle, np.maximum.reduceat(away, starts)
         axis[order], cosine[order] = mean, np.minimum.reduceat(lean, starts)
         cosine = np.where(two_sided[instance], 0.0, np.minimum(cosine - 1e-5, 1.0))

@@ -178,7 +178,10 @@ def half_extents(visibility: Visibility) -> np.ndarray:
 
     def largest() -> np.ndarray:
         half = np.zeros((len(geometry.body), 3))
-        np.maximum.at(half, geometry.vertex_instance, np.abs(geometry.vertices))
+        # Vertices lie in the order of their instances.
+        there, first = np.unique(geometry.vertex_instance, return_index=True)
+        if len(there):
+            half[there] = np.maximum.reduceat(np.abs(geometry.vertices), first)
         return half * (1 + 1e-6)
 
     return geometry.once("half extents", largest)
