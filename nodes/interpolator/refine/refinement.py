@@ -15,6 +15,7 @@ from nodes.interpolator.refine.evaluator import Evaluator, looks_of
 from nodes.interpolator.refine.flicker import Flicker
 from nodes.interpolator.refine.further_kernels import count_samples, make_sort, place_samples
 from nodes.interpolator.refine.instants import Instants, instants_of
+from nodes.interpolator.refine.passing import Passing
 from nodes.interpolator.refine.probing.probes import Probes
 from nodes.interpolator.refine.rounds import Kernels, Rounds, Window
 from nodes.interpolator.refine.stage_kernels import Cut, Stage
@@ -54,7 +55,7 @@ class Refinement:
         self._pixel: Any = wp.float32 if channels == 1 else wp.vec3
         self._flicker = Flicker((light.waveform for light in v.scene.lights), PLAIN * layout.tolerance, v.device)
         self._sort_each, self._rank = make_sort(channels)
-        self._kernels = Kernels.of(rigid)
+        self._kernels, self._passing = Kernels.of(rigid), Passing(rigid)
         self._held = wp.zeros(layout.envs, dtype=wp.int32, device=v.device)
         self.evaluated = self.shaded = 0
         """How many samples the last gap has, and how many of them were shaded."""
@@ -68,7 +69,8 @@ class Refinement:
         looks = [(kernel, LAUNCH_BLOCK) for kernel in looks_of(self._rigid)]
         sort = self._sort_each if self._device.is_cpu else self._rank
         window = self._kernels.to_build(self._rigid.shading.occluders.trees)
-        return [*looks, *window, *self._probes.kernels(), (sort, LAUNCH_BLOCK)]
+        passing = [(self._passing.kernel, LAUNCH_BLOCK)] if self._passing.likely() else []
+        return [*looks, *window, *self._probes.kernels(), *passing, (sort, LAUNCH_BLOCK)]
 
     def further(self, a: KeyframeView, b: KeyframeView, held: np.ndarray, frames: wp.array) -> Further | None:
         """Computes the samples between the frames [E K, h, w] of the gap made last; None without any."""
@@ -93,13 +95,15 @@ class Refinement:
         assert a.states is not None and b.states is not None
         evaluator.begin(stamps, a.states, b.states, held)
         self._probes.draw(instants, stamps, ends - starts, evaluator.places, (a.states, b.states), held)
-        self.unseen = self._probes.unseen
+        parts = self._passing.parts(instants, evaluator.places, gap)
+        self.unseen = self._probes.unseen or self._passing.unseen
         self._held.assign(held.astype(np.int32))
         self._flicker.find(starts, stamps, coarse)
         total = 0
         for first, last in instants.windows():
             evaluator.send(instants.of_window(first), instants.count)
             cut = self._cut(instants, evaluator, first)
+            cut.parts = parts
             window = Window(last - first, cut, self._stage(rounds), self._held, self._flicker.kernel, frames)
             total, shaded = rounds.run(window, total, partial(self._expect, stamps))
             self.shaded += shaded
@@ -119,7 +123,7 @@ class Refinement:
             # What is not used any more is freed first.
             self._rounds.clear()
             evaluator = Evaluator(self._rigid, instants.slots, self._threads, self._light_samples)
-            self._rounds[shape] = Rounds(self._rigid, evaluator, instants, self._kernels)
+            self._rounds[shape] = Rounds(self._rigid, evaluator, instants, self._kernels, self._passing)
         return self._rounds[shape]
 
     def _cut(self, instants: Instants, evaluator: Evaluator, first: int) -> Any:

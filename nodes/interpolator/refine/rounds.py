@@ -17,6 +17,7 @@ from nodes.interpolator.refine.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.interval_kernels import make_intervals, make_rounds, see
 from nodes.interpolator.refine.lists import Lists, Samples
+from nodes.interpolator.refine.passing import Passing
 from nodes.interpolator.refine.path_kernels import make_instances
 from nodes.interpolator.refine.run_kernels import make_find_runs
 from nodes.interpolator.refine.tally import Tally, Told
@@ -78,8 +79,10 @@ class Rounds:
     end where nothing is left.
     """
 
-    def __init__(self, rigid: Rigid, evaluator: Evaluator, instants: Instants, kernels: Kernels) -> None:
-        self._rigid, self.evaluator, self._kernels = rigid, evaluator, kernels
+    def __init__(
+        self, rigid: Rigid, evaluator: Evaluator, instants: Instants, kernels: Kernels, passing: Passing
+    ) -> None:
+        self._rigid, self.evaluator, self._kernels, self._passing = rigid, evaluator, kernels, passing
         v, layout, bands = rigid.visibility, rigid.layout, evaluator.bands
         channels, device = layout.channels, v.device
         pixel: Any = wp.float32 if channels == 1 else wp.vec3
@@ -103,6 +106,9 @@ class Rounds:
         Returns how many there are then, and how many of the new ones were shaded.
         """
         self._make_room(window)
+        if window.cut.parts:
+            self._passing.make_room(window.intervals, window.cut)
+            window.stage.passing = self._passing.bits
         while True:
             if not self.reads_counts:
                 self.evaluator.reserve(max(one.size for one in (self._instances, *self._intervals)))
@@ -164,6 +170,8 @@ class Rounds:
             [self.bends],
             device=self.bends.device,
         )
+        if window.cut.parts:
+            self._passing.find(window.intervals, window.cut, window.stage, window.held, self.evaluator)
         self._find(window)
         listed, there = self._instances, self._intervals[0]
         # An interval between two samples, or between one and a coarse frame, has less than 2^depth parts: after as many

@@ -8,6 +8,7 @@ import warp as wp
 from evis.gpu.append_kernels import take_place
 from nodes.interpolator.refine.change_kernels import Changes
 from nodes.interpolator.refine.flicker_kernels import Marks, entry_near, make_note_marks, marks_of
+from nodes.interpolator.refine.passing_kernels import part_at
 from nodes.interpolator.refine.path_kernels import (
     PARTS,
     SHARP,
@@ -106,7 +107,7 @@ def make_find_runs(
         band: int,
         count: wp.array(dtype=int),
     ):
-        """Does as `go` does, from one mark to the next where lights flicker."""
+        """Does as `go` does, from one mark to the next where lights flicker, and from one shadow's edge to the next."""
         begun = start
         seen = before
         if wp.static(flicker or relit):
@@ -122,6 +123,24 @@ def make_find_runs(
                     instances.later[last] = marks.later[n]
                     begun = i
                     seen = hit
+        if wp.static(changes.passes):
+            if cut.parts > 0:
+                bits = stage.passing[
+                    (spot.k - cut.first) * cut.envs + spot.env, spot.y - cut.margin, spot.x - cut.margin
+                ]
+                if bits != wp.uint64(0):
+                    # Lamps are hidden or seen again between the two ends of a part.
+                    for n in range(2 * cut.parts):
+                        i = part_at(cut, (n + 1) // 2)
+                        if ((bits >> wp.uint64(n // 2)) & wp.uint64(1)) != wp.uint64(0) and i > begun and i < end:
+                            hit = entry_near(cut, stage, spot, i, begun, seen)
+                            last, told, _all = go(
+                                view, cut, keys, stage, instances, spot, begun, i, seen, hit, last, room, most, band,
+                                count,
+                            )  # fmt: skip
+                            last = note(cut, instances, spot, i, hit, hit, told, last, room, most, band, count)
+                            begun = i
+                            seen = hit
         last, rise, whole = go(
             view, cut, keys, stage, instances, spot, begun, end, seen, after, last, room, most, band, count
         )
@@ -190,6 +209,9 @@ def make_find_runs(
                 changed = moves(cut, stage, spot, ends.before)
             a = wp.where(k == 0, image[env, spot.y, spot.x], frames[env * cut.coarse + wp.max(k - 1, 0), y, x])
             b = frames[env * cut.coarse + k, y, x]
+            if wp.static(changes.passes):
+                if one and not changed and cut.parts > 0:
+                    changed = stage.passing[n, y, x] != wp.uint64(0)
             done = wp.bool(False)
             last = wp.int32(-1)
             rise = pixel(UNKNOWN)

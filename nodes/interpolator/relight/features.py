@@ -29,6 +29,11 @@ class LightChanges:
     mapped: bool = False
 
     @property
+    def passes(self) -> bool:
+        """Tells whether shadows or beams may come over what stands still, and go."""
+        return self.shadows or (self.spot and self.relative)
+
+    @property
     def any(self) -> bool:
         """Tells whether any light can change."""
         return self.relative or self.shadows or self.view or self.indirect

@@ -1,0 +1,152 @@
+"""Shadows and beams that pass between two frames: how often to look for them, and at which parts pixels change."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from evis.geometry import se3
+from nodes.interpolator.refine.evaluator import Evaluator, changes_of
+from nodes.interpolator.refine.instants import Instants
+from nodes.interpolator.refine.passing_kernels import make_find_passing
+from nodes.interpolator.rigid.method import Rigid
+from nodes.interpolator.rigid.slots import Slots
+from nodes.renderer.lights.lights import fixed_vectors
+from nodes.renderer.shadows.occlusion import half_extents
+
+MOST = 64
+"""Parts of a coarse interval, at most: as many as a number has bits."""
+SEEN = 0.8
+"""Length of a part, of the time for which the thinnest shadow is on a point: then it is seen in one of them."""
+LOOKED_AT_NS, LOOKS, SHORT_NS, USUAL_NS = 2_000_000_000, 33, 50_000, 8_000_000
+"""Time of prescribed motion that is looked at beforehand, at so many places, how long at each, and the usual coarse
+interval."""
+NUMBERS = 1 << 20
+"""Of points' coordinates that speeds are worked out from, at most."""
+
+
+class Passing:
+    """Finds when lamps stop to shine on what pixels see, and begin to: `bits` uint64 [intervals E, h, w] of one window
+    after another, as of find_passing.
+
+    Only where a shadow of something thin and fast, or a beam that turns, may be gone again before the next look: half a
+    coarse interval is close enough for all others.
+    """
+
+    def __init__(self, rigid: Rigid) -> None:
+        v, movers = rigid.visibility, rigid.placement.movers
+        scene, geometry = v.scene, v.geometry
+        self._rigid, self._changes = rigid, changes_of(rigid)
+        half, moving = half_extents(v), np.isin(geometry.body, movers) & (geometry.body != v.camera_body)
+        which = np.flatnonzero(moving)
+        self._mover = np.searchsorted(movers, geometry.body[which])
+        self._turn, self._half = geometry.rotation[which].astype(np.float64), half[which]
+        # The middle and those of all faces: what is farthest from an axis goes fastest.
+        faces = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
+        inside = (self._half[:, None] * faces) @ self._turn.swapaxes(1, 2)
+        self._points = geometry.translation[which].astype(np.float64)[:, None] + inside
+        places, axes, *_ = fixed_vectors(scene.lights)
+        carried = [l for l, light in enumerate(scene.lights) if light.body in movers and light.kind != "directional"]
+        lamps = [l for l in carried if scene.lights[l].shadows]
+        self._lamp_mover = np.searchsorted(movers, [scene.lights[l].body for l in lamps]).astype(np.int64)
+        self._lamps = places[lamps]
+        beams = [l for l in carried if scene.lights[l].kind == "spot"]
+        self._beam_mover = np.searchsorted(movers, [scene.lights[l].body for l in beams]).astype(np.int64)
+        self._beams, self._cones = axes[beams], np.array([2 * scene.lights[l].cone[1] for l in beams])
+        widths = np.sort(half[~moving], axis=1)[:, 1]
+        self._thinnest = float(widths[widths > 0].min(initial=np.inf)) * 2
+        self.unseen = False
+        """Whether some shadow or beam of the last gap is too thin and fast to be seen at each place."""
+        self.bits = wp.empty((0, 0, 0), dtype=wp.uint64, device=v.device)
+
+    @cached_property
+    def kernel(self) -> wp.Kernel:
+        """The kernel that finds them, made when it is first asked for."""
+        return make_find_passing(self._changes, self._rigid.shading.occluders.trees)
+
+    def likely(self) -> bool:
+        """Says whether gaps will have such shadows, as far as prescribed motion tells."""
+        if not self._changes.passes:
+            return False
+        scene, movers = self._rigid.visibility.scene, self._rigid.placement.movers
+        paths = [scene.bodies[body].trajectory for body in movers]
+        times = np.linspace(0, LOOKED_AT_NS, LOOKS).astype(np.int64)[:, None] + np.array([0, SHORT_NS])
+        moved = np.zeros((len(times), 2, 1, len(movers), 7))
+        moved[..., 6] = 1.0
+        for m, path in enumerate(paths):
+            if path is not None:
+                moved[:, :, 0, m] = path.pose(times.ravel()).reshape(*times.shape, 7)
+        return min(self._shortest(pair, SHORT_NS) for pair in moved) * 2 * SEEN < USUAL_NS
+
+    def parts(self, instants: Instants, places: Slots, length_ns: int) -> int:
+        """Gives how many parts of a coarse interval have to be looked at, a power of two; 0 where half of one will do.
+
+        places: at all instants of the gap. length_ns: of the gap.
+        """
+        self.unseen = False
+        if not self._changes.passes:
+            return 0
+        shortest = self._shortest(places.moved, length_ns / instants.count)
+        coarse = length_ns / instants.coarse
+        if 2 * SEEN * shortest >= coarse:
+            return 0
+        most = min(MOST, 1 << instants.depth)
+        wanted = most + 1 if SEEN * shortest * most < coarse else int(np.ceil(coarse / (SEEN * shortest)))
+        self.unseen = wanted > most
+        parts = min(1 << (wanted - 1).bit_length(), most)
+        return parts if parts > 2 else 0
+
+    def find(self, intervals: int, cut: Any, stage: Any, held: wp.array, evaluator: Evaluator) -> None:
+        """Finds the bits of a window whose bodies are placed: launches only. intervals: of the window."""
+        v, sampling = evaluator.visibility, self._rigid.sampling
+        start = self._rigid.pair.a.packed
+        edges = [cut.height * k // evaluator.bands for k in range(evaluator.bands + 1)]
+        span = cut.width if v.device.is_cpu else 1
+        launches: list[tuple[wp.Kernel, Any, list[Any]]] = []
+        for low, high in pairwise(edges):
+            given = [v.view, cut, low, span, held, stage, evaluator.change, start, self.bits]
+            launches.append((self.kernel, (intervals * cut.envs, high - low, cut.width // span), given))
+        sampling.launch(launches)
+
+    def make_room(self, intervals: int, cut: Any) -> None:
+        """Makes room for the bits of a window."""
+        shape = (intervals * cut.envs, cut.height, cut.width)
+        if self.bits.shape != shape:
+            self.bits = wp.zeros(shape, dtype=wp.uint64, device=self._rigid.visibility.device)
+
+    def _shortest(self, moved: np.ndarray, apart_ns: float) -> float:
+        """Gives the shortest time [ns] for which the shadow of something is on a point, its width over its speed with
+        the lamp's, or a beam that turns.
+
+        moved: poses of the movers at all instants, float64 [n, E, M, 7], apart_ns from each other.
+        """
+        if len(moved) < 2:
+            return np.inf
+        each = moved.shape[1] * max(self._points.size + self._lamps.size + self._beams.size, 1)
+        step = max(1, -(-len(moved) * each // NUMBERS))
+        first = np.arange(0, len(moved) - 1, step)
+        before, after = moved[first], moved[first + 1]
+        shine = 0.0
+        if len(self._lamps):
+            shone, shines = (se3.transform(poses[:, :, self._lamp_mover], self._lamps) for poses in (before, after))
+            shine = float(np.linalg.norm(shines - shone, axis=-1).max())
+        shortest = apart_ns * self._thinnest / shine if shine > 0 else np.inf
+        if len(self._beams):
+            shone, shines = (se3.rotate(poses[:, :, self._beam_mover, 3:], self._beams) for poses in (before, after))
+            turned = 2 * np.arcsin(np.minimum(np.linalg.norm(shines - shone, axis=-1) / 2, 1.0))
+            shortest = min(shortest, float((apart_ns * self._cones / np.maximum(turned, 1e-30)).min()))
+        if len(self._mover):
+            before, after = before[:, :, self._mover], after[:, :, self._mover]
+            way = se3.transform(after[..., None, :], self._points) - se3.transform(before[..., None, :], self._points)
+            speed = np.linalg.norm(way, axis=-1)
+            along = way / np.maximum(speed, 1e-30)[..., None]
+            axes = se3.to_matrix(before[..., 3:]) @ self._turn
+            width = 2 * (np.abs(along @ axes) * self._half[:, None]).sum(-1)
+            speed = speed + shine
+            width = np.where(width > 0, width, np.inf)
+            shortest = min(shortest, float((apart_ns * width / np.maximum(speed, 1e-30)).min()))
+        return shortest

@@ -1,0 +1,127 @@
+"""Finds when lamps stop to shine on what pixels see, and begin to, between two frames."""
+
+from functools import cache
+
+import warp as wp
+
+from nodes.interpolator.refine.sight_kernels import make_seen_between
+from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, ends_of, entry_at, slot_row, spot_at
+from nodes.interpolator.relight.change_kernels import MOVED, SHADED, Change, make_narrowed, point_of
+from nodes.interpolator.relight.features import LightChanges
+from nodes.interpolator.rigid.plan_kernels import joined
+from nodes.renderer.lights.light_kernels import SPOT, make_directions
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.view_kernels import CameraView
+from nodes.renderer.shadows.ray_kernels import LIFT, make_occlusion
+
+wp.set_module_options({"enable_backward": False})
+
+NOTHING = wp.constant(wp.uint32(0))
+ONE = wp.constant(wp.uint64(1))
+
+
+@wp.func
+def part_at(cut: Cut, n: int):
+    """Gives the instant at which part n of a coarse interval begins, of those that lie within the interval."""
+    return wp.clamp(n * ((cut.slots + 1) // cut.parts), 1, cut.slots)
+
+
+@cache
+def make_find_passing(changes: LightChanges, trees: bool) -> wp.Kernel:
+    """Makes the kernel `find_passing`; changes: of light in the scene; trees: as of `make_occlusion`."""
+    towards, _ = make_directions(changes.directional, changes.point or changes.area, changes.spot)
+    occluded, _ = make_occlusion(trees, False)
+    seen_between = make_seen_between(False)
+    narrowed = make_narrowed(changes)
+
+    @wp.func
+    def between_probes(cut: Cut, stage: Stage, spot: Spot, i: int, start: wp.uint64, end: wp.uint64):
+        """Gives the z-buffer entries of the probes before and after instant i; start, end: of the coarse interval."""
+        each = (cut.slots + 1) // stage.probes[spot.env]
+        before = start
+        after = end
+        probe = i // each * each
+        if probe > 0:
+            before = entry_at(cut, stage, spot, probe)
+        if probe + each <= cut.slots:
+            after = entry_at(cut, stage, spot, probe + each)
+        return before, after
+
+    @wp.func
+    def hidden_lamps(change: Change, flag: int, row: int, hit: wp.uint64, d: wp.vec3):
+        """Gives a mask, bit l % 32 for lamp l, of those that something may move before and that are hidden from what a
+        ray sees, and of spots whose beam passes by it. flag: of `narrowed`."""
+        mask = NOTHING
+        s = point_of(change, row, hit, depth_of(hit) * d)
+        casters = change.casters
+        origin = s.position + (LIFT * (wp.length(s.position) + casters.radius[s.instance])) * s.normal
+        first = wp.where((flag & MOVED) != 0, 0, casters.still)
+        for l in range(change.now.kind.shape[0]):
+            if change.now.shadow[l] == 1 or change.now.kind[l] == SPOT:
+                ray, length, strength = towards(change.now, row, l, s.position)
+                if wp.dot(s.normal, ray) > 0.0:
+                    away = wp.bool(strength <= 0.0)
+                    if not away and change.now.shadow[l] == 1:
+                        away = occluded(casters, row, first, casters.order.shape[0], s.skip, origin, ray, length)
+                    if away:
+                        mask = mask | (wp.uint32(1) << wp.uint32(l % 32))
+        return mask
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def find_passing(
+        # in
+        view: CameraView,
+        cut: Cut,
+        row0: int,
+        span: int,
+        held: wp.array(dtype=int),
+        stage: Stage,
+        change: Change,
+        start: wp.array3d(dtype=wp.uint64),
+        # out
+        passing: wp.array3d(dtype=wp.uint64),
+    ):
+        """Sets bit n of a pixel [intervals E, h, w] where other lamps shine on its surface at the end of part n of a
+        coarse interval than at its beginning.
+
+        span: pixels of a thread. held: 1 for environments that have no gap. start: z-buffer of keyframe A.
+        """
+        n, row, part = wp.tid()
+        env = n % cut.envs
+        if held[env] == 1:
+            return
+        y = row0 + row
+        for x in range(part * span, wp.min(part * span + span, cut.width)):
+            spot = spot_at(view, cut, env, cut.first + n // cut.envs, y, x)
+            ends = ends_of(cut, stage, start, spot)
+            bits = wp.uint64(0)
+            known = wp.bool(False)
+            last = wp.uint64(0)
+            hidden = NOTHING
+            asked = wp.int32(MISS)
+            flag = wp.int32(0)
+            for k in range(cut.parts + 1):
+                i = part_at(cut, k)
+                there = slot_row(cut, env, spot.k, i)
+                hit, after = between_probes(cut, stage, spot, i, ends.before, ends.after)
+                # Where both entries are equal neither the camera nor the surface moves.
+                if hit != after:
+                    hit = seen_between(view, stage.targets, there, spot.d, hit, after)
+                t = triangle_of(hit)
+                now = NOTHING
+                if t != MISS:
+                    if t != asked:
+                        flag = change.flags[env, stage.targets.pieces[t][0]] & (MOVED | SHADED)
+                        if flag != 0:
+                            flag = narrowed(change, flag, env, there, change.instance[t], depth_of(hit) * spot.d)
+                        asked = t
+                    if flag != 0:
+                        now = hidden_lamps(change, flag, there, hit, spot.d)
+                    if known and now != hidden and joined(last, hit, stage.targets.pieces):
+                        bits = bits | (ONE << wp.uint64(k - 1))
+                known = t != MISS
+                hidden = now
+                last = hit
+            passing[n, y, x] = bits
+
+    return find_passing

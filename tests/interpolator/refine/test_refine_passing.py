@@ -1,0 +1,213 @@
+"""Shadows that are gone again long before the next look at a pixel: of what is thin and fast, or under a fast lamp."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from refine_rig import box, refined
+from rigid_rig import FOCAL, GAP, HEIGHT, START, WIDTH, closed_form, keyframe, lamp, plain, pose, quad, world
+
+from evis.scene.motion import Linear, Prescribed, Spin
+from nodes.interpolator.refine.method import Refined
+from nodes.interpolator.refine.rounds import Rounds
+from nodes.interpolator.rigid import Rigid, RigidOptions
+from nodes.renderer.renderer import Renderer
+
+K = 4
+WALL, ROD = 3.0, 0.6
+"""Distances of a wall and of what throws shadows on it, from the camera [m]."""
+LIGHT = np.array([0.0, -2.0, 0.0])
+TOLERANCE = 20_000
+
+
+def rod(half, speed, camera_speed=0.0):
+    """A rod 2 half [m] wide beside the view, before a lamp, that goes at a speed [m/s] and is between them at the
+    middle of the gap. Its shadow is on nothing at any frame."""
+    middle = (START + GAP / 2) * 1e-9
+    flight = Prescribed(pose(-speed * middle, -1.4, ROD), [Linear(np.array([speed, 0.0, 0.0]))])
+    things = [
+        (quad(6.0), plain(0.5), Prescribed(pose(z=WALL))),
+        (box((half, 0.5, half / 4)), plain(0.2), flight),
+    ]
+    drift = Prescribed(pose(-camera_speed * middle), [Linear(np.array([camera_speed, 0.0, 0.0]))])
+    return world(things, lights=[replace(lamp(), vector=LIGHT)], camera_motion=drift)
+
+
+def torch(half, speed):
+    """The same rod, which stands still, under a lamp that goes."""
+    middle = (START + GAP / 2) * 1e-9
+    way = Prescribed(pose(-speed * middle), [Linear(np.array([speed, 0.0, 0.0]))])
+    things = [
+        (quad(6.0), plain(0.5), Prescribed(pose(z=WALL))),
+        (box((half, 0.5, half / 4)), plain(0.2), Prescribed(pose(0, -1.4, ROD))),
+    ]
+    scene = world(things, spares=[("torch", way)])
+    scene.lights.append(replace(lamp(), vector=LIGHT, body=[b.name for b in scene.bodies].index("torch")))
+    return scene
+
+
+def shadow_times(half, rod_speed, lamp_speed):
+    """When a rod's shadow comes over pixels' points and goes, [2, h, w] ns since START, by the line from
+    the lamp to the point; NaN where the rod is too short."""
+    scene = rod(half, 0.0)
+    k = scene.cameras[0].k
+    u, v = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
+    x, y = WALL * (u - k[0, 2]) / k[0, 0], WALL * (v - k[1, 2]) / k[1, 1]
+    share = ROD / WALL
+    # At ROD the line is at lamp + share (point - lamp): where that is within the rod's sides it is dark.
+    height = LIGHT[1] + share * (y - LIGHT[1])
+    speed = rod_speed - lamp_speed * (1 - share)
+    times = [(share * x + side * half) / speed * 1e9 + GAP / 2 for side in (-1, 1)]
+    low, high = np.minimum(*times), np.maximum(*times)
+    return np.where(abs(height + 1.4) < 0.45, [low, high], np.nan)
+
+
+def found_times(scene, bright=False, **how):
+    """First and last sample of each pixel in the dark, or in the light, [2, h, w] ns; NaN without any."""
+    frames, (pixels, ns, values) = refined(scene, K, TOLERANCE, **how)
+    usual = np.median(frames, axis=0).ravel()[pixels]
+    dark = values > 1.4 * usual if bright else values < 0.7 * usual
+    low, high = np.full(frames[0].size, np.inf), np.full(frames[0].size, -np.inf)
+    np.minimum.at(low, pixels[dark], ns[dark])
+    np.maximum.at(high, pixels[dark], ns[dark])
+    shape = frames[0].shape
+    return np.where(np.isfinite(low), [low, high], np.nan).reshape(2, *shape)
+
+
+def check(expected, found, thickness=0.0):
+    """Of all pixels over which something passes between two frames, the times are those of the closed form.
+
+    thickness: by how much a rod's adds to the time, of the time."""
+    # A frame that it is on tells anyway.
+    edge = GAP / K
+    within = (expected[0] // edge == expected[1] // edge) & (expected[0] > 0.02 * edge) & (expected[1] < GAP)
+    within &= (expected[0] % edge > 0.05 * edge) & (expected[1] % edge < 0.95 * edge)
+    # The border of a beam is on a point for a shorter time than those that are looked for.
+    within &= expected[1] - expected[0] > 0.85 * np.nanmax(expected[1] - expected[0])
+    assert within.sum() > 200
+    missing = np.isnan(found[0]) & within
+    assert missing.sum() <= 0.005 * within.sum()
+    error = np.abs(found - expected)[:, within & ~missing]
+    assert np.percentile(error, 99) < 2 * TOLERANCE + thickness * (expected[1] - expected[0])[within].max()
+
+
+@pytest.mark.parametrize("part", [0.5, 0.2, 0.06])
+def test_the_shadow_of_what_is_thin_and_fast(part):
+    """part: of the time between two frames for which it is on a point."""
+    speed = 60.0
+    half = 0.5 * part * GAP / K * 1e-9 * speed
+    check(shadow_times(half, speed, 0.0), found_times(rod(half, speed)), 0.3)
+
+
+def test_a_lamp_that_passes_behind_what_stands_still():
+    speed = 60.0
+    half = 0.5 * 0.1 * GAP / K * 1e-9 * speed * (1 - ROD / WALL)
+    check(shadow_times(half, 0.0, speed), found_times(torch(half, speed)), 0.3)
+
+
+def lighthouse(rate, cone):
+    """A wall before a beam that turns about the camera, and lights the middle of the image at half of the gap."""
+    turn = Spin(np.array([0.0, 1.0, 0.0]), rate)
+    begin = Prescribed(pose(turn=(0.0, -rate * (START + GAP / 2) * 1e-9, 0.0)), [turn])
+    things = [(quad(6.0), plain(0.5), Prescribed(pose(z=WALL)))]
+    scene = world(things, spares=[("head", begin)], sky=0.02)
+    ahead = {"kind": "spot", "vector": np.zeros(3), "direction": np.array([0.0, 0.0, 1.0])}
+    head = [b.name for b in scene.bodies].index("head")
+    scene.lights.append(replace(lamp(), **ahead, cone=(0.99 * cone, cone), body=head))
+    return scene
+
+
+@pytest.mark.parametrize("shadows", [True, False])
+@pytest.mark.parametrize("cone", [0.1, 0.03])
+def test_a_beam_that_turns(cone, shadows):
+    """It is on a point while the angle to its axis is less than the cone's."""
+    rate = 250.0
+    scene = lighthouse(rate, cone)
+    scene.lights[0] = replace(scene.lights[0], shadows=shadows)
+    k = scene.cameras[0].k
+    u, v = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
+    x, y = (u - k[0, 2]) / k[0, 0], (v - k[1, 2]) / k[1, 1]
+    flat = np.hypot(x, 1.0)
+    with np.errstate(invalid="ignore"):
+        aside = np.arccos(np.cos(cone) / (flat / np.hypot(flat, y)))
+    expected = np.array([(np.arctan2(x, 1.0) + side * aside) / rate * 1e9 + GAP / 2 for side in (-1, 1)])
+    check(expected, found_times(scene, bright=True))
+
+
+def test_while_the_camera_moves_too():
+    """What it looks at is another point of the wall at each instant, whose shadow is where that is then."""
+    speed, half = 60.0, 0.006
+    still, moving = shadow_times(half, speed, 0.0), found_times(rod(half, speed, camera_speed=-3.0))
+    there = np.isfinite(moving[0]) & np.isfinite(still[0]) & (still[0] > 0) & (still[1] < GAP)
+    assert there.sum() > 0.9 * (np.isfinite(still[0]) & (still[0] > 0) & (still[1] < GAP)).sum() > 300
+    # The camera is -3 t further on, from the middle of the gap on, and so is the point, of which the rod sees a fifth.
+    faster = still.mean(0) - GAP / 2
+    wanted = GAP / 2 + faster / (1 + 3.0 * ROD / WALL / speed)
+    assert np.abs(moving.mean(0) - wanted)[there].max() < 3 * TOLERANCE + 0.3 * (still[1] - still[0])[there].max()
+
+
+def parts_of(scene, upsampling=K, tolerance_ns=TOLERANCE, envs=1):
+    """Parts of a coarse interval of one gap, and whether something is too fast for them."""
+    view = scene.cameras[0]
+    renderer = Renderer(scene, view, envs)
+    keys = []
+    for t in (np.array([START - GAP, START]), np.linspace(START, START + GAP, 11).round().astype(np.int64)):
+        states = closed_form(scene, t)
+        states.pose, states.twist = (np.repeat(a, envs, 0) for a in (states.pose, states.twist))
+        keys.append(keyframe(renderer, states, None, int(t[-1])))
+    rigid = Rigid(scene, view, envs, upsampling, options=RigidOptions(single=True))
+    method, parts = Refined(rigid, tolerance_ns), []
+    run = Rounds.run
+    Rounds.run = lambda self, window, *given: (parts.append(window.cut.parts), run(self, window, *given))[1]
+    try:
+        method.between(*keys, np.zeros(envs, bool), np.empty((envs, upsampling, HEIGHT, WIDTH), np.float32))
+    finally:
+        Rounds.run = run
+    assert len(set(parts)) == 1
+    return parts[0], method.refinement.unseen
+
+
+@pytest.mark.parametrize(("part", "wanted"), [(0.9, 0), (0.63, 0), (0.4, 4), (0.2, 8), (0.05, 32)])
+def test_as_many_looks_as_what_passes_is_thin(part, wanted):
+    """One in each 0.8 of the time for which it is on a point, in powers of two; half a coarse interval is looked at
+    anyway."""
+    speed = 60.0
+    assert parts_of(rod(0.5 * part * GAP / K * 1e-9 * speed, speed)) == (wanted, False)
+
+
+def test_what_turns_is_as_fast_as_its_ends():
+    """A blade of 0.4 m that turns about its middle, 4 mm wide, is on a point at its end for 0.2 ms."""
+    turn = [Spin(np.array([0.0, 0.0, 1.0]), 100.0)]
+    blade = (box((0.2, 0.002, 0.0005)), plain(0.2), Prescribed(pose(0, -1.4, ROD), turn))
+    scene = world([(quad(6.0), plain(0.5), Prescribed(pose(z=WALL))), blade], lights=[replace(lamp(), vector=LIGHT)])
+    assert parts_of(scene) == (16, False)
+
+
+def test_nothing_is_looked_at_without_lamps_or_shadows():
+    fast = rod(0.001, 60.0)
+    assert parts_of(replace(fast, lights=[]))[0] == 0
+    assert parts_of(replace(fast, lights=[replace(fast.lights[0], shadows=False)]))[0] == 0
+
+
+def test_what_is_too_thin_and_fast_is_told():
+    parts, unseen = parts_of(rod(0.001, 200.0), tolerance_ns=100_000)
+    assert parts > 4 and unseen
+
+
+def test_the_samples_are_the_same_with_any_number_of_threads():
+    one, two = (refined(rod(0.004, 60.0), K, TOLERANCE, threads=n)[1] for n in (1, 2))
+    for a, b in zip(one, two):
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.gpu
+def test_a_gpu_finds_the_same_shadows():
+    here, there = (found_times(rod(0.004, 60.0), device=device) for device in ("cpu", "cuda"))
+    both = np.isfinite(here[0]) & np.isfinite(there[0])
+    assert both.sum() > 0.99 * np.isfinite(here[0]).sum() > 300
+    assert (np.abs(here - there)[:, both] > 2 * TOLERANCE).mean() < 0.005
+
+
+def test_focal_length_is_that_of_the_closed_form():
+    """Of the rig, which `shadow_times` goes by."""
+    assert rod(0.01, 1.0).cameras[0].k[0, 0] == FOCAL
