@@ -13,6 +13,8 @@ from evis.geometry import se3
 from nodes.interpolator.refine.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.passing_kernels import make_find_passing
+from nodes.interpolator.refine.probing.visit_kernels import find_briefest
+from nodes.interpolator.refine.probing.visits import boxes_of
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.slots import Slots
 from nodes.renderer.lights.lights import fixed_vectors
@@ -25,8 +27,8 @@ SEEN = 0.8
 LOOKED_AT_NS, LOOKS, SHORT_NS, USUAL_NS = 2_000_000_000, 33, 50_000, 8_000_000
 """Time of prescribed motion that is looked at beforehand, at so many places, how long at each, and the usual coarse
 interval."""
-NUMBERS = 1 << 20
-"""Of points' coordinates that speeds are worked out from, at most."""
+BOXES, FEWEST = 1 << 9, 8
+"""Boxes whose speeds are worked out, at most, unless they are of so few times in a gap."""
 
 
 class Passing:
@@ -42,13 +44,7 @@ class Passing:
         scene, geometry = v.scene, v.geometry
         self._rigid, self._changes = rigid, changes_of(rigid)
         half, moving = half_extents(v), np.isin(geometry.body, movers) & (geometry.body != v.camera_body)
-        which = np.flatnonzero(moving)
-        self._mover = np.searchsorted(movers, geometry.body[which])
-        self._turn, self._half = geometry.rotation[which].astype(np.float64), half[which]
-        # The middle and those of all faces: what is farthest from an axis goes fastest.
-        faces = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
-        inside = (self._half[:, None] * faces) @ self._turn.swapaxes(1, 2)
-        self._points = geometry.translation[which].astype(np.float64)[:, None] + inside
+        self._boxes, self._count = boxes_of(v, movers, np.flatnonzero(moving))
         places, axes, *_ = fixed_vectors(scene.lights)
         carried = [l for l, light in enumerate(scene.lights) if light.body in movers and light.kind != "directional"]
         lamps = [l for l in carried if scene.lights[l].shadows]
@@ -126,27 +122,25 @@ class Passing:
         """
         if len(moved) < 2:
             return np.inf
-        each = moved.shape[1] * max(self._points.size + self._lamps.size + self._beams.size, 1)
-        step = max(1, -(-len(moved) * each // NUMBERS))
-        first = np.arange(0, len(moved) - 1, step)
-        before, after = moved[first], moved[first + 1]
-        shine = 0.0
+        envs, most = moved.shape[1], len(moved) - 1
+        times = min(most, max(FEWEST, BOXES // (envs * max(self._count, 1))))
+        first = np.linspace(0, most - 1, times).astype(np.int32)
+        shine, shortest = 0.0, np.inf
         if len(self._lamps):
-            shone, shines = (se3.transform(poses[:, :, self._lamp_mover], self._lamps) for poses in (before, after))
-            shine = float(np.linalg.norm(shines - shone, axis=-1).max())
-        shortest = apart_ns * self._thinnest / shine if shine > 0 else np.inf
+            before, after = (moved[first + k][:, :, self._lamp_mover] for k in (0, 1))
+            way = se3.transform(after, self._lamps) - se3.transform(before, self._lamps)
+            shine = float(np.linalg.norm(way, axis=-1).max())
+            shortest = self._thinnest / max(shine, 1e-30)
         if len(self._beams):
-            shone, shines = (se3.rotate(poses[:, :, self._beam_mover, 3:], self._beams) for poses in (before, after))
-            turned = 2 * np.arcsin(np.minimum(np.linalg.norm(shines - shone, axis=-1) / 2, 1.0))
-            shortest = min(shortest, float((apart_ns * self._cones / np.maximum(turned, 1e-30)).min()))
-        if len(self._mover):
-            before, after = before[:, :, self._mover], after[:, :, self._mover]
-            way = se3.transform(after[..., None, :], self._points) - se3.transform(before[..., None, :], self._points)
-            speed = np.linalg.norm(way, axis=-1)
-            along = way / np.maximum(speed, 1e-30)[..., None]
-            axes = se3.to_matrix(before[..., 3:]) @ self._turn
-            width = 2 * (np.abs(along @ axes) * self._half[:, None]).sum(-1)
-            speed = speed + shine
-            width = np.where(width > 0, width, np.inf)
-            shortest = min(shortest, float((apart_ns * width / np.maximum(speed, 1e-30)).min()))
-        return shortest
+            before, after = (moved[first + k][:, :, self._beam_mover, 3:] for k in (0, 1))
+            apart = np.linalg.norm(se3.rotate(after, self._beams) - se3.rotate(before, self._beams), axis=-1)
+            turned = 2 * np.arcsin(np.minimum(apart / 2, 1.0))
+            shortest = min(shortest, float((self._cones / np.maximum(turned, 1e-30)).min()))
+        if self._count:
+            with wp.ScopedDevice("cpu"):
+                poses: wp.array = wp.array(np.ascontiguousarray(moved), dtype=wp.transformd)
+                where: wp.array = wp.array(first, dtype=wp.int32)
+                found = wp.empty((times, envs, self._count), dtype=wp.float64)
+                wp.launch(find_briefest, found.shape, [self._boxes, wp.float64(shine), where, poses], [found])
+            shortest = min(shortest, float(found.numpy().min()))
+        return apart_ns * shortest

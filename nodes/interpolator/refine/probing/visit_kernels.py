@@ -128,3 +128,40 @@ def find_visits(
         last = way
         last_centre = centre
         last_axes = axes
+
+
+@wp.kernel
+def find_briefest(
+    # in
+    boxes: Boxes,
+    shine: wp.float64,
+    first: wp.array(dtype=int),
+    poses: wp.array3d(dtype=wp.transformd),
+    # out
+    briefest: wp.array3d(dtype=wp.float64),
+):
+    """Computes for how many instants the shadow of a box [n, E, J] is on a point at least: its width along the way of
+    the middle of it or of a side, over that way from one instant to the next.
+
+    shine: way of the lamps meanwhile [m]. first [n]: instants. poses [instants, E, M] of what moves.
+    """
+    n, env, j = wp.tid()
+    before = poses[first[n], env, boxes.mover[j]]
+    after = poses[first[n] + 1, env, boxes.mover[j]]
+    turn = boxes.rotation[j]
+    axes = turned(before) * turn
+    half = boxes.half[j]
+    least = wp.float64(wp.inf)
+    for p in range(7):
+        at = boxes.translation[j]
+        if p > 0:
+            axis = (p - 1) % 3
+            at += wp.where(p > 3, -half[axis], half[axis]) * wp.vec3d(turn[0, axis], turn[1, axis], turn[2, axis])
+        way = wp.transform_point(after, at) - wp.transform_point(before, at)
+        length = wp.length(way)
+        if length > wp.float64(0.0):
+            along = wp.transpose(axes) * way
+            sides = wp.abs(along[0]) * half[0] + wp.abs(along[1]) * half[1] + wp.abs(along[2]) * half[2]
+            if sides > wp.float64(0.0):
+                least = wp.min(least, wp.float64(2.0) * sides / length / (length + shine))
+    briefest[n, env, j] = least

@@ -34,13 +34,7 @@ class Visits:
         self._near, self._camera_body = float(v.view.near), v.camera_body
         camera = np.flatnonzero(movers == v.camera_body)
         self._camera = int(camera[0]) if len(camera) else -1
-        # All that is here is on the host, where the poses are.
-        with wp.ScopedDevice("cpu"):
-            self._boxes: Any = Boxes()
-            self._boxes.mover = wp.array(np.searchsorted(movers, geometry.body[which]).astype(np.int32), dtype=wp.int32)
-            self._boxes.rotation = wp.array(geometry.rotation[which], dtype=wp.mat33d)
-            self._boxes.translation = wp.array(geometry.translation[which], dtype=wp.vec3d)
-            self._boxes.half = wp.array(half_extents(v)[which], dtype=wp.vec3d)
+        self._boxes = boxes_of(v, movers, which)[0]
 
     def needed(self, instants: Instants, places: Slots, least: int) -> np.ndarray:
         """Gives how many z-buffers per coarse interval each environment needs for them, int64 [E], powers of two, and
@@ -60,6 +54,17 @@ class Visits:
         apart = np.maximum(found // TWICE, 1)
         needed = np.clip(most >> np.floor(np.log2(apart)).astype(np.int64), least, None)
         return np.where(found > 0, needed, 2 * most)
+
+
+def boxes_of(visibility: Visibility, movers: np.ndarray, which: np.ndarray) -> tuple[Any, int]:
+    """Makes Boxes of some instances, on the host, where the poses are, and tells how many there are."""
+    geometry, boxes = visibility.geometry, Boxes()
+    with wp.ScopedDevice("cpu"):
+        boxes.mover = wp.array(np.searchsorted(movers, geometry.body[which]).astype(np.int32), dtype=wp.int32)
+        boxes.rotation = wp.array(geometry.rotation[which], dtype=wp.mat33d)
+        boxes.translation = wp.array(geometry.translation[which], dtype=wp.vec3d)
+        boxes.half = wp.array(half_extents(visibility)[which], dtype=wp.vec3d)
+    return boxes, len(which)
 
 
 def sides_of(visibility: Visibility) -> tuple[float, float, float, float] | None:
