@@ -48,7 +48,16 @@ def outside(view: CameraView, row0: int, row1: int, c: wp.vec3, radius: float):
     r = radius + 1.0e-5 * (wp.length(c) + radius)
     if view.distorted == 1:
         # Distance from the cone about the optical axis that holds every ray.
-        return wp.sqrt(c[0] * c[0] + c[1] * c[1]) * view.cos_field - c[2] * view.sin_field > r
+        if wp.sqrt(c[0] * c[0] + c[1] * c[1]) * view.cos_field - c[2] * view.sin_field > r:
+            return True
+        if view.ahead == 0:
+            return False
+        return (
+            beyond(view.right, c[0], c[2], r)
+            or beyond(-view.left, -c[0], c[2], r)
+            or beyond(view.below[row1 - 1], c[1], c[2], r)
+            or beyond(-view.above[row0], -c[1], c[2], r)
+        )
     if c[2] + r < view.near:
         return True
     m = float(view.margin)

@@ -4,6 +4,9 @@ import warp as wp
 
 wp.set_module_options({"enable_backward": False})
 
+BUNDLE = wp.constant(16)
+"""Rows and columns of the pixels of a lens whose rays are held by one cone."""
+
 Lens = wp.types.vector(length=8, dtype=wp.float64)
 """Distortion coefficients, in the order of evis.geometry.distortion, padded with zeros."""
 
@@ -31,6 +34,17 @@ class CameraView:
     """x of a pinhole's rays in every column and y in every row: loaded sooner than divided for; empty for a lens."""
     rays: wp.array2d(dtype=wp.vec3)
     """[height, width] unit rays, 0 where the lens sees nothing; empty for a pinhole."""
+    cones: wp.array2d(dtype=wp.vec4)
+    """Of each BUNDLE x BUNDLE of these pixels the middle of the rays, and a bound on sin a + 1 - cos a for the angle a
+    between it and any of them."""
+    ahead: int
+    """1: all rays of a lens look ahead, and four planes hold them."""
+    left: float
+    """Least x / z of a lens's rays that look ahead; right: the greatest."""
+    right: float
+    above: wp.array(dtype=float)
+    """[height] least y / z in a row and all below it; below: the greatest in a row and all above it."""
+    below: wp.array(dtype=float)
     lens: Lens
     cos_field: float
     sin_field: float
@@ -38,9 +52,12 @@ class CameraView:
     domain: float
     """Angle up to which the lens maps directions one to one [rad]."""
     bounded: float
-    """Angle up to which `bulge` holds [rad]."""
-    bulge: float
-    """Bound on the second derivative of a pixel's position by the angle along any great circle [px/rad^2]."""
+    """Angle up to which `bulges` hold [rad], at most a half turn."""
+    cos_bounded: float
+    sin_bounded: float
+    bulges: wp.array(dtype=float)
+    """Bounds on the second derivative of a pixel's position by the angle along any great circle [px/rad^2]: up to 0,
+    1/n, 2/n, ... of the angle `bounded` off the axis."""
 
 
 @wp.func

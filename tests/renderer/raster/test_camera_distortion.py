@@ -5,8 +5,10 @@ import pytest
 from renderer_scenes import ALL, GEOMETRIC, Still, at, poses, quad, scene, sphere
 
 from evis.geometry import pinhole, se3
-from evis.geometry.distortion import Lens, project, unproject
+from evis.geometry.distortion import Lens, curvature_bounds, project, unproject
 from evis.scene.model import Camera, Material, Mesh
+from nodes.renderer.raster.cameras import make_view
+from nodes.renderer.raster.view_kernels import BUNDLE
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.renderer import BEHIND, Renderer
 
@@ -133,6 +135,77 @@ def test_visibility_against_every_ray_at_every_triangle(name, tiled):
     assert clear.mean() > 0.6 and np.isfinite(first).mean() > 0.5
     expected = np.where(np.isfinite(first), surely.argmin(0), -1)
     np.testing.assert_array_equal(got[clear], expected[clear])
+
+
+@pytest.mark.parametrize(("tiled", "threads"), [(False, 1), (False, 3), (True, 1)])
+@pytest.mark.parametrize("name", LENSES)
+def test_triangles_larger_than_the_image(name, tiled, threads):
+    """They reach behind the camera and far beyond the field of view, and each image has many bundles of rays."""
+    view = lens_camera(name, 150, 110, near=0.05)
+    rays, shown = unproject(K, lens(name), pinhole.pixel_grid(150, 110)), 0
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        triangles = (5.0 * rng.standard_normal((12, 3, 3)) + 3.0 * rng.standard_normal((12, 1, 3))).astype(np.float32)
+        mesh = Mesh(triangles.reshape(-1, 3), np.arange(36, dtype=np.int32).reshape(-1, 3))
+        visibility = Visibility(scene([(mesh, -1, 0)], view=view), view, tiled=tiled, threads=threads)
+        visibility.update(poses(at(0, 0, 0)))
+        got = visibility.hits()["triangle"][0]
+        distance, least = cast(rays, triangles.astype(float), view.near)
+        surely = np.where(least > 1e-3, distance, np.inf)
+        possible = np.where(least > -1e-3, distance, np.inf).min(0)
+        first, second = np.sort(surely, 0)[:2]
+        clear = np.isclose(possible, first, rtol=1e-6) & ((second > first * (1 + 1e-3)) | np.isinf(second))
+        expected = np.where(np.isfinite(first), surely.argmin(0), -1)
+        assert clear.mean() > 0.9
+        np.testing.assert_array_equal(got[clear], expected[clear])
+        shown += len(np.unique(got[clear]))
+    assert shown > 20
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_every_ray_is_in_the_cone_of_its_bundle(name):
+    """And all are between the planes that hold them, those of a row and all to one side of it by the row's."""
+    view = make_view(lens_camera(name, 150, 110), 3, "cpu")
+    rays, size = view.rays.numpy().astype(np.float64), int(BUNDLE)
+    cones = np.repeat(np.repeat(view.cones.numpy().astype(np.float64), size, 0), size, 1)[
+        : rays.shape[0], : rays.shape[1]
+    ]
+    there = rays.any(-1)
+    cosine = np.clip((rays * cones[..., :3]).sum(-1), -1, 1)
+    assert (np.sqrt(1 - cosine**2) + 1 - cosine <= cones[..., 3])[there].all()
+    # It is no wider than some pixels are.
+    assert np.median(cones[..., 3]) < 2.0 * size * np.sqrt(2) / 150.0
+    assert view.ahead == 1
+    x, y = (rays[..., axis] / np.where(there, rays[..., 2], 1.0) for axis in (0, 1))
+    assert view.left < x[there].min() and view.right > x[there].max()
+    above, below = view.above.numpy(), view.below.numpy()
+    for row in range(len(rays)):
+        assert above[row] < y[row:][there[row:]].min() and below[row] > y[: row + 1][there[: row + 1]].max()
+
+
+def test_a_lens_that_sees_behind_has_no_planes():
+    k = np.array([[30.0, 0, 75], [0, 30.0, 55], [0, 0, 1]])
+    view = make_view(lens_camera("fisheye", 150, 110, k), 0, "cpu")
+    assert view.rays.numpy()[..., 2].min() < 0 and view.ahead == 0
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_edges_are_bent_by_no_more_than_their_bound(name):
+    """Points of a great circle are off the chord of its image by the bound of its outer end's angle, at most."""
+    rng = np.random.default_rng(2)
+    widest, count = min(lens(name).domain, 0.8), 32
+    bounds = curvature_bounds(K, lens(name), widest, count)
+    assert (np.diff(bounds) >= 0).all() and len(bounds) == count + 1
+    theta = rng.uniform(0, widest, (20_000, 2))
+    phi = rng.uniform(0, 2 * np.pi, (20_000, 1)) + rng.normal(0, 0.4, (20_000, 2))
+    ends = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1)
+    angle = np.arccos(np.clip((ends[:, 0] * ends[:, 1]).sum(-1), -1, 1))
+    bound = 0.125 * bounds[np.minimum((theta.max(1) / widest * count).astype(int) + 1, count)] * angle**2
+    first, last = (project(K, lens(name), ends[:, n]) for n in (0, 1))
+    for share in (0.2, 0.5, 0.8):
+        between = np.sin((1 - share) * angle)[:, None] * ends[:, 0] + np.sin(share * angle)[:, None] * ends[:, 1]
+        off = np.abs(project(K, lens(name), between) - ((1 - share) * first + share * last)).max(1)
+        assert (off <= bound + 1e-6).all()
 
 
 @pytest.mark.parametrize("name", LENSES)
