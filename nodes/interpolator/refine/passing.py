@@ -27,6 +27,8 @@ SEEN = 0.8
 LOOKED_AT_NS, LOOKS, SHORT_NS, USUAL_NS = 2_000_000_000, 33, 50_000, 8_000_000
 """Time of prescribed motion that is looked at beforehand, at so many places, how long at each, and the usual coarse
 interval."""
+FALL = 4.0
+"""Distance at which shadows under a light far away fall, of the radius of the largest thing."""
 BOXES, FEWEST = 1 << 9, 8
 """Boxes whose speeds are worked out, at most, unless they are of so few times in a gap."""
 
@@ -46,10 +48,13 @@ class Passing:
         half, moving = half_extents(v), np.isin(geometry.body, movers) & (geometry.body != v.camera_body)
         self._boxes, self._count = boxes_of(v, movers, np.flatnonzero(moving))
         places, axes, *_ = fixed_vectors(scene.lights)
-        carried = [l for l, light in enumerate(scene.lights) if light.body in movers and light.kind != "directional"]
+        carried = [l for l, light in enumerate(scene.lights) if light.body in movers]
         lamps = [l for l in carried if scene.lights[l].shadows]
         self._lamp_mover = np.searchsorted(movers, [scene.lights[l].body for l in lamps]).astype(np.int64)
-        self._lamps = places[lamps]
+        # A light far away sweeps over what throws shadows as one does that is as far as these may fall.
+        far = FALL * float(geometry.radius[(half > 0).all(axis=1)].max(initial=0.0))
+        self._lamps = np.array([places[l] * (far if scene.lights[l].kind == "directional" else 1.0) for l in lamps])
+        self._fixed = np.array([scene.lights[l].kind == "directional" for l in lamps], bool)
         beams = [l for l in carried if scene.lights[l].kind == "spot"]
         self._beam_mover = np.searchsorted(movers, [scene.lights[l].body for l in beams]).astype(np.int64)
         self._beams, self._cones = axes[beams], np.array([2 * scene.lights[l].cone[1] for l in beams])
@@ -128,6 +133,7 @@ class Passing:
         shine, shortest = 0.0, np.inf
         if len(self._lamps):
             before, after = (moved[first + k][:, :, self._lamp_mover] for k in (0, 1))
+            before[:, :, self._fixed, :3] = after[:, :, self._fixed, :3] = 0.0
             way = se3.transform(after, self._lamps) - se3.transform(before, self._lamps)
             shine = float(np.linalg.norm(way, axis=-1).max())
             shortest = self._thinnest / max(shine, 1e-30)

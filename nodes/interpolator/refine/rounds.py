@@ -231,7 +231,8 @@ class Rounds:
             given = [v.view, cut, searchers, k * most_changes, most_changes, other, k, self._others, tally.others]
             launches[1].append((self._find_changes, searchers, [*given, stage, start, changes, tally.changes]))
             given = [v.view, cut, workers, k * most, most, other, k, self._others, tally.others, changes, keys, stage]
-            launches[2].append((find.find_runs, workers, [*given, marks, start, instances, found]))
+            given += [marks, evaluator.change, rigid.pair.a.image, start, window.frames, instances, found]
+            launches[2].append((find.find_runs, workers, given))
         for each, block in zip(launches, (LAUNCH_BLOCK, BLOCK, LAUNCH_BLOCK)):
             rigid.sampling.launch(each, block)
 

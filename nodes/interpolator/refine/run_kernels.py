@@ -20,6 +20,7 @@ from nodes.interpolator.refine.path_kernels import (
 from nodes.interpolator.refine.stage_kernels import (
     FEW_REGISTERS,
     Cut,
+    Ends,
     Spot,
     Stage,
     ends_of,
@@ -158,6 +159,29 @@ def make_find_runs(
         to_b = stage.shift[row + stage.shift.shape[0] // 2, body]
         return asked(change, body, spot.env, row, hit, depth_of(hit) * spot.d, to_a, to_b) != 0
 
+    @wp.func
+    def untold(
+        cut: Cut,
+        stage: Stage,
+        change: Change,
+        spot: Spot,
+        ends: Ends,
+        rise: pixel,
+        grown: pixel,
+        whole: bool,
+    ):
+        """Tells whether a pixel that shows one surface and has no sample has to be looked at halfway.
+
+        So it is where ln I has grown otherwise than it rises in the keyframes, or light may have come and gone. whole:
+        they show all of it.
+        """
+        if apart(grown, pixel(0.0)) > cut.jump and (not whole or apart(rise, grown) > cut.bend):
+            return True
+        if wp.static(passing):
+            # A shadow or a highlight may have come and gone: frames alone do not tell.
+            return relit_between(cut, stage, change, spot, (cut.slots + 1) // 2, ends.before)
+        return False
+
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FEW_REGISTERS)
     def find_plain(
         # in
@@ -213,8 +237,10 @@ def make_find_runs(
                 if one and not changed and cut.parts > 0:
                     changed = stage.passing[n, y, x] != wp.uint64(0)
             done = wp.bool(False)
+            whole = wp.bool(True)
             last = wp.int32(-1)
             rise = pixel(UNKNOWN)
+            grown = pixel(0.0)
             if wp.static(flicker):
                 if one and not changed:
                     done = True
@@ -237,26 +263,15 @@ def make_find_runs(
                 )  # fmt: skip
                 if last < 0:
                     grown = log_of(b) - log_of(a)
-                    if apart(grown, pixel(0.0)) > cut.jump and (not whole or apart(rise, grown) > cut.bend):
-                        rise = pixel(UNKNOWN)
-                        last = note(
-                            cut, instances, spot, each // 2, ends.before, ends.after, rise, last, room, most, band,
-                            count,
-                        )  # fmt: skip
-                if last >= 0:
-                    instances.tail[last] = rise
-                    instances.ends[last] = 1
-            if wp.static(passing):
-                # A shadow or a highlight may have come and gone: frames alone do not tell.
-                if one and not done and last < 0:
-                    if relit_between(cut, stage, change, spot, each // 2, ends.before):
-                        rise = pixel(UNKNOWN)
-                        last = note(
-                            cut, instances, spot, each // 2, ends.before, ends.after, rise, last, room, most, band,
-                            count,
-                        )  # fmt: skip
-                        instances.tail[last] = rise
-                        instances.ends[last] = 1
+            if one and not done and last < 0:
+                if untold(cut, stage, change, spot, ends, rise, grown, whole):
+                    rise = pixel(UNKNOWN)
+                    last = note(
+                        cut, instances, spot, each // 2, ends.before, ends.after, rise, last, room, most, band, count
+                    )
+            if one and not done and last >= 0:
+                instances.tail[last] = rise
+                instances.ends[last] = 1
 
     @wp.kernel(module="unique", enable_backward=False)
     def find_runs(
@@ -274,13 +289,19 @@ def make_find_runs(
         keys: Keyframes,
         stage: Stage,
         marks: Marks,
+        change: Change,
+        image: wp.array3d(dtype=pixel),
         start: wp.array3d(dtype=wp.uint64),
+        frames: wp.array3d(dtype=pixel),
         # in or out
         instances: Instances,
         count: wp.array(dtype=int),
     ):
         """Lists the instants at which pixels are to be looked at that show one surface after the other; arguments as of
-        `find_plain`."""
+        `find_plain`.
+
+        It may be one surface after all, that comes so fast that two probes alone do not tell.
+        """
         each = cut.slots + 1
         inner = cut.envs * cut.height * cut.width
         j = wp.tid()
@@ -317,13 +338,28 @@ def make_find_runs(
                         if later > 0:
                             instances.later[last] = later + SHARP - PARTS
                     c = changes.following[c]
-            if last >= 0:
-                if begun <= cut.slots:
-                    last, rise, _whole = through(
-                        view, cut, keys, stage, instances, marks, spot, begun, each, seen, ends.after, last, room, most,
-                        band, count,
-                    )  # fmt: skip
+            if begun <= cut.slots:
+                one = last < 0
+                last, rise, whole = through(
+                    view, cut, keys, stage, instances, marks, spot, begun, each, seen, ends.after, last, room, most,
+                    band, count,
+                )  # fmt: skip
+                if one and last < 0:
+                    x = spot.x - cut.margin
+                    y = spot.y - cut.margin
+                    a = image[spot.env, spot.y, spot.x]
+                    if spot.k > 0:
+                        a = frames[spot.env * cut.coarse + spot.k - 1, y, x]
+                    b = frames[spot.env * cut.coarse + spot.k, y, x]
+                    if untold(cut, stage, change, spot, ends, rise, log_of(b) - log_of(a), whole):
+                        rise = none
+                        last = note(
+                            cut, instances, spot, each // 2, ends.before, ends.after, none, last, room, most, band,
+                            count,
+                        )  # fmt: skip
+                if last >= 0:
                     instances.tail[last] = rise
+            if last >= 0:
                 instances.ends[last] = 1
             j += workers
 

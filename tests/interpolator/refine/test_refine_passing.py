@@ -183,6 +183,22 @@ def test_what_turns_is_as_fast_as_its_ends():
     assert parts_of(scene) == (16, False)
 
 
+def test_a_sun_that_turns_sweeps_with_the_shadows_of_posts():
+    """Those of posts 0.5 m high, 1 cm wide, fall up to four times their radius away."""
+    turn = Prescribed(pose(), [Spin(np.array([0.0, 1.0, 0.0]), 20.0)])
+    things = [
+        (quad(6.0), plain(0.5), Prescribed(pose(z=WALL))),
+        (box((0.005, 0.25, 0.005)), plain(0.2), Prescribed(pose(0, 0, WALL - 0.3))),
+    ]
+    scene = world(things, spares=[("sky", turn)])
+    sky = [b.name for b in scene.bodies].index("sky")
+    scene.lights.append(replace(lamp(), kind="directional", vector=np.array([1.0, 0.5, 1.0]), body=sky))
+    # 1 cm over 20 rad/s times a metre.
+    assert parts_of(scene) == (8, False)
+    scene.lights[0] = replace(scene.lights[0], body=-1)
+    assert parts_of(scene)[0] == 0
+
+
 def test_nothing_is_looked_at_without_lamps_or_shadows():
     fast = rod(0.001, 60.0)
     assert parts_of(replace(fast, lights=[]))[0] == 0
