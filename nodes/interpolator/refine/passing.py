@@ -13,7 +13,7 @@ from evis.geometry import se3
 from nodes.interpolator.refine.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.passing_kernels import make_find_passing
-from nodes.interpolator.refine.probing.visit_kernels import find_briefest
+from nodes.interpolator.refine.probing.visit_kernels import find_briefest, find_turns
 from nodes.interpolator.refine.probing.visits import boxes_of
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.slots import Slots
@@ -29,6 +29,9 @@ LOOKED_AT_NS, LOOKS, SHORT_NS, USUAL_NS = 2_000_000_000, 33, 50_000, 8_000_000
 interval."""
 FALL = 4.0
 """Distance at which shadows under a light far away fall, of the radius of the largest thing."""
+PER_TURN, LOOKED_FOR, TURNED = 3, 64, 0.25
+"""Parts of the time between two turns of what goes to and fro, instants of a gap at which it is looked for, and how far
+it has to go [px]."""
 BOXES, FEWEST = 1 << 9, 8
 """Boxes whose speeds are worked out, at most, unless they are of so few times in a gap."""
 
@@ -60,6 +63,7 @@ class Passing:
         self._beams, self._cones = axes[beams], np.array([2 * scene.lights[l].cone[1] for l in beams])
         widths = np.sort(half[~moving], axis=1)[:, 1]
         self._thinnest = float(widths[widths > 0].min(initial=np.inf)) * 2
+        self._near = TURNED / max(v.view.fx, v.view.fy)
         self.unseen = False
         """Whether some shadow or beam of the last gap is too thin and fast to be seen at each place."""
         self.bits = wp.empty((0, 0, 0), dtype=wp.uint64, device=v.device)
@@ -81,7 +85,8 @@ class Passing:
         for m, path in enumerate(paths):
             if path is not None:
                 moved[:, :, 0, m] = path.pose(times.ravel()).reshape(*times.shape, 7)
-        return min(self._shortest(pair, SHORT_NS) for pair in moved) * 2 * SEEN < USUAL_NS
+        eye = np.broadcast_to(se3.IDENTITY, (1, 7))
+        return min(self._shortest(pair, eye, SHORT_NS) for pair in moved) * 2 * SEEN < USUAL_NS
 
     def parts(self, instants: Instants, places: Slots, length_ns: int) -> int:
         """Gives how many parts of a coarse interval have to be looked at, a power of two; 0 where half of one will do.
@@ -91,7 +96,8 @@ class Passing:
         self.unseen = False
         if not self._changes.passes:
             return 0
-        shortest = self._shortest(places.moved, length_ns / instants.count)
+        eye = places.rest[:, self._rigid.visibility.camera_body]
+        shortest = self._shortest(places.moved, eye, length_ns / instants.count)
         coarse = length_ns / instants.coarse
         if 2 * SEEN * shortest >= coarse:
             return 0
@@ -119,11 +125,12 @@ class Passing:
         if self.bits.shape != shape:
             self.bits = wp.zeros(shape, dtype=wp.uint64, device=self._rigid.visibility.device)
 
-    def _shortest(self, moved: np.ndarray, apart_ns: float) -> float:
+    def _shortest(self, moved: np.ndarray, eye: np.ndarray, apart_ns: float) -> float:
         """Gives the shortest time [ns] for which the shadow of something is on a point, its width over its speed with
-        the lamp's, or a beam that turns.
+        the lamp's, or that of what goes to and fro, or a beam that turns.
 
-        moved: poses of the movers at all instants, float64 [n, E, M, 7], apart_ns from each other.
+        moved: poses of the movers at all instants, float64 [n, E, M, 7], apart_ns from each other. eye: of the cameras,
+        float64 [E, 7].
         """
         if len(moved) < 2:
             return np.inf
@@ -148,5 +155,10 @@ class Passing:
                 where: wp.array = wp.array(first, dtype=wp.int32)
                 found = wp.empty((times, envs, self._count), dtype=wp.float64)
                 wp.launch(find_briefest, found.shape, [self._boxes, wp.float64(shine), where, poses], [found])
-            shortest = min(shortest, float(found.numpy().min()))
+                turns = wp.empty((envs, self._count), dtype=wp.float64)
+                given = [self._boxes, max(1, len(moved) // LOOKED_FOR), wp.float64(self._near)]
+                eyes: wp.array = wp.array(np.ascontiguousarray(eye), dtype=wp.transformd)
+                wp.launch(find_turns, turns.shape, [*given, eyes, poses], [turns])
+            # A shadow's edge is on most points that it comes over for a part of the time between two turns.
+            shortest = min(shortest, float(found.numpy().min()), float(turns.numpy().min()) / PER_TURN)
         return apart_ns * shortest

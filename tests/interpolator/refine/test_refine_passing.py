@@ -7,7 +7,7 @@ import pytest
 from refine_rig import box, refined
 from rigid_rig import FOCAL, GAP, HEIGHT, START, WIDTH, closed_form, keyframe, lamp, plain, pose, quad, world
 
-from evis.scene.motion import Linear, Prescribed, Spin
+from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
 from nodes.interpolator.refine.method import Refined
 from nodes.interpolator.refine.rounds import Rounds
 from nodes.interpolator.rigid import Rigid, RigidOptions
@@ -197,6 +197,16 @@ def test_a_sun_that_turns_sweeps_with_the_shadows_of_posts():
     assert parts_of(scene) == (8, False)
     scene.lights[0] = replace(scene.lights[0], body=-1)
     assert parts_of(scene)[0] == 0
+
+
+@pytest.mark.parametrize(("amplitude", "rate", "wanted"), [(0.02, 400.0, 8), (0.02, 100.0, 0), (1e-6, 400.0, 0)])
+def test_what_goes_to_and_fro_hides_lamps_for_less_than_it_is_wide(amplitude, rate, wanted):
+    """A wide plate at 400 Hz turns each 1.25 ms, of which a third is looked for; at 100 Hz, or by a micrometre, it asks
+    for no more than half a coarse interval."""
+    shake = Sinusoid(np.array([amplitude, 0.0, 0.0]), rate)
+    plate = (box((0.3, 0.3, 0.2)), plain(0.2), Prescribed(pose(0, -1.4, ROD), [shake]))
+    scene = world([(quad(6.0), plain(0.5), Prescribed(pose(z=WALL))), plate], lights=[replace(lamp(), vector=LIGHT)])
+    assert parts_of(scene) == (wanted, False)
 
 
 def test_nothing_is_looked_at_without_lamps_or_shadows():

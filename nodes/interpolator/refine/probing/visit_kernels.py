@@ -165,3 +165,46 @@ def find_briefest(
             if sides > wp.float64(0.0):
                 least = wp.min(least, wp.float64(2.0) * sides / length / (length + shine))
     briefest[n, env, j] = least
+
+
+@wp.kernel
+def find_turns(
+    # in
+    boxes: Boxes,
+    step: int,
+    near: wp.float64,
+    eye: wp.array(dtype=wp.transformd),
+    poses: wp.array3d(dtype=wp.transformd),
+    # out
+    briefest: wp.array2d(dtype=wp.float64),
+):
+    """Computes how many instants [E, J] pass between two turns of a box that goes to and fro, at least.
+
+    Its middle and a corner are looked at at every step-th instant. near: part of the distance from the camera, eye [E],
+    that it goes from one turn to the next, or none counts. poses: as of `find_briefest`.
+    """
+    env, j = wp.tid()
+    shortest = wp.float64(wp.inf)
+    zero = wp.vec3d()
+    for p in range(2):
+        at = boxes.translation[j]
+        if p == 1:
+            at += boxes.rotation[j] * boxes.half[j]
+        last = wp.transform_point(poses[0, env, boxes.mover[j]], at)
+        least = near * wp.length(last - wp.transform_get_translation(eye[env]))
+        begun = last
+        way = zero
+        turn = wp.int32(-1)
+        n = step
+        while n < poses.shape[0]:
+            now = wp.transform_point(poses[n, env, boxes.mover[j]], at)
+            if wp.dot(now - last, way) < wp.float64(0.0):
+                if wp.length(last - begun) > least:
+                    if turn >= 0:
+                        shortest = wp.min(shortest, wp.float64(n - step - turn))
+                    turn = n - step
+                begun = last
+            way = now - last
+            last = now
+            n += step
+    briefest[env, j] = shortest
