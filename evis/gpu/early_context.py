@@ -5,6 +5,7 @@ second, in which it does not need the interpreter. Warp then finds them there.
 from __future__ import annotations
 
 import ctypes
+import re
 import threading
 from collections.abc import Iterable
 
@@ -12,9 +13,11 @@ from collections.abc import Iterable
 def begin_contexts(devices: Iterable[str]) -> threading.Thread | None:
     """Begins to make the primary contexts of devices, named as Warp names them; None where none of them is a GPU.
 
-    Without a driver, or for a device that is not there, nothing is made: who asks for the device is told so.
+    Without a driver, or for a device that is not there or no device's name, nothing is made: who asks for the device
+    is told so.
     """
-    numbers = sorted({int(name.partition(":")[2] or 0) for name in devices if name.startswith("cuda")})
+    named = (re.fullmatch(r"cuda(?::(\d{1,3}))?", name) for name in devices)
+    numbers = sorted({int(match[1] or 0) for match in named if match})
     if not numbers:
         return None
     thread = threading.Thread(target=_make, args=(numbers,), name="contexts", daemon=True)

@@ -39,6 +39,7 @@ class Driver:
         (["cuda", "", "cuda:0", "cpu"], [70]),
         (["cuda:1"], [71]),
         (["cuda:1", "cuda:0", "cuda:9"], [70, 71]),
+        (["cuda:x", "cuda:-1", "cuda:1"], [71]),
     ],
 )
 def test_each_gpu_gets_one_context(devices: list[str], retained: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -50,8 +51,9 @@ def test_each_gpu_gets_one_context(devices: list[str], retained: list[int], monk
     assert driver.retained == retained
 
 
-def test_without_gpus_no_thread_is_started() -> None:
-    assert begin_contexts(["cpu", "", "cpu"]) is None
+@pytest.mark.parametrize("devices", [["cpu", "", "cpu"], ["cuda:x"], ["cudax"], ["cuda:1:2"]])
+def test_without_the_name_of_a_gpu_no_thread_is_started(devices: list[str]) -> None:
+    assert begin_contexts(devices) is None
 
 
 @pytest.mark.parametrize("broken", [True, False])
