@@ -91,6 +91,17 @@ def on_host(message: Message, loan: Callable[..., Mapping[str, np.ndarray]]) -> 
     return moved
 
 
+def without_arrays(message: Message) -> Message:
+    """Makes the message of no environment with the same header, in numpy arrays, for who reads no arrays of it.
+
+    The first axis of all its arrays is the environments'.
+    """
+    forms = {name: Form.of(value) for name, value in message.arrays().items()}
+    whole: Any = message
+    empty: Message = replace(whole, **{name: np.empty((0, *f.shape[1:]), f.dtype) for name, f in forms.items()})
+    return empty
+
+
 class DeviceSlot(Pinned):
     """Owns one block of device memory."""
 

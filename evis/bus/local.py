@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -65,7 +65,7 @@ class LocalPublisher:
         """Says that no tap listens."""
         return False
 
-    def reads_bytes(self) -> bool:
+    def reads_bytes(self, but: Collection[str] = ()) -> bool:
         """Says that nobody needs numpy arrays for their bytes' sake."""
         return False
 
@@ -76,13 +76,13 @@ class LocalPublisher:
     def loan_on(self, device: Any, asked: Asked) -> dict[str, Any]:
         """Returns Warp arrays on a device as `loan` does: name -> (shape, Warp dtype)."""
         if device.is_cuda:
-            self._pool.pin_memory()
+            self._pool.write_from(device)
         return self._on_device.loan(device, asked)
 
     def loan_from(self, device: Any, asked: Asked) -> dict[str, np.ndarray]:
         """Returns numpy arrays as `loan` does, of (shape, Warp dtype), in memory that the device writes to fast."""
         if device.is_cuda:
-            self._pool.pin_memory()
+            self._pool.write_from(device)
         return self.loan(**on_host_too(asked))
 
     def claim_on(self, message: Message) -> DeviceSlot | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -160,13 +160,13 @@ class Publisher:
     def loan_on(self, device: Any, asked: Asked) -> dict[str, Any]:
         """Returns Warp arrays on a device as `loan` does: name -> (shape, Warp dtype)."""
         if device.is_cuda:
-            self._pool.pin_memory()
+            self._pool.write_from(device)
         return self._on_device.loan(device, asked)
 
     def loan_from(self, device: Any, asked: Asked) -> dict[str, np.ndarray]:
         """Returns numpy arrays as `loan` does, of (shape, Warp dtype), in memory that the device writes to fast."""
         if device.is_cuda:
-            self._pool.pin_memory()
+            self._pool.write_from(device)
         return self.loan(**on_host_too(asked))
 
     def claim_on(self, message: Message) -> DeviceSlot | None:
@@ -176,9 +176,12 @@ class Publisher:
         """
         return self._on_device.claim(message)
 
-    def reads_bytes(self) -> bool:
-        """Says whether the next message must be sent in numpy arrays: another process or a viewer gets it."""
-        return self.latched or bool(self._consumers.all) or self._tap.ready()
+    def reads_bytes(self, but: Collection[str] = ()) -> bool:
+        """Says whether the next message must be sent in numpy arrays: another process or a viewer reads it.
+
+        but: consumers, as `node:port`, that read no arrays of it.
+        """
+        return self.latched or not self._consumers.all.keys() <= set(but) or self._tap.ready()
 
     @contextmanager
     def sharing_loans(self) -> Iterator[None]:

@@ -145,7 +145,7 @@ class HeapSlot(Slot):
     """Owns memory of this process alone."""
 
     def __init__(self, pool: SlotPool, generation: int, size: int) -> None:
-        raw = _pinned(size + ALIGN) if pool.pinned else np.empty(size + ALIGN, np.uint8)
+        raw = np.empty(size + ALIGN, np.uint8) if pool.written_by is None else _pinned(size + ALIGN)
         start = -address(raw) % ALIGN
         super().__init__(pool, generation, raw[start : start + size])
 
@@ -162,11 +162,22 @@ class MemorySlot(Slot):
         self.id = next(_ids)
         self.fd = reserve(pool.name, size)
         super().__init__(pool, generation, np.frombuffer(mmap.mmap(self.fd, size), np.uint8))
+        self._locked_for = None
+        if pool.written_by is not None:
+            from evis.gpu.host_memory import page_lock
+
+            if page_lock(pool.written_by, self.address, size):
+                self._locked_for = pool.written_by
 
     def descriptor(self, offsets: list[int]) -> list[Any]:
         return [self.kind, os.getpid(), self.fd, self.id, self.generation, self.size, offsets]
 
     def close(self) -> None:
+        if self._locked_for is not None:
+            from evis.gpu.host_memory import page_unlock
+
+            page_unlock(self._locked_for, self.address)
+            self._locked_for = None
         if self.fd >= 0:
             os.close(self.fd)
             self.fd = -1
@@ -223,7 +234,8 @@ class SlotPool(Loans[Slot]):
         super().__init__(name)
         self.slots = slots
         self.shared = shared
-        self.pinned = False
+        self.written_by: Any = None
+        """A Warp device, a GPU, that writes into slots: they are made for that."""
         self.spares = 0
         self.generation = 0
         self._size = 0
@@ -294,10 +306,10 @@ class SlotPool(Loans[Slot]):
             self.shared = shared
             self._renew()
 
-    def pin_memory(self) -> None:
-        """Prepares the slots that are not shared for a GPU to write into, from now on."""
-        if not self.pinned:
-            self.pinned = True
+    def write_from(self, device: Any) -> None:
+        """Prepares the slots for a GPU, a Warp device, to write into, from now on."""
+        if self.written_by is None:
+            self.written_by = device
             self._renew()
 
     def _renew(self) -> None:

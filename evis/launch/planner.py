@@ -131,10 +131,11 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
         brought=dict(expanded.brought),
     )
     chosen = _choose(nodes, demand)
+    together = _on_one_gpu(chosen)
     if not unknown and not any(node.name in demand.inputs for node in nodes):
         raise LaunchError(f"{expanded.file}: nobody reads anything: give a node `keep: [PORT]`, or record")
     for node in chosen:
-        plan.nodes[node.name] = _node_plan(node, demand, options.grouping)
+        plan.nodes[node.name] = _node_plan(node, demand, options.grouping, together)
     _connect(plan, chosen, demand)
     plan.nodes = _in_order(plan)
     check_pace(plan, {node.name: node for node in chosen})
@@ -231,13 +232,25 @@ def _all_needs(node: Wired) -> frozenset[str]:
     return node.needs(node.outputs)
 
 
-def _node_plan(node: Wired, demand: Demand, grouping: str) -> NodePlan:
+def _on_one_gpu(nodes: Collection[Wired]) -> frozenset[str]:
+    """Names the nodes that come with EVIS and compute on a GPU, where that is one for all: arrays stay on it from node to
+    node in one process. None where there are several GPUs.
+    """
+    named = {n.name: str(n.params.get("device") or "") for n in nodes if comes_with_evis(n.spec.type)}
+    on_gpu = {name: device for name, device in named.items() if device.startswith("cuda")}
+    one = len(set(on_gpu.values())) == 1 and not any(node.group for node in nodes)
+    return frozenset(on_gpu) if one else frozenset()
+
+
+def _node_plan(node: Wired, demand: Demand, grouping: str, together: Collection[str]) -> NodePlan:
     dormant = node.name not in demand.inputs and not node.spec.tap
     process = node.spec.process
     if grouping == "split" or dormant:
         process = node.name
     elif grouping == "compose" and not node.spec.tap:
         process = node.group or COMPOSED
+    elif node.name in together and not node.spec.tap:
+        process = COMPOSED
     if dormant:
         inputs = {p: [node.inputs[p]] for p in node.inputs if p in _all_needs(node)}
     elif node.name in demand.inputs:
@@ -283,18 +296,20 @@ def _connect(plan: Plan, chosen: list[Wired], demand: Demand) -> None:
         for port, topics in planned.inputs.items():
             for topic in topics:
                 if topic not in SYSTEM_TOPICS:
-                    plan.topics[topic].edges.append(Edge(node.name, port, _kind(node, port, topic, planned)))
-    classes = {node.name: node.cls for node in chosen}
+                    kind, named = _kind(node, port, topic, planned), node.port_of(port, topic)
+                    plan.topics[topic].edges.append(
+                        Edge(node.name, port, kind, node.cls.arrays_hz(planned.params, named))
+                    )
+    wired = {node.name: node for node in chosen}
     for name in plan.topics:
-        plan.topics[name].arrays = _read_arrays(plan, name, classes)
+        plan.topics[name].arrays = _read_arrays(plan, name, wired)
 
 
-def _read_arrays(plan: Plan, topic: str, classes: Mapping[str, type[Node]]) -> list[str] | None:
+def _read_arrays(plan: Plan, topic: str, wired: Mapping[str, Wired]) -> list[str] | None:
     """Arrays that the declared consumers of a topic need; None where one takes all, or there is none."""
     declared = [edge for edge in plan.topics[topic].edges if edge.kind != "tap"]
-    # A port that takes any topic goes by the topic's name, as in `receive`.
-    ports = [topic if classes[edge.node].INPUTS[edge.port].topic == "*" else edge.port for edge in declared]
-    read = [classes[edge.node].reads(plan.nodes[edge.node].params, port) for edge, port in zip(declared, ports)]
+    ports = [wired[edge.node].port_of(edge.port, topic) for edge in declared]
+    read = [wired[edge.node].cls.reads(plan.nodes[edge.node].params, port) for edge, port in zip(declared, ports)]
     known = [arrays for arrays in read if arrays is not None]
     return sorted(frozenset().union(*known)) if known and len(known) == len(read) else None
 

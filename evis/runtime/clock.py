@@ -8,6 +8,8 @@ from fractions import Fraction
 
 import numpy as np
 
+from msgs.header import Header
+
 NS = 1_000_000_000
 """Nanoseconds per second."""
 
@@ -56,6 +58,28 @@ def subframe_stamps(t_a: int | np.ndarray, t_b: int | np.ndarray, upsampling: in
     """
     i = np.arange(1, upsampling + 1, dtype=np.int64)
     return t_a + (2 * i * (t_b - t_a) + upsampling) // (2 * upsampling)
+
+
+class Sampling:
+    """Says which messages of a topic are due to somebody who reads `rate_hz` of them a second in stamps and no more."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self._period_ns = round(1e9 / rate_hz)
+        self._due: tuple[int, int] | None = None
+
+    def takes(self, header: Header) -> bool:
+        """Says whether this message is due; messages are asked about in their order.
+
+        One that is not due changes nothing, so that it need not be asked about.
+        """
+        if self._due is None or self._due[0] != header.episode:
+            self._due = (header.episode, header.stamp_ns)
+        late = header.stamp_ns - self._due[1]
+        if late < 0:
+            return False
+        # The next is due at a multiple of the period after the first, whatever the topic's rate is.
+        self._due = (header.episode, self._due[1] + self._period_ns * (late // self._period_ns + 1))
+        return True
 
 
 class Pacer:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from evis.bus.device import device_of, on_host
+from evis.bus.device import device_of, on_host, without_arrays
 from evis.runtime.host import AnyPublisher, Host
 from msgs.header import Message
 
@@ -22,19 +22,28 @@ class Delivery:
     slots: list[Any]
 
     @staticmethod
-    def of(message: Message, publisher: AnyPublisher, consumers: Sequence[tuple[Host, str]]) -> Delivery:
-        """Sends a message to other processes and viewers, in numpy arrays, and says what the consumers here get."""
+    def of(
+        message: Message,
+        publisher: AnyPublisher,
+        consumers: Sequence[tuple[Host, str]],
+        unread: Collection[str] = (),
+    ) -> Delivery:
+        """Sends a message to other processes and viewers, in numpy arrays, and says what the consumers here get.
+
+        unread: consumers, here or elsewhere, as `node:port`, that read no arrays of it.
+        """
         device = device_of(message)
         if device is None:
             return Delivery([message] * len(consumers), [publisher.send(message)])
         there = [
-            _takes(consumer, port, device) or not _reads(consumer, port, publisher.topic, message)
-            for consumer, port in consumers
+            f"{consumer.name}:{port}" in unread or _takes(consumer, port, device) for consumer, port in consumers
         ]
         slots, host = [], message
-        if publisher.reads_bytes() or not all(there):
+        if publisher.reads_bytes(unread) or not all(there):
             host = on_host(message, publisher.loan)
             slots.append(publisher.send(host))
+        elif publisher.declared:
+            slots.append(publisher.send(without_arrays(message)))
         else:
             publisher.passed(message)
         slot = publisher.claim_on(message)
@@ -56,13 +65,6 @@ def read_on_host(publisher: AnyPublisher, consumers: Sequence[tuple[Host, str]],
     if any(_takes(consumer, port, device) for consumer, port in consumers):
         return False
     return bool(consumers) or publisher.reads_bytes()
-
-
-def _reads(consumer: Host, port: str, topic: str, message: Message) -> bool:
-    """Whether a node reads the arrays of a message."""
-    single = port not in consumer.join.queues and port not in consumer.delayed
-    name = topic if consumer.node.INPUTS[port].topic == "*" else port
-    return not single or consumer.node.reads_arrays(name, message.header)
 
 
 def _takes(consumer: Host, port: str, device: Any) -> bool:

@@ -403,7 +403,8 @@ class Executor:
             self._latched[topic] = message
         with self.profile.inside("bus"):
             consumers = [(c, port) for c, port, consumed in host.downstream if consumed == topic]
-            delivery = Delivery.of(message, host.publishers[topic], consumers)
+            unread = host.unread_by(topic, message.header)
+            delivery = Delivery.of(message, host.publishers[topic], consumers, unread)
         try:
             for (consumer, consumer_port), given in zip(consumers, delivery.given):
                 given.keep()
@@ -429,7 +430,7 @@ class Executor:
             for message in messages:
                 profile.saw(topic, message)
                 with self.profile.inside("bus"):
-                    delivery = Delivery.of(message, publisher, consumers)
+                    delivery = Delivery.of(message, publisher, consumers, host.unread_by(topic, message.header))
                 try:
                     for (consumer, consumer_port), given in zip(consumers, delivery.given):
                         given.keep()

@@ -10,17 +10,18 @@ from typing import Any
 import zmq
 
 from evis.bus import LocalPublisher, PeerLost, Publisher, Subscriber, endpoints_for
-from evis.runtime.clock import Pacer
+from evis.runtime.clock import Pacer, Sampling
 from evis.runtime.join import Join
 from evis.runtime.node import Node
 from evis.runtime.outside.door import Door
 from evis.runtime.plan import NodePlan, Plan
 from evis.runtime.profile import Profile
 from msgs.camera import EventPacket
-from msgs.header import Message
+from msgs.header import Header, Message
 from msgs.topics import SYSTEM_TOPICS, find_topic
 
 AnyPublisher = Publisher | LocalPublisher
+ALL_READ: frozenset[str] = frozenset()
 TAP_HZ = 30.0
 EVENT_TAP_HZ = 250.0
 """Taps see images at the rate of a screen; of events, which add up, every packet of a camera that sends some hundred
@@ -81,6 +82,8 @@ class Host:
     subscriptions: list[Subscription] = field(default_factory=list)
     arrays: dict[str, list[str]] = field(default_factory=dict)
     """Topics of which the declared readers need only some arrays, as TopicPlan.arrays says."""
+    sampled: dict[str, dict[str, tuple[float, Sampling]]] = field(default_factory=dict)
+    """Topic -> consumers, as `node:port`, that read only some of its messages' arrays: how often, and which are due."""
     gates: list[AnyPublisher] = field(default_factory=list)
     """Publishers that must have credit before this node is called."""
     singles: set[str] = field(default_factory=set)
@@ -126,6 +129,11 @@ class Host:
             return self.wants(port)
         return self.publishers[topic].tapped()
 
+    def unread_by(self, topic: str, header: Header) -> frozenset[str]:
+        """Names the consumers, as `node:port`, that read no arrays of the next message of a topic; once for each."""
+        slow = self.sampled.get(topic)
+        return frozenset([name for name, (_, due) in slow.items() if not due.takes(header)]) if slow else ALL_READ
+
     def inputs_over(self) -> bool:
         """Says whether nothing more will come that could be given to the node."""
         return (not self.join.queues or self.join.over()) and not self.single_open
@@ -160,6 +168,9 @@ class Host:
             for message in waiting.values():
                 message.release()
             waiting.clear()
+        self.sampled = {
+            topic: {name: (hz, Sampling(hz)) for name, (hz, _) in slow.items()} for topic, slow in self.sampled.items()
+        }
         self.join.clear()
         self.single_open = set(self.singles)
         self.ended, self.pacer = False, None
@@ -231,6 +242,9 @@ class Wiring:
             for edge in self.plan.topics[topic].edges:
                 if edge.kind == "tap":
                     continue
+                if edge.arrays_hz is not None:
+                    slow = host.sampled.setdefault(topic, {})
+                    slow[f"{edge.node}:{edge.port}"] = edge.arrays_hz, Sampling(edge.arrays_hz)
                 if edge.node in self.hosts:
                     host.downstream.append((self.hosts[edge.node], edge.port, topic))
                 else:

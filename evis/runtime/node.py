@@ -152,6 +152,16 @@ class Node:
         return None
 
     @classmethod
+    def arrays_hz(cls, params: Mapping[str, Any], port: str) -> float | None:
+        """Returns of how many messages of an input a second in stamps this node reads the arrays, by
+        `evis.runtime.clock.Sampling`; port: the topic, where it takes any.
+
+        None, unless a subclass knows better: of all. The others, where they have arrays on a device, come as they lie
+        there or, from another process, with arrays of no environment.
+        """
+        return None
+
+    @classmethod
     def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
         """Names heavy packages that these parameters spare, with the reason: {"mujoco": "scene has no dynamics"}."""
         return {}
@@ -239,11 +249,6 @@ class Node:
     def receive(self, port: str, message: Message) -> None:
         """Takes a message of an input that is not joined, or of a latched topic."""
         raise TypeError(f"{type(self).__name__} takes no single inputs")
-
-    def reads_arrays(self, port: str, header: Header) -> bool:
-        """Says whether `receive` reads the arrays of the next message of an input; False, and they may come as they lie
-        on a device. Asked once of each message that has arrays on a device, before it comes."""
-        return True
 
     def finish(self) -> None:
         """Publishes what is left, after all inputs have ended."""

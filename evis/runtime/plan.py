@@ -15,12 +15,14 @@ from evis.config.secret import Redactor
 class Edge:
     """Names one consumer of a topic.
 
-    kind: `lockstep` (declared, never loses), `delayed` (closes a loop) or `tap` (lossy).
+    kind: `lockstep` (declared, never loses), `delayed` (closes a loop) or `tap` (lossy). arrays_hz: messages a second in
+    stamps that it reads the arrays of, as its class says; None = all.
     """
 
     node: str
     port: str
     kind: str = "lockstep"
+    arrays_hz: float | None = None
 
 
 @dataclass

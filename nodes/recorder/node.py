@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from evis.bus.device import device_of
 from evis.config.params import Param, resolve
 from evis.runtime.node import Input, Node
-from msgs.header import Header, Message
+from msgs.header import Message
 from nodes.recorder.handover import Handover
 
 if TYPE_CHECKING:
@@ -38,10 +38,17 @@ class RecorderNode(Node):
         given = resolve("recorder", cls.PARAMS, params)
         return subscribed(available, given["topics"], given["preview_hz"])
 
+    @classmethod
+    def arrays_hz(cls, params: Mapping[str, Any], port: str) -> float | None:
+        """Of keyframes that make nothing but previews, as many as there are previews."""
+        from evis.bag.selection import select
+
+        given = resolve("recorder", cls.PARAMS, params)
+        return None if select([port], given["topics"]) else given["preview_hz"] or None
+
     def setup(self) -> None:
         """Open the bag, so that a path that cannot be written is known before the graph starts."""
         from evis.files.named_pipe import with_reader
-        from nodes.recorder.preview import PreviewClock
         from nodes.recorder.recorder import Recorder
 
         p = self.params
@@ -56,22 +63,13 @@ class RecorderNode(Node):
                 p["threads"] or None,
             )
         self._handover = Handover(self.recorder.write)
-        self._clocks = {
-            topic: PreviewClock(p["preview_hz"])
-            for topic in self.recorder.previewed
-            if not self.recorder.selects(topic)
-        }
         if backup := self.recorder.writer.backup:
             self.runtime.diagnose(self, "info", f"the older {p['path']} is now {backup}")
-
-    def reads_arrays(self, port: str, header: Header) -> bool:
-        """Of keyframes that make nothing but previews, those that one is due of."""
-        return port not in self._clocks or self._clocks[port].takes(header)
 
     def receive(self, port: str, message: Message) -> None:
         """Have one message of topic `port` written."""
         self.recorder.notice(port, message.header)
-        if device_of(message) is None:  # else it was not asked for: see reads_arrays
+        if device_of(message) is None:  # else it is none of those that arrays_hz asks for
             self._handover.put(port, message)
         self._count()
 

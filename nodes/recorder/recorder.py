@@ -66,11 +66,6 @@ class Recorder:
             self._selected[topic] = bool(select([topic], self._globs))
         return self._selected[topic]
 
-    @property
-    def previewed(self) -> list[str]:
-        """Names the topics of which previews are made."""
-        return list(self._previews)
-
     def write(self, topic: str, message: Message) -> None:
         """Write one message and what is made of it; its arrays are free when this returns. Raises BagError."""
         self._outcome.take(topic, message)

@@ -6,10 +6,10 @@ import warp as wp
 from test_recorder_replayer import make
 
 from evis.bag.reader import BagReader
+from evis.runtime.clock import Sampling
 from msgs.camera import Image, Keyframe
 from msgs.header import Header
 from nodes.recorder.node import RecorderNode
-from nodes.recorder.preview import PreviewClock
 
 MS = 1_000_000
 
@@ -24,13 +24,13 @@ MS = 1_000_000
     ],
 )
 def test_a_preview_is_due_at_the_first_keyframe_of_every_period(rate_hz, period_ms, due):
-    clock = PreviewClock(rate_hz)
+    clock = Sampling(rate_hz)
     taken = [k for k in range(due[-1] + 1) if clock.takes(Header((7 + k * period_ms) * MS))]
     assert taken == due
 
 
 def test_another_episode_begins_with_one():
-    clock = PreviewClock(10.0)
+    clock = Sampling(10.0)
     assert clock.takes(Header(0)) and not clock.takes(Header(50 * MS))
     assert clock.takes(Header(60 * MS, episode=1)) and not clock.takes(Header(100 * MS, episode=1))
 
@@ -38,7 +38,7 @@ def test_another_episode_begins_with_one():
 def test_it_need_not_be_asked_about_what_is_not_due():
     """As a recorder's thread does not hear of keyframes that stayed on their device."""
     stamps = [7 * k * MS for k in range(200)]
-    all_asked, some_asked = PreviewClock(10.0), PreviewClock(10.0)
+    all_asked, some_asked = Sampling(10.0), Sampling(10.0)
     due = [s for s in stamps if all_asked.takes(Header(s))]
     assert due == [s for s in due if some_asked.takes(Header(s))]
 
@@ -59,12 +59,12 @@ def test_a_recorder_asks_for_the_keyframes_that_are_due(tmp_path):
     node = make(RecorderNode, path=str(path))
     node.runtime.plan.topics = dict.fromkeys(["/cam0/keyframe", "/cam0/events"])
     node.setup()
-    asked = []
+    asked, due = [], Sampling(node.arrays_hz(node.params, "/cam0/keyframe"))
     for k in range(12):
-        asked.append(node.reads_arrays("/cam0/keyframe", Header(33 * k * MS, k)))
+        asked.append(due.takes(Header(33 * k * MS, k)))
         node.receive("/cam0/keyframe", keyframe(k) if asked[-1] else left_on_its_device(k))
     assert [k for k, yes in enumerate(asked) if yes] == [0, 4, 7, 10]
-    assert node.reads_arrays("/cam0/events", Header(0))
+    assert node.arrays_hz(node.params, "/cam0/events") is None
     node.finish()
     node.close()
     with BagReader(path) as bag:
@@ -73,9 +73,26 @@ def test_a_recorder_asks_for_the_keyframes_that_are_due(tmp_path):
     assert not node.recorder.counters["lost"]
 
 
-def test_a_recorded_keyframe_is_read_each_time(tmp_path):
-    node = make(RecorderNode, path=str(tmp_path / "a.mcap"), topics=["/cam0/keyframe"])
+def without_arrays(k):
+    return Keyframe(Header(33 * k * MS, k), np.zeros(0, np.int32), radiance=np.zeros((0, 6, 8, 3), np.float32))
+
+
+def test_keyframes_that_come_without_arrays_from_another_process_are_noticed(tmp_path):
+    path = tmp_path / "a.mcap"
+    node = make(RecorderNode, path=str(path))
     node.runtime.plan.topics = dict.fromkeys(["/cam0/keyframe"])
     node.setup()
-    assert all(node.reads_arrays("/cam0/keyframe", Header(33 * k * MS, k)) for k in range(12))
+    due = Sampling(node.arrays_hz(node.params, "/cam0/keyframe"))
+    for k in range(12):
+        node.receive("/cam0/keyframe", keyframe(k) if due.takes(Header(33 * k * MS, k)) else without_arrays(k))
+    node.finish()
     node.close()
+    with BagReader(path) as bag:
+        images = [m for _, m in bag.messages() if isinstance(m, Image)]
+        assert [m.header.stamp_ns for m in images] == [0, 132 * MS, 231 * MS, 330 * MS]
+    assert not node.recorder.counters["lost"]
+
+
+def test_a_recorded_keyframe_is_read_each_time():
+    assert RecorderNode.arrays_hz({"topics": ["/cam0/keyframe"]}, "/cam0/keyframe") is None
+    assert RecorderNode.arrays_hz({"preview_hz": 0}, "/cam0/keyframe") is None  # it has none to read then

@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 from evis.client.requests import taker
 from evis.config.document import LaunchError
 from evis.launch.explain import as_text
-from evis.launch.planner import COMPOSED, Options, plan_target
+from evis.launch.planner import COMPOSED, Options, plan_file, plan_target
 from evis.runtime.executor import Executor
 from evis.runtime.node import Node
 from evis.runtime.plan import Plan
@@ -121,14 +121,35 @@ def test_a_reset_amid_a_batch_is_followed() -> None:
     assert published("spinning_disk", reset, batch=4, **given) == want
 
 
-def test_every_topic_of_a_bag_is_the_same(launch: Callable[..., Launcher], tmp_path: Path) -> None:
+RECORDED_APART = """
+args:
+  batch: {type: int, default: 1, help: keyframes at once}
+nodes:
+  physics: {type: physics, process: here, params: {scene: balls, width: 48, height: 36, duration: "${duration}"}}
+  renderer:
+    {type: renderer, process: here, params: {scene: balls, width: 48, height: 36, samples_apart: true, frame_rate: 240,
+      batch: "${batch}"}}
+  interpolator:
+    {type: interpolator, process: here, params: {scene: balls, width: 48, height: 36, batch: "${batch}"}}
+  event_sensor: {type: event_sensor, process: here, keep: [events], params: {source: frames, scene: balls}}
+  imu: {type: imu, keep: [imu]}
+  recorder: {type: recorder, params: {path: "${record}", topics: "${record_topics}"}}
+"""
+"""All that makes keyframes in one process; what only takes of it in others."""
+
+
+@pytest.mark.parametrize("apart", [False, True], ids=["composed", "recorded apart"])
+def test_every_topic_of_a_bag_is_the_same(launch: Callable[..., Launcher], tmp_path: Path, apart: bool) -> None:
     """With what single messages count, beside their arrays."""
     found = []
+    graph = tmp_path / "apart.yaml"
+    graph.write_text(RECORDED_APART)
     for batch in (1, 4):
         bag = tmp_path / f"{batch}.mcap"
-        words = ("width:=48", "height:=36", "time_tolerance:=0", f"batch:={batch}", "--duration", str(LENGTH_S))
+        size = ("width:=48", "height:=36", "time_tolerance:=0", "--compose", "--no-view")
+        words = (f"batch:={batch}", "--duration", str(LENGTH_S), *(() if apart else size))
         topics = ("--record", str(bag), "--record-topics", "*,/cam0/frames")
-        code, out, err = launch(Path("balls"), *words, "--compose", "--no-view", *topics).end()
+        code, out, err = launch(graph if apart else Path("balls"), *words, *topics).end()
         assert code == 0, out + err
         with bag.open("rb") as file:
             messages = list(make_reader(file).iter_messages(log_time_order=False))
@@ -163,6 +184,39 @@ def test_who_looks_at_frames_for_a_while_changes_nothing() -> None:
     want = published("balls", batch=1, **given)
     assert published("balls", look, batch=2, **given) == want
     assert sum(count > 0 for count in counts) >= 2
+
+
+def on_gpu(scene: str, *, grouping: str = "default", **given: Any) -> Plan:
+    record = given.pop("record", None)
+    options = Options(duration_s=LENGTH_S, view=True, grouping=grouping, record=record)
+    return plan_target(scene, {"width": 48, "height": 36, "device": "cuda", **given}, options)
+
+
+def test_on_a_gpu_one_process_makes_several_at_once(tmp_path: Path) -> None:
+    """Who only takes of it, one topic at a time, may be another process; who looks is one."""
+    plan = on_gpu("warehouse", record=str(tmp_path / "a.mcap"), labels=["flow"], imu=True)
+    awake = {name: node.process for name, node in plan.nodes.items() if not node.dormant}
+    graph = ("physics", "renderer", "interpolator", "event_sensor", "labeler")
+    apart = ("recorder", "imu", "visualizer")
+    assert awake == {**dict.fromkeys(graph, COMPOSED), **{name: name for name in apart}}
+    assert plan.single == ""
+    assert on_gpu("stereo_room", camera_rate=["right=15"]).single == ""
+    assert "several processes" in on_gpu("warehouse", grouping="split").single
+    shared = on_gpu("warehouse", device="cuda:0,cuda:1", envs=2)
+    assert {node.process for node in shared.nodes.values() if not node.dormant} >= {"physics", "share0", "share1"}
+
+
+def test_one_at_a_time_where_another_process_joins_two_topics(tmp_path: Path) -> None:
+    """It has no room for the second state before the first keyframe, which comes with the others."""
+    file = tmp_path / "apart.yaml"
+    options = Options(record=str(tmp_path / "a.mcap"), duration_s=LENGTH_S)
+    file.write_text(RECORDED_APART)
+    assert plan_file(file, {"batch": 4}, options).single == ""
+    labeler = "  labeler: {type: labeler, keep: [labels], params: {labels: [flow]}}\n"
+    file.write_text(RECORDED_APART + labeler)
+    assert "several processes" in plan_file(file, {}, options).single
+    file.write_text(RECORDED_APART + labeler.replace("type: labeler,", "type: labeler, process: here,"))
+    assert plan_file(file, {"batch": 4}, options).single == ""
 
 
 def test_several_at_once_only_where_nobody_waits() -> None:

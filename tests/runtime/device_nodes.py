@@ -105,7 +105,7 @@ class Reader(Node):
 
 
 class Glancer(Node):
-    """Reads the arrays of every third depth alone; writes down [type, stamp] of all."""
+    """Reads the arrays of every third depth alone; writes down [type, rows, number] of all."""
 
     PARAMS = {"path": Param(str, "", "where to")}
     INPUTS = {"depth": Input("/cam0/depth", join=False)}
@@ -113,14 +113,15 @@ class Glancer(Node):
     def setup(self) -> None:
         self.seen: list[list[str | int]] = []
 
-    def reads_arrays(self, port: str, header: Header) -> bool:
-        return port == "depth" and header.stamp_ns % 3_000_000 == 0
+    @classmethod
+    def arrays_hz(cls, params: Mapping[str, Any], port: str) -> float | None:
+        return 1000 / 3 if port == "depth" else None
 
     def receive(self, port: str, message: Message) -> None:
         assert isinstance(message, Depth) and message.header.seq == len(self.seen)
         if isinstance(message.depth, np.ndarray):
             assert (message.depth == message.header.seq).all()
-        self.seen.append([type(message.depth).__name__, message.header.seq])
+        self.seen.append([type(message.depth).__name__, message.depth.shape[0], message.header.seq])
 
     def close(self) -> None:
         Path(self.params["path"]).write_text(json.dumps(self.seen))

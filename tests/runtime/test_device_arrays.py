@@ -23,6 +23,7 @@ from msgs.fields import MessageError
 from msgs.header import Header
 
 sys.path.insert(0, str(Path(__file__).parent))
+from device_nodes import Glancer
 from test_executor import run
 
 COUNT = 20
@@ -50,7 +51,8 @@ def make_plan(directory: Path, processes: dict[str, str], size: int, **devices: 
             outputs if name == "painter" else {},
         )  # fmt: skip
     for port, kind in (("depth", "Depth"), ("motion", "Motion")):
-        edges = [Edge(name, port) for name in processes if port in inputs[name]]
+        slow = {"glancer": Glancer.arrays_hz({}, port)}
+        edges = [Edge(name, port, arrays_hz=slow.get(name)) for name in processes if port in inputs[name]]
         plan.topics[f"/cam0/{port}"] = TopicPlan(f"/cam0/{port}", kind, "painter", port, edges)
     return plan
 
@@ -89,7 +91,17 @@ def test_arrays_that_nobody_reads_stay_where_they_are(tmp_path: Path, beside: di
     """Of three messages one is copied to the host, unless somebody else reads all."""
     assert run(make_plan(tmp_path, {"painter": "a", "glancer": "a", **beside}, 300)) == {}
     seen = json.loads((tmp_path / "glancer.json").read_text())
-    assert seen == [["array" if k % 3 else "ndarray", k] for k in range(COUNT)]
+    assert seen == [["array" if k % 3 else "ndarray", 1, k] for k in range(COUNT)]
+    check(tmp_path, beside, by_reference=True)
+
+
+@pytest.mark.parametrize("beside", [{}, {"watcher": "a"}, {"watcher": "a", "reader": "a"}, {"reader": "b"}], ids=str)
+def test_another_process_that_reads_no_arrays_of_a_message_gets_none(tmp_path: Path, beside: dict[str, str]) -> None:
+    """All messages come, numbered, but two of three are copied to no host for its sake."""
+    assert run(make_plan(tmp_path, {"painter": "a", "glancer": "c", **beside}, 300)) == {}
+    seen = json.loads((tmp_path / "glancer.json").read_text())
+    copied = "reader" in beside
+    assert seen == [["ndarray", 0 if k % 3 and not copied else 1, k] for k in range(COUNT)]
     check(tmp_path, beside, by_reference=True)
 
 

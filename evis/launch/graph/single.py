@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from evis.config.document import LaunchError
 from evis.launch.graph.wiring import Wired
 from evis.runtime.plan import Plan
+from msgs.topics import find_topic
 
 BATCH = "batch"
 """Parameter of nodes that can process several keyframes at once: how many, 0 = as many as make them faster."""
@@ -49,8 +50,35 @@ def _who_waits(plan: Plan, nodes: Sequence[Wired], stepped: bool) -> str:
         return "its caller takes one step at a time"
     if plan.mode != "lockstep":
         return f"a {plan.mode} graph keeps the pace of the clock"
-    awake = [plan.nodes[node.name] for node in nodes if not node.spec.tap and not plan.nodes[node.name].dormant]
-    if len({planned.process for planned in awake}) > 1:
+    awake = [node for node in nodes if not node.spec.tap and not plan.nodes[node.name].dormant]
+    if not _in_one_process(plan, awake):
         return "its nodes run as several processes (--compose makes them one)"
     closed = [topic.name for topic in plan.topics.values() if any(edge.kind == "delayed" for edge in topic.edges)]
     return f"{closed[0]} closes the loop" if closed else ""
+
+
+def _in_one_process(plan: Plan, awake: Sequence[Wired]) -> bool:
+    """Tells whether one process makes all that several keyframes at once go through, and others only take of it.
+
+    A process takes a message of a topic when it has room. One that joins two topics may wait for the second with no
+    room for more of the first, of which several come before it; and what leads back keeps those waiting that it is for.
+    """
+    process = {node.name: plan.nodes[node.name].process for node in awake}
+    making = {process[node.name] for node in awake if BATCH in node.params}
+    if len(making) != 1:
+        return len(set(process.values())) == 1
+    inside = {name for name, of in process.items() if of in making}
+    for node in awake:
+        read = [t for t in plan.topics.values() if any(e.node == node.name and e.kind == "lockstep" for e in t.edges)]
+        if node.name in inside:
+            if any(topic.node not in inside for topic in read):
+                return False
+        elif sum(_joins(node, topic.name) for topic in read) > 1:
+            return False
+    return True
+
+
+def _joins(node: Wired, topic: str) -> bool:
+    """Tells whether a node takes messages of a topic together with those of others."""
+    ports = [port for port, name in node.inputs.items() if name == topic]
+    return not find_topic(topic).latched and any(node.cls.INPUTS[port].join for port in ports)

@@ -51,6 +51,10 @@ class Wired:
         """Tells whether it is started only when a viewer asks for it."""
         return self.joins or self.spec.on_demand
 
+    def port_of(self, port: str, topic: str) -> str:
+        """Returns the name by which the node knows what comes on a port: the topic's where the port takes any."""
+        return topic if self.cls.INPUTS[port].topic == ANY else port
+
     def among_all(self, name: str) -> str:
         """Returns the name of this node, or of a topic of it, without the share that it has."""
         return name.replace(f"{self.group}/", "", 1) if self.part else name
