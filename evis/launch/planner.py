@@ -33,6 +33,8 @@ from msgs.topics import SYSTEM_TOPICS, find_topic
 
 COMPOSED = "graph"
 """Name of the one process of a composed graph."""
+WINDOW_AT_ONCE = 18
+"""Messages of a topic that may be under way where several keyframes are made at once: all of them and two more."""
 
 
 @dataclass(frozen=True)
@@ -140,6 +142,8 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
     plan.nodes = _in_order(plan)
     check_pace(plan, {node.name: node for node in chosen})
     plan.single = why_single(plan, chosen, options.stepped)
+    if not plan.single:
+        plan.window = WINDOW_AT_ONCE
     plan.left_out = left_out(nodes, demand, expanded.absent) + _unmade(plan, chosen) + _colourless(plan)
     plan.random = {
         node.among_all(node.name): list(node.cls.random(node.params))
@@ -236,8 +240,8 @@ def _on_one_gpu(nodes: Collection[Wired]) -> frozenset[str]:
     """Names the nodes that come with EVIS and compute on a GPU, where that is one for all: arrays stay on it from node to
     node in one process. None where there are several GPUs.
     """
-    named = {n.name: str(n.params.get("device") or "") for n in nodes if comes_with_evis(n.spec.type)}
-    on_gpu = {name: device for name, device in named.items() if device.startswith("cuda")}
+    ours = [node for node in nodes if comes_with_evis(node.spec.type) and node.cls.on_gpu(node.params)]
+    on_gpu = {node.name: node.params["device"] for node in ours}
     one = len(set(on_gpu.values())) == 1 and not any(node.group for node in nodes)
     return frozenset(on_gpu) if one else frozenset()
 

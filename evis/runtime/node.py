@@ -162,6 +162,12 @@ class Node:
         return None
 
     @classmethod
+    def on_gpu(cls, params: Mapping[str, Any]) -> bool:
+        """Says whether the work is done on the GPU that the parameter `device` names, best in one process with other
+        nodes there."""
+        return str(params.get("device") or "").startswith("cuda")
+
+    @classmethod
     def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
         """Names heavy packages that these parameters spare, with the reason: {"mujoco": "scene has no dynamics"}."""
         return {}

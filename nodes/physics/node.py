@@ -114,6 +114,17 @@ class PhysicsNode(Node):
         return True
 
     @classmethod
+    def on_gpu(cls, params: Mapping[str, Any]) -> bool:
+        """Says no where MuJoCo takes the steps: a process of its own keeps the interpreter from nobody else."""
+        from evis.scene.load import is_dynamic
+
+        scene = params.get("scene")
+        with contextlib.suppress(OSError, ValueError):  # who loads it says so
+            if params["engine"] == "mujoco" and scene and is_dynamic(scene):
+                return False
+        return super().on_gpu(params)
+
+    @classmethod
     def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
         """Tells that MuJoCo is left out where all motion is prescribed."""
         from evis.scene.load import is_dynamic

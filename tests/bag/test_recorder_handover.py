@@ -121,6 +121,20 @@ def test_no_more_waits_than_there_is_room_for(count, most):
     hand.close()
 
 
+def test_many_of_one_topic_keep_no_other_waiting():
+    """As a GPU's keyframes come: sixteen states, then sixteen packets."""
+    taker = Taker()
+    hand = Handover(taker)
+    for topic in ("/state", "/cam0/events"):
+        for k in range(handover.MOST_MESSAGES):
+            hand.put(topic, message(k, 1))
+    assert not taker.taken
+    taker.may.release(2 * handover.MOST_MESSAGES)
+    hand.finish()
+    assert len(taker.taken) == 2 * handover.MOST_MESSAGES
+    hand.close()
+
+
 def test_a_slow_recorder_writes_the_same_bag(tmp_path, monkeypatch):
     """Arrays are read after `receive` has returned."""
     for name, wait_s in (("a", 0.0), ("b", 0.01)):

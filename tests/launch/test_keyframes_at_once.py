@@ -202,6 +202,9 @@ def test_on_a_gpu_one_process_makes_several_at_once(tmp_path: Path) -> None:
     assert plan.single == ""
     assert on_gpu("stereo_room", camera_rate=["right=15"]).single == ""
     assert "several processes" in on_gpu("warehouse", grouping="split").single
+    stepped = on_gpu("falling_objects")
+    assert stepped.nodes["physics"].process == "physics" and "several processes" in stepped.single
+    assert on_gpu("falling_objects", physics="mujoco_warp", envs=2).nodes["physics"].process == COMPOSED
     shared = on_gpu("warehouse", device="cuda:0,cuda:1", envs=2)
     assert {node.process for node in shared.nodes.values() if not node.dormant} >= {"physics", "share0", "share1"}
 

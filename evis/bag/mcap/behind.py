@@ -47,9 +47,13 @@ class Behind:
 
     def wait(self) -> None:
         """Waits until everything is done, or nothing more will be."""
+        self.wait_below(1)
+
+    def wait_below(self, count: int) -> None:
+        """Waits until fewer than `count` pieces of work are undone, or nothing more will be done."""
         if self._thread is not None:
             with self._changed:
-                self._changed.wait_for(lambda: self.error or not self._waiting)
+                self._changed.wait_for(lambda: self.error or len(self._waiting) < count)
 
     def close(self) -> None:
         """Ends the thread, after what it is doing now. A second call does nothing."""
