@@ -12,7 +12,7 @@ import zmq
 from evis.bus import wire
 from evis.bus.errors import BusError, PeerLost
 from evis.bus.pipes import CreditInbox, Outlet
-from evis.bus.slots import Slot, reserve
+from evis.bus.slots import Pinned, reserve
 from msgs.header import Message
 
 LAST_WORD_S = 0.25
@@ -35,13 +35,15 @@ class Consumer:
     key: bytes = b""
     shared: bool | None = None
     """Can it open our memory? None until it has said so."""
+    gpu: str = ""
+    """The GPU on which it takes arrays where they lie, by its UUID."""
     outlet: Outlet | None = None
     room: int = 0
     """Longest record that its pipe takes [bytes]; 0: it has none, and gets its messages over the socket."""
     answers: bool = False
     """Its credits come through the pipe."""
     uncredited: set[int] = field(default_factory=set)
-    held: dict[int, Slot | None] = field(default_factory=dict)
+    held: dict[int, Pinned | None] = field(default_factory=dict)
     ended: bool = False
     gone_at: float = 0.0
     greeted: bool = False
@@ -126,7 +128,7 @@ class Consumers:
         """Says whether no consumer has said that it cannot open our memory."""
         return all(c.shared is not False for c in self.all.values())
 
-    def charge(self, consumers: list[Consumer], seq: int, slot: Slot | None) -> None:
+    def charge(self, consumers: list[Consumer], seq: int, slot: Pinned | None) -> None:
         """Charges consumers for a message on its way to them; each holds the slot from now on."""
         for consumer in consumers:
             consumer.uncredited.add(seq)
@@ -199,7 +201,7 @@ class Consumers:
             elif consumer is None or consumer.route != route:
                 raise wire.Malformed("no hello yet")
             elif op == wire.READY:
-                self._ready(consumer, *wire.unpack_map(frame, shared=bool, pipe=list))
+                self._ready(consumer, *wire.unpack_map(frame, shared=bool, pipe=list, gpu=str))
             elif op == wire.ENDED:
                 consumer.ended = True
                 consumer.uncredited.clear()
@@ -219,10 +221,10 @@ class Consumers:
             if slot is not None:
                 slot.unpin()
 
-    def _ready(self, consumer: Consumer, shared: bool, address: list[int]) -> None:
+    def _ready(self, consumer: Consumer, shared: bool, address: list[int], gpu: str) -> None:
         if consumer.shared is not None:
             raise wire.Malformed("was ready before")
-        consumer.shared = shared
+        consumer.shared, consumer.gpu = shared, gpu
         if shared and self.piped:
             with contextlib.suppress(OSError):  # then it gets its messages over the socket
                 consumer.outlet = Outlet(address)

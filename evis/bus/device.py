@@ -4,18 +4,22 @@ A node that computes on a GPU loans Warp arrays there and publishes them as they
 compute on the same device and say so (`Input.on_device`) get them by reference; everybody else gets a message of numpy
 arrays, copied once and only where there is such a reader at that moment. A loan is one block of device memory, held and
 freed as a slot of the host is: its message's `keep` and `release` pin it. All work on a device is on Warp's stream of
-it, so what is launched after the last release comes after all that reads.
+it, so what is launched after the last release comes after all that reads. Other processes on the same GPU that take
+arrays there read them in place too (evis/bus/device_ipc.py).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from contextlib import nullcontext
+from dataclasses import replace
+from itertools import count
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from evis.bus.device_ipc import BLOCK, Form, Placed, Shown
 from evis.bus.slots import Loans, Pinned, aligned, rounded
 from msgs.codec import check_layout
 from msgs.fields import array_specs
@@ -24,6 +28,7 @@ from msgs.header import Message
 if TYPE_CHECKING:
     import warp as wp
 
+_numbers = count(1)
 MOST_VIEWS = 16
 """Layouts that a slot remembers; packets of events have another length every time."""
 
@@ -38,29 +43,6 @@ def device_of(message: Message) -> Any:
         if value is not None and not isinstance(value, np.ndarray):
             return value.device
     return None
-
-
-@dataclass(frozen=True)
-class Form:
-    """Gives dtype and shape of an array as numpy has it."""
-
-    dtype: np.dtype
-    shape: tuple[int, ...]
-
-    @staticmethod
-    def of(array: Any) -> Form:
-        """Makes the form of a numpy or Warp array, whose vectors become one more axis."""
-        if isinstance(array, np.ndarray):
-            return Form(array.dtype, array.shape)
-        import warp as wp
-
-        scalar = getattr(array.dtype, "_wp_scalar_type_", array.dtype)
-        return Form(np.dtype(wp.dtype_to_numpy(scalar)), (*array.shape, *getattr(array.dtype, "_shape_", ())))
-
-    @property
-    def nbytes(self) -> int:
-        """Size of such an array [bytes]."""
-        return math.prod(self.shape) * self.dtype.itemsize
 
 
 def check(message: Message) -> int:
@@ -105,12 +87,18 @@ def without_arrays(message: Message) -> Message:
 class DeviceSlot(Pinned):
     """Owns one block of device memory."""
 
-    def __init__(self, pool: DevicePool, device: Any, size: int) -> None:
+    def __init__(self, pool: DevicePool, kind: tuple[Any, int, bool]) -> None:
+        """kind: device, size [bytes], and whether other processes are to read it."""
         import warp as wp
 
         super().__init__(pool)
-        self.device, self.size = device, size
-        self._memory: wp.array = wp.empty(size, dtype=wp.uint8, device=device)
+        self.kind = kind
+        self.device, size, shown = kind
+        self.size = -(-size // BLOCK) * BLOCK if shown else size
+        with wp.ScopedMempool(self.device, False) if shown else nullcontext():
+            self._memory: wp.array = wp.empty(self.size, dtype=wp.uint8, device=self.device)
+        self.shown = Shown(self._memory, next(_numbers)) if shown else None
+        """What lets other processes read it."""
         self._views: dict[Any, dict[str, Any]] = {}
 
     def arrays(self, asked: Asked) -> dict[str, Any]:
@@ -130,6 +118,10 @@ class DeviceSlot(Pinned):
             self._views[key] = views
         return self._views[key]
 
+    def placed(self, message: Message) -> Placed | None:
+        """Says where the arrays of a message are, for other processes; None where not all are in this slot."""
+        return Placed.of(message, self._memory.ptr, self.size) if self.shown is not None else None
+
     def holds(self, array: Any) -> bool:
         """Says whether the array lies in this slot."""
         return not isinstance(array, np.ndarray) and 0 <= array.ptr - self._memory.ptr < self.size
@@ -138,24 +130,30 @@ class DeviceSlot(Pinned):
 class DevicePool(Loans[DeviceSlot]):
     """Owns the device slots of one topic, all of one device and size.
 
-    A bigger message, or another device, has them anew.
+    A bigger message, another device or other readers have them anew.
     """
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
-        self._of: tuple[Any, int] = (None, 0)
+        self._of: tuple[Any, int, bool] = (None, 0, False)
         self._free: list[DeviceSlot] = []
+        self._past: list[DeviceSlot] = []
+        """Slots no longer used that other processes may have open."""
 
-    def loan(self, device: Any, asked: Asked) -> dict[str, Any]:
-        """Returns Warp arrays to write the next message into; they hold until the next claim. Raises BusError."""
+    def loan(self, device: Any, asked: Asked, shown: bool = False) -> dict[str, Any]:
+        """Returns Warp arrays to write the next message into; they hold until the next claim. Raises BusError.
+
+        shown: other processes are to read them.
+        """
         size = sum(aligned(_nbytes(shape, dtype)) for shape, dtype in asked.values())
-        if device != self._of[0] or size > self._of[1]:
-            self._of = device, rounded(size)
-            self.live -= len(self._free)
+        if (device, shown) != self._of[::2] or size > self._of[1]:
+            self._of = device, rounded(size), shown
+            for slot in self._free:
+                self._retire(slot)
             self._free.clear()
         if not self._free:
             self._check_room()
-            self._free.append(DeviceSlot(self, *self._of))
+            self._free.append(DeviceSlot(self, self._of))
             self.live += 1
         slot = self._free.pop()
         slot.pin()
@@ -183,10 +181,15 @@ class DevicePool(Loans[DeviceSlot]):
 
     def give_back(self, slot: DeviceSlot) -> None:
         """Takes back a slot whose last pin is gone; called by the slot."""
-        if (slot.device, slot.size) == self._of:
+        if slot.kind == self._of:
             self._free.append(slot)
         else:
-            self.live -= 1
+            self._retire(slot)
+
+    def _retire(self, slot: DeviceSlot) -> None:
+        self.live -= 1
+        if slot.shown is not None:
+            self._past.append(slot)
 
 
 def on_host_too(asked: Asked) -> dict[str, tuple[tuple[int, ...], np.dtype]]:

@@ -26,15 +26,20 @@ class Receiver(Protocol):
     def reply(self, op: bytes, seq: int) -> None:
         """Tells the publisher what becomes of a message: CREDIT, TAKEN or FREED of wire.py."""
 
+    def free_on_gpu(self, seq: int) -> None:
+        """Tells the publisher FREED when the GPU is past all that was launched so far."""
+
 
 class Lease:
     """Holds a received message. The first `unpin` returns its credit; when no pin is left its slot may be reused."""
 
-    __slots__ = ("_credited", "_pins", "_receiver", "_seq")
+    __slots__ = ("_credited", "_on_gpu", "_pins", "_receiver", "_seq")
 
-    def __init__(self, receiver: Receiver, seq: int) -> None:
+    def __init__(self, receiver: Receiver, seq: int, on_gpu: bool = False) -> None:
+        """on_gpu: its arrays lie there, where what reads them may still be under way at the last `unpin`."""
         self._receiver = receiver
         self._seq = seq
+        self._on_gpu = on_gpu
         self._pins = 1
         self._credited = False
 
@@ -49,7 +54,11 @@ class Lease:
         if not self._pins:
             raise BusError(f"topic {self._receiver.topic}: a message was released more often than it was kept")
         self._pins -= 1
-        if not self._pins:
+        if self._on_gpu and not self._pins:
+            if not self._credited:
+                self._receiver.reply(wire.TAKEN, self._seq)
+            self._receiver.free_on_gpu(self._seq)
+        elif not self._pins:
             self._receiver.reply(wire.FREED if self._credited else wire.CREDIT, self._seq)
         elif not self._credited:
             self._credited = True

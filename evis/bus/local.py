@@ -89,6 +89,14 @@ class LocalPublisher:
         """Returns the slot of `loan_on` that a message's Warp arrays lie in, pinned once for the caller."""
         return self._on_device.claim(message)
 
+    def reads_on(self, device: Any, but: Collection[str] = ()) -> bool:
+        """Says that no other process reads it."""
+        return False
+
+    def send_on(self, message: Message, slot: DeviceSlot | None) -> bool:
+        """Sends nothing: no other process reads it."""
+        return False
+
     @contextmanager
     def sharing_loans(self) -> Iterator[None]:
         """Lets the messages sent within the block lie in the loans made before it, several in one."""

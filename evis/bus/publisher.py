@@ -16,7 +16,7 @@ from evis.bus.device import Asked, DevicePool, DeviceSlot, check, on_host_too
 from evis.bus.endpoints import Endpoints, bind, check_bind, unlink
 from evis.bus.errors import BusError, PeerLost
 from evis.bus.placing import describe, place
-from evis.bus.slots import Slot, SlotPool
+from evis.bus.slots import Pinned, Slot, SlotPool
 from evis.bus.tap import TapSender, queue_length
 from msgs.codec import Buffer, checked, contiguous, pack_header, raw
 from msgs.header import Message
@@ -161,7 +161,8 @@ class Publisher:
         """Returns Warp arrays on a device as `loan` does: name -> (shape, Warp dtype)."""
         if device.is_cuda:
             self._pool.write_from(device)
-        return self._on_device.loan(device, asked)
+        shown = device.is_cuda and any(c.gpu == device.uuid for c in self._consumers.all.values())
+        return self._on_device.loan(device, asked, shown)
 
     def loan_from(self, device: Any, asked: Asked) -> dict[str, np.ndarray]:
         """Returns numpy arrays as `loan` does, of (shape, Warp dtype), in memory that the device writes to fast."""
@@ -183,6 +184,16 @@ class Publisher:
         """
         return self.latched or not self._consumers.all.keys() <= set(but) or self._tap.ready()
 
+    def reads_on(self, device: Any, but: Collection[str] = ()) -> bool:
+        """Says whether other processes read the next message, and all of them on this device, a Warp one.
+
+        but: consumers, as `node:port`, that read no arrays of it.
+        """
+        if not device.is_cuda or self.latched or self._tap.ready():
+            return False
+        readers = [consumer for consumer in self._consumers.all.values() if consumer.name not in but]
+        return bool(readers) and all(consumer.gpu == device.uuid for consumer in readers)
+
     @contextmanager
     def sharing_loans(self) -> Iterator[None]:
         """Lets the messages sent within the block lie in the loans made before it, several in one."""
@@ -196,6 +207,24 @@ class Publisher:
         self._bytes += check(message)
         self._seq += 1
         self._tap.skipped += bool(self._tap.listeners)
+
+    def send_on(self, message: Message, slot: DeviceSlot | None) -> bool:
+        """Publishes a message to who `reads_on` the device of its arrays, as `send` does; slot: of `claim_on`.
+
+        False, and nothing is sent, where they are not all in a slot that other processes can read.
+        """
+        placed = None if slot is None else slot.placed(message)
+        if slot is None or slot.shown is None or placed is None:
+            return False
+        check_sent(self.topic, self.node, self.message_type, message)
+        self._wait_for_credit(None)
+        message.header.seq = self._seq
+        slot.shown.written()
+        self._deliver(self._receivers(), [placed.packed(message, slot.shown)], slot)
+        self._tap.skipped += bool(self._tap.listeners)
+        self._seq += 1
+        self._bytes += sum(form.nbytes for form in placed.forms.values())
+        return True
 
     def send(self, message: Message, timeout_s: float | None = None) -> Slot | None:
         """Publishes a message, and fills header.seq.
@@ -240,7 +269,7 @@ class Publisher:
         self._bytes += size
         return slot
 
-    def _deliver(self, consumers: list[Consumer], frames: list[Buffer], slot: Slot | None) -> None:
+    def _deliver(self, consumers: list[Consumer], frames: list[Buffer], slot: Pinned | None) -> None:
         if consumers:
             self._broadcast(frames)
             self._consumers.charge(consumers, self._seq, slot)

@@ -164,7 +164,7 @@ class MemorySlot(Slot):
         super().__init__(pool, generation, np.frombuffer(mmap.mmap(self.fd, size), np.uint8))
         self._locked_for = None
         if pool.written_by is not None:
-            from evis.gpu.host_memory import page_lock
+            from evis.gpu.driver import page_lock
 
             if page_lock(pool.written_by, self.address, size):
                 self._locked_for = pool.written_by
@@ -174,7 +174,7 @@ class MemorySlot(Slot):
 
     def close(self) -> None:
         if self._locked_for is not None:
-            from evis.gpu.host_memory import page_unlock
+            from evis.gpu.driver import page_unlock
 
             page_unlock(self._locked_for, self.address)
             self._locked_for = None

@@ -7,10 +7,13 @@ import os
 import struct
 import time
 from collections import deque
+from typing import Any
 
 import zmq
 
 from evis.bus import mapping, wire
+from evis.bus.device import device_of
+from evis.bus.device_ipc import KIND, ShownSlots, uuid_of, without_rows
 from evis.bus.endpoints import Endpoints
 from evis.bus.errors import BusError, PeerLost
 from evis.bus.lease import END, End, Lease
@@ -31,7 +34,8 @@ class Subscriber:
 
     context: of ZeroMQ, the process's. topic, node, port: names. endpoints: the publisher's addresses. message_type: the
     only one that it takes. window: messages it lets the publisher be ahead. every: a tap that asks for every message,
-    not at the rate of a viewer. All calls are from one thread.
+    not at the rate of a viewer. device: a Warp device on which arrays of another process may stay.
+    All calls are from one thread.
     `lost`: messages missed, by their sequence numbers; `rejected`: what came and was no message.
     Raises BusError and PeerLost.
     """
@@ -48,6 +52,7 @@ class Subscriber:
         tap: bool = False,
         every: bool = False,
         window: int = 2,
+        device: str = "",
     ) -> None:
         self.topic = topic
         self.name = f"{node}:{port}"
@@ -78,6 +83,14 @@ class Subscriber:
         """The next message comes over the socket: so the pipe has said."""
         self._credits: Outlet | None = None
         self._link = 0
+        self._device = device
+        self._shown: ShownSlots | None = None
+        """Where the arrays come that stay on a GPU."""
+        self._on_gpu = 0
+        """Messages with such arrays that are not freed."""
+        self._reading: deque[tuple[int, Any]] = deque()
+        """Those of them that were released, and the events behind what reads them."""
+        self._end_owed = False
 
     @property
     def socket(self) -> zmq.Socket:
@@ -155,7 +168,10 @@ class Subscriber:
                 with contextlib.suppress(OSError):  # then credits go over the socket
                     self._credits = Outlet(credits)
             address = [] if self._inbox is None else self._inbox.address
-            self._dealer.send(wire.pack_map(wire.READY, shared=shared, pipe=address))
+            gpu = uuid_of(self._device) if shared else ""
+            if gpu and self._shown is None:
+                self._shown = ShownSlots(self._device)
+            self._dealer.send(wire.pack_map(wire.READY, shared=shared, pipe=address, gpu=gpu))
             self._ready = True
 
     def receive(self, timeout_ms: int = 0) -> Message | End | None:
@@ -166,6 +182,7 @@ class Subscriber:
         """
         if not self._ready and not self.tap:
             timeout_ms = self._wait_for_welcome(timeout_ms)
+        self._free_read()
         deadline = time.monotonic() + timeout_ms / 1000
         # Who waits has most likely taken all that came: to wait first costs less than to read nothing first.
         if timeout_ms > 0 and self._piped and not self._elsewhere and self._inbox is not None:
@@ -236,8 +253,9 @@ class Subscriber:
         if len(frames) == 2 and len(frames[1]) == 8:
             self._count(int.from_bytes(frames[1], "little"))
         self._ended = True
-        if not self.tap:
-            self._dealer.send(wire.ENDED)
+        self._end_owed = not self.tap
+        self._free_read(wait=True)
+        self._answer_end()
         return END
 
     def _message(self, frames: list[bytes]) -> Message | None:
@@ -262,12 +280,16 @@ class Subscriber:
         self._next_seq = header.seq + 1
         self._last = this
         if not self.tap:
-            message._slot = Lease(self, header.seq)  # type: ignore[misc]
+            on_gpu = device_of(message) is not None
+            self._on_gpu += on_gpu
+            message._slot = Lease(self, header.seq, on_gpu)  # type: ignore[misc]
         return message
 
     def _decode(self, frames: list[bytes]) -> Message:
         head = decode_header(frames[0], self.message_type)
-        slot = head.extra.get("slot")
+        slot, on_gpu = head.extra.get("slot"), head.extra.get(KIND)
+        if on_gpu is not None and not self.tap:
+            return self._shown.attach(head, on_gpu) if self._shown is not None else without_rows(head)
         if slot is None:
             return attach(head, frames[1:])
         if self.tap:
@@ -284,6 +306,36 @@ class Subscriber:
             return
         if self._credits is None or not self._credits.write_credit(self._link, op, seq):
             self._dealer.send(wire.pack_seq(op, seq))
+
+    def free_on_gpu(self, seq: int) -> None:
+        """Tells the publisher that a message is free once the GPU is past its last reader; called by a lease."""
+        import warp as wp
+
+        assert self._shown is not None
+        self._reading.append((seq, self._shown.device.stream.record_event(wp.Event(self._shown.device))))
+        if self._ended:
+            self._free_read(wait=True)
+            self._answer_end()
+
+    def _free_read(self, wait: bool = False) -> None:
+        """Frees the messages that the GPU is past; of `wait`, all that were released."""
+        while self._reading and (wait or self._reading[0][1].is_complete):
+            seq, passed = self._reading.popleft()
+            if wait:
+                import warp as wp
+
+                wp.synchronize_event(passed)
+            self._on_gpu -= 1
+            self.reply(wire.FREED, seq)
+
+    def _answer_end(self) -> None:
+        """Answers the end of the stream, with which the publisher may go and its memory on the GPU with it: not while
+        a node keeps some."""
+        if self._end_owed and not self._on_gpu:
+            self._end_owed = False
+            if self._shown is not None:
+                self._shown.close()
+            self._dealer.send(wire.ENDED)
 
     def _watch(self) -> None:
         while wire.readable(self._monitor):
@@ -302,7 +354,11 @@ class Subscriber:
         return wire.readable(self._data) or (self._inbox is not None and self._inbox.pending())
 
     def close(self) -> None:
-        """Disconnects. Arrays of messages that are kept stay readable."""
+        """Disconnects. Arrays of messages that are kept stay readable, unless they are another process's on a GPU."""
+        self._free_read(wait=True)
+        self._on_gpu = 0
+        self._answer_end()
+        self._shown = None
         if self._sockets:
             self._data.disable_monitor()
         for sock in self._sockets:

@@ -26,7 +26,6 @@ from evis.launch.graph.single import why_single
 from evis.launch.graph.wiring import Wired, publishers, secret_values, wire
 from evis.launch.target import read_target, values_of_scene, with_scene_arguments
 from evis.launch.unused_arguments import check_effect
-from evis.runtime.node import Node
 from evis.runtime.plan import Edge, LeftOut, NodePlan, Plan, TopicPlan
 from msgs.camera import Image, Keyframe
 from msgs.topics import SYSTEM_TOPICS, find_topic
@@ -237,8 +236,9 @@ def _all_needs(node: Wired) -> frozenset[str]:
 
 
 def _on_one_gpu(nodes: Collection[Wired]) -> frozenset[str]:
-    """Names the nodes that come with EVIS and compute on a GPU, where that is one for all: arrays stay on it from node to
-    node in one process. None where there are several GPUs.
+    """Names the nodes that come with EVIS and compute on a GPU: in one process arrays stay on it from node to node.
+
+    None where there are several GPUs.
     """
     ours = [node for node in nodes if comes_with_evis(node.spec.type) and node.cls.on_gpu(node.params)]
     on_gpu = {node.name: node.params["device"] for node in ours}

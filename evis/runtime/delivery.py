@@ -35,18 +35,18 @@ class Delivery:
         device = device_of(message)
         if device is None:
             return Delivery([message] * len(consumers), [publisher.send(message)])
-        there = [
-            f"{consumer.name}:{port}" in unread or _takes(consumer, port, device) for consumer, port in consumers
-        ]
+        there = [f"{consumer.name}:{port}" in unread or _takes(consumer, port, device) for consumer, port in consumers]
         slots, host = [], message
-        if publisher.reads_bytes(unread) or not all(there):
+        slot = publisher.claim_on(message)
+        if all(there) and publisher.reads_on(device, unread) and publisher.send_on(message, slot):
+            pass
+        elif publisher.reads_bytes(unread) or not all(there):
             host = on_host(message, publisher.loan)
             slots.append(publisher.send(host))
         elif publisher.declared:
             slots.append(publisher.send(without_arrays(message)))
         else:
             publisher.passed(message)
-        slot = publisher.claim_on(message)
         message._slot = slot  # type: ignore[misc]
         return Delivery([message if takes else host for takes in there], [*slots, slot])
 
@@ -64,7 +64,7 @@ def read_on_host(publisher: AnyPublisher, consumers: Sequence[tuple[Host, str]],
     """
     if any(_takes(consumer, port, device) for consumer, port in consumers):
         return False
-    return bool(consumers) or publisher.reads_bytes()
+    return bool(consumers) or (publisher.reads_bytes() and not publisher.reads_on(device))
 
 
 def _takes(consumer: Host, port: str, device: Any) -> bool:

@@ -309,9 +309,15 @@ class Wiring:
                 message_type=row.type,
                 tap=tap,
                 window=self.plan.window,
+                device="" if tap else self._device_of(node, port),
             )
             for name in self._endpoint_names(topic)
         ]
+
+    def _device_of(self, node: str, port: str) -> str:
+        """Names the device on which a node takes arrays of a port as they are; "" = on the host."""
+        taker = self.hosts[node].node
+        return str(taker.params.get("device") or "") if taker.INPUTS[port].on_device else ""
 
     def _endpoint_names(self, topic: str) -> list[str]:
         if topic in SYSTEM_TOPICS:

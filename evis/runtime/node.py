@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 import numpy as np
 
 from evis.config.params import EACH, Param, resolve
-from msgs.header import Header, Message
+from msgs.header import Message
 
 if TYPE_CHECKING:
     from evis.runtime.plan import Plan

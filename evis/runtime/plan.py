@@ -15,8 +15,8 @@ from evis.config.secret import Redactor
 class Edge:
     """Names one consumer of a topic.
 
-    kind: `lockstep` (declared, never loses), `delayed` (closes a loop) or `tap` (lossy). arrays_hz: messages a second in
-    stamps that it reads the arrays of, as its class says; None = all.
+    kind: `lockstep` (declared, never loses), `delayed` (closes a loop) or `tap` (lossy). arrays_hz: messages a second
+    in stamps that it reads the arrays of, as its class says; None = all.
     """
 
     node: str

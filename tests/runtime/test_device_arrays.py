@@ -123,8 +123,23 @@ def test_arrays_are_made_where_they_are_read(tmp_path: Path, processes: dict[str
     plan = make_plan(tmp_path, processes, 300, painter=device, watcher=device)
     plan.nodes["painter"].params["loans"] = str(tmp_path / "loans.json")
     assert run(plan) == {}
-    assert json.loads((tmp_path / "loans.json").read_text()) == [kind] * COUNT
-    check(tmp_path, processes, by_reference=processes.get("watcher") == "a")
+    # Another process on the same GPU reads there too, if nobody reads on the host.
+    there = device == "cuda" and processes == {"painter": "a", "watcher": "b"}
+    assert json.loads((tmp_path / "loans.json").read_text()) == ["array" if there else kind] * COUNT
+    check(tmp_path, processes, by_reference=there or processes.get("watcher") == "a")
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("size", [8, 300])
+@pytest.mark.parametrize("beside", [{}, {"glancer": "c"}, {"reader": "c"}, {"reader": "a"}], ids=str)
+def test_another_process_on_the_same_gpu_reads_in_place(tmp_path: Path, beside: dict[str, str], size: int) -> None:
+    """The watcher keeps three messages at a time. Beside one who reads all on the host it does so too."""
+    processes = {"painter": "a", "watcher": "b", **beside}
+    assert run(make_plan(tmp_path, processes, size, painter="cuda:0", watcher="cuda")) == {}
+    check(tmp_path, processes, by_reference="reader" not in beside)
+    if "glancer" in beside:
+        seen = json.loads((tmp_path / "glancer.json").read_text())
+        assert seen == [["ndarray", 0 if k % 3 else 1, k] for k in range(COUNT)]
 
 
 @pytest.mark.gpu

@@ -1,0 +1,72 @@
+"""Calls of CUDA's driver that Warp has not, or whose failure it does not tell."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+from typing import Any
+
+PORTABLE = 1
+"""CU_MEMHOSTREGISTER_PORTABLE: in all contexts."""
+PEER_ACCESS = 1
+"""CU_IPC_MEM_LAZY_ENABLE_PEER_ACCESS, without which no handle is opened."""
+HANDLE_BYTES = 64
+
+
+class _Handle(ctypes.Structure):
+    """Holds a CUipcMemHandle, which is passed by value."""
+
+    _fields_ = (("reserved", ctypes.c_ubyte * HANDLE_BYTES),)
+
+
+def page_lock(device: Any, address: int, size: int) -> bool:
+    """Keeps pages of the host in memory where a CUDA device can reach them. False where that cannot be had.
+
+    It copies there at the bus's rate and in the background, and elsewhere by way of a buffer, with a processor's help.
+
+    Args:
+        device: a Warp device.
+        address: of the first byte, at the start of a page.
+        size: in bytes.
+    """
+    return _done(device, "cuMemHostRegister_v2", ctypes.c_void_p(address), ctypes.c_size_t(size), PORTABLE)
+
+
+def page_unlock(device: Any, address: int) -> None:
+    """Undoes `page_lock`, before the memory is given back."""
+    _done(device, "cuMemHostUnregister", ctypes.c_void_p(address))
+
+
+def open_memory(device: Any, handle: bytes) -> int:
+    """Gives the address of another process's memory on a Warp device by its handle of HANDLE_BYTES bytes.
+
+    0 where it cannot be opened: the process is gone, it is this one, or the handle is none.
+    """
+    found = ctypes.c_uint64()
+    passed = _Handle.from_buffer_copy(handle)
+    opened = _done(device, "cuIpcOpenMemHandle_v2", ctypes.byref(found), passed, ctypes.c_uint(PEER_ACCESS))
+    return found.value if opened else 0
+
+
+def close_memory(device: Any, address: int) -> None:
+    """Undoes `open_memory`."""
+    _done(device, "cuIpcCloseMemHandle", ctypes.c_uint64(address))
+
+
+def _done(device: Any, name: str, *arguments: Any) -> bool:
+    """Calls the driver in a device's context; False where it fails, or there is none."""
+    driver = _driver()
+    if driver is None or driver.cuCtxPushCurrent_v2(ctypes.c_void_p(device.context)):
+        return False
+    try:
+        return not getattr(driver, name)(*arguments)
+    finally:
+        driver.cuCtxPopCurrent_v2(ctypes.byref(ctypes.c_void_p()))
+
+
+@cache
+def _driver() -> Any:
+    try:
+        return ctypes.CDLL("libcuda.so.1")
+    except OSError:
+        return None
