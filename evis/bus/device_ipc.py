@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from evis.gpu.driver import HANDLE_BYTES, close_memory, open_memory
+from evis.gpu.driver import HANDLE_BYTES, close_memory, handle_of, open_memory
 from msgs.codec import WireHeader, check_layout, pack_header
 from msgs.fields import MessageError
 from msgs.header import Message
@@ -70,7 +70,8 @@ class Shown:
 
         self._device: Any = memory.device
         self._event = wp.Event(self._device, interprocess=True)
-        self.told = [str(self._device.uuid), number, memory.capacity, memory.ipc_handle(), self._event.ipc_handle()]
+        handle = handle_of(self._device, memory.ptr)
+        self.told = [str(self._device.uuid), number, memory.capacity, handle, self._event.ipc_handle()]
 
     def written(self) -> None:
         """Lets readers wait for what was launched so far."""

@@ -168,7 +168,7 @@ class Subscriber:
                 with contextlib.suppress(OSError):  # then credits go over the socket
                     self._credits = Outlet(credits)
             address = [] if self._inbox is None else self._inbox.address
-            gpu = uuid_of(self._device) if shared else ""
+            gpu = uuid_of(self._device) if shared and pid != os.getpid() else ""  # no process opens its own memory
             if gpu and self._shown is None:
                 self._shown = ShownSlots(self._device)
             self._dealer.send(wire.pack_map(wire.READY, shared=shared, pipe=address, gpu=gpu))

@@ -37,6 +37,17 @@ def page_unlock(device: Any, address: int) -> None:
     _done(device, "cuMemHostUnregister", ctypes.c_void_p(address))
 
 
+def handle_of(device: Any, address: int) -> bytes:
+    """Gives the handle by which other processes open memory of a Warp device, of an allocation of its own.
+
+    Raises RuntimeError where the driver gives none.
+    """
+    handle = _Handle()
+    if not _done(device, "cuIpcGetMemHandle", ctypes.byref(handle), ctypes.c_uint64(address)):
+        raise RuntimeError(f"{device}: the driver gives no handle for memory at {address:#x}")
+    return bytes(handle.reserved)
+
+
 def open_memory(device: Any, handle: bytes) -> int:
     """Gives the address of another process's memory on a Warp device by its handle of HANDLE_BYTES bytes.
 
