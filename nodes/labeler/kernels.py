@@ -12,33 +12,38 @@ def flow_of_pixels(
     # in
     rays: wp.array2d(dtype=wp.vec3d),
     image: wp.array3d(dtype=wp.vec3d),
-    motions: wp.array2d(dtype=wp.vec3d),
-    depth: wp.array2d(dtype=wp.float32),
-    ids: wp.array2d(dtype=wp.int32),
+    motions: wp.array3d(dtype=wp.vec3d),
+    depth: wp.array3d(dtype=wp.float32),
+    ids: wp.array3d(dtype=wp.int32),
     # out
-    flow: wp.array3d(dtype=wp.float32),
+    flow: wp.array4d(dtype=wp.float32),
+    strange: wp.array(dtype=wp.int32),
 ):
     """Computes the image velocity of every pixel, (5.16) in Ma et al., An Invitation to 3-D Vision.
 
     Args:
         rays: points [H, W] at z = 1.
         image: d(pixel) / d(X, Y, Z) there [H, W, 2], a row for u and one for v.
-        motions: (b, w) of each id [ids, 2], m/s and rad/s in the camera frame.
-        depth: [H, W] m.
-        ids: [H, W].
-        flow: [H, W, 2] px/s, NaN where depth is not finite.
+        motions: (b, w) of each id [E, ids, 2], m/s and rad/s in the camera frame.
+        depth: [E, H, W] m.
+        ids: [E, H, W].
+        flow: [E, H, W, 2] px/s, NaN where depth is not finite.
+        strange: the largest and the least id [2] that has no motion, if it is larger or less than what is there.
     """
-    i, j = wp.tid()
-    z = depth[i, j]
-    if not wp.isfinite(z):
-        flow[i, j, 0] = wp.nan
-        flow[i, j, 1] = wp.nan
+    env, i, j = wp.tid()
+    z, number = depth[env, i, j], ids[env, i, j]
+    known = number >= 0 and number < motions.shape[1]
+    if not known:
+        wp.atomic_max(strange, 0, number)
+        wp.atomic_min(strange, 1, number)
+    if not known or not wp.isfinite(z):
+        flow[env, i, j, 0] = wp.nan
+        flow[env, i, j, 1] = wp.nan
         return
-    number = ids[i, j]
     # The projection's derivative at X = z ray: the translation is divided by z, the rotation is not.
-    moving = motions[number, 0] / wp.float64(z) + wp.cross(motions[number, 1], rays[i, j])
-    flow[i, j, 0] = wp.float32(wp.dot(image[i, j, 0], moving))
-    flow[i, j, 1] = wp.float32(wp.dot(image[i, j, 1], moving))
+    moving = motions[env, number, 0] / wp.float64(z) + wp.cross(motions[env, number, 1], rays[i, j])
+    flow[env, i, j, 0] = wp.float32(wp.dot(image[i, j, 0], moving))
+    flow[env, i, j, 1] = wp.float32(wp.dot(image[i, j, 1], moving))
 
 
 @wp.kernel

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,14 +10,15 @@ import warp as wp
 
 from evis.geometry import pinhole, se3
 from evis.geometry.distortion import Lens, unproject
+from evis.gpu.host_copies import HostCopies
 from evis.warp_start import start_warp
 from nodes.labeler import kernels
 
 start_warp()
 
 
-def crop(image: np.ndarray, margin: int) -> np.ndarray:
-    """Leaves out the over-render margin of images [E, H + 2 margin, W + 2 margin, ...], as a view."""
+def crop(image: Any, margin: int) -> Any:
+    """Leaves out the margin of images [E, H + 2 margin, W + 2 margin, ...], numpy's or Warp's, as a view."""
     return image[:, margin:-margin, margin:-margin] if margin else image
 
 
@@ -38,7 +39,13 @@ class FlowField:
     """
 
     def __init__(
-        self, k: np.ndarray, size: tuple[int, int], bodies: Sequence[int], camera: int, lens: Lens | None = None
+        self,
+        k: np.ndarray,
+        size: tuple[int, int],
+        bodies: Sequence[int],
+        camera: int,
+        lens: Lens | None = None,
+        device: str = "cpu",
     ) -> None:
         """Looks at the lens once, for every pixel.
 
@@ -48,6 +55,7 @@ class FlowField:
             bodies: for every id, 0 (background) first, the index of its body in the state, -1 for the static world.
             camera: index of the camera's body.
             lens: its distortion, None for a pinhole.
+            device: where images are, as Warp names it.
         """
         self.k = np.asarray(k, np.float64)
         self.bodies = np.asarray(bodies, np.int64)
@@ -66,40 +74,62 @@ class FlowField:
                 plane = lens.derivative(unit) * unit[..., 2, None, None]
         # d(pixel) / d(X, Y, Z) on the rays, [H, W, 2, 3]
         focal = self.k[:2, :2] if lens is None else np.diag(np.diag(self.k)[:2])
-        self._on_rays = _array(np.ascontiguousarray(self._rays), wp.vec3d)
-        self._derivative = _array(np.ascontiguousarray(focal @ plane), wp.vec3d)
+        self._device: Any = wp.get_device(device)
+        self._on_rays = self._there(np.ascontiguousarray(self._rays), wp.vec3d)
+        self._derivative = self._there(np.ascontiguousarray(focal @ plane), wp.vec3d)
+        self._strange = self._there(np.zeros(2, np.int32), wp.int32)
+        self._copies = HostCopies(self._strange)
+        self._found: Callable[[], np.ndarray] | None = None
+        """Tells of ids without a body in the last images."""
 
     def motions(self, pose: np.ndarray, twist: np.ndarray) -> np.ndarray:
-        """Computes (b, w) of every id in the camera frame, float64 [ids, 6], for poses [N, 7] and twists [N, 6]."""
-        centre, turn = pose[self.camera, :3], se3.conjugate(pose[self.camera, 3:])
-        pose, twist = (np.concatenate((a, [still])) for a, still in ((pose, se3.IDENTITY), (twist, np.zeros(6))))
-        v, omega = twist[self.bodies, :3], twist[self.bodies, 3:]
-        at_camera = v + se3.cross(omega, centre - pose[self.bodies, :3])
-        relative = (at_camera - twist[self.camera, :3], omega - twist[self.camera, 3:])
-        return np.concatenate([se3.rotate(turn, a) for a in relative], axis=-1)
+        """Computes (b, w) of every id in the camera frame, float64 [E, ids, 6], for poses [E, N, 7] and twists
+        [E, N, 6].
+        """
+        eye, own = pose[:, self.camera, None], twist[:, self.camera, None]
+        still = (np.broadcast_to(a, (len(pose), 1, len(a))) for a in (se3.IDENTITY, np.zeros(6)))
+        pose, twist = (np.concatenate(pair, axis=1) for pair in zip((pose, twist), still))
+        v, omega = twist[:, self.bodies, :3], twist[:, self.bodies, 3:]
+        at_camera = v + se3.cross(omega, eye[..., :3] - pose[:, self.bodies, :3])
+        relative = (at_camera - own[..., :3], omega - own[..., 3:])
+        return np.concatenate([se3.rotate(se3.conjugate(eye[..., 3:]), a) for a in relative], axis=-1)
 
-    def __call__(
-        self, pose: np.ndarray, twist: np.ndarray, depth: np.ndarray, ids: np.ndarray, out: np.ndarray
-    ) -> np.ndarray:
-        """Writes the flow of an image.
+    def __call__(self, pose: np.ndarray, twist: np.ndarray, depth: Any, ids: Any, out: Any) -> Any:
+        """Writes the flow of images.
 
         Args:
-            pose: float64 [N, 7] of the bodies, to the world.
-            twist: float64 [N, 6] of the bodies, m/s and rad/s, world frame.
-            depth: float32 [H, W] m.
-            ids: int32 [H, W].
-            out: float32 [H, W, 2] px/s, which is given back; NaN where depth is not finite.
+            pose: float64 [E, N, 7] of the bodies, to the world.
+            twist: float64 [E, N, 6] of the bodies, m/s and rad/s, world frame.
+            depth: float32 [E, H, W] m, numpy's or Warp's on the device, as the next two.
+            ids: int32 [E, H, W].
+            out: float32 [E, H, W, 2] px/s, which is given back; NaN where depth is not finite.
 
-        Raises ValueError for an id that has no body.
+        Raises ValueError for an id that has no body; on a GPU, for one in the images before.
         """
-        if ids.size and not 0 <= int(ids.min()) <= int(ids.max()) < len(self.bodies):
-            raise ValueError(f"ids run from {ids.min()} to {ids.max()}, CameraInfo names {len(self.bodies)}")
-        motions = self.motions(pose, twist).reshape(-1, 2, 3)
+        motions = self.motions(pose, twist).reshape(len(pose), -1, 2, 3)
         given = [
-            self._on_rays, self._derivative, _array(motions, wp.vec3d), _array(depth, wp.float32), _array(ids, wp.int32)
+            self._on_rays, self._derivative, self._there(motions, wp.vec3d), self._there(depth, wp.float32),
+            self._there(ids, wp.int32),
         ]  # fmt: skip
-        wp.launch(kernels.flow_of_pixels, ids.shape, given, [_array(out, wp.float32)], device="cpu")
+        found = [self._there(out, wp.float32), self._strange]
+        wp.launch(kernels.flow_of_pixels, ids.shape, given, found, device=self._device)
+        if self._device.is_cpu:
+            self._check(self._strange.numpy())
+        else:
+            if self._found is not None:
+                self._check(self._found())
+            self._found = self._copies.take()
         return out
+
+    def _check(self, strange: np.ndarray) -> None:
+        if strange.any():
+            raise ValueError(f"ids run from {strange[1]} to {strange[0]}, CameraInfo names {len(self.bodies)}")
+
+    def _there(self, values: Any, dtype: Any) -> Any:
+        """The same memory for a kernel, with its strides, or a copy on the device."""
+        if not isinstance(values, np.ndarray):
+            return values
+        return wp.array(values, dtype=dtype, device=self._device, copy=not self._device.is_cpu)
 
 
 def boxes(ids: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

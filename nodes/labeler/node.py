@@ -72,8 +72,8 @@ class LabelerNode(Node):
     PER_ENVIRONMENT: ClassVar[bool] = True
     INPUTS: ClassVar[Mapping[str, Input]] = {
         "state": Input("/state"),
-        "depth": Input("/{camera}/depth"),
-        "ids": Input("/{camera}/ids"),
+        "depth": Input("/{camera}/depth", on_device=True),
+        "ids": Input("/{camera}/ids", on_device=True),
         "info": Input("/{camera}/info", join=False),
         "events": Input("/{camera}/events", join=False),
         "signal": Input("/{camera}/signal", join=False),
@@ -187,11 +187,12 @@ class LabelerNode(Node):
         assert isinstance(state, WorldState | None) and isinstance(depth, Depth | None) and isinstance(ids, Ids | None)
         source = next(iter(inputs.values())).header
         out = Labels(Header(source.stamp_ns, clock=source.clock, episode=source.episode))
-        z = self.pure.crop(np.asarray(depth.depth), depth.margin) if depth is not None else None
-        i = self.pure.crop(np.asarray(ids.ids), ids.margin) if ids is not None else None
+        z = self._image(depth.depth, depth.margin) if depth is not None else None
+        i = self._image(ids.ids, ids.margin) if ids is not None else None
         self._images(out, state, z, i)
         if "boxes" in self.kinds and i is not None:
-            out.box, out.box_env, out.box_id = self.pure.boxes(self._boxed(i) if _some_boxes(self.params) else i)
+            seen = _on_host(i)
+            out.box, out.box_env, out.box_id = self.pure.boxes(self._boxed(seen) if _some_boxes(self.params) else seen)
         if state is not None:
             self._bodies(out, state)
             self._meshes(out, state)
@@ -222,7 +223,14 @@ class LabelerNode(Node):
             out.event_signal = packet.signal
             self.publish("labels", out)
 
-    def _images(self, out: Labels, state: WorldState | None, depth: np.ndarray | None, ids: np.ndarray | None) -> None:
+    def _image(self, image: Any, margin: int) -> Any:
+        """The image of a message without its margin: on the labeler's GPU where it is there and may stay there."""
+        on_gpu = not isinstance(image, np.ndarray)
+        if on_gpu and self.pairing is not None:  # it waits for events, which are labelled on the host
+            image, on_gpu = image.numpy(), False
+        return self.pure.crop(image if on_gpu else np.asarray(image), margin)
+
+    def _images(self, out: Labels, state: WorldState | None, depth: Any, ids: Any) -> None:
         wanted: dict[str, tuple[tuple[int, ...], Any]] = {}
         if "flow" in self.kinds and depth is not None:
             wanted["flow"] = ((*depth.shape, 2), np.float32)
@@ -230,25 +238,42 @@ class LabelerNode(Node):
             wanted["depth"] = (depth.shape, np.float32)
         if "segmentation" in self.kinds and ids is not None:
             wanted["segmentation"] = (ids.shape, np.int32)
+        on_gpu = next((a.device for a in (depth, ids) if a is not None and not isinstance(a, np.ndarray)), None)
         if "semantic" in self.kinds and ids is not None:
-            wanted["semantic"] = (ids.shape, np.int32)
-        if self.pairing is None:
-            arrays = self.loan("labels", **wanted) if wanted else {}
-        else:
-            # These wait for events, and a loan is for what is sent next.
-            arrays = {name: np.empty(shape, dtype) for name, (shape, dtype) in wanted.items()}
-        if "depth" in arrays:
-            arrays["depth"][...] = depth
-        if "segmentation" in arrays:
-            arrays["segmentation"][...] = ids
-        if "semantic" in arrays and ids is not None:
+            if on_gpu is None:
+                wanted["semantic"] = (ids.shape, np.int32)
+            else:
+                out.semantic = np.take(self._classes(), _on_host(ids))
+        arrays = self._room(wanted, on_gpu)
+        for name, image in (("depth", depth), ("segmentation", ids)):
+            if name in arrays and on_gpu is None:
+                arrays[name][...] = image
+            elif name in arrays:
+                arrays[name].assign(image)
+        if "semantic" in arrays:
             np.take(self._classes(), ids, out=arrays["semantic"])
-        if "flow" in arrays and state is not None and depth is not None and ids is not None:
-            fields, twist = self._flow_fields(state), state.end_twist()
-            for e in range(len(depth)):
-                fields[e % len(fields)](state.end_pose[e], twist[e], depth[e], ids[e], arrays["flow"][e])
+        if "flow" in arrays and state is not None and ids is not None:
+            fields, twist = self._flow_fields(state, on_gpu is not None), state.end_twist()
+            share = len(depth) // len(fields)
+            for k, field in enumerate(fields):
+                own = slice(k * share, (k + 1) * share)
+                field(state.end_pose[own], twist[own], depth[own], ids[own], arrays["flow"][own])
         for name, array in arrays.items():
             setattr(out, name, array)
+
+    def _room(self, wanted: Mapping[str, tuple[tuple[int, ...], Any]], on_gpu: Any) -> dict[str, Any]:
+        """Arrays of (shape, dtype) to write labels into, on a GPU if it is given."""
+        if not wanted:
+            return {}
+        if on_gpu is not None:
+            import warp as wp
+
+            there = {name: (shape, wp.dtype_from_numpy(np.dtype(dtype))) for name, (shape, dtype) in wanted.items()}
+            return self.loan_on("labels", on_gpu, **there)
+        if self.pairing is None:
+            return {**self.loan("labels", **wanted)}
+        # These wait for events, and a loan is for what is sent next.
+        return {name: np.empty(shape, dtype) for name, (shape, dtype) in wanted.items()}
 
     def _boxed(self, ids: np.ndarray) -> np.ndarray:
         """Ids with those of instances that share a box made one, and of those without a box 0."""
@@ -264,7 +289,7 @@ class LabelerNode(Node):
             raise ValueError(f"{self.name}: /{self.params['camera']}/info has no semantic ids; leave semantic out")
         return self.info.semantic
 
-    def _flow_fields(self, state: WorldState) -> list[Any]:
+    def _flow_fields(self, state: WorldState, on_gpu: bool) -> list[Any]:
         """One for all environments, or one for each where their cameras differ."""
         if not self.flow:
             info = self.info
@@ -276,12 +301,13 @@ class LabelerNode(Node):
                 raise ValueError(f"{self.name}: /state has no body '{missing[0]}', which CameraInfo names")
             bodies = [index[b] for b in info.instance_bodies]
             size, camera = (info.width, info.height), index[self.params["camera"]]
+            device = self.params["device"] if on_gpu else "cpu"
             lenses = [(info.k, info.distortion)]
             if info.env_k is not None and info.env_distortion is not None:
                 lenses = list(zip(info.env_k, info.env_distortion))
             for k, distortion in lenses:
                 lens = self.pure.lens_of(info.distortion_model, distortion)
-                self.flow.append(self.pure.FlowField(k, size, bodies, camera, lens))
+                self.flow.append(self.pure.FlowField(k, size, bodies, camera, lens, device))
         return self.flow
 
     def _bodies(self, out: Labels, state: WorldState) -> None:
@@ -323,6 +349,11 @@ class LabelerNode(Node):
             flow, valid = self.geometry.flow(self.now, start, end)
             setattr(out, f"{name}_flow", flow)
             setattr(out, f"{name}_valid", valid)
+
+
+def _on_host(image: Any) -> np.ndarray:
+    """An image in numpy; waits for the GPU that it is on."""
+    return image if isinstance(image, np.ndarray) else np.asarray(image.numpy())
 
 
 def _some_boxes(params: Mapping[str, Any]) -> bool:
