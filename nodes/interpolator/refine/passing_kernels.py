@@ -16,8 +16,20 @@ from nodes.renderer.shadows.ray_kernels import LIFT, make_occlusion
 
 wp.set_module_options({"enable_backward": False})
 
-NOTHING = wp.constant(wp.uint32(0))
+NOTHING = wp.constant(wp.uint64(0))
 ONE = wp.constant(wp.uint64(1))
+
+
+@wp.func
+def key_of(lamp: int):
+    """Gives a number to a lamp, by SplitMix64 (Steele et al. 2014, fig. 16).
+
+    Sets of lamps whose keys' sums are equal are the same set, but for one pair in 2^64.
+    """
+    z = wp.uint64(lamp + 1) * wp.uint64(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> wp.uint64(30))) * wp.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> wp.uint64(27))) * wp.uint64(0x94D049BB133111EB)
+    return z ^ (z >> wp.uint64(31))
 
 
 @wp.func
@@ -49,9 +61,9 @@ def make_find_passing(changes: LightChanges, trees: bool) -> wp.Kernel:
 
     @wp.func
     def hidden_lamps(change: Change, flag: int, row: int, hit: wp.uint64, d: wp.vec3):
-        """Gives a mask, bit l % 32 for lamp l, of those that something may move before and that are hidden from what a
-        ray sees, and of spots whose beam passes by it. flag: of `narrowed`."""
-        mask = NOTHING
+        """Gives the sum of the keys of lamps that something may move before and that are hidden from what a ray sees,
+        and of spots whose beam passes by it. flag: of `narrowed`."""
+        keys = NOTHING
         s = point_of(change, row, hit, depth_of(hit) * d)
         casters = change.casters
         origin = s.position + (LIFT * (wp.length(s.position) + casters.radius[s.instance])) * s.normal
@@ -64,8 +76,8 @@ def make_find_passing(changes: LightChanges, trees: bool) -> wp.Kernel:
                     if not away and change.now.shadow[l] == 1:
                         away = occluded(casters, row, first, casters.order.shape[0], s.skip, origin, ray, length)
                     if away:
-                        mask = mask | (wp.uint32(1) << wp.uint32(l % 32))
-        return mask
+                        keys += key_of(l)
+        return keys
 
     @wp.kernel(module="unique", enable_backward=False)
     def find_passing(

@@ -4,11 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import warp as wp
 from refine_rig import box, refined
 from rigid_rig import FOCAL, GAP, HEIGHT, START, WIDTH, closed_form, keyframe, lamp, plain, pose, quad, world
 
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
 from nodes.interpolator.refine.method import Refined
+from nodes.interpolator.refine.passing_kernels import key_of
 from nodes.interpolator.refine.rounds import Rounds
 from nodes.interpolator.rigid import Rigid, RigidOptions
 from nodes.renderer.renderer import Renderer
@@ -132,6 +134,22 @@ def test_a_beam_that_turns(cone, shadows):
         aside = np.arccos(np.cos(cone) / (flat / np.hypot(flat, y)))
     expected = np.array([(np.arctan2(x, 1.0) + side * aside) / rate * 1e9 + GAP / 2 for side in (-1, 1)])
     check(expected, found_times(scene, bright=True))
+
+
+@wp.kernel
+def keys_of(lamps: wp.array(dtype=wp.int32), keys: wp.array(dtype=wp.uint64)):
+    keys[wp.tid()] = key_of(lamps[wp.tid()])
+
+
+def test_any_two_lamps_may_change_at_once():
+    """Keys are SplitMix64's published first numbers of seed 0; all lamps, and all pairs of forty, can be told apart."""
+    keys = wp.empty(1000, dtype=wp.uint64, device="cpu")
+    wp.launch(keys_of, 1000, [wp.array(np.arange(1000), dtype=wp.int32, device="cpu")], [keys], device="cpu")
+    found = keys.numpy()
+    assert found[:3].tolist() == [0xE220A8397B1DCDAF, 0x6E789E6AA1B965F4, 0x06C45D188009454F]
+    assert len(np.unique(found)) == 1000
+    pairs = (found[:40, None] + found[:40])[np.tril_indices(40, -1)]
+    assert len(np.unique(pairs)) == len(pairs)
 
 
 def test_while_the_camera_moves_too():
