@@ -28,8 +28,8 @@ from evis.bus.endpoints import Endpoints, endpoints_for
 from evis.bus.errors import BusError, PeerLost
 from evis.bus.lease import END, End
 from evis.bus.local import LocalPublisher
+from evis.bus.memory.slots import Slot, SlotPool
 from evis.bus.publisher import Publisher
-from evis.bus.slots import Slot, SlotPool
 from evis.bus.subscriber import Subscriber
 
 __all__ = [

@@ -11,8 +11,8 @@ import zmq
 
 from evis.bus import wire
 from evis.bus.errors import BusError, PeerLost
+from evis.bus.memory.slots import Pinned, reserve
 from evis.bus.pipes import CreditInbox, Outlet
-from evis.bus.slots import Pinned, reserve
 from msgs.header import Message
 
 LAST_WORD_S = 0.25

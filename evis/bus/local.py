@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import zmq
 
-from evis.bus.device import Asked, DevicePool, DeviceSlot, check, on_host_too
+from evis.bus.memory.device import Asked, DevicePool, DeviceSlot, check, on_host_too
+from evis.bus.memory.slots import Slot, SlotPool
 from evis.bus.publisher import check_sent
-from evis.bus.slots import Slot, SlotPool
 from msgs.codec import checked
 from msgs.header import Message
 

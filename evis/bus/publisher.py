@@ -12,11 +12,11 @@ import zmq
 
 from evis.bus import pipes, wire
 from evis.bus.consumers import Consumer, Consumers
-from evis.bus.device import Asked, DevicePool, DeviceSlot, check, on_host_too
 from evis.bus.endpoints import Endpoints, bind, check_bind, unlink
 from evis.bus.errors import BusError, PeerLost
-from evis.bus.placing import describe, place
-from evis.bus.slots import Pinned, Slot, SlotPool
+from evis.bus.memory.device import Asked, DevicePool, DeviceSlot, check, on_host_too
+from evis.bus.memory.placing import describe, place
+from evis.bus.memory.slots import Pinned, Slot, SlotPool
 from evis.bus.tap import TapSender, queue_length
 from msgs.codec import Buffer, checked, contiguous, pack_header, raw
 from msgs.header import Message

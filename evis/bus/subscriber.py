@@ -11,12 +11,13 @@ from typing import Any
 
 import zmq
 
-from evis.bus import mapping, wire
-from evis.bus.device import device_of
-from evis.bus.device_ipc import KIND, ShownSlots, uuid_of, without_rows
+from evis.bus import wire
 from evis.bus.endpoints import Endpoints
 from evis.bus.errors import BusError, PeerLost
 from evis.bus.lease import END, End, Lease
+from evis.bus.memory import mapping
+from evis.bus.memory.device import device_of
+from evis.bus.memory.shown import KIND, ShownSlots, uuid_of, without_rows
 from evis.bus.pipes import MessageInbox, Outlet
 from evis.bus.tap import queue_length
 from msgs.codec import attach, decode_header

@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from evis.bus.device import device_of, on_host, without_arrays
+from evis.bus.memory.device import device_of, on_host, without_arrays
 from evis.runtime.host import AnyPublisher, Host
 from msgs.header import Message
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from evis.bus.device import device_of
+from evis.bus.memory.device import device_of
 from evis.config.params import Param, resolve
 from evis.runtime.node import Input, Node
 from msgs.header import Message

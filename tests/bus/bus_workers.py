@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import zmq
 
-import evis.bus.mapping
+import evis.bus.memory.mapping
 from evis.bus import END, Endpoints, Publisher, Subscriber
 from msgs.camera import Depth
 from msgs.header import Header, Message
@@ -92,7 +92,7 @@ def read(pipe: Any, endpoints: Endpoints, name: str, options: dict[str, Any]) ->
     released first, with a check that they did not change); inline (cannot open other processes' memory); hang_after.
     """
     if options.get("inline"):
-        evis.bus.mapping.reachable = lambda *_: False  # type: ignore[assignment]
+        evis.bus.memory.mapping.reachable = lambda *_: False  # type: ignore[assignment]
     rng = np.random.default_rng(options.get("stall"))
     context = zmq.Context()
     subscriber = Subscriber(

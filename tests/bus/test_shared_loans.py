@@ -3,8 +3,8 @@
 import numpy as np
 import warp as wp
 
-from evis.bus.device import DevicePool
 from evis.bus.local import LocalPublisher
+from evis.bus.memory.device import DevicePool
 from msgs.camera import Depth
 from msgs.header import Header
 

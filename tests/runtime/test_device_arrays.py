@@ -14,7 +14,7 @@ import warp as wp
 import zmq
 
 from evis.bus import BusError, Publisher, Subscriber, endpoints_for
-from evis.bus.device import DevicePool
+from evis.bus.memory.device import DevicePool
 from evis.runtime.delivery import Delivery
 from evis.runtime.plan import Edge, NodePlan, Plan, TopicPlan
 from evis.simulation.caller import owned

@@ -12,10 +12,10 @@ import warp as wp
 from evis.gpu.building import LAUNCH_BLOCK
 from nodes.interpolator.keyframe import KeyframeView, own_subframes
 from nodes.interpolator.refine.evaluator import Evaluator, looks_of
-from nodes.interpolator.refine.flicker import Flicker
 from nodes.interpolator.refine.further_kernels import count_samples, make_sort, place_samples
 from nodes.interpolator.refine.instants import Instants, instants_of
-from nodes.interpolator.refine.passing import Passing
+from nodes.interpolator.refine.light.flicker import Flicker
+from nodes.interpolator.refine.light.passing import Passing
 from nodes.interpolator.refine.probing.probes import Probes
 from nodes.interpolator.refine.rounds import Kernels, Rounds, Window
 from nodes.interpolator.refine.stage_kernels import Cut, Stage

@@ -16,8 +16,8 @@ from nodes.interpolator.refine.change_kernels import Changes, make_find_changes
 from nodes.interpolator.refine.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.interval_kernels import make_intervals, make_rounds, see
+from nodes.interpolator.refine.light.passing import Passing
 from nodes.interpolator.refine.lists import Lists, Samples
-from nodes.interpolator.refine.passing import Passing
 from nodes.interpolator.refine.path_kernels import make_instances
 from nodes.interpolator.refine.run_kernels import make_find_runs
 from nodes.interpolator.refine.tally import Tally, Told

@@ -7,8 +7,8 @@ import warp as wp
 
 from evis.gpu.append_kernels import take_place
 from nodes.interpolator.refine.change_kernels import Changes
-from nodes.interpolator.refine.flicker_kernels import Marks, entry_near, make_note_marks, marks_of
-from nodes.interpolator.refine.passing_kernels import part_at
+from nodes.interpolator.refine.light.flicker_kernels import Marks, entry_near, make_note_marks, marks_of
+from nodes.interpolator.refine.light.passing_kernels import part_at
 from nodes.interpolator.refine.path_kernels import (
     PARTS,
     SHARP,

@@ -9,8 +9,8 @@ from refine_rig import box, refined
 from rigid_rig import FOCAL, GAP, HEIGHT, START, WIDTH, closed_form, keyframe, lamp, plain, pose, quad, world
 
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
+from nodes.interpolator.refine.light.passing_kernels import key_of
 from nodes.interpolator.refine.method import Refined
-from nodes.interpolator.refine.passing_kernels import key_of
 from nodes.interpolator.refine.rounds import Rounds
 from nodes.interpolator.rigid import Rigid, RigidOptions
 from nodes.renderer.renderer import Renderer

@@ -3,7 +3,7 @@
 A slot is one block of memory with a pin count: the loan, each remote consumer and each `keep` hold one pin, and the
 slot is written again only when all are gone. `HeapSlot` serves consumers of this process; `MemorySlot` is a memfd that
 other processes map through /proc/<pid>/fd, so that no kind of death leaves anything behind. Slots on a GPU, for the
-nodes of one process, are in evis/bus/device.py.
+nodes of one process, are in evis/bus/memory/device.py.
 """
 
 from __future__ import annotations

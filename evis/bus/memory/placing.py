@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from evis.bus.slots import Slot, SlotPool, aligned
+from evis.bus.memory.slots import Slot, SlotPool, aligned
 from msgs.codec import Buffer, layout, pack_header, pack_moment, pack_scalars
 from msgs.header import Message
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from evis.bus.device import DevicePool
-from evis.bus.device_ipc import KIND, MOST_INLINE, Placed, ShownSlots, uuid_of, without_rows
+from evis.bus.memory.device import DevicePool
+from evis.bus.memory.shown import KIND, MOST_INLINE, Placed, ShownSlots, uuid_of, without_rows
 from evis.gpu.driver import HANDLE_BYTES
 from msgs.camera import Keyframe, Motion
 from msgs.codec import decode_header, pack_header

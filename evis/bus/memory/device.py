@@ -5,7 +5,7 @@ compute on the same device and say so (`Input.on_device`) get them by reference;
 arrays, copied once and only where there is such a reader at that moment. A loan is one block of device memory, held and
 freed as a slot of the host is: its message's `keep` and `release` pin it. All work on a device is on Warp's stream of
 it, so what is launched after the last release comes after all that reads. Other processes on the same GPU that take
-arrays there read them in place too (evis/bus/device_ipc.py).
+arrays there read them in place too (evis/bus/memory/shown.py).
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from evis.bus.device_ipc import BLOCK, Form, Placed, Shown
-from evis.bus.slots import Loans, Pinned, aligned, rounded
+from evis.bus.memory.shown import BLOCK, Form, Placed, Shown
+from evis.bus.memory.slots import Loans, Pinned, aligned, rounded
 from msgs.codec import check_layout
 from msgs.fields import array_specs
 from msgs.header import Message

@@ -12,7 +12,7 @@ import warp as wp
 from evis.geometry import se3
 from nodes.interpolator.refine.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
-from nodes.interpolator.refine.passing_kernels import make_find_passing
+from nodes.interpolator.refine.light.passing_kernels import make_find_passing
 from nodes.interpolator.refine.probing.visit_kernels import find_briefest, find_turns
 from nodes.interpolator.refine.probing.visits import boxes_of
 from nodes.interpolator.rigid.method import Rigid

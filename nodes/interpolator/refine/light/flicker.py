@@ -11,7 +11,7 @@ import warp as wp
 
 from evis.scene.model import Waveform
 from evis.scene.sampling import FOLLOWED
-from nodes.interpolator.refine.flicker_kernels import Marks
+from nodes.interpolator.refine.light.flicker_kernels import Marks
 from nodes.interpolator.refine.lists import SPARE
 from nodes.interpolator.refine.path_kernels import PARTS, SHARP
 from nodes.renderer.lights.lights import waveform_strength
