@@ -236,7 +236,7 @@ def test_who_says_nothing_is_named_and_loses_control(
 def test_a_wrong_action_is_refused_and_counted(graph: Callable[[str], Graph], wrong: Action, why: str) -> None:
     run = graph("lockstep")
     program = run.program()
-    until(lambda: run.node.now_ns > 0)  # an action for 0 s is late from here on
+    until(lambda: getattr(run.node, "now_ns", 0) > 0)  # an action for 0 s is late from here on
     take(program)
     stamp = due(program)
     for _ in range(3):
