@@ -18,7 +18,7 @@ from msgs.own_time import STAMP
 from nodes.event_sensor.messages.images import Images
 from nodes.event_sensor.messages.in_a_row import runs, stamps
 from nodes.event_sensor.messages.packets import Packets
-from nodes.event_sensor.parameters import NODE, PRESET, preset_name, source_of
+from nodes.event_sensor.parameters import NODE, PRESET, frames_only, preset_name, source_of
 from nodes.event_sensor.presets import PRESETS
 from nodes.event_sensor.scene_parameters import SHARED, resolve_each, resolve_with_scene
 
@@ -75,6 +75,11 @@ class EventSensorNode(Node):
         return without_effect(resolve_with_scene("event sensor", params))
 
     @classmethod
+    def foreseen(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
+        """Tells that samples between frames are asked for, and the sensor takes frames alone."""
+        return _unused_samples(params["source"], resolve_with_scene("event sensor", params))
+
+    @classmethod
     def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
         """The faults that are drawn."""
         from nodes.event_sensor import effects
@@ -112,6 +117,8 @@ class EventSensorNode(Node):
 
         self._resolved = resolve_with_scene(self.name, self.params)
         self._source = source_of(self.params["source"], lambda: self._resolved)
+        for text in _unused_samples(self.params["source"], self._resolved):
+            self.warn(text)
         self._marked = self.wants("signal")
         if self._marked and not self._resolved["model"].startswith("evis"):
             raise ValueError(
@@ -316,3 +323,9 @@ class EventSensorNode(Node):
             kinds = "or negative" if dark else "negative or black (ln 0; a light or a dark_level helps against those)"
             when = self._header.stamp_ns
             self.warn(f"{counts['nonfinite']} samples at {when} ns are NaN, infinite, {kinds}; they are skipped")
+
+
+def _unused_samples(source: str, resolved: Mapping[str, Any]) -> tuple[str, ...]:
+    """Says why samples between frames that are asked for come to nothing; resolved: all of SENSOR."""
+    why = frames_only(resolved) if source == "samples" else ""
+    return (f"time_tolerance is for samples between frames, and {why}: events come of frames alone",) if why else ()

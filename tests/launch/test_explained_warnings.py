@@ -12,6 +12,19 @@ lights: {lamp: {kind: point, position: [0, 0, 2], intensity: 5, flicker: {kind: 
 """
 
 
+@pytest.mark.parametrize("word", ["crossing:=cubic", "crossing:=linear", "defocus:=0.5", "model:=v2e"])
+def test_samples_that_the_sensor_does_not_take_are_told_beforehand(word, capfd):
+    """Curves, blur and other event models are for frames alone; a line through samples is not told of."""
+    words = ["launch", "spinning_disk", word, "time_tolerance:=0.001", "width:=32", "height:=24", "--no-view"]
+    assert main([*words, "--explain"]) == 0
+    explained = capfd.readouterr().out
+    assert main([*words, "--duration", "0.05", "--compose"]) == 0
+    out, err = capfd.readouterr()
+    line = "event_sensor: time_tolerance is for samples between frames, and "
+    assert (f"warnings\n  {line}" in explained) == (word != "crossing:=linear")
+    assert (line.replace("sensor: ", "sensor: warning: ") in out + err) == (word != "crossing:=linear")
+
+
 @pytest.mark.parametrize("rate", [20, 200])
 def test_a_lamp_that_flickers_too_fast_is_told_beforehand(tmp_path, rate, capfd):
     path = tmp_path / "lamp.yaml"

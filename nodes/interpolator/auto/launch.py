@@ -16,6 +16,7 @@ from evis.launch.expand import NodeSpec, expand
 from evis.launch.files import LaunchFile
 from evis.launch.planner import Options
 from evis.scene.parameters import camera_of, scene_of
+from nodes.event_sensor.parameters import frames_only
 from nodes.event_sensor.scene_parameters import resolve_with_scene
 from nodes.interpolator.auto import cache
 from nodes.interpolator.auto.choice import frames_beside_samples
@@ -67,7 +68,7 @@ def replace_auto(
         wishes["keyframe_rate"] = next(n.params["keyframe_rate"] for n in graph.nodes if n.type == "renderer")
     if values["time_tolerance"] > 0:
         nodes = [node for node in graph.nodes if node.type == "interpolator"]
-        alone = method == "rigid" and any(map(_by_frames_alone, nodes))
+        alone = method == "rigid" and (any(map(_by_frames_alone, nodes)) or any(map(_senses_frames_alone, graph.nodes)))
         # What goes by frames has as many as beside the closest samples.
         return _beside_samples(given, method, wishes["keyframe_rate"], 0.0 if alone else values["time_tolerance"])
     setting = setting_of(graph.nodes, options.duration_s, wishes)
@@ -104,6 +105,13 @@ def _by_frames_alone(node: NodeSpec) -> bool:
     p = node.params
     camera = camera_of(scene_of("interpolator", p), p.get("camera") or "cam0")
     return bool(by_frames_alone(camera, {"supersampling": 0, **p}))
+
+
+def _senses_frames_alone(node: NodeSpec) -> bool:
+    """Whether a node is a sensor that takes no samples between frames."""
+    if node.type != "event_sensor":
+        return False
+    return bool(frames_only(resolve_with_scene("event sensor", node.params)))
 
 
 def _beside_samples(
