@@ -62,6 +62,11 @@ def environment_key(name: str, message_type: type) -> str:
     return key if key in specs and specs[name].dims[0] == specs[key].dims[0] else ""
 
 
+def by_environment(message_type: type) -> bool:
+    """Says whether the first axis of all arrays of a message class is the environments'."""
+    return all(spec.dims[0] == "E" for spec in array_specs(message_type).values())
+
+
 def plain_fields(message_type: type) -> dict[str, str]:
     """Returns the other fields of a message class but `header`, in order: name -> annotation. Do not change it."""
     plain = _plain.get(message_type)

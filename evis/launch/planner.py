@@ -28,6 +28,7 @@ from evis.launch.target import read_target, values_of_scene, with_scene_argument
 from evis.launch.unused_arguments import check_effect
 from evis.runtime.plan import Edge, LeftOut, NodePlan, Plan, TopicPlan
 from msgs.camera import Image, Keyframe
+from msgs.fields import by_environment
 from msgs.topics import SYSTEM_TOPICS, find_topic
 
 COMPOSED = "graph"
@@ -300,13 +301,18 @@ def _connect(plan: Plan, chosen: list[Wired], demand: Demand) -> None:
         for port, topics in planned.inputs.items():
             for topic in topics:
                 if topic not in SYSTEM_TOPICS:
-                    kind, named = _kind(node, port, topic, planned), node.port_of(port, topic)
-                    plan.topics[topic].edges.append(
-                        Edge(node.name, port, kind, node.cls.arrays_hz(planned.params, named))
-                    )
+                    kind, hz = _kind(node, port, topic, planned), _arrays_hz(node, port, topic, planned)
+                    plan.topics[topic].edges.append(Edge(node.name, port, kind, hz))
     wired = {node.name: node for node in chosen}
     for name in plan.topics:
         plan.topics[name].arrays = _read_arrays(plan, name, wired)
+
+
+def _arrays_hz(node: Wired, port: str, topic: str, planned: NodePlan) -> float | None:
+    """How often a node reads arrays of a topic, of one whose messages can be sent with none."""
+    if not by_environment(find_topic(topic).type):
+        return None
+    return node.cls.arrays_hz(planned.params, node.port_of(port, topic))
 
 
 def _read_arrays(plan: Plan, topic: str, wired: Mapping[str, Wired]) -> list[str] | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from typing import Any
 
 import msgpack
@@ -111,3 +113,43 @@ def test_a_descriptor_that_is_none_is_refused(change: dict[int, Any], what: str)
         slots._open[body["extra"][KIND][1]] = slot._memory, wp.Event(device)
     with pytest.raises(MessageError, match=what):
         slots.attach(head, head.extra[KIND])
+
+
+CHILD = """
+import sys
+import msgpack
+from evis.bus.memory.shown import KIND, ShownSlots
+from msgs.camera import Motion
+from msgs.codec import decode_header
+from msgs.fields import MessageError
+slots = ShownSlots("cuda:0")
+for line in sys.stdin:
+    head = decode_header(bytes.fromhex(line), Motion)
+    try:
+        print(slots.attach(head, head.extra[KIND]).motion.numpy().sum(), flush=True)
+    except MessageError as error:
+        print(error, flush=True)
+"""
+
+
+@pytest.mark.gpu
+def test_another_process_opens_what_is_there_and_no_more() -> None:
+    device: Any = wp.get_device("cuda:0")
+    pool = DevicePool("/cam0/motion")
+    message = Motion(Header(0), pool.loan(device, {"motion": ((1, 4, 5), wp.vec2)}, shown=True)["motion"])
+    message.motion.fill_(wp.vec2(1.0, 2.0))  # type: ignore[attr-defined]
+    slot = pool.claim(message)
+    assert slot is not None and slot.shown is not None
+    placed = slot.placed(message)
+    assert placed is not None
+    slot.shown.written()
+    packed = placed.packed(message, slot.shown)
+    larger = msgpack.unpackb(packed)
+    larger["extra"][KIND][1:3] = [7777, 2 * slot.size]
+    lines = "\n".join(part.hex() for part in (packed, msgpack.packb(larger), packed))
+    child = [sys.executable, "-c", CHILD]
+    said = subprocess.run(child, input=lines, capture_output=True, text=True, timeout=120)
+    assert said.returncode == 0, said.stderr
+    first, second, third = said.stdout.splitlines()
+    assert first == third == "60.0"
+    assert second == f"Motion: {2 * slot.size} bytes are announced on GPU {device.uuid}, and {slot.size} are there"
