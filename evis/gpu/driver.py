@@ -48,18 +48,15 @@ def handle_of(device: Any, address: int) -> bytes:
     return bytes(handle.reserved)
 
 
-def open_memory(device: Any, handle: bytes) -> tuple[int, int]:
-    """Gives address and size [bytes] of another process's memory on a Warp device by its handle of HANDLE_BYTES bytes.
+def open_memory(device: Any, handle: bytes) -> int:
+    """Gives the address of another process's memory on a Warp device by its handle of HANDLE_BYTES bytes.
 
-    (0, 0) where it cannot be opened: the process is gone, it is this one, or the handle is none.
+    0 where it cannot be opened: the process is gone, it is this one, or the handle is none.
     """
-    found, size = ctypes.c_uint64(), ctypes.c_size_t()
+    found = ctypes.c_uint64()
     passed = _Handle.from_buffer_copy(handle)
-    if not _done(device, "cuIpcOpenMemHandle_v2", ctypes.byref(found), passed, ctypes.c_uint(PEER_ACCESS)):
-        return 0, 0
-    base = ctypes.c_uint64()
-    _done(device, "cuMemGetAddressRange_v2", ctypes.byref(base), ctypes.byref(size), found)
-    return found.value, base.value + size.value - found.value if base.value else 0
+    opened = _done(device, "cuIpcOpenMemHandle_v2", ctypes.byref(found), passed, ctypes.c_uint(PEER_ACCESS))
+    return found.value if opened else 0
 
 
 def close_memory(device: Any, address: int) -> None:
