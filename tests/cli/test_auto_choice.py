@@ -118,7 +118,14 @@ def test_beside_single_pixels_250_frames_per_second_do(evis_here, rate, frames):
 @pytest.mark.parametrize(
     ("asked", "frames"),
     # Light by paths and means of samples go by frames alone, of which fewer would be worse.
-    [((), 4), (("upsampling:=6",), 6), (("supersampling:=2",), 8), (("defocus:=1",), 8), (("keyframe_rate:=10",), 12)],
+    [
+        ((), 4),
+        (("upsampling:=6",), 6),
+        (("supersampling:=2",), 8),
+        (("defocus:=1",), 8),
+        (("image:=true",), 8),
+        (("keyframe_rate:=10",), 12),
+    ],
 )
 def test_a_tolerance_of_time_decides_k_unless_it_is_given(evis_here, asked, frames):
     done = evis_here("launch", "spinning_disk", "time_tolerance:=0.0003", *asked, *SMALL, "--explain")

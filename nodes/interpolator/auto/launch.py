@@ -70,7 +70,8 @@ def replace_auto(
         nodes = [node for node in graph.nodes if node.type == "interpolator"]
         alone = method == "rigid" and (any(map(_by_frames_alone, nodes)) or any(map(_senses_frames_alone, graph.nodes)))
         # What goes by frames has as many as beside the closest samples.
-        return _beside_samples(given, method, wishes["keyframe_rate"], 0.0 if alone else values["time_tolerance"])
+        tolerance = 0.0 if alone else values["time_tolerance"]
+        return _beside_samples(given, method, wishes["keyframe_rate"], tolerance, bool(values.get("image")))
     setting = setting_of(graph.nodes, options.duration_s, wishes)
     found, cached = measured(setting, say)
     tried = len(found.trials)
@@ -115,14 +116,17 @@ def _senses_frames_alone(node: NodeSpec) -> bool:
 
 
 def _beside_samples(
-    given: Mapping[str, Any], method: str, keyframe_rate: float, time_tolerance: float
+    given: Mapping[str, Any], method: str, keyframe_rate: float, time_tolerance: float, images: bool
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Chooses K for a run with `time_tolerance` [s], which needs no measuring; 0 = of whose pixels all go by frames."""
+    """Chooses K for a run with `time_tolerance` [s], which needs no measuring; 0 = of whose pixels all go by frames.
+
+    images: of a frame sensor are made, whose motion blur is of frames alone.
+    """
     if method == "auto":
         raise ValueError("interpolator:=auto compares frames alone; with time_tolerance write interpolator:=rigid")
     if method != "rigid":
         raise ValueError(f"time_tolerance goes with interpolator:=rigid alone, and this is {method}")
-    k = frames_beside_samples(keyframe_rate, time_tolerance)
+    k = frames_beside_samples(keyframe_rate, 0.0 if images else time_tolerance)
     taken, rate = {"upsampling": k}, k * keyframe_rate
     how = "; time_tolerance decides the error, by samples between them"
     if time_tolerance == 0:
