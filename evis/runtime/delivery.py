@@ -28,7 +28,8 @@ class Delivery:
         consumers: Sequence[tuple[Host, str]],
         unread: Collection[str] = (),
     ) -> Delivery:
-        """Sends a message to other processes and viewers, in numpy arrays, and says what the consumers here get.
+        """Sends a message to other processes and viewers, and says what the consumers here get: its arrays as they are
+        on a device where all who read them take them there, else numpy's.
 
         unread: consumers, here or elsewhere, as `node:port`, that read no arrays of it.
         """
@@ -36,19 +37,17 @@ class Delivery:
         if device is None:
             return Delivery([message] * len(consumers), [publisher.send(message)])
         there = [f"{consumer.name}:{port}" in unread or _takes(consumer, port, device) for consumer, port in consumers]
-        slots, host = [], message
-        slot = publisher.claim_on(message)
-        if all(there) and publisher.reads_on(device, unread) and publisher.send_on(message, slot):
-            pass
-        elif publisher.reads_bytes(unread) or not all(there):
+        slot, host, sent = publisher.claim_on(message), message, None
+        in_place = all(there) and publisher.reads_on(device, unread) and publisher.send_on(message, slot)
+        if not in_place and (publisher.reads_bytes(unread) or not all(there)):
             host = on_host(message, publisher.loan)
-            slots.append(publisher.send(host))
-        elif publisher.declared:
-            slots.append(publisher.send(without_arrays(message)))
-        else:
+            sent = publisher.send(host)
+        elif not in_place and publisher.declared:
+            sent = publisher.send(without_arrays(message))
+        elif not in_place:
             publisher.passed(message)
         message._slot = slot  # type: ignore[misc]
-        return Delivery([message if takes else host for takes in there], [*slots, slot])
+        return Delivery([message if takes else host for takes in there], [sent, slot])
 
     def over(self) -> None:
         """Releases the slots: every consumer was called, and what it keeps it has pinned itself."""
