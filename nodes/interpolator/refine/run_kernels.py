@@ -6,36 +6,31 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
+from nodes.interpolator.refine.along_kernels import make_through, make_untold
 from nodes.interpolator.refine.change_kernels import Changes
-from nodes.interpolator.refine.light.flicker_kernels import Marks, entry_near, make_note_marks, marks_of
-from nodes.interpolator.refine.light.passing_kernels import part_at
+from nodes.interpolator.refine.light.flicker_kernels import Marks, make_note_marks
 from nodes.interpolator.refine.path_kernels import (
     PARTS,
     SHARP,
     UNKNOWN,
     make_instances,
     make_note,
-    make_walk,
 )
 from nodes.interpolator.refine.stage_kernels import (
     FEW_REGISTERS,
     Cut,
-    Ends,
-    Spot,
     Stage,
     ends_of,
     shows_one,
-    slot_row,
     spot_at,
     spot_of,
 )
 from nodes.interpolator.refine.way_kernels import moves
-from nodes.interpolator.relight.change_kernels import Change, make_asked
+from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.keyframe_kernels import equal, log_of
-from nodes.interpolator.rigid.log_kernels import apart
 from nodes.interpolator.rigid.look_up_kernels import make_keyframes
-from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.depth_kernels import MISS, triangle_of
 from nodes.renderer.raster.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
@@ -48,139 +43,12 @@ def make_find_runs(
     """Makes the kernels `find_plain` and `find_runs`, of pixels that show one surface all along, and of all others;
     arguments as of make_look_up. relit: whether lights flicker each in its own way: then surfaces are shaded anew.
     changes: of light in the scene."""
-    # What light does otherwise goes on evenly, as far as frames tell.
-    passing = changes.shadows or changes.spot or changes.view
-    asked = make_asked(changes) if passing else None
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
     Keyframes: Any = make_keyframes(channels, flicker)
     Instances: Any = make_instances(channels)
-    walk, note = make_walk(lens, channels, flicker), make_note(channels)
-    note_marks = make_note_marks(channels)
-
-    @wp.func
-    def go(
-        view: CameraView,
-        cut: Cut,
-        keys: Keyframes,
-        stage: Stage,
-        instances: Instances,
-        spot: Spot,
-        start: int,
-        end: int,
-        before: wp.uint64,
-        after: wp.uint64,
-        last: int,
-        room: int,
-        most: int,
-        band: int,
-        count: wp.array(dtype=int),
-    ):
-        """Does as `walk` does, in the nearer keyframe, or in the other one where that does not show the way."""
-        nearer = wp.where(2 * spot.k >= cut.coarse and spot.k > 0, 1, 0)
-        new = last
-        rise = pixel(UNKNOWN)
-        whole = wp.bool(False)
-        tries = wp.int32(0)
-        while tries < 2 and not whole and new == last and (tries == 0 or spot.k + start > 0):
-            which = wp.where(tries == 0, nearer, 1 - nearer)
-            new, rise, whole = walk(
-                view, cut, keys, stage, instances, spot, which, start, end, before, after, last, room, most, band, count
-            )
-            tries += 1
-        return new, rise, whole
-
-    @wp.func
-    def through(
-        view: CameraView,
-        cut: Cut,
-        keys: Keyframes,
-        stage: Stage,
-        instances: Instances,
-        marks: Marks,
-        spot: Spot,
-        start: int,
-        end: int,
-        before: wp.uint64,
-        after: wp.uint64,
-        last: int,
-        room: int,
-        most: int,
-        band: int,
-        count: wp.array(dtype=int),
-    ):
-        """Does as `go` does, from one mark to the next where lights flicker, and from one shadow's edge to the next."""
-        begun = start
-        seen = before
-        if wp.static(flicker or relit):
-            first, past = marks_of(marks, spot)
-            for n in range(first, past):
-                i = marks.at[n]
-                if i > start and i < end:
-                    hit = entry_near(cut, stage, spot, i, begun, seen)
-                    last, told, _all = go(
-                        view, cut, keys, stage, instances, spot, begun, i, seen, hit, last, room, most, band, count
-                    )
-                    last = note(cut, instances, spot, i, hit, hit, told, last, room, most, band, count)
-                    instances.later[last] = marks.later[n]
-                    begun = i
-                    seen = hit
-        if wp.static(changes.passes):
-            if cut.parts > 0:
-                bits = stage.passing[
-                    (spot.k - cut.first) * cut.envs + spot.env, spot.y - cut.margin, spot.x - cut.margin
-                ]
-                if bits != wp.uint64(0):
-                    # Lamps are hidden or seen again between the two ends of a part.
-                    for n in range(2 * cut.parts):
-                        i = part_at(cut, (n + 1) // 2)
-                        if ((bits >> wp.uint64(n // 2)) & wp.uint64(1)) != wp.uint64(0) and i > begun and i < end:
-                            hit = entry_near(cut, stage, spot, i, begun, seen)
-                            last, told, _all = go(
-                                view, cut, keys, stage, instances, spot, begun, i, seen, hit, last, room, most, band,
-                                count,
-                            )  # fmt: skip
-                            last = note(cut, instances, spot, i, hit, hit, told, last, room, most, band, count)
-                            begun = i
-                            seen = hit
-        last, rise, whole = go(
-            view, cut, keys, stage, instances, spot, begun, end, seen, after, last, room, most, band, count
-        )
-        return last, rise, whole
-
-    @wp.func
-    def relit_between(cut: Cut, stage: Stage, change: Change, spot: Spot, i: int, hit: wp.uint64):
-        """Tells whether light on what a pixel shows at instant i may change otherwise than evenly in the gap."""
-        t = triangle_of(hit)
-        if t == MISS:
-            return False
-        body = stage.targets.pieces[t][0]
-        row = slot_row(cut, spot.env, spot.k, i)
-        to_a = stage.shift[row, body]
-        to_b = stage.shift[row + stage.shift.shape[0] // 2, body]
-        return asked(change, body, spot.env, row, hit, depth_of(hit) * spot.d, to_a, to_b) != 0
-
-    @wp.func
-    def untold(
-        cut: Cut,
-        stage: Stage,
-        change: Change,
-        spot: Spot,
-        ends: Ends,
-        rise: pixel,
-        grown: pixel,
-        whole: bool,
-    ):
-        """Tells whether a pixel that shows one surface and has no sample has to be looked at halfway.
-
-        So it is where ln I has grown otherwise than it rises in the keyframes, or light may have come and gone. whole:
-        they show all of it.
-        """
-        if apart(grown, pixel(0.0)) > cut.jump and (not whole or apart(rise, grown) > cut.bend):
-            return True
-        if wp.static(passing):
-            # A shadow or a highlight may have come and gone: frames alone do not tell.
-            return relit_between(cut, stage, change, spot, (cut.slots + 1) // 2, ends.before)
-        return False
+    note, note_marks = make_note(channels), make_note_marks(channels)
+    through = make_through(lens, channels, flicker, relit, changes)
+    untold = make_untold(channels, changes)
 
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FEW_REGISTERS)
     def find_plain(
