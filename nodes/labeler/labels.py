@@ -104,8 +104,11 @@ class FlowField:
             ids: int32 [E, H, W].
             out: float32 [E, H, W, 2] px/s, which is given back; NaN where depth is not finite.
 
-        Raises ValueError for an id that has no body; on a GPU, for one in the images before.
+        Raises ValueError for an id that has no body; on a GPU, for one in the images before. Of the last ones `settle`
+        tells.
         """
+        if isinstance(out, np.ndarray) and not self._device.is_cpu:
+            raise ValueError(f"flow on {self._device} cannot be written into memory of the host")
         motions = self.motions(pose, twist).reshape(len(pose), -1, 2, 3)
         given = [
             self._on_rays, self._derivative, self._there(motions, wp.vec3d), self._there(depth, wp.float32),
@@ -116,10 +119,15 @@ class FlowField:
         if self._device.is_cpu:
             self._check(self._strange.numpy())
         else:
-            if self._found is not None:
-                self._check(self._found())
+            self.settle()
             self._found = self._copies.take()
         return out
+
+    def settle(self) -> None:
+        """Raises ValueError for an id that has no body in the last images; waits for the GPU that they were on."""
+        if self._found is not None:
+            found, self._found = self._found, None
+            self._check(found())
 
     def _check(self, strange: np.ndarray) -> None:
         if strange.any():

@@ -107,7 +107,8 @@ class LabelerNode(Node):
         self.kinds = kinds(self.params["labels"])
         self.info: CameraInfo | None = None
         self.boxed: np.ndarray | None = None
-        self.flow: list[labels.FlowField] = []
+        self.flow: dict[str, list[labels.FlowField]] = {}
+        """By the device that images are on: of another process they may come on the host, while a viewer reads them."""
         self.pairing: Any = None
         self.geometry: Any = None
         if set(GEOMETRIC) & set(self.kinds):
@@ -176,7 +177,7 @@ class LabelerNode(Node):
                 array = getattr(message, name)
                 setattr(self.info, name, None if array is None else np.array(array))
             if before is None or not _same_view(before, self.info):
-                self.flow = []
+                self.flow = {}
             self.boxed = None
 
     def update(self, inputs: Mapping[str, Message]) -> None:
@@ -204,7 +205,9 @@ class LabelerNode(Node):
         self._publish_paired()
 
     def finish(self) -> None:
-        """Publishes the labels of what the sensor held back."""
+        """Publishes the labels of what the sensor held back. Raises ValueError for ids of the last images."""
+        for field in (field for fields in self.flow.values() for field in fields):
+            field.settle()
         if self.pairing is not None:
             self._publish_paired(ended=True)
 
@@ -253,7 +256,7 @@ class LabelerNode(Node):
         if "semantic" in arrays:
             np.take(self._classes(), ids, out=arrays["semantic"])
         if "flow" in arrays and state is not None and ids is not None:
-            fields, twist = self._flow_fields(state, on_gpu is not None), state.end_twist()
+            fields, twist = self._flow_fields(state, str(on_gpu or "cpu")), state.end_twist()
             share = len(depth) // len(fields)
             for k, field in enumerate(fields):
                 own = slice(k * share, (k + 1) * share)
@@ -289,9 +292,9 @@ class LabelerNode(Node):
             raise ValueError(f"{self.name}: /{self.params['camera']}/info has no semantic ids; leave semantic out")
         return self.info.semantic
 
-    def _flow_fields(self, state: WorldState, on_gpu: bool) -> list[Any]:
+    def _flow_fields(self, state: WorldState, device: str) -> list[Any]:
         """One for all environments, or one for each where their cameras differ."""
-        if not self.flow:
+        if device not in self.flow:
             info = self.info
             if info is None:
                 raise ValueError(f"{self.name} has no CameraInfo of {self.params['camera']}, which flow needs")
@@ -301,14 +304,14 @@ class LabelerNode(Node):
                 raise ValueError(f"{self.name}: /state has no body '{missing[0]}', which CameraInfo names")
             bodies = [index[b] for b in info.instance_bodies]
             size, camera = (info.width, info.height), index[self.params["camera"]]
-            device = self.params["device"] if on_gpu else "cpu"
             lenses = [(info.k, info.distortion)]
             if info.env_k is not None and info.env_distortion is not None:
                 lenses = list(zip(info.env_k, info.env_distortion))
+            fields = self.flow[device] = []
             for k, distortion in lenses:
                 lens = self.pure.lens_of(info.distortion_model, distortion)
-                self.flow.append(self.pure.FlowField(k, size, bodies, camera, lens, device))
-        return self.flow
+                fields.append(self.pure.FlowField(k, size, bodies, camera, lens, device))
+        return self.flow[device]
 
     def _bodies(self, out: Labels, state: WorldState) -> None:
         if "poses" in self.kinds:

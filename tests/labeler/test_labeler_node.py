@@ -1,7 +1,10 @@
 """The labeler node: asks for no more than it needs, publishes what was asked for, margin cropped."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import warp as wp
 
 from evis.geometry import pinhole, se3
 from msgs.camera import CameraInfo, Depth, Ids
@@ -11,6 +14,10 @@ from nodes.labeler.node import LabelerNode
 
 WIDTH, HEIGHT, MARGIN = 12, 10, 3
 K = pinhole.intrinsics(WIDTH, HEIGHT, 20.0)
+
+
+def on_host(message):
+    return {name: a if isinstance(a, np.ndarray) else a.numpy() for name, a in message.arrays().items()}
 
 
 class Wire:
@@ -26,8 +33,12 @@ class Wire:
         self.loans.append(set(arrays))
         return {name: np.empty(shape, dtype) for name, (shape, dtype) in arrays.items()}
 
+    def loan_on(self, node, port, device, arrays):
+        self.loans.append(set(arrays))
+        return {name: wp.empty(shape, dtype=dtype, device=device) for name, (shape, dtype) in arrays.items()}
+
     def publish(self, node, port, message):
-        message.check()
+        replace(message, **{n: a for n, a in on_host(message).items()}).check()
         self.messages.append(message)
 
 
@@ -50,6 +61,7 @@ def info():
     return CameraInfo(
         Header(0), K, np.zeros(0), width=WIDTH, height=HEIGHT, margin=MARGIN, envs=2,
         instances=["background", "ball", "wall"], instance_bodies=["", "ball", ""],
+        semantic=np.array([0, 4, 2], np.int32),
     )  # fmt: skip
 
 
@@ -87,6 +99,37 @@ def test_images_are_cropped_and_exact(inputs):
         assert not out.flow[e][~ball[e]].any()
     assert out.box[0].tolist() == [2, 1, 5, 3] and out.box_id.tolist() == [1, 2, 1, 2]
     assert out.pose is None and out.contact_env is None
+
+
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.gpu)])
+def test_images_on_a_device_have_the_labels_of_the_host_s(inputs, device):
+    """Warp's arrays and numpy's by turns, as they come from another process while a viewer reads one of them."""
+    there = dict(inputs)
+    for name, kind in (("depth", wp.float32), ("ids", wp.int32)):
+        array = wp.array(getattr(inputs[name], name), dtype=kind, device=device)
+        there[name] = replace(inputs[name], **{name: array})
+    node = node_of(["flow", "depth", "segmentation", "semantic", "boxes"])
+    node.receive("info", info())
+    mixed = [inputs, there, {**inputs, "ids": there["ids"]}, {**there, "ids": inputs["ids"]}, inputs]
+    for given in mixed:
+        node.update(given)
+    node.finish()
+    first, *others = [on_host(message) for message in node.runtime.messages]
+    assert len(others) == 4 and first["flow"].any() and not np.isnan(first["flow"]).any()
+    for other in others:
+        for name in ("flow", "depth", "segmentation", "semantic", "box"):
+            assert np.allclose(first[name], other[name], rtol=1e-6), name
+
+
+@pytest.mark.gpu
+def test_an_id_without_a_body_in_the_last_images_is_told(inputs):
+    node = node_of(["flow"])
+    node.receive("info", info())
+    strange = np.full(inputs["ids"].ids.shape, 7, np.int32)
+    there = {"depth": wp.array(inputs["depth"].depth, device="cuda"), "ids": wp.array(strange, device="cuda")}
+    node.update({**inputs, **{name: replace(inputs[name], **{name: array}) for name, array in there.items()}})
+    with pytest.raises(ValueError, match="ids run from 0 to 7, CameraInfo names 3"):
+        node.finish()
 
 
 def test_bodies(inputs):
