@@ -105,6 +105,8 @@ class EventSensorNode(Node):
         """Of keyframes luminance will do, unless there are sensors for each colour; of frames nobody needs counts."""
         if port == "frames":
             return frozenset({"rgb" if params["colour"] else "luminance"})
+        if port == "samples":
+            return frozenset({"rgb", "further_rgb"} if params["colour"] else {"luminance", "further"})
         return frozenset({"radiance" if params["colour"] else "luminance"}) if port == "keyframe" else None
 
     def computes_on(self) -> str:
@@ -239,24 +241,36 @@ class EventSensorNode(Node):
             self.update(todo.pop(0))
         if not todo:
             return
-        for run in runs(messages[-len(todo) :], self._episodes, self._sensor.takes_at_once):
+        fits = partial(self._sensor.takes_at_once, further=self._source == "samples")
+        for run in runs(messages[-len(todo) :], self._episodes, fits):
             if len(run) == 1:
                 self.update({self._source: run[0]})
                 continue
             self._header = run[-1].header
             t, images = np.concatenate([stamps(message) for message in run]), self._images.of(run)
+            further = self._further(run)
             if self._flights is not None:
-                call = self._sensor.process_async(images, t, run[-1].episodes, defer=False)
+                call = self._sensor.process_async(images, t, run[-1].episodes, further=further, defer=False)
                 self._flights.begin(call, run)
                 while self._flights.due():
                     self._land()
                 continue
-            count = self._sensor.advance(images, t, run[-1].episodes)
+            count = self._sensor.advance(images, t, run[-1].episodes, further=further)
             columns = self._packets.memory(self._sensor.columns(), count)
             self._sensor.read(columns)
             ends = np.searchsorted(columns["t"], [message.header.stamp_ns for message in run], side="right").tolist()
             self._count(self._sensor)
             self._packets.of_run(run, columns, ends, self._sensor.t_base)
+
+    def _further(self, run: Sequence[Any]) -> Further | None:
+        """The samples between the frames of messages that are sensed in one call; None where they have none."""
+        from nodes.event_sensor.input.further import Further
+
+        if not isinstance(run[0], Samples) or not self._sensor.takes_further:
+            return None
+        begun = [self._sensor.stamp, *(message.header.stamp_ns for message in run[:-1])]
+        parts = [self._images.further(message) for message in run]
+        return Further.in_a_row(parts, [stamp - begun[0] for stamp in begun], self._device)
 
     def _land(self) -> bool:
         """Publishes the events of the first call under way; False where there is none."""

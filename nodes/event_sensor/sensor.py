@@ -38,8 +38,8 @@ from nodes.event_sensor.engines.engine import FLOOR as FLOOR
 from nodes.event_sensor.engines.engine import make_engine, sensor_struct, unlit_rate
 from nodes.event_sensor.input.arrays import on_device, shape_of
 from nodes.event_sensor.input.batch import Batch, SampleLists, Size
+from nodes.event_sensor.input.further import LONGEST, check
 from nodes.event_sensor.input.further import Further as Further
-from nodes.event_sensor.input.further import check
 from nodes.event_sensor.input.look_ahead import LookAhead
 from nodes.event_sensor.messages.limit import check_noise
 from nodes.event_sensor.model.features import marks
@@ -174,12 +174,13 @@ class EventSensor:
         """Tells whether it takes further samples of single pixels between the frames."""
         return not frames_only(self.parameters)
 
-    def takes_at_once(self, t: np.ndarray) -> bool:
+    def takes_at_once(self, t: np.ndarray, further: bool = False) -> bool:
         """Tells whether the next frames, at times int64 [K] ns of the episode, may come in one call although they are
-        of several messages: the events of each are then those of (stamp before, stamp]."""
+        of several messages: the events of each are then those of (stamp before, stamp]. further: with samples between
+        them."""
         if self._ahead or self._readout is not None or self.envs > 1 or len(t) * self._size >= 1 << 31:
             return False
-        if self.marked and self._device.is_cuda:
+        if (self.marked and self._device.is_cuda) or (further and t[-1] - self._settled > LONGEST):
             return False
         try:
             self._layout.check_span(self._settled, t)

@@ -126,8 +126,8 @@ class Report:
     radiance is not finite. reshaded: shaded anew at their own time. samples: all pixels of the sub-frames that were
     made. sampled: those of them that `rigid` looked up or shaded, the others being as in the later keyframe or between
     two that it did; on a GPU without such, all. refined: further samples of single pixels between the frames.
-    unreached: 1 where these are not as close as the tolerance of time asks for. unseen: 1 where things are so fast that
-    some of them passes pixels between two looks at them.
+    unreached: in how many environments these are not as close as the tolerance of time asks for. unseen: in how many
+    things are so fast that some of them passes pixels between two looks at them.
     """
 
     filled: int = 0

@@ -15,7 +15,9 @@ from evis.runtime.clock import subframe_stamps
 from nodes.interpolator import warm_up as made_up
 from nodes.interpolator.interpolator import Allocate, Image, Interpolator, new_frames
 from nodes.interpolator.keyframe import KeyframeView, Report, States, StatesInARow
+from nodes.interpolator.refine.method import Refined
 from nodes.interpolator.rigid import Rigid
+from nodes.interpolator.samples import Further
 
 
 @dataclass
@@ -31,26 +33,29 @@ class Arrived:
 class ManyGaps(Interpolator):
     """Makes the frames of up to `gaps` consecutive gaps at once, bit for bit as one by one.
 
-    The gaps are given to the method as environments with times of their own. For method rigid, one environment, and
-    frames without samples between them. gaps: 1 where the scene does not allow more.
+    The gaps are given to the method as environments with times of their own. For method rigid and one environment.
+    gaps: 1 where the scene does not allow more.
     """
 
     def __init__(self, method: str, upsampling: int, gaps: int, **how: Any) -> None:
         """how: as of Interpolator."""
         super().__init__(method, upsampling, **how)
         self.gaps = gaps
-        self._rigid: tuple[Any, Rigid] | None = None
+        self._rigid: tuple[Any, Rigid | Refined] | None = None
         """The method for several gaps, and the image size ((E, H, W), margin) that it was made for."""
         self._row: tuple[KeyframeView, KeyframeView] | None = None
         """Views B of the gaps made last, and the last of these views by itself."""
+        self.further_of: list[Further | None] = []
+        """Samples of single pixels between the frames of each gap of the list that was yielded last."""
 
     def push_all(
         self, keyframes: Sequence[Arrived], margin: int = 0, allocate: Allocate = new_frames
     ) -> Iterator[list[tuple[np.ndarray, Any]]]:
         """Yields what `push` returns for each keyframe, in order, in lists of those whose frames are made at once.
 
-        The frames of a list lie in memory from one call of `allocate`. `report` is that of the list before, so that
-        the host does not wait for a GPU; `end` makes it that of the last list.
+        The frames of a list lie in memory from one call of `allocate`. `further_of` has the samples between them.
+        `report` is, but for what it counts of these, that of the list before, so that the host does not wait for a GPU;
+        `end` makes it that of the last list.
 
         Args:
             keyframes: in the order of time.
@@ -61,7 +66,9 @@ class ManyGaps(Interpolator):
         start = 0
         for end, one in enumerate(keyframes, 1):
             if self.gaps == 1 or self._last is None or np.any(one.episodes != self._episodes):
-                yield [self.push(one.stamp_ns, one.episodes, one.image, None, None, margin, allocate, one.states)]
+                made = self.push(one.stamp_ns, one.episodes, one.image, None, None, margin, allocate, one.states)
+                self.further_of = [self.further]
+                yield [made]
             elif end == len(keyframes) or end - start == self.gaps or np.any(keyframes[end].episodes != one.episodes):
                 yield self._between(keyframes[start:end], images[start:end], margin, allocate)
             else:
@@ -102,7 +109,10 @@ class ManyGaps(Interpolator):
         out = allocate((self.gaps, *self._frames_shape(self.upsampling, self._samples)[1:]))
         fine = (self.gaps, *self._frames_shape(self.upsampling, 1)[1:])
         made = out if self._samples == 1 else self._fine(fine, isinstance(out, wp.array))
-        self.report = self._method_in_a_row().between(a, b, np.arange(self.gaps) < spare, made)
+        method = self._method_in_a_row()
+        self.report = method.between(a, b, np.arange(self.gaps) < spare, made)
+        further = method.further if isinstance(method, Refined) else None
+        self.further_of = [None] * len(keyframes) if further is None else further.of_each(self.gaps)[spare:]
         if self._samples > 1:
             self._average(made, out)
         self._last = KeyframeView(images[-1:], states=states[-1], stamp_ns=stamps[-1])
@@ -140,12 +150,12 @@ class ManyGaps(Interpolator):
         self.end()
         self._warmed = True
 
-    def _method_in_a_row(self) -> Rigid:
+    def _method_in_a_row(self) -> Rigid | Refined:
         """Gives the method that makes several gaps, built at the first call."""
         if self._rigid is None or self._rigid[0] != self._size:
             assert self._size is not None
             (_, height, width), margin = self._size
             made = self._build(self.gaps, height, width, margin, in_a_row=True)
-            assert isinstance(made, Rigid)
+            assert isinstance(made, Rigid | Refined)
             self._rigid = self._size, made
         return self._rigid[1]

@@ -83,7 +83,7 @@ def _rigid(gap: Gap) -> Method:
     from nodes.interpolator.refine.method import Refined, tolerance_of
 
     options = RigidOptions(**{"tolerance": tolerance_of(1e-9 * gap.time_tolerance_ns), **asked}, single=True)
-    rigid = Rigid(gap.scene, gap.camera, *gap.bodies, options, worlds=gap.worlds)
+    rigid = Rigid(gap.scene, gap.camera, *gap.bodies, options, worlds=gap.worlds, in_a_row=gap.in_a_row)
     rigid.begin_build()
     refined = Refined(rigid, gap.time_tolerance_ns, gap.threads, options.light_samples)
     refined.begin_build()

@@ -6,7 +6,8 @@ import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from itertools import islice
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -31,7 +32,10 @@ from nodes.renderer.parameters import BATCH, LIGHT
 if TYPE_CHECKING:
     from nodes.interpolator.interpolator import Interpolator
     from nodes.interpolator.keyframe import States
+    from nodes.interpolator.samples import Further
     from nodes.interpolator.separate import SeparateInterpolators
+
+Made = TypeVar("Made", Frames, Samples)
 
 COUNTS = "reshaded"
 """What a message of frames counts, which is there last: of several gaps at once only their sum is known."""
@@ -40,6 +44,11 @@ COUNTS = "reshaded"
 def usable(params: Mapping[str, Any]) -> str:
     """Gives the method asked for, or splat where it needs a scene and there is none."""
     return "splat" if "state" in reads(params["method"]) and not params.get("scene") else params["method"]
+
+
+def _header(key: Keyframe) -> Header:
+    """Gives the header of what is made of a keyframe, to be numbered anew."""
+    return Header(key.header.stamp_ns, clock=key.header.clock, episode=key.header.episode)
 
 
 class InterpolatorNode(Node):
@@ -171,15 +180,19 @@ class InterpolatorNode(Node):
     def _at_once(self, pixels: int) -> int:
         """How many gaps are made at once. Raises ValueError where they do not fit.
 
-        Only `rigid` makes more than one, and frames alone; none does for a reader of what single gaps count.
+        Only `rigid` makes more than one; none does for a reader of what single gaps count.
         """
-        from nodes.renderer.at_once import at_once
+        from nodes.renderer.at_once import MOST, MOST_REFINED, at_once
 
         p = self.params
-        alone = self._method != "rigid" or self._sampled or p["upsampling"] == 1
-        if alone or not self.may_gather or self.wants("frames", COUNTS):
+        if self._method != "rigid" or p["upsampling"] == 1 or not self.may_gather or self._counts_are_read():
             return 1
-        return at_once(self.name, p["batch"], p["device"], p["envs"], pixels, p["upsampling"])
+        most = MOST_REFINED if self._sampled else MOST
+        return min(at_once(self.name, p["batch"], p["device"], p["envs"], pixels, p["upsampling"]), most)
+
+    def _counts_are_read(self) -> bool:
+        """Tells whether somebody reads what the messages of single gaps count."""
+        return any(self.wants(port, COUNTS) for port in ("frames", "samples"))
 
     def _warm(self, interpolator: Interpolator | SeparateInterpolators, envs: int) -> None:
         """Prepares it before its first keyframe."""
@@ -272,14 +285,14 @@ class InterpolatorNode(Node):
         self._count_report()
         if self._frames_alone and len(t) > 1:
             self.count("pixels_by_frames_alone", len(frames) * frames.shape[2] * frames.shape[3])
+        made: dict[str, Frames | Samples] = {}
         if self._sampled:
-            header = Header(key.header.stamp_ns, clock=key.header.clock, episode=key.header.episode)
-            self._publish_samples(key, t, frames, header)
-            if not self.wants("frames"):
-                return
-        message, report = self._frames(key, t, frames), self.interpolator.report
-        message.filled, message.reshaded = report.filled, report.reshaded
-        self.publish("frames", message)
+            made["samples"] = self._samples(key, t, frames, self.interpolator.further)
+        if not self._sampled or self.wants("frames"):
+            made["frames"] = self._frames(key, t, frames)
+        for port, message in made.items():
+            message.filled, message.reshaded = self.interpolator.report.filled, self.interpolator.report.reshaded
+            self.publish(port, message)
 
     def update_all(self, inputs: Sequence[Mapping[str, Message]]) -> None:
         """Makes the frames of several gaps at once, until an environment was reset by itself, and unless somebody reads
@@ -287,7 +300,7 @@ class InterpolatorNode(Node):
         from nodes.interpolator.many_gaps import Arrived, ManyGaps
 
         keys = [key for one in inputs if isinstance(key := one["keyframe"], Keyframe)]
-        many, singly = self.interpolator, self.wants("frames", COUNTS) or any(key.own is not None for key in keys)
+        many, singly = self.interpolator, self._counts_are_read() or any(key.own is not None for key in keys)
         if not isinstance(many, ManyGaps) or many.gaps == 1 or singly:
             super().update_all(inputs)
             return
@@ -298,7 +311,15 @@ class InterpolatorNode(Node):
         begun = iter(keys)
         for made in many.push_all(arrived, keys[0].margin, self._allocate):
             self._count_report()
-            self.publish_all("frames", [self._frames(next(begun), *found) for found in made])
+            of_these = list(islice(begun, len(made)))
+            if self._frames_alone:
+                pixels = sum(frames.shape[2] * frames.shape[3] for t, frames in made if len(t) > 1)
+                self.count("pixels_by_frames_alone", pixels)
+            if self._sampled:
+                found = [self._samples(*one) for one in zip(of_these, *zip(*made), many.further_of)]
+                self.publish_all("samples", found)
+            if not self._sampled or self.wants("frames"):
+                self.publish_all("frames", [self._frames(key, *one) for key, one in zip(of_these, made)])
         self._hold(inputs[-1])
 
     def _hold(self, inputs: Mapping[str, Message]) -> None:
@@ -320,25 +341,23 @@ class InterpolatorNode(Node):
 
     def _frames(self, key: Keyframe, t: np.ndarray, frames: Any) -> Frames:
         """The message of a gap, without its counts."""
-        header = Header(key.header.stamp_ns, clock=key.header.clock, episode=key.header.episode)
-        message = Frames(header, t=t, episodes=np.array(key.episodes), **{self._field: frames})
-        if key.own is not None:
-            message.own, message.own_t = np.array(key.own), self.interpolator.own_t
-        return message
+        return self._timed(Frames(_header(key), t=t, episodes=np.array(key.episodes), **{self._field: frames}), key)
 
-    def _publish_samples(self, key: Keyframe, t: np.ndarray, frames: Any, header: Header) -> None:
-        """The frames with what was found between them."""
-        found, report = self.interpolator.further, self.interpolator.report
+    def _samples(self, key: Keyframe, t: np.ndarray, frames: Any, found: Further | None) -> Samples:
+        """The frames of a gap with what was found between them, without its counts."""
         pixels = frames.shape[0] * frames.shape[2] * frames.shape[3]
         colour, on_device = self.params["colour"], not isinstance(frames, np.ndarray)
         first, offset, value = none_of(pixels, colour) if found is None else found.arrays(on_device)
-        message = Samples(header, t=t, episodes=np.array(key.episodes), first=first, offset=offset)
+        message = Samples(_header(key), t=t, episodes=np.array(key.episodes), first=first, offset=offset)
         setattr(message, self._field, frames)
         setattr(message, "further_rgb" if colour else "further", value)
-        message.filled, message.reshaded = report.filled, report.reshaded
+        return self._timed(message, key)
+
+    def _timed(self, message: Made, key: Keyframe) -> Made:
+        """Adds what environments have of time of their own."""
         if key.own is not None:
             message.own, message.own_t = np.array(key.own), self.interpolator.own_t
-        self.publish("samples", message)
+        return message
 
     def _states(self, state: Message | None) -> States | None:
         """Converts a /state message into what the method gets. Raises ValueError where that is of another scene."""

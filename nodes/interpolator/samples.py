@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +25,22 @@ class Further:
     first: wp.array
     offset: wp.array
     value: wp.array
+
+    def of_each(self, envs: int) -> list[Further | None]:
+        """Gives the samples of each of E environments by itself, None where there are none; on a GPU it waits for
+        `first`."""
+        import warp as wp
+
+        from nodes.interpolator.refine.further_kernels import begin_at_zero
+
+        pixels, device = (self.first.size - 1) // envs, self.first.device
+        firsts: wp.array = wp.empty((envs, pixels + 1), dtype=wp.int32, device=device)
+        wp.launch(begin_at_zero, firsts.shape, [self.first], [firsts], device=device)
+        ends = self.first[::pixels].numpy().tolist()
+        return [
+            Further(firsts[e], self.offset[start:end], self.value[start:end]) if end > start else None
+            for e, (start, end) in enumerate(pairwise(ends))
+        ]
 
     def arrays(self, on_device: bool) -> tuple[Any, Any, Any]:
         """Gives first, offset and value, float32 [R] or [R, 3]; on_device: as Warp arrays, where colours are vec3."""

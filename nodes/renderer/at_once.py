@@ -9,6 +9,8 @@ from evis.gpu.room import free_memory
 
 MOST = 16
 """Most keyframes at once: beyond, more of them save next to no time."""
+MOST_REFINED = 4
+"""Most gaps at once whose pixels are looked at between frames too."""
 PIXELS = 1 << 25
 """Most pixels of frames that are made at once: so many keep any GPU busy."""
 BYTES = 120

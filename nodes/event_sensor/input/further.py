@@ -5,6 +5,7 @@ ln I is taken to be a straight line between neighbouring samples of a pixel, whe
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,8 +15,8 @@ import warp as wp
 from nodes.event_sensor.input.arrays import on_device
 from nodes.event_sensor.input.batch import SampleLists, Size
 
-MOST = (1 << 31) - 1
-"""Most samples of one message."""
+MOST = LONGEST = (1 << 31) - 1
+"""Most samples of one message, and the longest time that it may cover [ns]."""
 
 
 @dataclass
@@ -79,6 +80,36 @@ class Further:
     def none(self) -> Further:
         """Gives an object of as many pixels without any samples."""
         return Further(np.zeros(len(self.first), np.int32), self.offset[:0], self.value[:0])
+
+    @classmethod
+    def in_a_row(cls, parts: Sequence[Further], later: Sequence[int], device: Any) -> Further:
+        """Joins the samples of messages that follow one another.
+
+        Args:
+            parts: of each message, of the same pixels.
+            later: time from the start of the first one to that of each [ns].
+            device: where the result lies.
+        """
+        from nodes.event_sensor.input.further_kernels import add_counts, append_samples
+
+        lists = []
+        for part in parts:
+            starts, offsets = (_whole(getattr(part, name), name, device) for name in ("first", "offset"))
+            lists.append((starts, offsets, on_device(part.value, device)))
+        pixels = lists[0][0].size - 1
+        total = sum(offset.size for _, offset, _ in lists)
+        shared = max((value.size // offset.size for _, offset, value in lists if offset.size), default=1)
+        with wp.ScopedDevice(device):
+            first = wp.zeros(pixels + 1, dtype=wp.int32)
+            for starts, *_ in lists:
+                wp.launch(add_counts, pixels, [starts], [first])
+            wp.utils.array_scan(first, first, inclusive=True)
+            taken = wp.clone(first)
+            offset, value = wp.empty(total, dtype=wp.int32), wp.empty(total * shared, dtype=wp.float32)
+            for (starts, offsets, values), after in zip(lists, later):
+                given = [starts, offsets, values, shared, after]
+                wp.launch(append_samples, pixels, given, [taken, offset, value])
+        return cls(first, offset, value if shared == 1 else value.reshape((total, 3)))
 
     def on(self, size: Size, device: Any) -> SampleLists:
         """Gives the samples on a sensor's device. Raises ValueError for lengths and types that do not fit."""

@@ -1,5 +1,6 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""Checks the lists of further samples: each pixel's in the order of time, between the frames of its episode."""
+"""Checks the lists of further samples: each pixel's in the order of time, between the frames of its episode; and joins
+those of messages in a row."""
 
 import warp as wp
 
@@ -74,3 +75,43 @@ def check_lists(
     if end + 1 == first.shape[0] and stop != offset.shape[0]:
         wrong_end = wp.int64(end - 1) * wp.int64(wp.static(len(REASONS))) + wp.int64(wp.static(WRONG_LIST))
         wp.atomic_min(found, 0, wrong_end)
+
+
+@wp.kernel
+def add_counts(
+    # in
+    first: wp.array(dtype=wp.int32),
+    # in and out
+    count: wp.array(dtype=wp.int32),
+):
+    """Adds the number of samples of each pixel q, first[q + 1] - first[q], to count[q + 1]."""
+    q = wp.tid()
+    count[q + 1] += first[q + 1] - first[q]
+
+
+@wp.kernel
+def append_samples(
+    # in
+    first: wp.array(dtype=wp.int32),
+    offset: wp.array(dtype=wp.int32),
+    value: wp.array(dtype=wp.float32),
+    shared: wp.int32,
+    later: wp.int32,
+    # in and out
+    taken: wp.array(dtype=wp.int32),
+    # out
+    offsets: wp.array(dtype=wp.int32),
+    values: wp.array(dtype=wp.float32),
+):
+    """Copies the samples of a message to where those of each pixel go on, and moves that on.
+
+    shared: values of a sample. later: by how much offsets grow [ns]. taken: where the next sample of each pixel goes.
+    """
+    q = wp.tid()
+    at = taken[q]
+    for i in range(first[q], first[q + 1]):
+        offsets[at] = offset[i] + later
+        for c in range(shared):
+            values[at * shared + c] = value[i * shared + c]
+        at += 1
+    taken[q] = at

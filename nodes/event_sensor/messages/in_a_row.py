@@ -7,7 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from msgs.camera import Frames, Keyframe
+from msgs.camera import Frames, Keyframe, Samples
+
+OF_SINGLE = ("first", "offset", "further", "further_rgb")
+"""Arrays of the samples of single pixels between frames, whose number differs from message to message."""
 
 
 def stamps(message: Any) -> np.ndarray:
@@ -41,9 +44,11 @@ def _times(messages: Sequence[Any]) -> np.ndarray:
 
 def _alike(message: Any, before: Any) -> bool:
     """Tells whether the images of a message can be in one array with those of the message before."""
-    if type(message) is not type(before) or not isinstance(message, Frames | Keyframe):
+    if type(message) is not type(before) or not isinstance(message, Frames | Samples | Keyframe):
         return False
     if message.own is not None or before.own is not None or len(message.episodes) != 1:
         return False
-    arrays = [{name: (a.shape, type(a)) for name, a in m.arrays().items()} for m in (message, before)]
+    arrays = [
+        {name: (a.shape, type(a)) for name, a in m.arrays().items() if name not in OF_SINGLE} for m in (message, before)
+    ]
     return arrays[0] == arrays[1] and message.header.episode == before.header.episode

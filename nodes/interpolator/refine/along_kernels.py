@@ -101,8 +101,9 @@ def make_through(lens: str, channels: int, flicker: bool, relit: bool, changes: 
                 ]
                 if bits != wp.uint64(0):
                     # Lamps are hidden or seen again between the two ends of a part.
-                    for n in range(2 * cut.parts):
-                        i = part_at(cut, (n + 1) // 2)
+                    parts = stage.parts[spot.env]
+                    for n in range(2 * parts):
+                        i = part_at(cut, parts, (n + 1) // 2)
                         if ((bits >> wp.uint64(n // 2)) & wp.uint64(1)) != wp.uint64(0) and i > begun and i < end:
                             hit = entry_near(cut, stage, spot, i, begun, seen)
                             last, told, _all = go(

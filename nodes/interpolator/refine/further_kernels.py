@@ -37,6 +37,19 @@ def place_samples(
     order[first[q] + wp.atomic_add(taken, q, 1)] = j
 
 
+@wp.kernel
+def begin_at_zero(
+    # in
+    first: wp.array(dtype=int),
+    # out
+    firsts: wp.array2d(dtype=int),
+):
+    """Cuts `first` [E P + 1] into that of each environment by itself [E, P + 1]."""
+    env, q = wp.tid()
+    begin = env * (firsts.shape[1] - 1)
+    firsts[env, q] = first[begin + q] - first[begin]
+
+
 @cache
 def make_sort(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
     """Makes the kernels `sort_each`, of a thread per pixel, and `rank`, of one per sample; both write the same.

@@ -40,9 +40,18 @@ class Refined:
         """Has its kernels compiled, while the caller does something else, for the first gap."""
         begin_building(self.rigid.visibility.device, self.refinement.kernels())
 
+    @property
+    def remembers(self) -> bool:
+        """See Rigid."""
+        return self.rigid.remembers
+
     def settle(self) -> None:
         """See Rigid."""
         self.rigid.settle()
+
+    def last_report(self) -> Report:
+        """See Rigid; without what samples count, which `between` has told."""
+        return self.rigid.last_report()
 
     def between(
         self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array
@@ -51,13 +60,14 @@ class Refined:
         if not self._built:
             build_together(self.rigid.visibility.device, [*self.rigid.kernels(), *self.refinement.kernels()])
             self._built = True
+        held = np.asarray(held, bool)
         told = self.rigid.begin(a, b, held, out)
         if self.rigid.rested:
             self.further = None
             return told()
-        self.further = self.refinement.further(a, b, np.asarray(held, bool), self.rigid.frames)
-        report = told()
-        report.refined, report.reshaded = self.refinement.evaluated, report.reshaded + self.refinement.shaded
-        report.unreached = int(not self.refinement.reached)
-        report.unseen = int(self.refinement.unseen)
+        self.further = self.refinement.further(a, b, held, self.rigid.frames)
+        report, refinement = told(), self.refinement
+        report.refined, report.reshaded = refinement.evaluated, report.reshaded + refinement.shaded
+        report.unreached = 0 if refinement.reached else int((~held).sum())
+        report.unseen = int(refinement.unseen.sum())
         return report

@@ -46,7 +46,9 @@ class Refinement:
         self._threads, self._light_samples = threads, light_samples
         layout = rigid.layout
         v = rigid.visibility
-        self._device, self._pixels = v.device, layout.envs * v.shape[1] * v.shape[2]
+        # Gaps in a row are divided as each by itself would be.
+        self._gaps = layout.envs if rigid.in_a_row else 1
+        self._device, self._pixels = v.device, layout.envs // self._gaps * v.shape[1] * v.shape[2]
         self._rounds: dict[tuple[int, int], Rounds] = {}
         self._probes = Probes(rigid, tolerance_ns, threads)
         self._looks = 1 << (max(LEAST_LOOKS, -(-LOOKS // layout.upsampling)) - 1).bit_length()
@@ -56,13 +58,13 @@ class Refinement:
         self._flicker = Flicker((light.waveform for light in v.scene.lights), PLAIN * layout.tolerance, v.device)
         self._sort_each, self._rank = make_sort(channels)
         self._kernels, self._passing = Kernels.of(rigid), Passing(rigid)
-        self._held = wp.zeros(layout.envs, dtype=wp.int32, device=v.device)
+        self._held, self._parts = (wp.zeros(layout.envs, dtype=wp.int32, device=v.device) for _ in range(2))
         self.evaluated = self.shaded = 0
         """How many samples the last gap has, and how many of them were shaded."""
         self.reached = True
         """Whether these are as close as the tolerance of time asks for, where need be."""
-        self.unseen = False
-        """Whether something is so fast that part of it passes pixels between two looks at them."""
+        self.unseen = np.zeros(layout.envs, bool)
+        """Whether something in an environment is so fast that part of it passes pixels between two looks at them."""
 
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
         """Gives the kernels that take long to compile, as `build_together` takes them."""
@@ -79,7 +81,7 @@ class Refinement:
         starts, ends = a.times(envs), b.times(envs)
         gap = int((ends - starts)[~held].max(initial=0))
         self.evaluated = self.shaded = 0
-        self.unseen = False
+        self.unseen = np.zeros(envs, bool)
         coarse, cpu = rigid.layout.upsampling, self._device.is_cpu
         looks = max(self._looks, 1 << (-(-self._flicker.instants(gap) // coarse) - 1).bit_length())
         instants = instants_of(gap, coarse, self._tolerance_ns, self._pixels, looks, cpu)
@@ -95,15 +97,16 @@ class Refinement:
         assert a.states is not None and b.states is not None
         evaluator.begin(stamps, a.states, b.states, held)
         self._probes.draw(instants, stamps, ends - starts, evaluator.places, (a.states, b.states), held)
-        parts = self._passing.parts(instants, evaluator.places, gap)
-        self.unseen = self._probes.unseen or self._passing.unseen
+        parts = self._passing.parts(instants, evaluator.places, ends - starts, held)
+        self._parts.assign(parts.astype(np.int32))
+        self.unseen = self._probes.unseen | self._passing.unseen
         self._held.assign(held.astype(np.int32))
         self._flicker.find(starts, stamps, coarse)
         total = 0
         for first, last in instants.windows():
             evaluator.send(instants.of_window(first), instants.count)
             cut = self._cut(instants, evaluator, first)
-            cut.parts = parts
+            cut.parts = int(parts.max())
             window = Window(last - first, cut, self._stage(rounds), self._held, self._flicker.kernel, frames)
             total, shaded = rounds.run(window, total, partial(self._expect, stamps))
             self.shaded += shaded
@@ -145,6 +148,7 @@ class Refinement:
         stage.turn, stage.shift = evaluator.moved
         stage.packed, stage.targets = self._rigid.visibility.packed, evaluator.targets
         stage.probed, stage.probes = self._probes.packed, self._probes.each
+        stage.parts = self._parts
         return stage
 
     def _sorted(self, samples: list[wp.array], total: int, since: np.ndarray) -> Further:

@@ -21,10 +21,10 @@ class Cut:
     or from what was looked up. straight: the same distance within a keyframe. rough: difference of ln I between
     neighbouring pixels of a keyframe, beyond which look-ups may miss contrast. first: the window's first coarse
     interval. coarse: coarse intervals of the gap, K. slots: instants inside a coarse interval, 2^depth - 1. probes:
-    parts that z-buffers make of a coarse interval, 2^n. parts: those at whose ends it is known which lamps shine, 2^n;
-    0 = unknown. rows: of the coarse frames' z-buffers. height, width [px]: of a frame, without margin
-    [px]. gain: pixels per radian, at most, or the focal length [px] of a pinhole. even: distance [px] from a straight
-    way up to which a point is on it.
+    parts that z-buffers make of a coarse interval, 2^n. parts: those at whose ends it is known which lamps shine, 2^n,
+    at most; 0 = unknown. rows: of the coarse frames' z-buffers. height, width [px]: of a frame, without margin [px].
+    gain: pixels per radian, at most, or the focal length [px] of a pinhole. even: distance [px] from a straight way up
+    to which a point is on it.
     """
 
     jump: float
@@ -67,8 +67,8 @@ class Stage:
     """Holds the scene at the instants of a window.
 
     turn, shift: [2 R, N + 2], motion of the bodies since A, then since B. packed: [rows, H, W], z-buffers of B and of
-    sub-frames 1 .. K - 1. probed, probes: `packed` and `each` of Probes. bends: as of find_bends. passing: as of
-    find_passing. targets: what rays can meet.
+    sub-frames 1 .. K - 1. probed, probes: `packed` and `each` of Probes. bends: as of find_bends. parts: of each
+    environment, see Cut. passing: as of find_passing. targets: what rays can meet.
     """
 
     turn: wp.array2d(dtype=wp.mat33)
@@ -77,6 +77,7 @@ class Stage:
     probed: wp.array3d(dtype=wp.uint64)
     probes: wp.array(dtype=int)
     bends: wp.array3d(dtype=wp.vec2)
+    parts: wp.array(dtype=int)
     passing: wp.array3d(dtype=wp.uint64)
     targets: Targets
 

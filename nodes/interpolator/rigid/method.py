@@ -88,7 +88,8 @@ class Rigid:
         keyframe, bodies = (envs, *v.shape[1:]), len(scene.bodies)
         exact = self.layout.exact_flicker
         self.pair = Pair(keyframe, slots, bodies, channels, self._device, exact, textured, in_a_row)
-        self._in_a_row = in_a_row
+        self.in_a_row = in_a_row
+        """Whether the environments are gaps of one."""
         self._at_b: KeyframeView | None = None
         self._held = np.zeros(envs, bool)
         """Environments that begun an episode with that keyframe."""
@@ -212,7 +213,7 @@ class Rigid:
             self.placement.expect(stamps)
         if (there := self._there[turn]) is not None:
             self._device.stream.record_event(there)
-        if not self._in_a_row:
+        if not self.in_a_row:
             return partial(self._report, turn)
         unread, self._unread = self._unread, turn
         return Report if unread is None else partial(self._report, unread)
@@ -224,14 +225,14 @@ class Rigid:
 
     def _knows(self, a: KeyframeView) -> bool:
         """Whether keyframe a, of gaps in a row the first one, was B of the last call."""
-        before = a.after if self._in_a_row else a
+        before = a.after if self.in_a_row else a
         return before is not None and self._at_b is before
 
     def _rests(self, a: KeyframeView, b: KeyframeView, begun: np.ndarray) -> bool:
         """Whether nothing moves or changes from a to b, as a CPU can tell at once; begun: bool [E], environments that
         begin or began an episode."""
         places = self._places
-        if self._device.is_cuda or self._in_a_row or self.layout.flicker or self._at_b is not a or begun.any():
+        if self._device.is_cuda or self.in_a_row or self.layout.flicker or self._at_b is not a or begun.any():
             return False
         moved = places.moved == places.before.take(self.placement.movers, axis=1)
         if not (moved.all() and np.array_equal(places.rest, places.before)):

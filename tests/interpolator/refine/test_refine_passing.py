@@ -182,7 +182,7 @@ def parts_of(scene, upsampling=K, tolerance_ns=TOLERANCE, envs=1):
     finally:
         Rounds.run = run
     assert len(set(parts)) == 1
-    return parts[0], method.refinement.unseen
+    return parts[0], bool(method.refinement.unseen.any())
 
 
 @pytest.mark.parametrize(("part", "wanted"), [(0.9, 0), (0.63, 0), (0.4, 4), (0.2, 8), (0.05, 32)])
@@ -242,6 +242,32 @@ def test_the_samples_are_the_same_with_any_number_of_threads():
     one, two = (refined(rod(0.004, 60.0), K, TOLERANCE, threads=n)[1] for n in (1, 2))
     for a, b in zip(one, two):
         np.testing.assert_array_equal(a, b)
+
+
+def test_an_environment_has_the_samples_that_it_has_by_itself():
+    """However fast things are in others."""
+    scenes = [rod(0.004, 60.0), rod(0.004, 5.0), rod(0.1, 0.0)]
+    view = scenes[0].cameras[0]
+    renderer, keys = Renderer(scenes[0], view, len(scenes)), []
+    for t in (np.array([START - GAP, START]), np.linspace(START, START + GAP, 11).round().astype(np.int64)):
+        each = [closed_form(scene, t) for scene in scenes]
+        states = each[0]
+        states.pose, states.twist = (np.concatenate([getattr(s, n) for s in each]) for n in ("pose", "twist"))
+        keys.append(keyframe(renderer, states, None, int(t[-1])))
+    rigid = Rigid(scenes[0], view, len(scenes), K, options=RigidOptions(single=True), worlds=scenes)
+    method = Refined(rigid, TOLERANCE)
+    method.between(*keys, np.zeros(len(scenes), bool), np.empty((len(scenes), K, HEIGHT, WIDTH), np.float32))
+    assert method.further is not None
+    for found, scene in zip(method.further.of_each(len(scenes)), scenes):
+        _, alone = refined(scene, K, TOLERANCE)
+        if alone is None:
+            assert found is None
+            continue
+        assert found is not None
+        first = found.first.numpy()
+        np.testing.assert_array_equal(np.repeat(np.arange(len(first) - 1), np.diff(first)), alone[0])
+        np.testing.assert_array_equal(found.offset.numpy(), alone[1])
+        np.testing.assert_array_equal(found.value.numpy(), alone[2])
 
 
 @pytest.mark.gpu

@@ -33,7 +33,7 @@ PER_TURN, LOOKED_FOR, TURNED = 3, 64, 0.25
 """Parts of the time between two turns of what goes to and fro, instants of a gap at which it is looked for, and how far
 it has to go [px]."""
 BOXES, FEWEST = 1 << 9, 8
-"""Boxes whose speeds are worked out, at most, unless they are of so few times in a gap."""
+"""Boxes of an environment whose speeds are worked out, at most, unless they are of so few times in a gap."""
 
 
 class Passing:
@@ -64,8 +64,8 @@ class Passing:
         widths = np.sort(half[~moving], axis=1)[:, 1]
         self._thinnest = float(widths[widths > 0].min(initial=np.inf)) * 2
         self._near = TURNED / max(v.view.fx, v.view.fy)
-        self.unseen = False
-        """Whether some shadow or beam of the last gap is too thin and fast to be seen at each place."""
+        self.unseen = np.zeros(rigid.layout.envs, bool)
+        """Whether some shadow or beam of an environment's last gap is too thin and fast to be seen at each place."""
         self.bits = wp.empty((0, 0, 0), dtype=wp.uint64, device=v.device)
 
     @cached_property
@@ -85,27 +85,28 @@ class Passing:
         for m, path in enumerate(paths):
             if path is not None:
                 moved[:, :, 0, m] = path.pose(times.ravel()).reshape(*times.shape, 7)
-        eye = np.broadcast_to(se3.IDENTITY, (1, 7))
-        return min(self._shortest(pair, eye, SHORT_NS) for pair in moved) * 2 * SEEN < USUAL_NS
+        eye, apart = np.broadcast_to(se3.IDENTITY, (1, 7)), np.array([SHORT_NS])
+        return bool(min(self._shortest(pair, eye, apart)[0] for pair in moved) * 2 * SEEN < USUAL_NS)
 
-    def parts(self, instants: Instants, places: Slots, length_ns: int) -> int:
-        """Gives how many parts of a coarse interval have to be looked at, a power of two; 0 where half of one will do.
+    def parts(self, instants: Instants, places: Slots, lengths: np.ndarray, held: np.ndarray) -> np.ndarray:
+        """Gives how many parts of a coarse interval each environment has to be looked at, int [E], powers of two; 0
+        where half of one will do.
 
-        places: at all instants of the gap. length_ns: of the gap.
+        places: at all instants of the gap. lengths: of the gap, int64 [E] ns. held: bool [E], who has none.
         """
-        self.unseen = False
+        self.unseen = np.zeros(len(held), bool)
         if not self._changes.passes:
-            return 0
+            return np.zeros(len(held), np.int64)
         eye = places.rest[:, self._rigid.visibility.camera_body]
-        shortest = self._shortest(places.moved, eye, length_ns / instants.count)
-        coarse = length_ns / instants.coarse
-        if 2 * SEEN * shortest >= coarse:
-            return 0
+        lengths = np.where(held, 1, lengths)
+        coarse = lengths / instants.coarse
+        seen = SEEN * self._shortest(places.moved, eye, lengths / instants.count)
         most = min(MOST, 1 << instants.depth)
-        wanted = most + 1 if SEEN * shortest * most < coarse else int(np.ceil(coarse / (SEEN * shortest)))
-        self.unseen = wanted > most
-        parts = min(1 << (wanted - 1).bit_length(), most)
-        return parts if parts > 2 else 0
+        rare = ~held & (2 * seen < coarse)
+        wanted = np.ceil(coarse / np.maximum(seen, coarse / (most + 1)))
+        self.unseen = rare & (wanted > most)
+        parts = np.minimum(1 << np.ceil(np.log2(np.maximum(wanted, 1))).astype(np.int64), most)
+        return np.where(rare & (parts > 2), parts, 0)
 
     def find(self, intervals: int, cut: Any, stage: Any, held: wp.array, evaluator: Evaluator) -> None:
         """Finds the bits of a window whose bodies are placed: launches only. intervals: of the window."""
@@ -125,40 +126,42 @@ class Passing:
         if self.bits.shape != shape:
             self.bits = wp.zeros(shape, dtype=wp.uint64, device=self._rigid.visibility.device)
 
-    def _shortest(self, moved: np.ndarray, eye: np.ndarray, apart_ns: float) -> float:
-        """Gives the shortest time [ns] for which the shadow of something is on a point, its width over its speed with
-        the lamp's, or that of what goes to and fro, or a beam that turns.
+    def _shortest(self, moved: np.ndarray, eye: np.ndarray, apart_ns: np.ndarray) -> np.ndarray:
+        """Gives the shortest time, float64 [E] ns, for which the shadow of something is on a point, its width over its
+        speed with the lamp's, or that of what goes to and fro, or a beam that turns.
 
-        moved: poses of the movers at all instants, float64 [n, E, M, 7], apart_ns from each other. eye: of the cameras,
-        float64 [E, 7].
+        moved: poses of the movers at all instants, float64 [n, E, M, 7], apart_ns [E] from each other. eye: of the
+        cameras, float64 [E, 7].
         """
-        if len(moved) < 2:
-            return np.inf
         envs, most = moved.shape[1], len(moved) - 1
-        times = min(most, max(FEWEST, BOXES // (envs * max(self._count, 1))))
+        shine, shortest = np.zeros(envs), np.full(envs, np.inf)
+        if most < 1:
+            return shortest
+        times = min(most, max(FEWEST, BOXES // max(self._count, 1)))
         first = np.linspace(0, most - 1, times).astype(np.int32)
-        shine, shortest = 0.0, np.inf
         if len(self._lamps):
             before, after = (moved[first + k][:, :, self._lamp_mover] for k in (0, 1))
             before[:, :, self._fixed, :3] = after[:, :, self._fixed, :3] = 0.0
             way = se3.transform(after, self._lamps) - se3.transform(before, self._lamps)
-            shine = float(np.linalg.norm(way, axis=-1).max())
-            shortest = self._thinnest / max(shine, 1e-30)
+            shine = np.linalg.norm(way, axis=-1).max(axis=(0, 2))
+            shortest = self._thinnest / np.maximum(shine, 1e-30)
         if len(self._beams):
             before, after = (moved[first + k][:, :, self._beam_mover, 3:] for k in (0, 1))
             apart = np.linalg.norm(se3.rotate(after, self._beams) - se3.rotate(before, self._beams), axis=-1)
             turned = 2 * np.arcsin(np.minimum(apart / 2, 1.0))
-            shortest = min(shortest, float((self._cones / np.maximum(turned, 1e-30)).min()))
+            shortest = np.minimum(shortest, (self._cones / np.maximum(turned, 1e-30)).min(axis=(0, 2)))
         if self._count:
             with wp.ScopedDevice("cpu"):
                 poses: wp.array = wp.array(np.ascontiguousarray(moved), dtype=wp.transformd)
                 where: wp.array = wp.array(first, dtype=wp.int32)
+                ways: wp.array = wp.array(shine, dtype=wp.float64)
                 found = wp.empty((times, envs, self._count), dtype=wp.float64)
-                wp.launch(find_briefest, found.shape, [self._boxes, wp.float64(shine), where, poses], [found])
+                wp.launch(find_briefest, found.shape, [self._boxes, ways, where, poses], [found])
                 turns = wp.empty((envs, self._count), dtype=wp.float64)
                 given = [self._boxes, max(1, len(moved) // LOOKED_FOR), wp.float64(self._near)]
                 eyes: wp.array = wp.array(np.ascontiguousarray(eye), dtype=wp.transformd)
                 wp.launch(find_turns, turns.shape, [*given, eyes, poses], [turns])
             # A shadow's edge is on most points that it comes over for a part of the time between two turns.
-            shortest = min(shortest, float(found.numpy().min()), float(turns.numpy().min()) / PER_TURN)
+            turned = turns.numpy().min(axis=1) / PER_TURN
+            shortest = np.minimum(shortest, np.minimum(found.numpy().min(axis=(0, 2)), turned))
         return apart_ns * shortest

@@ -33,9 +33,9 @@ def key_of(lamp: int):
 
 
 @wp.func
-def part_at(cut: Cut, n: int):
-    """Gives the instant at which part n of a coarse interval begins, of those that lie within the interval."""
-    return wp.clamp(n * ((cut.slots + 1) // cut.parts), 1, cut.slots)
+def part_at(cut: Cut, parts: int, n: int):
+    """Gives the instant at which part n of `parts` of a coarse interval begins, of those that lie within it."""
+    return wp.clamp(n * ((cut.slots + 1) // parts), 1, cut.slots)
 
 
 @cache
@@ -96,13 +96,15 @@ def make_find_passing(changes: LightChanges, trees: bool) -> wp.Kernel:
         """Sets bit n of a pixel [intervals E, h, w] where other lamps shine on its surface at the end of part n of a
         coarse interval than at its beginning.
 
-        span: pixels of a thread. held: 1 for environments that have no gap. start: z-buffer of keyframe A.
+        Where an environment has no parts none is set. span: pixels of a thread. held: 1 for environments that have no
+        gap. start: z-buffer of keyframe A.
         """
         n, row, part = wp.tid()
         env = n % cut.envs
         if held[env] == 1:
             return
         y = row0 + row
+        parts = stage.parts[env]
         for x in range(part * span, wp.min(part * span + span, cut.width)):
             spot = spot_at(view, cut, env, cut.first + n // cut.envs, y, x)
             ends = ends_of(cut, stage, start, spot)
@@ -112,8 +114,8 @@ def make_find_passing(changes: LightChanges, trees: bool) -> wp.Kernel:
             hidden = NOTHING
             asked = wp.int32(MISS)
             flag = wp.int32(0)
-            for k in range(cut.parts + 1):
-                i = part_at(cut, k)
+            for k in range(wp.where(parts > 0, parts + 1, 0)):
+                i = part_at(cut, parts, k)
                 there = slot_row(cut, env, spot.k, i)
                 hit, after = between_probes(cut, stage, spot, i, ends.before, ends.after)
                 # Where both entries are equal neither the camera nor the surface moves.

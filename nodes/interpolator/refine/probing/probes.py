@@ -62,8 +62,8 @@ class Probes:
             self.packed = wp.empty((0, *v.shape[1:]), dtype=wp.uint64)
             self.each = wp.zeros(self._envs, dtype=wp.int32)
         self.most = self._least
-        self.unseen = False
-        """Whether more would be needed than there may be."""
+        self.unseen = np.zeros(self._envs, bool)
+        """Whether an environment needs more than there may be."""
 
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
         """Gives the kernel that takes long to compile, as `build_together` takes it."""
@@ -97,7 +97,7 @@ class Probes:
         """
         rigid, coarse = self._rigid, self._coarse
         pixels = self._v.shape[1] * self._v.shape[2]
-        self.unseen = False
+        self.unseen = np.zeros(self._envs, bool)
         shortest = 0 if held.all() else int(lengths[~held].min())
         # How fast things are is found over a time that is shorter than what lies between two of them.
         most = min(MOST, ROOM // pixels, shortest // (2 * SHORT_NS)) // coarse
@@ -115,7 +115,7 @@ class Probes:
             # What is found on the host comes first: a GPU draws meanwhile, and is waited for then.
             strays = self._strays.needed(instants, places, shortest, least, most)
             each = self._needed(instants, stamps, lengths, places, states, held, begun, most)
-            self.unseen |= bool((np.maximum(visits, strays)[~held] > most).any())
+            self.unseen |= (np.maximum(visits, strays) > most) & ~held
             each = np.where(held, each, np.maximum(each, np.minimum(strays, most)))
             self._draw(instants, places, int(begun.max()), int(each.max()))
         self.each.assign(each.astype(np.int32))
@@ -203,7 +203,7 @@ class Probes:
         of_all = np.where(begun > least, OF_VISITS, MISSED_OF_ALL)[:, None]
         once = pixels * looked_at[:, None]
         enough = (unseen <= MISSED * once) & ((unseen <= of_all * all_of_it) | (unseen <= FEW * once))
-        self.unseen = bool((~enough[:, -1] & ~held).any())
+        self.unseen = ~enough[:, -1] & ~held
         enough[:, -1] = True
         return np.maximum(least << enough.argmax(axis=1), begun)
 

@@ -134,7 +134,7 @@ def find_visits(
 def find_briefest(
     # in
     boxes: Boxes,
-    shine: wp.float64,
+    shine: wp.array(dtype=wp.float64),
     first: wp.array(dtype=int),
     poses: wp.array3d(dtype=wp.transformd),
     # out
@@ -143,7 +143,7 @@ def find_briefest(
     """Computes for how many instants the shadow of a box [n, E, J] is on a point at least: its width along the way of
     the middle of it or of a side, over that way from one instant to the next.
 
-    shine: way of the lamps meanwhile [m]. first [n]: instants. poses [instants, E, M] of what moves.
+    shine [E]: way of the lamps meanwhile [m]. first [n]: instants. poses [instants, E, M] of what moves.
     """
     n, env, j = wp.tid()
     before = poses[first[n], env, boxes.mover[j]]
@@ -163,7 +163,7 @@ def find_briefest(
             along = wp.transpose(axes) * way
             sides = wp.abs(along[0]) * half[0] + wp.abs(along[1]) * half[1] + wp.abs(along[2]) * half[2]
             if sides > wp.float64(0.0):
-                least = wp.min(least, wp.float64(2.0) * sides / length / (length + shine))
+                least = wp.min(least, wp.float64(2.0) * sides / length / (length + shine[env]))
     briefest[n, env, j] = least
 
 
