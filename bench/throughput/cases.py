@@ -16,7 +16,8 @@ MANY = 1024
 class Case:
     """Describes a run. goal: of an H200, of the real-time factor of each environment, or of all together in env-s/s.
 
-    engine: what moves a MuJoCo model, empty = MuJoCo. needs_gb: memory of the device without which it is not begun.
+    engine: what moves a MuJoCo model, empty = MuJoCo. tolerance: of time, for samples between frames [s]. needs_gb:
+    memory of the device without which it is not begun.
     """
 
     scene: str
@@ -26,18 +27,22 @@ class Case:
     size: tuple[int, int] = SIZE
     record: bool = False
     engine: str = ""
+    tolerance: float = 0.0
     goal: float | None = None
     needs_gb: float = 1.0
     quick: bool = False
 
     @property
     def name(self) -> str:
-        """Gives the name of the row: `warehouse 8 x 60x4`, `disk 30x8 recorded`, `cart_pole 30x8 mujoco_warp`."""
+        """Gives the name of the row: `warehouse 8 x 60x4`, `disk 30x8 recorded`, `cart_pole 30x8 mujoco_warp`, `drone
+        30x4 0.3 ms`."""
         envs = f"{self.envs} x " if self.envs > 1 else ""
         small = f" {self.size[0]}x{self.size[1]}" if self.size != SIZE else ""
         scene = "disk" if self.scene == DISK else self.scene
-        more = " ".join(["", *[self.engine] * bool(self.engine), *["recorded"] * self.record])
-        return f"{scene} {envs}{self.rate}x{self.upsampling}{small}{more}"
+        between = f"{1e3 * self.tolerance:g} ms"
+        more = [[self.engine] * bool(self.engine), [between] * (self.tolerance > 0), ["recorded"] * self.record]
+        told = "".join(f" {word}" for words in more for word in words)
+        return f"{scene} {envs}{self.rate}x{self.upsampling}{small}{told}"
 
     @property
     def speed_of_all(self) -> bool:
@@ -74,6 +79,8 @@ CASES: Sequence[Case] = (
     Case("falling_objects", 30, 8, envs=MANY, size=SMALL, engine="mujoco_warp", goal=500, needs_gb=20),
     Case("robot_arm", 30, 8, envs=MANY, size=SMALL, goal=500, needs_gb=20),
     Case("robot_arm", 30, 8, envs=MANY, size=SMALL, engine="mujoco_warp", goal=500, needs_gb=20),
+    *(Case(scene, 30, 4, tolerance=0.0003) for scene in (DISK, "drone", "warehouse", "fidget_spinner")),
+    *(Case(scene, 30, 8, tolerance=0.0001) for scene in (DISK, "drone", "warehouse", "fidget_spinner")),
     Case("warehouse", 30, 8, record=True, goal=6),
     Case(DISK, 30, 8, record=True, goal=4, quick=True),
 )

@@ -31,7 +31,7 @@ class Measurement:
 
 
 def frames(m: Measurement) -> dict[str, Any]:
-    """Measures runs of frames alone, and lists what their time goes to on the device."""
+    """Measures runs of frames, of some with samples between them, and lists what their time goes to on the device."""
     found = [frames_row(case, m.device, m.limits) for case in chosen(CASES, m.words, m.quick)]
     times = {row["run"]: row.pop("recorded") for row in found}
     note = (
@@ -41,7 +41,11 @@ def frames(m: Measurement) -> dict[str, Any]:
         "its share of the host's time, or a kernel and its share of a device that is busy."
     )
     return {
-        "frames": {"title": f"Frames alone (time_tolerance:=0 audit:=0), {m.where}", "rows": found, "note": note},
+        "frames": {
+            "title": f"Frames alone unless a tolerance of time is named (audit:=0), {m.where}",
+            "rows": found,
+            "note": note,
+        },
         "kernels": {"title": f"What the device's time goes to, {m.where}", "rows": kernel_rows(times), "note": ""},
     }
 

@@ -21,7 +21,6 @@ FRAMES_COLUMNS = (
     "not measured",
 )  # fmt: skip
 DEFAULTS_COLUMNS = ("run", "median", "min", "max", "VP", "from", "to", "memory [MB]", "not measured")
-FRAMES_ALONE = {"time_tolerance": 0, "audit": 0}
 DEFAULT_S = {True: 1.0, False: 5.0}
 """Simulated time of a run with the defaults [s], on a CPU and on a GPU."""
 NEARLY_ALWAYS = 0.7
@@ -31,6 +30,11 @@ Timed = Mapping[str, tuple[float, float]]
 """Symbol of a kernel -> calls and milliseconds of a gap."""
 
 
+def unaudited(case: Case) -> dict[str, Any]:
+    """Gives the arguments of a run without an audit, whose samples between frames the case decides."""
+    return {"time_tolerance": case.tolerance, "audit": 0}
+
+
 def spread(values: list[float], digits: int = 2) -> dict[str, float]:
     """Gives median, min and max."""
     found = statistics.median(values), min(values), max(values)
@@ -38,7 +42,7 @@ def spread(values: list[float], digits: int = 2) -> dict[str, float]:
 
 
 def frames_row(case: Case, device: str, limits: Limits) -> dict[str, Any]:
-    """Measures a case by frames alone: several runs, of each several windows.
+    """Measures a case: several runs, of each several windows.
 
     Returns the row, with `recorded`, the times of its kernels, which is no cell of it.
     """
@@ -46,7 +50,7 @@ def frames_row(case: Case, device: str, limits: Limits) -> dict[str, Any]:
     runs = []
     try:
         for _ in range(limits.runs):
-            runs.append(attempt(case, device, FRAMES_ALONE, limits))
+            runs.append(attempt(case, device, unaudited(case), limits))
     except NotRun as reason:
         cells["not measured"] = str(reason)
     meters = [found["meter"] for found in runs if "meter" in found]
@@ -145,7 +149,7 @@ def start_row(case: Case, device: str, limits: Limits) -> dict[str, Any]:
                 (Path(cache) / "cuda").mkdir()
                 there = {"WARP_CACHE_PATH": f"{cache}/warp", "CUDA_CACHE_PATH": f"{cache}/cuda"}
                 for times in found.values():
-                    one = attempt(case, device, FRAMES_ALONE, limits, meter=meter, environment=there)
+                    one = attempt(case, device, unaudited(case), limits, meter=meter, environment=there)
                     times.append(one["first_event_s"])
     except NotRun as reason:
         cells["not measured"] = str(reason)
@@ -178,10 +182,10 @@ def kernel_rows(kernels: dict[str, dict[str, tuple[float, float]]], most: int = 
 def roofline_rows(case: Case, device: str, limits: Limits, ceilings: Ceilings) -> list[dict[str, Any]]:
     """Measures what the kernels of a case take, counts what they do, and holds it against the ceilings."""
     try:
-        timed = _timed([attempt(case, device, FRAMES_ALONE, limits, meter={"windows": 1})])
+        timed = _timed([attempt(case, device, unaudited(case), limits, meter={"windows": 1})])
         with tempfile.TemporaryDirectory() as cache:
             there = {"WARP_CACHE_PATH": cache, "CUDA_CACHE_DISABLE": "1"}
-            run = attempt(case, device, FRAMES_ALONE, limits, meter={"counts": True}, environment=there)
+            run = attempt(case, device, unaudited(case), limits, meter={"counts": True}, environment=there)
     except NotRun as reason:
         return [{"run": case.name, "not measured": str(reason)}]
     return roofline.rows(case.name, roofline.kernels_of(timed, run["meter"]["counted"]), ceilings)
