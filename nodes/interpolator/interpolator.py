@@ -285,22 +285,22 @@ class Interpolator:
         self._size, self._samples = ((envs, height, width), margin), self._samples_of(height, width, margin)
         self._made_method()
 
-    def warm_up_for(self, envs: int, height: int, width: int, margin: int = 0) -> None:
+    def warm_up_for(self, envs: int, height: int, width: int, margin: int = 0, gap_ns: int = 0) -> None:
         """Builds, compiles and, on a GPU, records what gaps between such keyframes need, before the first real one.
 
-        height, width: of the keyframes, margin included [px]. The next keyframe begins an episode; should it be of
-        another size, this was in vain.
+        height, width: of the keyframes, margin included [px]. gap_ns: length of a gap, 0 = not known. The next
+        keyframe begins an episode; should it be of another size, this was in vain.
         """
-        self._warmed = True
+        self._warmed, gap_ns = True, made_up.length(gap_ns, self._device)
         if self.upsampling > made_up.LONGEST:
             self.warm_up()
             self.begin(envs, height, width, margin)
             return
         self._image(np.ones((1, 2, 2, 3), np.float16))
-        for stamp in made_up.stamps(1 if self._device.is_cpu else made_up.RECORDED):
+        for stamp in made_up.stamps(1 if self._device.is_cpu else made_up.RECORDED, gap_ns):
             states = None
             if self._scene is not None and self._camera is not None:
-                states = made_up.states(self._scene, self._camera, envs, stamp)
+                states = made_up.states(self._scene, self._camera, envs, stamp, gap_ns)
             # Environments have had other episodes before their first.
             episodes = np.full(envs, -1, np.int32)
             images = made_up.images(envs, height, width)

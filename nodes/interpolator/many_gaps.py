@@ -128,21 +128,21 @@ class ManyGaps(Interpolator):
         self._size, self._samples = ((envs, height, width), margin), self._samples_of(height, width, margin)
         self._method_in_a_row()
 
-    def warm_up_for(self, envs: int, height: int, width: int, margin: int = 0) -> None:
+    def warm_up_for(self, envs: int, height: int, width: int, margin: int = 0, gap_ns: int = 0) -> None:
         """Does what `Interpolator.warm_up_for` does, for several gaps at once."""
         self.begin(envs, height, width, margin)
-        self._warmed = True
+        self._warmed, gap_ns = True, made_up.length(gap_ns, self._device)
         if self._method_in_a_row().remembers:
             self.gaps, self._rigid = 1, None
         if self.gaps == 1 or self.upsampling > made_up.LONGEST or self._scene is None or self._camera is None:
-            super().warm_up_for(envs, height, width, margin)
+            super().warm_up_for(envs, height, width, margin, gap_ns)
             return
         self._image(np.ones((1, 2, 2, 3), np.float16))
         image, episodes = made_up.images(envs, height, width)[0], np.full(envs, -1, np.int32)
         runs = 1 if self._device.is_cpu else made_up.RECORDED
         # Paths of many bodies are looked up for three keyframes only: for all it would take longer than all else.
-        swayed = [made_up.states(self._scene, self._camera, envs, k * made_up.GAP_NS) for k in range(3)]
-        stamps = list(made_up.stamps(runs * self.gaps))
+        swayed = [made_up.states(self._scene, self._camera, envs, k * gap_ns, gap_ns) for k in range(3)]
+        stamps = list(made_up.stamps(runs * self.gaps, gap_ns))
         states = [swayed[0], *(swayed[1 + k % 2].at(stamps[k : k + 2]) for k in range(len(stamps) - 1))]
         arrived = [Arrived(stamp, episodes, image, then) for stamp, then in zip(stamps, states)]
         for _ in self.push_all(arrived, margin, self._scratch):

@@ -69,6 +69,7 @@ class InterpolatorNode(Node):
             "looked at between the frames; 0 = frames only",
             "s", 0, 1,
         ),
+        "keyframe_rate": Param(float, 0.0, "rate that is expected, to prepare for it; 0 = any", "Hz", 0),
         "colour": Param(bool, False, "frames are linear RGB, for colour events, instead of luminance"),
         **SCENE,
         "scene": replace(SCENE["scene"], help="world that was rendered, for rigid; without it splat is used"),
@@ -182,13 +183,13 @@ class InterpolatorNode(Node):
 
         Only `rigid` makes more than one; none does for a reader of what single gaps count.
         """
-        from nodes.renderer.at_once import MOST, MOST_REFINED, at_once
+        from nodes.renderer.at_once import at_once, refined_at_once
 
         p = self.params
         if self._method != "rigid" or p["upsampling"] == 1 or not self.may_gather or self._counts_are_read():
             return 1
-        most = MOST_REFINED if self._sampled else MOST
-        return min(at_once(self.name, p["batch"], p["device"], p["envs"], pixels, p["upsampling"]), most)
+        gaps = at_once(self.name, p["batch"], p["device"], p["envs"], pixels, p["upsampling"])
+        return refined_at_once(gaps, p["device"], pixels) if self._sampled else gaps
 
     def _counts_are_read(self) -> bool:
         """Tells whether somebody reads what the messages of single gaps count."""
@@ -199,7 +200,8 @@ class InterpolatorNode(Node):
         if self._expected is None:
             interpolator.warm_up()
         else:
-            interpolator.warm_up_for(envs, *self._expected, self._fineness * self.params["margin"])
+            rate, margin = self.params["keyframe_rate"], self._fineness * self.params["margin"]
+            interpolator.warm_up_for(envs, *self._expected, margin, round(1e9 / rate) if rate else 0)
 
     def _interpolators(self, worlds: Worlds | None) -> Interpolator | SeparateInterpolators:
         """Makes one for all environments, or one for each look of the world."""

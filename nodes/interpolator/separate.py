@@ -46,10 +46,10 @@ class SeparateInterpolators:
             part.forget()
         self._stamp, self._episodes = 0, np.zeros(0, np.int32)
 
-    def warm_up_for(self, envs: int, height: int, width: int, margin: int = 0) -> None:
+    def warm_up_for(self, envs: int, height: int, width: int, margin: int = 0, gap_ns: int = 0) -> None:
         """Builds and compiles what gaps between such keyframes need, as Interpolator does."""
         for part in self._parts.parts:
-            part.made.warm_up_for(len(part.envs), height, width, margin)
+            part.made.warm_up_for(len(part.envs), height, width, margin, gap_ns)
 
     def warm_up(self) -> None:
         """Compiles the kernels now rather than at the first keyframe."""

@@ -9,8 +9,9 @@ from evis.gpu.room import free_memory
 
 MOST = 16
 """Most keyframes at once: beyond, more of them save next to no time."""
-MOST_REFINED = 4
-"""Most gaps at once whose pixels are looked at between frames too."""
+MOST_REFINED, BYTES_REFINED = 8, 14_000
+"""Most gaps at once whose pixels are looked at between frames too, and their device memory per pixel of a keyframe
+[bytes]: 0.1 ms of the drone, of which 0.3 ms take half."""
 PIXELS = 1 << 25
 """Most pixels of frames that are made at once: so many keep any GPU busy."""
 BYTES = 120
@@ -52,6 +53,23 @@ def at_once(name: str, asked: int, device: str, envs: int, pixels: int, frames: 
     room = min(PIXELS, where.total_memory // (SHARE * BYTES)) // each
     # A power of two is the same for nodes whose pixel counts differ by a margin.
     return 1 << (max(min(room, MOST), 1).bit_length() - 1)
+
+
+def refined_at_once(asked: int, device: str, pixels: int) -> int:
+    """Computes how many gaps with samples between their frames are made at once, for a node that makes `asked` of
+    keyframes.
+
+    Args:
+        asked: as many at most.
+        device: where the kernels run.
+        pixels: of a keyframe.
+    """
+    where: Any = device_named(device)
+    most = min(asked, MOST_REFINED)
+    if where.is_cpu:
+        return most
+    room = where.total_memory // (SHARE * BYTES_REFINED * pixels)
+    return min(most, 1 << (max(room, 1).bit_length() - 1))
 
 
 def check_room(
