@@ -111,11 +111,57 @@ class KeyframeView:
 
 def own_subframes(a: KeyframeView, b: KeyframeView, held: np.ndarray, upsampling: int) -> np.ndarray:
     """Computes the times int64 [E, K] ns of the frames of a gap in each environment; where it is held, those of b."""
-    starts, ends = (view.times(len(held)) for view in (a, b))
+    return subframes_apart(a.times(len(held)), b.times(len(held)), held, upsampling)
+
+
+def subframes_apart(starts: np.ndarray, ends: np.ndarray, held: np.ndarray, upsampling: int) -> np.ndarray:
+    """Computes the times int64 [E, K] ns of the frames of gaps from `starts` to `ends` [E] ns, where held of the end
+    alone."""
     times = np.repeat(ends[:, None], upsampling, axis=1)
     for e in np.flatnonzero(~held).tolist():
         times[e] = subframe_stamps(int(starts[e]), int(ends[e]), upsampling)
     return times
+
+
+@dataclass(frozen=True)
+class Span:
+    """Holds when a gap is and the states to its ends, without any image.
+
+    starts, ends: int64 [E] ns. a, b: states to the keyframes. held: bool [E], environments that have no gap. apart:
+    whether environments have times of their own.
+    """
+
+    starts: np.ndarray
+    ends: np.ndarray
+    a: States
+    b: States
+    held: np.ndarray
+    apart: bool
+
+    @classmethod
+    def between(cls, a: KeyframeView, b: KeyframeView, held: np.ndarray) -> Span:
+        """Makes that between two keyframes, which have states."""
+        assert a.states is not None and b.states is not None
+        apart = a.own is not None or b.own is not None
+        return cls(a.times(len(held)), b.times(len(held)), a.states, b.states, held, apart)
+
+    @property
+    def longest(self) -> int:
+        """Gives the length of the longest gap of an environment that has one [ns], 0 without any."""
+        return int((self.ends - self.starts)[~self.held].max(initial=0))
+
+    def stamps(self, count: int) -> np.ndarray:
+        """Gives the times of its end and of count - 1 instants before, evenly apart: int64 [count] ns, or [E, count]
+        where environments have times of their own."""
+        if self.apart:
+            return subframes_apart(self.starts, self.ends, self.held, count)
+        return subframe_stamps(int(self.starts[0]), int(self.ends[0]), count)
+
+    def same(self, other: Span) -> bool:
+        """Tells whether the other one is of the same gap, and its states the very same objects."""
+        alike = self.a is other.a and self.b is other.b and self.apart == other.apart
+        mine, theirs = ((span.starts, span.ends, span.held) for span in (self, other))
+        return alike and all(np.array_equal(m, t) for m, t in zip(mine, theirs))
 
 
 @dataclass

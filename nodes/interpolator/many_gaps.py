@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from evis.gpu.in_a_row import joined
 from evis.runtime.clock import subframe_stamps
 from nodes.interpolator import warm_up as made_up
 from nodes.interpolator.interpolator import Allocate, Image, Interpolator, new_frames
-from nodes.interpolator.keyframe import KeyframeView, Report, States, StatesInARow
+from nodes.interpolator.keyframe import KeyframeView, Report, Span, States, StatesInARow
 from nodes.interpolator.refine.method import Refined
 from nodes.interpolator.rigid import Rigid
 from nodes.interpolator.samples import Further
@@ -28,6 +28,36 @@ class Arrived:
     episodes: np.ndarray
     image: Image
     states: States | None
+
+
+@dataclass(frozen=True)
+class _Row:
+    """Holds gaps in a row: stamps [ns] of the keyframes at their ends and the states there, and what these are as
+    environments, of which the first `spare` are of length 0."""
+
+    stamps: list[int]
+    states: list[States]
+    spare: int
+    gap: Span
+
+    @classmethod
+    def of(cls, stamp_ns: int, states: States, arrived: Sequence[tuple[int, States]], gaps: int) -> _Row:
+        """Makes those that begin with a keyframe and end with those that arrived, `gaps` at most."""
+        stamps, each = [stamp_ns, *(stamp for stamp, _ in arrived)], [states, *(one for _, one in arrived)]
+        spare = gaps - len(arrived)
+        times, all_of_them = np.array([stamp_ns] * spare + stamps), [states] * spare + each
+        a, b = StatesInARow(all_of_them[:-1]), StatesInARow(all_of_them[1:])
+        return cls(stamps, each, spare, Span(times[:-1], times[1:], a, b, np.arange(gaps) < spare, apart=True))
+
+    def followed_by(self, arrived: Sequence[tuple[int, States]], gaps: int) -> _Row:
+        """Makes those that come after these."""
+        return _Row.of(self.stamps[-1], self.states[-1], arrived, gaps)
+
+    def ends_with(self, first: States, arrived: Sequence[tuple[int, States]]) -> bool:
+        """Tells whether these are the gaps from a keyframe with such states to those that arrived."""
+        states = [first, *(one for _, one in arrived)]
+        same = len(states) == len(self.states) and all(a is b for a, b in zip(states, self.states))
+        return same and self.stamps[1:] == [stamp for stamp, _ in arrived]
 
 
 class ManyGaps(Interpolator):
@@ -45,6 +75,8 @@ class ManyGaps(Interpolator):
         """The method for several gaps, and the image size ((E, H, W), margin) that it was made for."""
         self._row: tuple[KeyframeView, KeyframeView] | None = None
         """Views B of the gaps made last, and the last of these views by itself."""
+        self._coming: _Row | None = None
+        """The gaps that follow those that are being made, if they are known."""
         self.further_of: list[Further | None] = []
         """Samples of single pixels between the frames of each gap of the list that was yielded last."""
 
@@ -63,64 +95,89 @@ class ManyGaps(Interpolator):
         """
         self._fit((1, *keyframes[0].image.shape[1:3]), margin)
         images = self._image(joined([one.image for one in keyframes]))
-        start = 0
-        for end, one in enumerate(keyframes, 1):
-            if self.gaps == 1 or self._last is None or np.any(one.episodes != self._episodes):
+        runs = self._runs(keyframes)
+        for (start, end, together), after in zip_longest(runs, runs[1:]):
+            if not together:
+                one = keyframes[start]
                 made = self.push(one.stamp_ns, one.episodes, one.image, None, None, margin, allocate, one.states)
                 self.further_of = [self.further]
                 yield [made]
-            elif end == len(keyframes) or end - start == self.gaps or np.any(keyframes[end].episodes != one.episodes):
-                yield self._between(keyframes[start:end], images[start:end], margin, allocate)
-            else:
                 continue
-            start = end
+            row = self._row_of(keyframes[start:end])
+            if after is not None and after[2]:
+                self._coming = row.followed_by(self._arrived(keyframes[after[0] : after[1]]), self.gaps)
+            found = self._between(row, images[start:end], margin, allocate)
+            self._episodes = np.array(keyframes[end - 1].episodes)
+            yield found
+
+    def _runs(self, keyframes: Sequence[Arrived]) -> list[tuple[int, int, bool]]:
+        """Splits keyframes into parts, from one to another, and tells of each whether its gaps are made at once."""
+        runs: list[tuple[int, int, bool]] = []
+        episodes, alone = self._episodes, self._last is None
+        for n, one in enumerate(keyframes):
+            together = not (self.gaps == 1 or alone or np.any(one.episodes != episodes))
+            if together and runs and runs[-1][2] and n - runs[-1][0] < self.gaps:
+                runs[-1] = runs[-1][0], n + 1, True
+            else:
+                runs.append((n, n + 1, together))
+            episodes, alone = one.episodes, False
+        return runs
 
     def end(self) -> None:
         """Makes `report` that of the gaps made last."""
         self.report = Report() if self._rigid is None else self._rigid[1].last_report()
 
-    def _between(
-        self, keyframes: Sequence[Arrived], images: wp.array, margin: int, allocate: Allocate
-    ) -> list[tuple[np.ndarray, Any]]:
-        """Makes the gaps that end with these keyframes of one episode.
+    def _arrived(self, keyframes: Sequence[Arrived]) -> list[tuple[int, States]]:
+        """Gives stamps and states of keyframes."""
+        found = []
+        for one in keyframes:
+            states = self._check(one.states)
+            assert states is not None
+            found.append((one.stamp_ns, states))
+        return found
+
+    def _row_of(self, keyframes: Sequence[Arrived]) -> _Row:
+        """Gives the gaps that end with these keyframes: those that were expected, or others."""
+        last, arrived = self._last, self._arrived(keyframes)
+        assert last is not None and last.states is not None
+        expected, self._coming = self._coming, None
+        if expected is not None and expected.ends_with(last.states, arrived):
+            return expected
+        return _Row.of(self._stamp, last.states, arrived, self.gaps)
+
+    def _between(self, row: _Row, images: wp.array, margin: int, allocate: Allocate) -> list[tuple[np.ndarray, Any]]:
+        """Makes gaps of one episode, which end with these images.
 
         Fewer than `gaps` are preceded by gaps of length 0, whose frames nobody gets.
         """
-        last = self._last
-        assert last is not None and last.states is not None
-        stamps = [self._stamp, *(one.stamp_ns for one in keyframes)]
-        for before, after in pairwise(stamps):
+        last, spare, gap = self._last, row.spare, row.gap
+        assert last is not None
+        for before, after in pairwise(row.stamps):
             if after <= before:
                 raise ValueError(f"keyframe at {after} ns came after the one at {before} ns of the same episode")
-        spare = self.gaps - len(keyframes)
-        states = [last.states] * (spare + 1)
-        for one in keyframes:
-            checked = self._check(one.states)
-            assert checked is not None
-            states.append(checked)
-        times = np.array([self._stamp] * spare + stamps)
-        a = KeyframeView(last.image, states=StatesInARow(states[:-1]), stamp_ns=stamps[0], own=times[:-1])
+        a = KeyframeView(last.image, states=gap.a, stamp_ns=row.stamps[0], own=gap.starts)
         if self._row is not None and self._row[1] is last:
             a.after = self._row[0]
         else:
-            a.image = joined([*[last.image] * (spare + 1), *([images[:-1]] if len(keyframes) > 1 else [])])
-        b = KeyframeView(joined([*[last.image] * spare, images]), states=StatesInARow(states[1:]))
-        b.stamp_ns, b.own = stamps[-1], times[1:]
+            a.image = joined([*[last.image] * (spare + 1), *([images[:-1]] if len(images) > 1 else [])])
+        b = KeyframeView(joined([*[last.image] * spare, images]), states=gap.b, stamp_ns=row.stamps[-1], own=gap.ends)
         out = allocate((self.gaps, *self._frames_shape(self.upsampling, self._samples)[1:]))
         fine = (self.gaps, *self._frames_shape(self.upsampling, 1)[1:])
         made = out if self._samples == 1 else self._fine(fine, isinstance(out, wp.array))
-        method = self._method_in_a_row()
-        self.report = method.between(a, b, np.arange(self.gaps) < spare, made)
-        further = method.further if isinstance(method, Refined) else None
-        self.further_of = [None] * len(keyframes) if further is None else further.of_each(self.gaps)[spare:]
+        method, self.further_of = self._method_in_a_row(), [None] * len(images)
+        if isinstance(method, Refined) and self._coming is not None:
+            method.following = self._coming.gap
+        self.report = method.between(a, b, gap.held, made)
+        if isinstance(method, Refined) and method.further is not None:
+            self.further_of = method.further.of_each(self.gaps)[spare:]
         if self._samples > 1:
             self._average(made, out)
-        self._last = KeyframeView(images[-1:], states=states[-1], stamp_ns=stamps[-1])
-        self._stamp, self._episodes = stamps[-1], np.array(keyframes[-1].episodes)
+        self._last = KeyframeView(images[-1:], states=row.states[-1], stamp_ns=row.stamps[-1])
+        self._stamp = row.stamps[-1]
         self._row = b, self._last
         return [
             (subframe_stamps(before, after, self.upsampling), out[spare + n : spare + n + 1])
-            for n, (before, after) in enumerate(pairwise(stamps))
+            for n, (before, after) in enumerate(pairwise(row.stamps))
         ]
 
     def begin(self, envs: int, height: int, width: int, margin: int = 0) -> None:

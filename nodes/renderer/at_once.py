@@ -9,7 +9,7 @@ from evis.gpu.room import free_memory
 
 MOST = 16
 """Most keyframes at once: beyond, more of them save next to no time."""
-MOST_REFINED, BYTES_REFINED = 8, 14_000
+MOST_REFINED, BYTES_REFINED = 4, 14_000
 """Most gaps at once whose pixels are looked at between frames too, and their device memory per pixel of a keyframe
 [bytes]: 0.1 ms of the drone, of which 0.3 ms take half."""
 PIXELS = 1 << 25

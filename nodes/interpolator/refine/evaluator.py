@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from nodes.interpolator.keyframe import States
+from nodes.interpolator.keyframe import Span
 from nodes.interpolator.refine.sight_kernels import Targets
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
@@ -95,10 +95,10 @@ class Evaluator:
         """Gives the motion of each body since A (rows 0 .. R - 1) and since B (R ..), mat33 and vec3 [2 R, N + 2]."""
         return self._turn, self._shift
 
-    def begin(self, stamps: np.ndarray, a: States, b: States, held: np.ndarray) -> None:
-        """Begins a gap; arguments as of Slots.begin, with the stamps of all instants."""
+    def begin(self, stamps: np.ndarray, gap: Span) -> None:
+        """Begins a gap; stamps: of all instants, int64 [n] or [E, n] ns."""
         self._stamps = stamps
-        self.places.begin(stamps, a, b, held)
+        self.places.begin(stamps, gap.a, gap.b, gap.held)
 
     def send(self, instants: list[int], upsampling: int) -> None:
         """Sends where moving bodies are at an instant for each slot, and how bright lamps are, and then `place` has to

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from evis.gpu.building import begin_building, build_together
-from nodes.interpolator.keyframe import KeyframeView, Report
+from nodes.interpolator.keyframe import KeyframeView, Report, Span
 from nodes.interpolator.refine.refinement import Refinement
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.samples import Further
@@ -27,13 +27,15 @@ def tolerance_of(time_tolerance_s: float) -> float:
 class Refined:
     """Makes the frames of `Rigid`, and samples of single pixels between them where what they show changes.
 
-    further: the samples of the gap made last, None without any.
+    further: the samples of the gap made last, None without any. following: the gap after the one that is made next,
+    where it is known, to be prepared meanwhile.
     """
 
     def __init__(self, rigid: Rigid, tolerance_ns: float, threads: int = 1, light_samples: int = 16) -> None:
         """tolerance_ns: greatest error wanted in the time of a threshold crossing [ns]."""
         self.rigid, self.refinement = rigid, Refinement(rigid, tolerance_ns, threads, light_samples)
         self.further: Further | None = None
+        self.following: Span | None = None
         self._built = False
 
     def begin_build(self) -> None:
@@ -62,10 +64,11 @@ class Refined:
             self._built = True
         held = np.asarray(held, bool)
         told = self.rigid.begin(a, b, held, out)
+        following, self.following = self.following, None
         if self.rigid.rested:
             self.further = None
             return told()
-        self.further = self.refinement.further(a, b, held, self.rigid.frames)
+        self.further = self.refinement.further(a, b, held, self.rigid.frames, following)
         report, refinement = told(), self.refinement
         report.refined, report.reshaded = refinement.evaluated, report.reshaded + refinement.shaded
         report.unreached = 0 if refinement.reached else int((~held).sum())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -10,17 +11,18 @@ import numpy as np
 import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
-from nodes.interpolator.keyframe import KeyframeView, own_subframes
+from nodes.interpolator.keyframe import KeyframeView, Span
 from nodes.interpolator.refine.evaluator import Evaluator, looks_of
 from nodes.interpolator.refine.further_kernels import count_samples, make_sort, place_samples
 from nodes.interpolator.refine.instants import Instants, instants_of
 from nodes.interpolator.refine.light.flicker import Flicker
 from nodes.interpolator.refine.light.passing import Passing
-from nodes.interpolator.refine.probing.probes import Probes
+from nodes.interpolator.refine.probing.probes import Ahead, Probes
 from nodes.interpolator.refine.rounds import Kernels, Rounds, Window
 from nodes.interpolator.refine.stage_kernels import Cut, Stage
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.sampling import pixels_per_radian
+from nodes.interpolator.rigid.slots import Poses
 from nodes.interpolator.samples import Further
 
 PART = 2.0
@@ -35,6 +37,22 @@ ROUGH = 4.0
 """Tolerances by which neighbouring pixels of a keyframe differ where look-ups between them may miss contrast."""
 LOOKS, LEAST_LOOKS = 32, 4
 """Instants per gap and per coarse interval, at least."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Holds what the motion of the bodies tells of a gap.
+
+    stamps: of all instants, int64 [n] or [E, n] ns. poses: at these. probes: see Probes.foresee. parts, unseen: see
+    Passing.parts.
+    """
+
+    gap: Span
+    stamps: np.ndarray
+    poses: Poses
+    probes: Ahead | None
+    parts: np.ndarray
+    unseen: np.ndarray
 
 
 class Refinement:
@@ -59,6 +77,8 @@ class Refinement:
         self._sort_each, self._rank = make_sort(channels)
         self._kernels, self._passing = Kernels.of(rigid), Passing(rigid)
         self._held, self._parts = (wp.zeros(layout.envs, dtype=wp.int32, device=v.device) for _ in range(2))
+        self._foreseen: Motion | None = None
+        """Of the gap that follows, if it is known already."""
         self.evaluated = self.shaded = 0
         """How many samples the last gap has, and how many of them were shaded."""
         self.reached = True
@@ -74,50 +94,72 @@ class Refinement:
         passing = [(self._passing.kernel, LAUNCH_BLOCK)] if self._passing.likely() else []
         return [*looks, *window, *self._probes.kernels(), *passing, (sort, LAUNCH_BLOCK)]
 
-    def further(self, a: KeyframeView, b: KeyframeView, held: np.ndarray, frames: wp.array) -> Further | None:
-        """Computes the samples between the frames [E K, h, w] of the gap made last; None without any."""
-        rigid = self._rigid
-        envs = rigid.layout.envs
-        starts, ends = a.times(envs), b.times(envs)
-        gap = int((ends - starts)[~held].max(initial=0))
+    def further(
+        self, a: KeyframeView, b: KeyframeView, held: np.ndarray, frames: wp.array, following: Span | None = None
+    ) -> Further | None:
+        """Computes the samples between the frames [E K, h, w] of the gap made last; None without any.
+
+        following: the gap after it, if it is known, which is prepared while a GPU works on this one.
+        """
+        gap, envs = Span.between(a, b, held), self._rigid.layout.envs
         self.evaluated = self.shaded = 0
         self.unseen = np.zeros(envs, bool)
-        coarse, cpu = rigid.layout.upsampling, self._device.is_cpu
-        looks = max(self._looks, 1 << (-(-self._flicker.instants(gap) // coarse) - 1).bit_length())
-        instants = instants_of(gap, coarse, self._tolerance_ns, self._pixels, looks, cpu)
-        self.reached = instants.reached and gap < 1 << 31 and self._flicker.follows(gap)
-        if gap <= 0 or gap >= 1 << 31 or instants.depth == 0:
+        known, self._foreseen = self._foreseen, None
+        instants = self._instants(gap)
+        length = gap.longest
+        self.reached = instants.reached and length < 1 << 31 and self._flicker.follows(length)
+        if length <= 0 or length >= 1 << 31 or instants.depth == 0:
             return None
-        if a.own is None and b.own is None:
-            stamps = instants.stamps(a.stamp_ns, b.stamp_ns)
-        else:
-            stamps = own_subframes(a, b, held, instants.count)
         rounds = self._rounds_of(instants)
         evaluator = rounds.evaluator
-        assert a.states is not None and b.states is not None
-        evaluator.begin(stamps, a.states, b.states, held)
-        self._probes.draw(instants, stamps, ends - starts, evaluator.places, (a.states, b.states), held)
-        parts = self._passing.parts(instants, evaluator.places, ends - starts, held)
-        self._parts.assign(parts.astype(np.int32))
-        self.unseen = self._probes.unseen | self._passing.unseen
+        motion = known if known and known.gap.same(gap) else self._motion(gap, instants, evaluator)
+        stamps, poses = motion.stamps, motion.poses
+        evaluator.begin(stamps, gap)
+        self._probes.draw(motion.probes, instants, poses, gap)
+        self.unseen = self._probes.unseen | motion.unseen
         self._held.assign(held.astype(np.int32))
-        self._flicker.find(starts, stamps, coarse)
-        total = 0
+        self._parts.assign(motion.parts.astype(np.int32))
+        self._flicker.find(gap.starts, stamps, instants.coarse)
+        total, meanwhile = 0, partial(self._meanwhile, gap, stamps, following)
         for first, last in instants.windows():
             evaluator.send(instants.of_window(first), instants.count)
             cut = self._cut(instants, evaluator, first)
-            cut.parts = int(parts.max())
+            cut.parts = int(motion.parts.max())
             window = Window(last - first, cut, self._stage(rounds), self._held, self._flicker.kernel, frames)
-            total, shaded = rounds.run(window, total, partial(self._expect, stamps))
+            total, shaded = rounds.run(window, total, meanwhile)
             self.shaded += shaded
         self.evaluated = total
-        since = np.broadcast_to(stamps, (envs, instants.count)) - starts[:, None]
+        since = np.broadcast_to(stamps, (envs, instants.count)) - gap.starts[:, None]
         return self._sorted(rounds.samples.arrays, total, since.astype(np.int32)) if total else None
 
-    def _expect(self, stamps: np.ndarray) -> None:
-        """Has poses of the next gap computed ahead while a GPU works on this one; stamps: of all its instants."""
-        if self._device.is_cuda and stamps.ndim == 1:
-            self._rigid.placement.expect(stamps)
+    def _instants(self, gap: Span) -> Instants:
+        """The instants at which pixels may be looked at in a gap."""
+        coarse, length = self._rigid.layout.upsampling, gap.longest
+        looks = max(self._looks, 1 << (-(-self._flicker.instants(length) // coarse) - 1).bit_length())
+        return instants_of(length, coarse, self._tolerance_ns, self._pixels, looks, self._device.is_cpu)
+
+    def _motion(self, gap: Span, instants: Instants, evaluator: Evaluator) -> Motion:
+        """Works out what the bodies' motion tells of a gap, on the host alone."""
+        stamps = gap.stamps(instants.count)
+        poses = evaluator.places.foresee(stamps, gap.a, gap.b, gap.held)
+        probes = self._probes.foresee(instants, stamps, poses, gap)
+        return Motion(
+            gap, stamps, poses, probes, *self._passing.parts(instants, poses, gap.ends - gap.starts, gap.held)
+        )
+
+    def _meanwhile(self, gap: Span, stamps: np.ndarray, following: Span | None) -> None:
+        """Prepares the next gap while a GPU works on this one; stamps: of all instants of this one."""
+        if self._foreseen is not None:
+            return
+        if following is None:
+            if self._device.is_cuda and not gap.apart:
+                self._rigid.placement.expect(stamps)
+            return
+        instants = self._instants(following)
+        rounds = self._rounds.get((instants.per_window, instants.depth))
+        if rounds is not None and following.longest > 0:
+            self._rigid.foresee(following)
+            self._foreseen = self._motion(following, instants, rounds.evaluator)
 
     def _rounds_of(self, instants: Instants) -> Rounds:
         """Gives what works on these instants; one is kept, as gaps seldom differ by more than a nanosecond."""

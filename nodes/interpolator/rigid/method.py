@@ -31,9 +31,8 @@ import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK, begin_building, build_together
 from evis.gpu.cuda_graph import Branch, CudaGraphs
-from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Camera, Scene
-from nodes.interpolator.keyframe import KeyframeView, Report, own_subframes
+from nodes.interpolator.keyframe import KeyframeView, Report, Span
 from nodes.interpolator.relight.change import make_light_change
 from nodes.interpolator.relight.sweep_kernels import sweep
 from nodes.interpolator.relight.swept_kernels import disquiet
@@ -166,11 +165,8 @@ class Rigid:
             build_together(self._device, self.kernels())
             self._built = True
         held = np.asarray(held, bool)
-        together = a.own is None and b.own is None
-        if together:
-            stamps = subframe_stamps(a.stamp_ns, b.stamp_ns, self.layout.upsampling)
-        else:
-            stamps = own_subframes(a, b, held, self.layout.upsampling)
+        gap = Span.between(a, b, held)
+        together, stamps = not gap.apart, gap.stamps(self.layout.upsampling)
         places = self._places
         places.begin(stamps, a.states, b.states, held)
         begun = self._begun(a, held)
@@ -218,6 +214,10 @@ class Rigid:
         unread, self._unread = self._unread, turn
         return Report if unread is None else partial(self._report, unread)
 
+    def foresee(self, gap: Span) -> None:
+        """Works out the poses of a gap that is to come, while a GPU works on this one."""
+        self._places.foresee(gap.stamps(self.layout.upsampling), gap.a, gap.b, gap.held)
+
     def last_report(self) -> Report:
         """Gives the report of the last gaps in a row, once: `between` gives that of those before, so as not to wait."""
         unread, self._unread = self._unread, None
@@ -231,11 +231,11 @@ class Rigid:
     def _rests(self, a: KeyframeView, b: KeyframeView, begun: np.ndarray) -> bool:
         """Whether nothing moves or changes from a to b, as a CPU can tell at once; begun: bool [E], environments that
         begin or began an episode."""
-        places = self._places
+        poses = self._places.poses
         if self._device.is_cuda or self.in_a_row or self.layout.flicker or self._at_b is not a or begun.any():
             return False
-        moved = places.moved == places.before.take(self.placement.movers, axis=1)
-        if not (moved.all() and np.array_equal(places.rest, places.before)):
+        moved = poses.moved == poses.before.take(self.placement.movers, axis=1)
+        if not (moved.all() and np.array_equal(poses.rest, poses.before)):
             return False
         return np.array_equal(b.image.numpy().reshape(-1), self.pair.b.image.numpy().reshape(-1))
 
@@ -268,7 +268,8 @@ class Rigid:
         self.pair.b.take(b.image)
         flags = self._places.still(self.layout.flicker, held)
         if self.change is not None:
-            flags = self.change.begin(self._places.moved, self._places.before, self._places.rest, flags)
+            poses = self._places.poses
+            flags = self.change.begin(poses.moved, poses.before, poses.rest, flags)
         if flags is not self._flags and not np.array_equal(flags, self._flags):
             self._still.assign(flags)
         self._flags = flags

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from evis.scene.model import Scene
@@ -14,12 +16,34 @@ from nodes.renderer.raster.visibility import Visibility
 HELD = int(keyframe_kernels.HELD)
 
 
-class Slots:
-    """Brings to the device the poses of E environments at the sub-frames of one gap after another: `begin`, then
-    `place` each portion.
+@dataclass(frozen=True)
+class Poses:
+    """Holds the poses of a gap: moved float64 [K, E, M, 7], of the bodies that may move; before and rest float64
+    [E, N, 7], of all at the keyframes."""
 
-    moved: float64 [K, E, M, 7], of the bodies that may move. before, rest: of all at the keyframes, float64 [E, N, 7].
-    """
+    moved: np.ndarray
+    before: np.ndarray
+    rest: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Foreseen:
+    """Holds the poses of a gap that is to come, and what `begin` will be given for it."""
+
+    stamps: np.ndarray
+    ends: tuple[States, States]
+    held: np.ndarray
+    poses: Poses
+
+    def of(self, stamps: np.ndarray, a: States, b: States, held: np.ndarray) -> bool:
+        """Tells whether they are those of this gap."""
+        same = self.ends[0] is a and self.ends[1] is b
+        return same and np.array_equal(stamps, self.stamps) and np.array_equal(held, self.held)
+
+
+class Slots:
+    """Brings to the device the `poses` of E environments at the sub-frames of one gap after another: `begin`, then
+    `place` each portion."""
 
     def __init__(self, scene: Scene, visibility: Visibility, placement: Placement, slots: int) -> None:
         """visibility: of E x slots environments."""
@@ -38,7 +62,8 @@ class Slots:
         self._none = np.zeros((self._envs, bodies + 2), np.int32)
         place = np.flatnonzero(self._movers == visibility.camera_body)
         self._camera = int(place[0]) if len(place) else None
-        self.moved, self.before, self.rest = (np.zeros((0, 0, 0, 7)) for _ in range(3))
+        self.poses = Poses(np.zeros((0, 0, 0, 7)), np.zeros((0, 0, 7)), np.zeros((0, 0, 7)))
+        self._foreseen: _Foreseen | None = None
 
     def begin(self, stamps: np.ndarray, a: States, b: States, held: np.ndarray) -> None:
         """Begins a gap with sub-frames at stamps int64 [K] ns between keyframes a and b; [E, K] where environments
@@ -47,14 +72,23 @@ class Slots:
         held: bool [E], environments that are at b all along. Raises ValueError where the states do not reach back to
         the first stamp.
         """
-        self.before, self.rest = (s.end_pose for s in (a, b))
         # From where the last gap ended nothing moves but what /state says.
         goes_on = a is self._last and not held.any() and b.t[0] == a.t[-1] and b.moving is not None
         self._others_stay = goes_on and bool(self._may_move[b.moving].all())
         self._b = b
-        self.moved = self._placement.moved(stamps, b) if stamps.ndim == 1 else self._moved_apart(stamps, b, held)
+        known, self._foreseen = self._foreseen, None
+        self.poses = known.poses if known and known.of(stamps, a, b, held) else self._poses(stamps, a, b, held)
+
+    def foresee(self, stamps: np.ndarray, a: States, b: States, held: np.ndarray) -> Poses:
+        """Works out beforehand what `begin` needs with the same arguments, and gives it."""
+        self._foreseen = _Foreseen(stamps, (a, b), held, self._poses(stamps, a, b, held))
+        return self._foreseen.poses
+
+    def _poses(self, stamps: np.ndarray, a: States, b: States, held: np.ndarray) -> Poses:
+        moved = self._placement.moved(stamps, b) if stamps.ndim == 1 else self._moved_apart(stamps, b, held)
         if held.any():
-            self.moved[:, held] = self.moved[-1, held]
+            moved[:, held] = moved[-1, held]
+        return Poses(moved, a.end_pose, b.end_pose)
 
     def _moved_apart(self, stamps: np.ndarray, b: States, held: np.ndarray) -> np.ndarray:
         """Poses of the movers [K, E, M, 7] in environments whose times differ; b's where they are held."""
@@ -71,16 +105,16 @@ class Slots:
     def camera(self) -> np.ndarray:
         """Gives poses of the camera float64 [K, E, 7]."""
         if self._camera is not None:
-            return self.moved[:, :, self._camera]
-        return np.repeat(self.rest[None, :, self._v.camera_body], len(self.moved), 0)
+            return self.poses.moved[:, :, self._camera]
+        return np.repeat(self.poses.rest[None, :, self._v.camera_body], len(self.poses.moved), 0)
 
     def camera_path(self) -> np.ndarray:
         """Gives poses of the camera at keyframe a and at the sub-frames, float64 [K + 1, E, 7]."""
-        return np.concatenate([self.before[None, :, self._v.camera_body], self.camera()])
+        return np.concatenate([self.poses.before[None, :, self._v.camera_body], self.camera()])
 
     def still(self, flicker: bool, held: np.ndarray) -> np.ndarray:
         """Gives flags int32 [E, N + 2] of `keyframe_kernels.find_quiet`; flicker: whether light changes."""
-        rest, before = self.rest, self.before
+        rest, before = self.poses.rest, self.poses.before
         rests = (self.camera() == before[:, self._v.camera_body]).all(axis=(0, 2))
         if not rests.any() and not held.any():
             return self._none
@@ -89,7 +123,7 @@ class Slots:
             still = np.ones(rest.shape[:2], bool)
             if not self._others_stay:
                 still = (rest == before).all(axis=-1)
-            still[:, self._movers] = (self.moved == of_bodies(before, self._movers)).all(axis=(0, 3))
+            still[:, self._movers] = (self.poses.moved == of_bodies(before, self._movers)).all(axis=(0, 3))
             lit = rests & (not flicker)
             flags[:, :-2] = still & lit[:, None]
             # What emits no light changes with the lamps, but the sky does not.
@@ -100,11 +134,11 @@ class Slots:
     def place(self, which: list[int]) -> InstancePoses:
         """Places the sub-frames `which`, counted from 0, one of each slot; on a GPU they are there after `arrive`."""
         self._last = self._b
-        fresh = self.moved[which].reshape(self._v.envs, len(self._movers), 7)
+        fresh = self.poses.moved[which].reshape(self._v.envs, len(self._movers), 7)
         if not self._others_stay:
-            others = of_bodies(self.rest, self._others)
+            others = of_bodies(self.poses.rest, self._others)
             if self._frames is None or self._placed is None or not same_bytes(others, self._placed):
-                poses = np.tile(self.rest, (self._slots, 1, 1))
+                poses = np.tile(self.poses.rest, (self._slots, 1, 1))
                 poses[:, self._movers] = fresh
                 return self._place_all(poses, others)
         if len(self._movers):
@@ -114,7 +148,9 @@ class Slots:
 
     def place_before(self) -> InstancePoses:
         """Places keyframe a in all slots."""
-        return self._place_all(np.tile(self.before, (self._slots, 1, 1)), of_bodies(self.before, self._others))
+        return self._place_all(
+            np.tile(self.poses.before, (self._slots, 1, 1)), of_bodies(self.poses.before, self._others)
+        )
 
     def _place_all(self, poses: np.ndarray, others: np.ndarray) -> InstancePoses:
         self._placed, self._frames = others, self._v.instance_poses(poses)

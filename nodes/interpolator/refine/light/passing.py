@@ -16,7 +16,7 @@ from nodes.interpolator.refine.light.passing_kernels import make_find_passing
 from nodes.interpolator.refine.probing.visit_kernels import find_briefest, find_turns
 from nodes.interpolator.refine.probing.visits import boxes_of
 from nodes.interpolator.rigid.method import Rigid
-from nodes.interpolator.rigid.slots import Slots
+from nodes.interpolator.rigid.slots import Poses
 from nodes.renderer.lights.lights import fixed_vectors
 from nodes.renderer.shadows.occlusion import half_extents
 
@@ -64,8 +64,6 @@ class Passing:
         widths = np.sort(half[~moving], axis=1)[:, 1]
         self._thinnest = float(widths[widths > 0].min(initial=np.inf)) * 2
         self._near = TURNED / max(v.view.fx, v.view.fy)
-        self.unseen = np.zeros(rigid.layout.envs, bool)
-        """Whether some shadow or beam of an environment's last gap is too thin and fast to be seen at each place."""
         self.bits = wp.empty((0, 0, 0), dtype=wp.uint64, device=v.device)
 
     @cached_property
@@ -88,25 +86,25 @@ class Passing:
         eye, apart = np.broadcast_to(se3.IDENTITY, (1, 7)), np.array([SHORT_NS])
         return bool(min(self._shortest(pair, eye, apart)[0] for pair in moved) * 2 * SEEN < USUAL_NS)
 
-    def parts(self, instants: Instants, places: Slots, lengths: np.ndarray, held: np.ndarray) -> np.ndarray:
+    def parts(
+        self, instants: Instants, poses: Poses, lengths: np.ndarray, held: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Gives how many parts of a coarse interval each environment has to be looked at, int [E], powers of two; 0
-        where half of one will do.
+        where half of one will do; and, bool [E], where some shadow or beam is too thin and fast to be seen at each.
 
-        places: at all instants of the gap. lengths: of the gap, int64 [E] ns. held: bool [E], who has none.
+        poses: at all instants of the gap. lengths: of the gap, int64 [E] ns. held: bool [E], who has none.
         """
-        self.unseen = np.zeros(len(held), bool)
         if not self._changes.passes:
-            return np.zeros(len(held), np.int64)
-        eye = places.rest[:, self._rigid.visibility.camera_body]
+            return np.zeros(len(held), np.int64), np.zeros(len(held), bool)
+        eye = poses.rest[:, self._rigid.visibility.camera_body]
         lengths = np.where(held, 1, lengths)
         coarse = lengths / instants.coarse
-        seen = SEEN * self._shortest(places.moved, eye, lengths / instants.count)
+        seen = SEEN * self._shortest(poses.moved, eye, lengths / instants.count)
         most = min(MOST, 1 << instants.depth)
         rare = ~held & (2 * seen < coarse)
         wanted = np.ceil(coarse / np.maximum(seen, coarse / (most + 1)))
-        self.unseen = rare & (wanted > most)
         parts = np.minimum(1 << np.ceil(np.log2(np.maximum(wanted, 1))).astype(np.int64), most)
-        return np.where(rare & (parts > 2), parts, 0)
+        return np.where(rare & (parts > 2), parts, 0), rare & (wanted > most)
 
     def find(self, intervals: int, cut: Any, stage: Any, held: wp.array, evaluator: Evaluator) -> None:
         """Finds the bits of a window whose bodies are placed: launches only. intervals: of the window."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,14 +10,14 @@ import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.cuda_graph import CudaGraphs
-from nodes.interpolator.keyframe import States
+from nodes.interpolator.keyframe import Span
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.probing.probe_kernels import make_find_thin
 from nodes.interpolator.refine.probing.strays import Strays
 from nodes.interpolator.refine.probing.visits import Visits
 from nodes.interpolator.rigid.displacement_kernels import displace
 from nodes.interpolator.rigid.method import Rigid
-from nodes.interpolator.rigid.slots import Slots
+from nodes.interpolator.rigid.slots import Poses, Slots
 from nodes.renderer.raster.visibility import Visibility
 
 LEAST, LEAST_PER_FRAME, MOST = 8, 2, 1024
@@ -35,6 +36,23 @@ RECORDED = 128
 """Z-buffers of a gap up to which a GPU keeps the launches that draw them: more are rare."""
 SHORT_NS = 10_000
 """Time over which it is found how fast things are."""
+
+
+@dataclass(frozen=True)
+class Ahead:
+    """Holds what is known of a gap's z-buffers before any is drawn.
+
+    least, most: per coarse interval. begun [E]: how many are drawn at first. looked_at [E]: of the gap, those in which
+    it is found how many are needed. wanted [E]: how many visits to the image and what strays need. pairs: poses of all
+    bodies then and a short time before, float64 [n E, N, 7], of the frames and, where it is found there, between them.
+    """
+
+    least: int
+    most: int
+    begun: np.ndarray
+    looked_at: np.ndarray
+    wanted: np.ndarray
+    pairs: list[tuple[np.ndarray, np.ndarray]]
 
 
 class Probes:
@@ -81,47 +99,53 @@ class Probes:
             self._drawers[count] = v, Slots(coarse.scene, v, placement, count)
         return self._drawers[count]
 
-    def draw(
-        self,
-        instants: Instants,
-        stamps: np.ndarray,
-        lengths: np.ndarray,
-        places: Slots,
-        states: tuple[States, States],
-        held: np.ndarray,
-    ) -> None:
-        """Draws what a gap needs, whose coarse frames are drawn.
+    def foresee(self, instants: Instants, stamps: np.ndarray, poses: Poses, gap: Span) -> Ahead | None:
+        """Works out what the bodies' motion alone tells of a gap; None where nothing moves.
 
-        stamps: of its instants, int64 [n] or [E, n] ns. lengths: of the gap, int64 [E] ns. places: at all instants.
-        states: to the keyframes at its start and at its end. held: bool [E], environments that have no gap.
+        stamps: of its instants, int64 [n] or [E, n] ns. poses: at all of them.
         """
-        rigid, coarse = self._rigid, self._coarse
+        rigid, coarse, held = self._rigid, self._coarse, gap.held
+        if not len(rigid.placement.movers):
+            return None
         pixels = self._v.shape[1] * self._v.shape[2]
-        self.unseen = np.zeros(self._envs, bool)
-        shortest = 0 if held.all() else int(lengths[~held].min())
+        shortest = 0 if held.all() else int((gap.ends - gap.starts)[~held].min())
         # How fast things are is found over a time that is shorter than what lies between two of them.
         most = min(MOST, ROOM // pixels, shortest // (2 * SHORT_NS)) // coarse
         most = min(1 << max(most.bit_length() - 1, 0), 1 << instants.depth)
         least = min(self._least, 1 << instants.depth)
-        if not len(rigid.placement.movers):
+        most = max(most, least)
+        # So many that what comes and goes is in some of them, then as many as what is in them needs.
+        visits = self._visits.needed(instants, poses, least)
+        strays = self._strays.needed(instants, poses, shortest, least, most)
+        begun = np.where(held, least, np.minimum(visits, most))
+        # Coarse frames tell, but for what is in the image between them alone.
+        looked_at = coarse * np.where(begun > least, begun, 1)
+        length = 1 << instants.depth
+        # The last one, the keyframe, has the first slot.
+        frames = [coarse * length - 1, *range(length - 1, (coarse - 1) * length, length)]
+        between = order_of(instants, int(looked_at.max()) // coarse)
+        pairs = [self._shortly_before(which, stamps, poses, gap) for which in (frames, between) if which]
+        return Ahead(least, most, begun, looked_at, np.maximum(visits, strays), pairs)
+
+    def draw(self, ahead: Ahead | None, instants: Instants, poses: Poses, gap: Span) -> None:
+        """Draws what a gap needs, whose coarse frames are drawn. ahead: as of `foresee`."""
+        held = gap.held
+        self.unseen = np.zeros(self._envs, bool)
+        if ahead is None:
+            least = min(self._least, 1 << instants.depth)
             each = np.full(self._envs, least)
-            self._draw(instants, places, 1, least)
+            self._draw(instants, poses, 1, least)
         else:
-            most = max(most, least)
-            # So many that what comes and goes is in some of them, then as many as what is in them needs.
-            visits = self._visits.needed(instants, places, least)
-            begun = np.where(held, least, np.minimum(visits, most))
-            self._draw(instants, places, 1, int(begun.max()))
-            # What is found on the host comes first: a GPU draws meanwhile, and is waited for then.
-            strays = self._strays.needed(instants, places, shortest, least, most)
-            each = self._needed(instants, stamps, lengths, places, states, held, begun, most)
-            self.unseen |= (np.maximum(visits, strays) > most) & ~held
-            each = np.where(held, each, np.maximum(each, np.minimum(strays, most)))
-            self._draw(instants, places, int(begun.max()), int(each.max()))
+            begun = int(ahead.begun.max())
+            self._draw(instants, poses, 1, begun)
+            each = self._needed(ahead, gap)
+            self.unseen |= (ahead.wanted > ahead.most) & ~held
+            each = np.where(held, each, np.maximum(each, np.minimum(ahead.wanted, ahead.most)))
+            self._draw(instants, poses, begun, int(each.max()))
         self.each.assign(each.astype(np.int32))
         self.most = int(each.max())
 
-    def _draw(self, instants: Instants, places: Slots, drawn: int, each: int) -> None:
+    def _draw(self, instants: Instants, poses: Poses, drawn: int, each: int) -> None:
         """Draws `each` per coarse interval, of which `drawn` are there."""
         done = self._coarse * (drawn - 1)
         order = order_of(instants, each)
@@ -134,7 +158,7 @@ class Probes:
         while done < len(order):
             count = self._count(len(order) - done)
             v, mine = self._drawer(count)
-            mine.moved, mine.before, mine.rest = places.moved, places.before, places.rest
+            mine.poses = poses
             mine.place(order[done : done + count])
             v.settle()
             first, done = done * self._envs, done + count
@@ -155,41 +179,22 @@ class Probes:
             size *= FEWER
         return size
 
-    def _needed(
-        self,
-        instants: Instants,
-        stamps: np.ndarray,
-        lengths: np.ndarray,
-        places: Slots,
-        states: tuple[States, States],
-        held: np.ndarray,
-        begun: np.ndarray,
-        most: int,
-    ) -> np.ndarray:
-        """How many z-buffers per coarse interval each environment needs, int64 [E], powers of two up to `most`. begun:
-        how many of its own are drawn."""
-        v, coarse, rigid = self._v, self._coarse, self._rigid
+    def _needed(self, ahead: Ahead, gap: Span) -> np.ndarray:
+        """How many z-buffers per coarse interval each environment needs for what is in those that are drawn, int64 [E],
+        powers of two up to the most."""
+        v, coarse, rigid, held = self._v, self._coarse, self._rigid, gap.held
         pixels = v.shape[1] * v.shape[2]
-        least = min(self._least, 1 << instants.depth)
-        levels = (most // least).bit_length()
+        levels = (ahead.most // ahead.least).bit_length()
         parts = {row0: k for k, (row0, _) in enumerate(v.row_tiles.parts)}
         missed: wp.array = wp.zeros((len(parts), self._envs, levels + 1), dtype=wp.int64, device=v.device)
         span = v.shape[2] if v.device.is_cpu else 1
-        gaps: wp.array = wp.array((lengths / SHORT_NS).astype(np.float32), device=v.device)
-        # Coarse frames tell, but for what is in the image between them alone.
-        looked_at = coarse * np.where(begun > least, begun, 1)
-        own: wp.array = wp.array(np.where(held, 0, looked_at).astype(np.int32), device=v.device)
-        length = 1 << instants.depth
-        # The last one, the keyframe, has the first slot.
-        frames = [coarse * length - 1, *range(length - 1, (coarse - 1) * length, length)]
-        between = order_of(instants, int(looked_at.max()) // coarse)
-        for first, which, packed in ((0, frames, rigid.visibility.packed), (coarse, between, self.packed)):
-            rows = len(which) * self._envs
-            if not rows:
-                continue
-            turn, shift = self._displaced(which, stamps, places, states, held)
+        gaps: wp.array = wp.array(((gap.ends - gap.starts) / SHORT_NS).astype(np.float32), device=v.device)
+        own: wp.array = wp.array(np.where(held, 0, ahead.looked_at).astype(np.int32), device=v.device)
+        for first, (now, then), packed in zip((0, coarse), ahead.pairs, (rigid.visibility.packed, self.packed)):
+            rows = now.shape[0]
+            turn, shift = self._displaced(now, then)
             where = [v.view, self._envs, first * self._envs]
-            what = [span, gaps, least * coarse, own, turn, shift, rigid.pieces, v.triangle_instance, packed]
+            what = [span, gaps, ahead.least * coarse, own, turn, shift, rigid.pieces, v.triangle_instance, packed]
 
             def of_rows(
                 y0: int, y1: int, rows: int = rows, where: list[Any] = where, what: list[Any] = what
@@ -200,30 +205,32 @@ class Probes:
             v.row_tiles.launch(self._find_thin, of_rows, v.device, in_parts=True)
         found = missed.numpy().sum(axis=0)
         unseen, all_of_it = found[:, :-1], found[:, -1:]
-        of_all = np.where(begun > least, OF_VISITS, MISSED_OF_ALL)[:, None]
-        once = pixels * looked_at[:, None]
+        of_all = np.where(ahead.begun > ahead.least, OF_VISITS, MISSED_OF_ALL)[:, None]
+        once = pixels * ahead.looked_at[:, None]
         enough = (unseen <= MISSED * once) & ((unseen <= of_all * all_of_it) | (unseen <= FEW * once))
         self.unseen = ~enough[:, -1] & ~held
         enough[:, -1] = True
-        return np.maximum(least << enough.argmax(axis=1), begun)
+        return np.maximum(ahead.least << enough.argmax(axis=1), ahead.begun)
 
-    def _displaced(
-        self, which: list[int], stamps: np.ndarray, places: Slots, states: tuple[States, States], held: np.ndarray
-    ) -> tuple[wp.array, wp.array]:
-        """How bodies move against the camera in the short time before each of some instants, counted from 0."""
-        rigid, v, before = self._rigid, self._v, self._before
-        movers = rigid.placement.movers
-        at = stamps[..., which] - SHORT_NS
-        ascending = np.argsort(which)
-        before.begin(np.concatenate([at[..., ascending], stamps[..., -1:]], axis=-1), *states, held)
-        then, now = (np.repeat(before.rest[None], len(which), axis=0) for _ in range(2))
-        then[ascending[:, None], :, movers] = before.moved[:-1].swapaxes(1, 2)
-        now[:, :, movers] = places.moved[which]
-        rows = len(which) * self._envs
-        given: list[Any] = [wp.array(p.reshape(rows, -1, 7), dtype=wp.transformd, device=v.device) for p in (now, then)]
+    def _shortly_before(
+        self, which: list[int], stamps: np.ndarray, poses: Poses, gap: Span
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Poses of all bodies at some instants, counted from 0, and shortly before each, float64 [n E, N, 7]."""
+        movers, ascending = self._rigid.placement.movers, np.argsort(which)
+        at = (stamps[..., which] - SHORT_NS)[..., ascending]
+        then, now = (np.repeat(poses.rest[None], len(which), axis=0) for _ in range(2))
+        moved = self._before.foresee(np.concatenate([at, stamps[..., -1:]], axis=-1), gap.a, gap.b, gap.held).moved
+        then[ascending[:, None], :, movers] = moved[:-1].swapaxes(1, 2)
+        now[:, :, movers] = poses.moved[which]
+        return now.reshape(-1, *now.shape[2:]), then.reshape(-1, *then.shape[2:])
+
+    def _displaced(self, now: np.ndarray, then: np.ndarray) -> tuple[wp.array, wp.array]:
+        """How bodies move against the camera from poses `then` to poses `now`, [rows, N, 7]."""
+        v = self._v
+        given: list[Any] = [wp.array(p, dtype=wp.transformd, device=v.device) for p in (now, then)]
         with wp.ScopedDevice(v.device):
-            turn = wp.empty((rows, now.shape[2] + 2), dtype=wp.mat33)
-            shift = wp.empty((rows, now.shape[2] + 2), dtype=wp.vec3)
+            turn = wp.empty((now.shape[0], now.shape[1] + 2), dtype=wp.mat33)
+            shift = wp.empty((now.shape[0], now.shape[1] + 2), dtype=wp.vec3)
             wp.launch(displace, turn.shape, [v.camera_body, *given], [turn, shift])
         return turn, shift
 

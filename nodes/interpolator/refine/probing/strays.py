@@ -12,7 +12,7 @@ from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.probing.stray_kernels import Balls, find_strays
 from nodes.interpolator.refine.probing.visits import sides_of
 from nodes.interpolator.rigid.placement import Placement
-from nodes.interpolator.rigid.slots import Slots
+from nodes.interpolator.rigid.slots import Poses
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.shadows.occlusion import half_extents
 
@@ -55,37 +55,37 @@ class Strays:
             self._balls.mover = wp.array(np.searchsorted(movers, bodies).astype(np.int32), dtype=wp.int32)
             self._balls.radius = wp.array(radius, dtype=wp.float64)
 
-    def needed(self, instants: Instants, places: Slots, length_ns: int, least: int, most: int) -> np.ndarray:
+    def needed(self, instants: Instants, poses: Poses, length_ns: int, least: int, most: int) -> np.ndarray:
         """Gives how many z-buffers per coarse interval each environment needs for them, int64 [E], powers of two,
         `least` at least, and 2 `most` where that is not enough.
 
-        places: at all instants of the gap. length_ns: of the gap.
+        poses: at all instants of the gap. length_ns: of the gap.
         """
-        envs, balls = places.rest.shape[0], self._balls
+        envs, balls = poses.rest.shape[0], self._balls
         late = LATE * self._tolerance_ns * instants.count / max(length_ns, 1)
         sides = self._sides or NO_SIDES
         with wp.ScopedDevice("cpu"):
             needed: wp.array = wp.full(envs, least, dtype=wp.int32)
-            balls.away = wp.array(self._away(places), dtype=wp.float64)
-            balls.eye = wp.array(np.ascontiguousarray(places.rest[:, self._camera_body]), dtype=wp.transformd)
-            start: wp.array = wp.array(np.ascontiguousarray(places.before[:, self._movers]), dtype=wp.transformd)
-            poses: wp.array = wp.array(np.ascontiguousarray(places.moved), dtype=wp.transformd)
+            balls.away = wp.array(self._away(poses), dtype=wp.float64)
+            balls.eye = wp.array(np.ascontiguousarray(poses.rest[:, self._camera_body]), dtype=wp.transformd)
+            start: wp.array = wp.array(np.ascontiguousarray(poses.before[:, self._movers]), dtype=wp.transformd)
+            moved: wp.array = wp.array(np.ascontiguousarray(poses.moved), dtype=wp.transformd)
             given = [balls, self._camera, int(self._sides is None), wp.vec4d(*sides), instants.coarse, least, most]
-            given += [EVEN * self._pixel, late, start, poses]
+            given += [EVEN * self._pixel, late, start, moved]
             wp.launch(find_strays, (envs, balls.mover.size + 1), given, [needed])
         return needed.numpy().astype(np.int64)
 
-    def _away(self, places: Slots) -> np.ndarray:
+    def _away(self, poses: Poses) -> np.ndarray:
         """Gives how far from the cameras the nearest side of a box of each ball is, float64 [E, balls] m: at the start
         or the end of the gap, of what stands still at its end."""
-        away = np.full((len(places.rest), len(self._first) + 1), FAR)
+        away = np.full((len(poses.rest), len(self._first) + 1), FAR)
         if len(self._first):
-            for poses in (places.before, places.rest):
-                sides = self._moving.sides(poses, poses[:, self._camera_body, :3])
+            for then in (poses.before, poses.rest):
+                sides = self._moving.sides(then, then[:, self._camera_body, :3])
                 away[:, :-1] = np.minimum(away[:, :-1], np.minimum.reduceat(sides, self._first, axis=1))
         # A still world does not stray before a still camera.
         if self._camera >= 0 and len(self._still.body):
-            away[:, -1] = self._still.sides(places.rest, places.rest[:, self._camera_body, :3]).min(axis=1)
+            away[:, -1] = self._still.sides(poses.rest, poses.rest[:, self._camera_body, :3]).min(axis=1)
         return np.clip(away, self._near, FAR)
 
 

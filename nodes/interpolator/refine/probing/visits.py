@@ -10,7 +10,7 @@ import warp as wp
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.probing.visit_kernels import Boxes, find_visits
 from nodes.interpolator.rigid.placement import Placement
-from nodes.interpolator.rigid.slots import Slots
+from nodes.interpolator.rigid.slots import Poses
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.shadows.occlusion import half_extents
 
@@ -36,19 +36,19 @@ class Visits:
         self._camera = int(camera[0]) if len(camera) else -1
         self._boxes = boxes_of(v, movers, which)[0]
 
-    def needed(self, instants: Instants, places: Slots, least: int) -> np.ndarray:
+    def needed(self, instants: Instants, poses: Poses, least: int) -> np.ndarray:
         """Gives how many z-buffers per coarse interval each environment needs for them, int64 [E], powers of two, and
-        `least` at least; more than there are instants where one is too short. places: at all instants of the gap."""
-        envs, most = places.rest.shape[0], 1 << instants.depth
+        `least` at least; more than there are instants where one is too short. poses: at all instants of the gap."""
+        envs, most = poses.rest.shape[0], 1 << instants.depth
         if not self._count or self._sides is None:
             return np.full(envs, least)
         sides = self._sides
         deep = DEEP * min(sides[1] - sides[0], sides[3] - sides[2])
         with wp.ScopedDevice("cpu"):
             shortest: wp.array = wp.full(envs, instants.count, dtype=wp.int32)
-            eye: wp.array = wp.array(np.ascontiguousarray(places.rest[:, self._camera_body]), dtype=wp.transformd)
-            poses: wp.array = wp.array(np.ascontiguousarray(places.moved), dtype=wp.transformd)
-            given = [self._boxes, self._camera, self._near, wp.vec4d(*sides), deep, eye, poses]
+            eye: wp.array = wp.array(np.ascontiguousarray(poses.rest[:, self._camera_body]), dtype=wp.transformd)
+            moved: wp.array = wp.array(np.ascontiguousarray(poses.moved), dtype=wp.transformd)
+            given = [self._boxes, self._camera, self._near, wp.vec4d(*sides), deep, eye, moved]
             wp.launch(find_visits, (envs, self._count), given, [shortest])
         found = shortest.numpy()
         apart = np.maximum(found // TWICE, 1)
