@@ -27,6 +27,7 @@ time, photoreceptor and readout move its events and make none. Marks change no e
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -38,7 +39,7 @@ from nodes.event_sensor.engines.engine import FLOOR as FLOOR
 from nodes.event_sensor.engines.engine import make_engine, sensor_struct, unlit_rate
 from nodes.event_sensor.input.arrays import on_device, shape_of
 from nodes.event_sensor.input.batch import Batch, SampleLists, Size
-from nodes.event_sensor.input.further import LONGEST, check
+from nodes.event_sensor.input.further import LONGEST, checked, problem
 from nodes.event_sensor.input.further import Further as Further
 from nodes.event_sensor.input.look_ahead import LookAhead
 from nodes.event_sensor.messages.limit import check_noise
@@ -47,7 +48,7 @@ from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS
 from nodes.event_sensor.optics.optics import Optics
 from nodes.event_sensor.parameters import frames_only, resolve_sensor
-from nodes.event_sensor.readout.device_events import DeviceEvents, Pending, Ready
+from nodes.event_sensor.readout.device_events import CALLS, DeviceEvents, Pending, Ready
 from nodes.event_sensor.readout.packet import Events as Events
 from nodes.event_sensor.readout.packet import merged, parted
 
@@ -133,6 +134,8 @@ class EventSensor:
         self._total = np.zeros(len(COUNTERS), np.int64)
         self._side: Any = self._make_side(size)
         self._pipelined = self._device.is_cuda and self._side.pipelined and self._optics.clear and not self._readout
+        self._told: list[wp.array] = []
+        """Where a GPU says what it has found of further samples."""
         self._episodes: np.ndarray | None = None
         self._going_on = np.zeros(envs, bool)
         self._last_stamp = self._settled = self._settled_before = 0
@@ -218,14 +221,16 @@ class EventSensor:
 
         On a CUDA device the ideal sensor has up to CALLS calls in flight: this launches the work and returns, and
         result() waits for it. The frames must stay unchanged until then. A call for which there is no room any more,
-        because the results of earlier ones were not taken, raises ValueError. Other sensors are done at once. Further
-        samples are checked before they are used, for which a call waits until they are there. defer: its events are put
+        because the results of earlier ones were not taken, raises ValueError. Other sensors are done at once. Where
+        further samples are wrong, its result() raises ValueError. defer: its events are put
         in order beside the next call's work, for who takes its result after that.
         """
-        batch, begins = self._take(luminance, t, episodes, dlog_dt, further)
+        batch, begins = self._take(luminance, t, episodes, dlog_dt, further, waits=not self._pipelined)
         if self._pipelined:
             self._left = None
             pending: Pending = self._side.submit(batch, self._settled, defer=defer)
+            if batch.further is not None:
+                pending.problem = partial(problem, batch.further, self._shape)
             return pending
         n = self._settle(batch, begins)
         if self._device.is_cuda and self._left is None:
@@ -276,9 +281,16 @@ class EventSensor:
         return self._settle(*self._take(luminance, t, episodes, dlog_dt, further))
 
     def _take(
-        self, luminance: Any, t: np.ndarray, episodes: np.ndarray, dlog_dt: Any, further: Further | None
+        self,
+        luminance: Any,
+        t: np.ndarray,
+        episodes: np.ndarray,
+        dlog_dt: Any,
+        further: Further | None,
+        waits: bool = True,
     ) -> tuple[Batch, np.ndarray]:
-        """Checks a message, applies the optics, joins the frame held back; gives the batch and bool [E], who begins."""
+        """Checks a message, applies the optics, joins the frame held back; gives the batch and bool [E], who begins.
+        waits: for what is found of further samples; else they are not read where they are wrong."""
         t = np.ascontiguousarray(t, dtype=np.int64)
         episodes = np.asarray(episodes, dtype=np.int32)
         fresh = self._fresh(shape_of(luminance), t, episodes)
@@ -291,7 +303,7 @@ class EventSensor:
         t_base = self._settled if begun else int(t[0])
         self._layout.check_span(t_base, t)
         check_noise(self._unlit, f"{self.envs} x {self._size}", t_base, t)
-        lists = self._lists(further, t, t_base, fresh)
+        lists = self._lists(further, t, t_base, fresh, waits)
         images, slopes = on_device(luminance, self._device), self._nothing
         if further is not None and self._optics.traces:
             images, lists = self._optics.traced(images, lists, t, int(t[0]) if again else self._last_stamp, fresh)
@@ -312,15 +324,28 @@ class EventSensor:
         images, t, begins, of = self._waiting.join(images, t, fresh, episodes)
         return self._batch(images, slopes, t, len(t) - 1, t_base, begins, of), begins[0]
 
-    def _lists(self, further: Further | None, t: np.ndarray, t_base: int, fresh: np.ndarray) -> SampleLists | None:
+    def _lists(
+        self, further: Further | None, t: np.ndarray, t_base: int, fresh: np.ndarray, waits: bool
+    ) -> SampleLists | None:
         """Checks the further samples of a message; None without any."""
         if further is None:
             return None
         why = frames_only(self.parameters)
         if why:
             raise ValueError(f"event sensor got further samples between the frames, but {why}")
-        lists = further.on(self._shape, self._device)
-        check(lists, self._shape, t, t_base, fresh)
+        told = None
+        if self._device.is_cuda:
+            if not self._told:
+                self._told = [wp.zeros(1, dtype=wp.int64, device="cpu", pinned=True) for _ in range(CALLS + 1)]
+            # In turns, for as many calls may be under way.
+            self._told.append(told := self._told.pop(0))
+        lists = checked(further.on(self._shape, self._device), self._shape, t, t_base, fresh, told)
+        if not waits:
+            return lists
+        if self._device.is_cuda:
+            wp.synchronize_stream(self._device.stream)
+        if wrong := problem(lists, self._shape):
+            raise ValueError(wrong)
         return lists if lists.offset.size else None
 
     def finish(self) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, zip_longest
 from typing import Any
@@ -28,6 +28,20 @@ class Arrived:
     episodes: np.ndarray
     image: Image
     states: States | None
+
+
+@dataclass(frozen=True)
+class MadeGaps:
+    """Holds what is made of gaps at once.
+
+    frames: for each, their times and themselves, as `Interpolator.push` returns them. further: samples of single pixels
+    between those of each gap. report: counts, but for what it counts of these samples of the gaps made before, so that
+    the host does not wait for a GPU.
+    """
+
+    frames: list[tuple[np.ndarray, Any]]
+    further: list[Further | None]
+    report: Report
 
 
 @dataclass(frozen=True)
@@ -77,38 +91,50 @@ class ManyGaps(Interpolator):
         """Views B of the gaps made last, and the last of these views by itself."""
         self._coming: _Row | None = None
         """The gaps that follow those that are being made, if they are known."""
-        self.further_of: list[Further | None] = []
-        """Samples of single pixels between the frames of each gap of the list that was yielded last."""
 
     def push_all(
-        self, keyframes: Sequence[Arrived], margin: int = 0, allocate: Allocate = new_frames
-    ) -> Iterator[list[tuple[np.ndarray, Any]]]:
-        """Yields what `push` returns for each keyframe, in order, in lists of those whose frames are made at once.
+        self,
+        keyframes: Sequence[Arrived],
+        deliver: Callable[[MadeGaps], None],
+        margin: int = 0,
+        allocate: Allocate = new_frames,
+    ) -> None:
+        """Delivers what `push` returns for each keyframe, in order, those at once whose frames are made at once.
 
-        The frames of a list lie in memory from one call of `allocate`. `further_of` has the samples between them.
-        `report` is, but for what it counts of these, that of the list before, so that the host does not wait for a GPU;
-        `end` makes it that of the last list.
+        Their frames lie in memory from one call of `allocate`, of which the last one is always delivered before the
+        next. On a GPU gaps that are followed by others are delivered while it works on these.
 
         Args:
             keyframes: in the order of time.
+            deliver: takes what is made.
             margin, allocate: as of `push`.
         """
         self._fit((1, *keyframes[0].image.shape[1:3]), margin)
         images = self._image(joined([one.image for one in keyframes]))
+        waiting: list[MadeGaps] = []
+
+        def hand_over() -> None:
+            while waiting:
+                deliver(waiting.pop(0))
+
         runs = self._runs(keyframes)
-        for (start, end, together), after in zip_longest(runs, runs[1:]):
-            if not together:
-                one = keyframes[start]
-                made = self.push(one.stamp_ns, one.episodes, one.image, None, None, margin, allocate, one.states)
-                self.further_of = [self.further]
-                yield [made]
-                continue
-            row = self._row_of(keyframes[start:end])
-            if after is not None and after[2]:
-                self._coming = row.followed_by(self._arrived(keyframes[after[0] : after[1]]), self.gaps)
-            found = self._between(row, images[start:end], margin, allocate)
-            self._episodes = np.array(keyframes[end - 1].episodes)
-            yield found
+        try:
+            for (start, end, together), after in zip_longest(runs, runs[1:]):
+                if not together:
+                    hand_over()
+                    one = keyframes[start]
+                    made = self.push(one.stamp_ns, one.episodes, one.image, None, None, margin, allocate, one.states)
+                    deliver(MadeGaps([made], [self.further], self.report))
+                    continue
+                row = self._row_of(keyframes[start:end])
+                if after is not None and after[2]:
+                    self._coming = row.followed_by(self._arrived(keyframes[after[0] : after[1]]), self.gaps)
+                made_gaps = self._between(row, images[start:end], margin, allocate, hand_over)
+                self._episodes = np.array(keyframes[end - 1].episodes)
+                hand_over()
+                waiting.append(made_gaps)
+        finally:
+            hand_over()
 
     def _runs(self, keyframes: Sequence[Arrived]) -> list[tuple[int, int, bool]]:
         """Splits keyframes into parts, from one to another, and tells of each whether its gaps are made at once."""
@@ -145,8 +171,10 @@ class ManyGaps(Interpolator):
             return expected
         return _Row.of(self._stamp, last.states, arrived, self.gaps)
 
-    def _between(self, row: _Row, images: wp.array, margin: int, allocate: Allocate) -> list[tuple[np.ndarray, Any]]:
-        """Makes gaps of one episode, which end with these images.
+    def _between(
+        self, row: _Row, images: wp.array, margin: int, allocate: Allocate, before_that: Callable[[], None]
+    ) -> MadeGaps:
+        """Makes gaps of one episode, which end with these images; before_that: is called before `allocate`.
 
         Fewer than `gaps` are preceded by gaps of length 0, whose frames nobody gets.
         """
@@ -161,24 +189,36 @@ class ManyGaps(Interpolator):
         else:
             a.image = joined([*[last.image] * (spare + 1), *([images[:-1]] if len(images) > 1 else [])])
         b = KeyframeView(joined([*[last.image] * spare, images]), states=gap.b, stamp_ns=row.stamps[-1], own=gap.ends)
-        out = allocate((self.gaps, *self._frames_shape(self.upsampling, self._samples)[1:]))
-        fine = (self.gaps, *self._frames_shape(self.upsampling, 1)[1:])
-        made = out if self._samples == 1 else self._fine(fine, isinstance(out, wp.array))
-        method, self.further_of = self._method_in_a_row(), [None] * len(images)
-        if isinstance(method, Refined) and self._coming is not None:
-            method.following = self._coming.gap
-        self.report = method.between(a, b, gap.held, made)
-        if isinstance(method, Refined) and method.further is not None:
-            self.further_of = method.further.of_each(self.gaps)[spare:]
-        if self._samples > 1:
-            self._average(made, out)
+        shape = (self.gaps, *self._frames_shape(self.upsampling, self._samples)[1:])
+        method, further = self._method_in_a_row(), None
+        if isinstance(method, Refined) and self._device.is_cuda:
+            method.following = None if self._coming is None else self._coming.gap
+            method.meanwhile = before_that
+            report, further = method.between(a, b, gap.held, None), method.further
+            before_that()
+            out = allocate(shape)
+            method.hand_over(out)
+        else:
+            before_that()
+            out = allocate(shape)
+            fine = (self.gaps, *self._frames_shape(self.upsampling, 1)[1:])
+            made = out if self._samples == 1 else self._fine(fine, isinstance(out, wp.array))
+            report = method.between(a, b, gap.held, made)
+            if isinstance(method, Refined):
+                further = method.further
+            if self._samples > 1:
+                self._average(made, out)
+        found: list[Further | None] = [None] * len(images)
+        if further is not None:
+            found = further.of_each(self.gaps)[spare:]
         self._last = KeyframeView(images[-1:], states=row.states[-1], stamp_ns=row.stamps[-1])
         self._stamp = row.stamps[-1]
         self._row = b, self._last
-        return [
+        frames = [
             (subframe_stamps(before, after, self.upsampling), out[spare + n : spare + n + 1])
             for n, (before, after) in enumerate(pairwise(row.stamps))
         ]
+        return MadeGaps(frames, found, report)
 
     def begin(self, envs: int, height: int, width: int, margin: int = 0) -> None:
         """Does what `Interpolator.begin` does, for several gaps at once."""
@@ -202,8 +242,7 @@ class ManyGaps(Interpolator):
         stamps = list(made_up.stamps(runs * self.gaps, gap_ns))
         states = [swayed[0], *(swayed[1 + k % 2].at(stamps[k : k + 2]) for k in range(len(stamps) - 1))]
         arrived = [Arrived(stamp, episodes, image, then) for stamp, then in zip(stamps, states)]
-        for _ in self.push_all(arrived, margin, self._scratch):
-            pass
+        self.push_all(arrived, lambda made: None, margin, self._scratch)
         self.end()
         self._warmed = True
 

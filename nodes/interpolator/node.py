@@ -31,7 +31,8 @@ from nodes.renderer.parameters import BATCH, LIGHT
 
 if TYPE_CHECKING:
     from nodes.interpolator.interpolator import Interpolator
-    from nodes.interpolator.keyframe import States
+    from nodes.interpolator.keyframe import Report, States
+    from nodes.interpolator.many_gaps import MadeGaps
     from nodes.interpolator.samples import Further
     from nodes.interpolator.separate import SeparateInterpolators
 
@@ -284,7 +285,7 @@ class InterpolatorNode(Node):
             None if key.own is None else np.array(key.own[:, STAMP]),
         )
         self._hold(inputs)
-        self._count_report()
+        self._count_report(self.interpolator.report)
         if self._frames_alone and len(t) > 1:
             self.count("pixels_by_frames_alone", len(frames) * frames.shape[2] * frames.shape[3])
         made: dict[str, Frames | Samples] = {}
@@ -311,17 +312,20 @@ class InterpolatorNode(Node):
             for key, one in zip(keys, inputs)
         ]
         begun = iter(keys)
-        for made in many.push_all(arrived, keys[0].margin, self._allocate):
-            self._count_report()
-            of_these = list(islice(begun, len(made)))
+
+        def deliver(made: MadeGaps) -> None:
+            self._count_report(made.report)
+            of_these = list(islice(begun, len(made.frames)))
             if self._frames_alone:
-                pixels = sum(frames.shape[2] * frames.shape[3] for t, frames in made if len(t) > 1)
+                pixels = sum(frames.shape[2] * frames.shape[3] for t, frames in made.frames if len(t) > 1)
                 self.count("pixels_by_frames_alone", pixels)
             if self._sampled:
-                found = [self._samples(*one) for one in zip(of_these, *zip(*made), many.further_of)]
+                found = [self._samples(*one) for one in zip(of_these, *zip(*made.frames), made.further)]
                 self.publish_all("samples", found)
             if not self._sampled or self.wants("frames"):
-                self.publish_all("frames", [self._frames(key, *one) for key, one in zip(of_these, made)])
+                self.publish_all("frames", [self._frames(key, *one) for key, one in zip(of_these, made.frames)])
+
+        many.push_all(arrived, deliver, keys[0].margin, self._allocate)
         self._hold(inputs[-1])
 
     def _hold(self, inputs: Mapping[str, Message]) -> None:
@@ -331,8 +335,7 @@ class InterpolatorNode(Node):
         self._release()
         self._kept = list(inputs.values())
 
-    def _count_report(self) -> None:
-        report = self.interpolator.report
+    def _count_report(self, report: Report) -> None:
         counts = {"filled_pixels": report.filled, "reshaded_pixels": report.reshaded}
         counts |= {"further_samples": report.refined, "gaps_above_time_tolerance": report.unreached}
         counts["gaps_passed_unseen"] = report.unseen
@@ -399,7 +402,7 @@ class InterpolatorNode(Node):
 
         if isinstance(self.interpolator, ManyGaps):
             self.interpolator.end()
-            self._count_report()
+            self._count_report(self.interpolator.report)
 
     def close(self) -> None:
         """Lets go of keyframes, also where another node's setup failed before its own."""

@@ -49,10 +49,14 @@ def test_frames_are_the_same_for_any_number_of_gaps(name, gaps, at_once):
     many = ManyGaps("rigid", K, gaps, scene=scene, camera=scene.cameras[0])
     many.warm_up_for(1, *made[0].image.shape[1:3])
     found, reshaded = [], 0
+
+    def deliver(some):
+        nonlocal reshaded
+        found.extend((t.tolist(), f.copy()) for t, f in some.frames)
+        reshaded += some.report.reshaded
+
     for start in range(0, len(made), at_once):
-        for some in many.push_all(made[start : start + at_once]):
-            found += [(t.tolist(), f.copy()) for t, f in some]
-            reshaded += many.report.reshaded
+        many.push_all(made[start : start + at_once], deliver)
     many.end()
     reshaded += many.report.reshaded
     assert many.gaps == gaps

@@ -15,7 +15,9 @@ FIRST = wp.constant(3)
 OFFSET = wp.constant(4)
 VALUE = wp.constant(5)
 SHARED = wp.constant(6)
-STAMPS = wp.constant(7)
+FOUND = wp.constant(7)
+"""Address of what was found wrong with them, int64 [1]: unless it is FINE they are not read; 0 = they are fine."""
+STAMPS = wp.constant(8)
 """From here on: K stamps, then for each environment not 0 where an episode begins."""
 
 # Counters, int64, beyond those of nodes.event_sensor.model.sensor_kernels.

@@ -22,6 +22,7 @@ from nodes.event_sensor.cuda.call_kernels import (
     ACTIVE,
     BLOCKED,
     FIRST,
+    FOUND,
     FULL_FROM,
     IMAGES,
     OFFSET,
@@ -30,6 +31,7 @@ from nodes.event_sensor.cuda.call_kernels import (
     T_BASE,
     VALUE,
 )
+from nodes.event_sensor.input.further_kernels import FINE
 from nodes.event_sensor.model.crossing_kernels import crossing_on_line
 from nodes.event_sensor.model.key_kernels import key_head, key_tail, key_time
 from nodes.event_sensor.model.sensor_kernels import (
@@ -74,7 +76,11 @@ def inside(v: wp.float32, low: wp.float32, high: wp.float32):
 def list_of(call: wp.array(dtype=wp.int64), index: wp.int32):
     """Returns where the further samples of a pixel and channel begin and end."""
     found = wp.vec2i(0, 0)
-    if call[FIRST] != wp.int64(0):
+    there = call[FIRST] != wp.int64(0)
+    if there and call[FOUND] != wp.int64(0):
+        wrong = wp.array(ptr=wp.uint64(call[FOUND]), shape=(1,), dtype=wp.int64)
+        there = wrong[0] == wp.int64(wp.static(FINE))
+    if there:
         first = wp.array(ptr=wp.uint64(call[FIRST]), shape=(1,), dtype=wp.int32)
         one = index // wp.int32(call[SHARED])
         found = wp.vec2i(first[one], first[one + 1])

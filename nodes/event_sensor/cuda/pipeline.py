@@ -39,7 +39,7 @@ class Source(Protocol):
 
         Args:
             sensor: its parameters, with the room that there is for events.
-            call: parameters of the call, int64 [7 + K + E], see call_kernels.
+            call: parameters of the call, int64 [8 + K + E], see call_kernels.
             frames: K.
             filled: events in each bucket, int32.
             counters: of this call, int64 [COUNTS].
@@ -192,7 +192,7 @@ class Pipeline:
                 call.graphs.clear()
 
     def parameters(self, frames: int) -> np.ndarray:
-        """Returns the int64 [7 + K + E] of the next call, to be filled: see nodes.event_sensor.cuda.call_kernels.
+        """Returns the int64 [8 + K + E] of the next call, to be filled: see nodes.event_sensor.cuda.call_kernels.
 
         Raises ValueError where too many calls are in flight.
         """
@@ -325,7 +325,7 @@ class Pipeline:
         pending.events = DeviceEvents(
             slot.named, int(head[0]), offsets, pending.span, lambda: slot.serial == serial, ends, settled=True
         )  # fmt: skip
-        pending.keep = None
+        pending.keep, pending.wrong = None, pending.problem()
 
     def _mend(self, slot: Slot, pending: Pending) -> None:
         """Completes a call that did not end on the device, by more room or another sort."""

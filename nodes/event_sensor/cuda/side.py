@@ -10,6 +10,7 @@ import warp as wp
 
 from nodes.event_sensor.cuda.call_kernels import (
     FIRST,
+    FOUND,
     IMAGES,
     OFFSET,
     SHARED,
@@ -79,7 +80,7 @@ class DeviceSide:
             call[FIRST] = 0
         else:
             call[FIRST], call[OFFSET], call[VALUE] = lists.first.ptr, lists.offset.ptr, lists.value.ptr
-            call[SHARED] = lists.shared
+            call[SHARED], call[FOUND] = lists.shared, 0 if lists.found is None else lists.found.ptr
         call[STAMPS : STAMPS + count] = batch.t[:count]
         call[STAMPS + count :] = batch.begin
         if self._relaunched is not None:

@@ -14,12 +14,15 @@ class SampleLists:
     """Further samples between the frames, on the sensor's device, see further.Further; `first` counts lists.
 
     A list is that of `shared` neighbouring pixels and channels: entry i has the values value[i shared] and after.
+    found, told: int64 [1], what further.checked has found, on the sensor's device and where the host can read it.
     """
 
     first: wp.array
     offset: wp.array
     value: wp.array
     shared: int
+    found: wp.array | None = None
+    told: wp.array | None = None
 
 
 @dataclass

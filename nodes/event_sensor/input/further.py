@@ -6,7 +6,7 @@ ln I is taken to be a straight line between neighbouring samples of a pixel, whe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -102,13 +102,14 @@ class Further:
         with wp.ScopedDevice(device):
             first = wp.zeros(pixels + 1, dtype=wp.int32)
             for starts, *_ in lists:
-                wp.launch(add_counts, pixels, [starts], [first])
+                wp.launch(add_counts, pixels, [starts, 1], [first])
             wp.utils.array_scan(first, first, inclusive=True)
             taken = wp.clone(first)
             offset, value = wp.empty(total, dtype=wp.int32), wp.empty(total * shared, dtype=wp.float32)
             for (starts, offsets, values), after in zip(lists, later):
-                given = [starts, offsets, values, shared, after]
-                wp.launch(append_samples, pixels, given, [taken, offset, value])
+                given = [starts, offsets, values, shared, after, taken]
+                wp.launch(append_samples, offsets.size, given, [offset, value])
+                wp.launch(add_counts, pixels, [starts, 0], [taken])
         return cls(first, offset, value if shared == 1 else value.reshape((total, 3)))
 
     def on(self, size: Size, device: Any) -> SampleLists:
@@ -127,13 +128,15 @@ class Further:
         return SampleLists(first, offset, value, shared)
 
 
-def check(lists: SampleLists, size: Size, t: np.ndarray, t_base: int, fresh: np.ndarray) -> None:
-    """Raises ValueError where lists do not ascend, or leave the message.
+def checked(
+    lists: SampleLists, size: Size, t: np.ndarray, t_base: int, fresh: np.ndarray, told: wp.array | None = None
+) -> SampleLists:
+    """Gives the lists with what `problem` needs to tell whether they ascend, and stay within the message.
 
     t: int64 [K] ns, stamps of the frames. t_base: [ns], where offsets are 0. fresh: bool [E], environments that begin
-    an episode with the first frame.
+    an episode with the first frame. told: int64 [1] in pinned memory, on a GPU.
     """
-    from nodes.event_sensor.input.further_kernels import FINE, REASONS, check_lists
+    from nodes.event_sensor.input.further_kernels import FINE, check_lists
 
     device = lists.first.device
     stamps: wp.array = wp.array(np.asarray(t - t_base, np.int64), device=device)
@@ -145,12 +148,23 @@ def check(lists: SampleLists, size: Size, t: np.ndarray, t_base: int, fresh: np.
     wp.launch(
         check_lists, threads, [lists.first, lists.offset, stamps, begins, pixels, each], [found], device=device
     )  # fmt: skip
-    worst = int(found.numpy()[0])
-    if worst != FINE:
-        pixel, reason = divmod(worst, len(REASONS))
-        env, inner = divmod(pixel, pixels)
-        y, x = divmod(inner, size.width)
-        raise ValueError(f"further samples of pixel x {x}, y {y} of environment {env} {REASONS[reason]}")
+    if told is not None:
+        wp.copy(told, found)
+    return replace(lists, found=found, told=found if told is None else told)
+
+
+def problem(lists: SampleLists, size: Size) -> str:
+    """Says what is wrong with lists that were `checked`, "" where nothing is; on a GPU it must have been waited for."""
+    from nodes.event_sensor.input.further_kernels import FINE, REASONS
+
+    assert lists.told is not None
+    worst = int(lists.told.numpy()[0])
+    if worst == FINE:
+        return ""
+    pixel, reason = divmod(worst, len(REASONS))
+    env, inner = divmod(pixel, size.pixels // size.channels)
+    y, x = divmod(inner, size.width)
+    return f"further samples of pixel x {x}, y {y} of environment {env} {REASONS[reason]}"
 
 
 def _whole(values: Any, name: str, device: Any) -> wp.array:

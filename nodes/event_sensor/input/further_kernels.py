@@ -81,12 +81,13 @@ def check_lists(
 def add_counts(
     # in
     first: wp.array(dtype=wp.int32),
+    ahead: wp.int32,
     # in and out
     count: wp.array(dtype=wp.int32),
 ):
-    """Adds the number of samples of each pixel q, first[q + 1] - first[q], to count[q + 1]."""
+    """Adds the number of samples of each pixel q, first[q + 1] - first[q], to count[q + ahead]."""
     q = wp.tid()
-    count[q + 1] += first[q + 1] - first[q]
+    count[q + ahead] += first[q + 1] - first[q]
 
 
 @wp.kernel
@@ -97,21 +98,23 @@ def append_samples(
     value: wp.array(dtype=wp.float32),
     shared: wp.int32,
     later: wp.int32,
-    # in and out
     taken: wp.array(dtype=wp.int32),
     # out
     offsets: wp.array(dtype=wp.int32),
     values: wp.array(dtype=wp.float32),
 ):
-    """Copies the samples of a message to where those of each pixel go on, and moves that on.
+    """Copies the samples of a message, a thread each, to where those of each pixel go on.
 
-    shared: values of a sample. later: by how much offsets grow [ns]. taken: where the next sample of each pixel goes.
+    shared: values of a sample. later: by how much offsets grow [ns]. taken: where the first sample of each pixel goes.
     """
-    q = wp.tid()
-    at = taken[q]
-    for i in range(first[q], first[q + 1]):
-        offsets[at] = offset[i] + later
-        for c in range(shared):
-            values[at * shared + c] = value[i * shared + c]
-        at += 1
-    taken[q] = at
+    i = wp.tid()
+    q = wp.lower_bound(first, i + 1) - 1
+    # Lists that do not ascend are found later; they must not be written anywhere else.
+    if q < 0 or q + 1 >= first.shape[0]:
+        return
+    at = taken[q] + i - first[q]
+    if at < 0 or at >= offsets.shape[0]:
+        return
+    offsets[at] = offset[i] + later
+    for c in range(shared):
+        values[at * shared + c] = value[i * shared + c]

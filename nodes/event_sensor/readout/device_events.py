@@ -127,12 +127,17 @@ class Pending:
         self._collect = collect
         self.serial, self.frames, self.span, self.keep = serial, frames, span, keep
         self.events: DeviceEvents | None = None
+        self.problem: Callable[[], str] = str
+        """Says what was wrong with what it read, "" where nothing was; called once its events are there."""
+        self.wrong = ""
 
     def result(self) -> DeviceEvents:
-        """Its events, on the device."""
+        """Its events, on the device. Raises ValueError where what it read was wrong."""
         if self.events is None:
             self._collect(self)
         assert self.events is not None
+        if self.wrong:
+            raise ValueError(self.wrong)
         return self.events
 
 

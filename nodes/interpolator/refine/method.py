@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import warp as wp
@@ -28,7 +28,7 @@ class Refined:
     """Makes the frames of `Rigid`, and samples of single pixels between them where what they show changes.
 
     further: the samples of the gap made last, None without any. following: the gap after the one that is made next,
-    where it is known, to be prepared meanwhile.
+    where it is known, to be prepared while a GPU works on that. meanwhile: what else is done then.
     """
 
     def __init__(self, rigid: Rigid, tolerance_ns: float, threads: int = 1, light_samples: int = 16) -> None:
@@ -36,6 +36,7 @@ class Refined:
         self.rigid, self.refinement = rigid, Refinement(rigid, tolerance_ns, threads, light_samples)
         self.further: Further | None = None
         self.following: Span | None = None
+        self.meanwhile: Callable[[], None] | None = None
         self._built = False
 
     def begin_build(self) -> None:
@@ -51,14 +52,18 @@ class Refined:
         """See Rigid."""
         self.rigid.settle()
 
+    def hand_over(self, out: np.ndarray | wp.array) -> None:
+        """See Rigid."""
+        self.rigid.hand_over(out)
+
     def last_report(self) -> Report:
         """See Rigid; without what samples count, which `between` has told."""
         return self.rigid.last_report()
 
     def between(
-        self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array
+        self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array | None
     ) -> Report:
-        """See Method."""
+        """See Method. out: None on a GPU where `hand_over` is to write the frames later."""
         if not self._built:
             build_together(self.rigid.visibility.device, [*self.rigid.kernels(), *self.refinement.kernels()])
             self._built = True
@@ -68,7 +73,8 @@ class Refined:
         if self.rigid.rested:
             self.further = None
             return told()
-        self.further = self.refinement.further(a, b, held, self.rigid.frames, following)
+        meanwhile = self.meanwhile or (lambda: None)
+        self.further = self.refinement.further(a, b, held, self.rigid.frames, following, meanwhile)
         report, refinement = told(), self.refinement
         report.refined, report.reshaded = refinement.evaluated, report.reshaded + refinement.shaded
         report.unreached = 0 if refinement.reached else int((~held).sum())

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -95,11 +95,18 @@ class Refinement:
         return [*looks, *window, *self._probes.kernels(), *passing, (sort, LAUNCH_BLOCK)]
 
     def further(
-        self, a: KeyframeView, b: KeyframeView, held: np.ndarray, frames: wp.array, following: Span | None = None
+        self,
+        a: KeyframeView,
+        b: KeyframeView,
+        held: np.ndarray,
+        frames: wp.array,
+        following: Span | None,
+        meanwhile: Callable[[], None],
     ) -> Further | None:
         """Computes the samples between the frames [E K, h, w] of the gap made last; None without any.
 
-        following: the gap after it, if it is known, which is prepared while a GPU works on this one.
+        following: the gap after it, if it is known, which is prepared while a GPU works on this one. meanwhile: what
+        else is done then, once or more.
         """
         gap, envs = Span.between(a, b, held), self._rigid.layout.envs
         self.evaluated = self.shaded = 0
@@ -120,13 +127,18 @@ class Refinement:
         self._held.assign(held.astype(np.int32))
         self._parts.assign(motion.parts.astype(np.int32))
         self._flicker.find(gap.starts, stamps, instants.coarse)
-        total, meanwhile = 0, partial(self._meanwhile, gap, stamps, following)
+
+        def while_it_works() -> None:
+            meanwhile()
+            self._prepare(gap, stamps, following)
+
+        total = 0
         for first, last in instants.windows():
             evaluator.send(instants.of_window(first), instants.count)
             cut = self._cut(instants, evaluator, first)
             cut.parts = int(motion.parts.max())
             window = Window(last - first, cut, self._stage(rounds), self._held, self._flicker.kernel, frames)
-            total, shaded = rounds.run(window, total, meanwhile)
+            total, shaded = rounds.run(window, total, while_it_works)
             self.shaded += shaded
         self.evaluated = total
         since = np.broadcast_to(stamps, (envs, instants.count)) - gap.starts[:, None]
@@ -147,8 +159,8 @@ class Refinement:
             gap, stamps, poses, probes, *self._passing.parts(instants, poses, gap.ends - gap.starts, gap.held)
         )
 
-    def _meanwhile(self, gap: Span, stamps: np.ndarray, following: Span | None) -> None:
-        """Prepares the next gap while a GPU works on this one; stamps: of all instants of this one."""
+    def _prepare(self, gap: Span, stamps: np.ndarray, following: Span | None) -> None:
+        """Prepares the gap after this one; stamps: of all instants of this one."""
         if self._foreseen is not None:
             return
         if following is None:

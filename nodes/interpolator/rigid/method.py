@@ -157,9 +157,12 @@ class Rigid:
         return self.begin(a, b, held, out)()
 
     def begin(
-        self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array
+        self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array | None
     ) -> Callable[[], Report]:
-        """Does as `between`, but waits for nothing that a GPU does; what this returns waits, and gives the report."""
+        """Does as `between`, but waits for nothing that a GPU does; what this returns waits, and gives the report.
+
+        out: None on a GPU where `hand_over` is to write the frames later.
+        """
         assert a.states is not None and b.states is not None
         if not self._built:
             build_together(self._device, self.kernels())
@@ -203,8 +206,8 @@ class Rigid:
                 self._reprojection.strength.assign(strength[which.reshape(-1)])
             self._graphs.run(("look", portion, self._even, builds), partial(self._reproject, portion, frames))
         turn, self._even = int(self._even), not self._even
-        if frames is self._buffer:
-            self._hand_over(frames, out)
+        if out is not None:
+            self.hand_over(out)
         if self._device.is_cuda and together:
             self.placement.expect(stamps)
         if (there := self._there[turn]) is not None:
@@ -239,7 +242,7 @@ class Rigid:
             return False
         return np.array_equal(b.image.numpy().reshape(-1), self.pair.b.image.numpy().reshape(-1))
 
-    def _rest(self, b: KeyframeView, out: np.ndarray | wp.array) -> Report:
+    def _rest(self, b: KeyframeView, out: np.ndarray | wp.array | None) -> Report:
         """All frames as b, which is as a: what is known of a is known of b."""
         self._at_b = b
         envs, k, (height, width), m = self.layout.envs, self.layout.upsampling, self.size, self.visibility.margin
@@ -374,20 +377,22 @@ class Rigid:
         if self.change is not None:
             self.change.take(*self.pair.fresh)
 
-    def _target(self, out: np.ndarray | wp.array) -> wp.array:
+    def _target(self, out: np.ndarray | wp.array | None) -> wp.array:
         """The output on a CPU, a buffer in its place on a GPU, as [E K, h, w] pixels."""
         pixel: Any = wp.float32 if self.layout.channels == 1 else wp.vec3
         shape = (self.layout.envs * self.layout.upsampling, *self.size)
         if self._device.is_cpu:
-            given = out.numpy() if isinstance(out, wp.array) else out
+            given = out.numpy() if isinstance(out, wp.array) else np.asarray(out)
             return wp.array(given, dtype=pixel, shape=shape, copy=False, device="cpu")
         if self._buffer is None:
             self._buffer = wp.empty(shape, dtype=pixel, device=self._device)
         return self._buffer
 
-    def _hand_over(self, frames: wp.array, out: np.ndarray | wp.array) -> None:
-        """Copy what a GPU has made to where it is wanted."""
+    def hand_over(self, out: np.ndarray | wp.array) -> None:
+        """Copies the frames of the gap made last, which a GPU has made, to where they are wanted."""
+        if self.frames is not self._buffer:
+            return
         if isinstance(out, wp.array):
-            wp.copy(out.flatten(), frames.flatten())
+            wp.copy(out.flatten(), self.frames.flatten())
         else:
-            out[...] = frames.numpy().reshape(out.shape)
+            out[...] = self.frames.numpy().reshape(out.shape)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_set import same
+from made_set import RECIPE, same
 
 import evis
 from evis.dataset import Augment
@@ -92,3 +92,27 @@ def test_its_simulations_stay_warm(same_arguments: Path, monkeypatch: pytest.Mon
     stream = evis.dataset.stream(same_arguments, sequences=3, seconds=0.1, arrays="numpy")
     assert len(list(stream)) == 6 and len(made) == 1
     stream.close()
+
+
+@pytest.mark.gpu
+def test_a_stream_on_a_gpu_has_its_labels_there(tmp_path: Path) -> None:
+    """Windows and labels of images are tensors there, those that numpy gives of the same simulation; and of one on a
+    CPU all but a few pixels at silhouettes."""
+    torch = pytest.importorskip("torch")
+    recipe = tmp_path / "labels.yaml"
+    labels = ["flow", "depth", "segmentation"]
+    text = RECIPE.replace("forward_flow, backward_flow, boxes, depth, events", ", ".join(labels))
+    recipe.write_text(text.replace("shot_rate: 5.0", "shot_rate: 0.0"))
+    how: dict[str, Any] = {"sequences": 1, "seconds": 1 / 30, "representation": "count_image", "labels": labels}
+    on_gpu, as_numpy, on_cpu = (
+        list(evis.dataset.stream(recipe, **how, **where))
+        for where in ({"device": "cuda", "arrays": "torch"}, {"device": "cuda", "arrays": "numpy"}, {"arrays": "numpy"})
+    )
+    assert len(on_gpu) == len(as_numpy) == len(on_cpu) >= 4
+    for there, here, other in zip(on_gpu, as_numpy, on_cpu):
+        for name in ("events", *labels):
+            assert torch.is_tensor(there[name]) and there[name].device.type == "cuda"
+            np.testing.assert_array_equal(there[name].cpu().numpy(), np.asarray(here[name]))
+        for name in labels:
+            near = np.isclose(np.asarray(here[name]), np.asarray(other[name]), rtol=1e-3, atol=1e-2, equal_nan=True)
+            assert near.mean() > 0.99

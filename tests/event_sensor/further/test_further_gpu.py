@@ -4,17 +4,20 @@ import numpy as np
 import pytest
 import warp as wp
 from further_rig import random_gaps, sensed, sensor_for, tell
+from test_further_ideal import WRONG
 
 from nodes.event_sensor.cuda.ideal import IdealPasses
 from nodes.event_sensor.cuda.side import DeviceSide
 from nodes.event_sensor.engines.engine import sensor_struct
 from nodes.event_sensor.input.batch import Batch, Size
+from nodes.event_sensor.input.further import Further
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.step_kernels import between
 from nodes.event_sensor.optics.photoreceptor import Photoreceptor
 from nodes.event_sensor.optics.trace import Tracer
 from nodes.event_sensor.optics.trace_kernels import tracing_gpu
 from nodes.event_sensor.parameters import resolve_sensor
+from nodes.event_sensor.sensor import EventSensor
 
 DEVICES = ["cpu", pytest.param("cuda:0", marks=pytest.mark.gpu)]
 
@@ -114,3 +117,33 @@ def test_calls_in_flight_have_their_own_samples():
     none = np.zeros(1, np.int32)
     waiting = [sensor.process_async(gap.frames, gap.t, none, further=gap.further) for gap in gaps]
     assert_same([e for call in waiting for e in tell(call.result().numpy())], sensed(gaps)[0])
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize(("first", "offset", "value", "text"), WRONG)
+def test_what_is_wrong_is_named_with_the_events_that_nobody_waits_for(first, offset, value, text):
+    """Nothing of it is read, and the calls beside it are what they are without it."""
+    none, frames = np.zeros(1, np.int32), np.ones((1, 2, 1, 2), np.float32)
+    sensor = EventSensor(1, 2, device="cuda:0")
+    sensor.process(frames[:, :1], np.array([100]), none)
+    further = Further(np.array(first), np.array(offset), np.array(value))
+    with pytest.raises(ValueError, match=text):
+        sensor.process_async(frames, np.array([104, 110]), none, further=further).result()
+    fine = Further(np.array([0, 1, 1]), np.array([2]), np.array([2.0]))
+    waiting = [sensor.process_async(frames, np.array([t + 4, t + 10]), none, further=fine) for t in (110, 120)]
+    assert all(len(call.result()) == 2 * int(np.log(2) / 0.2) for call in waiting)
+
+
+@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize("colour", [False, True])
+def test_messages_in_a_row_are_as_one_after_another(device, colour):
+    """Also where a pixel has samples in some of them alone, and one has none at all."""
+    gaps = random_gaps(np.random.default_rng(8), (1, 12, 15, *((3,) if colour else ())), 4, 5, 9.0)
+    gaps[2].further = gaps[2].further.none()
+    sensor, none = sensor_for(gaps, device=device), np.zeros(1, np.int32)
+    found = tell(sensor.process(gaps[0].frames, gaps[0].t, none, further=gaps[0].further))
+    later = [gap.start - gaps[1].start for gap in gaps[1:]]
+    joined = Further.in_a_row([gap.further for gap in gaps[1:]], later, wp.get_device(device))
+    frames, t = np.concatenate([gap.frames for gap in gaps[1:]], axis=1), np.concatenate([gap.t for gap in gaps[1:]])
+    found += tell(sensor.process(frames, t, none, further=joined))
+    assert_same(found, sensed(gaps)[0])
