@@ -291,21 +291,25 @@ class Interpolator:
         height, width: of the keyframes, margin included [px]. gap_ns: length of a gap, 0 = not known. The next
         keyframe begins an episode; should it be of another size, this was in vain.
         """
-        self._warmed, gap_ns = True, made_up.length(gap_ns, self._device)
+        self._warmed = True
         if self.upsampling > made_up.LONGEST:
             self.warm_up()
             self.begin(envs, height, width, margin)
             return
         self._image(np.ones((1, 2, 2, 3), np.float16))
-        for stamp in made_up.stamps(1 if self._device.is_cpu else made_up.RECORDED, gap_ns):
+        self.begin(envs, height, width, margin)
+        prepare = getattr(self._method, "prepare_for", lambda gap_ns: None)
+        prepare(gap_ns)
+        for stamp in made_up.stamps(1 if self._device.is_cpu else made_up.RECORDED):
             states = None
             if self._scene is not None and self._camera is not None:
-                states = made_up.states(self._scene, self._camera, envs, stamp, gap_ns)
+                states = made_up.states(self._scene, self._camera, envs, stamp)
             # Environments have had other episodes before their first.
             episodes = np.full(envs, -1, np.int32)
             images = made_up.images(envs, height, width)
             self.push(stamp, episodes, *images, margin, self._scratch, states)
         self._warmed = True
+        prepare(0)
         # Of those that remember more than the last keyframe.
         getattr(self._method, "settle", lambda: None)()
 

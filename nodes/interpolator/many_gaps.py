@@ -228,7 +228,7 @@ class ManyGaps(Interpolator):
     def warm_up_for(self, envs: int, height: int, width: int, margin: int = 0, gap_ns: int = 0) -> None:
         """Does what `Interpolator.warm_up_for` does, for several gaps at once."""
         self.begin(envs, height, width, margin)
-        self._warmed, gap_ns = True, made_up.length(gap_ns, self._device)
+        self._warmed = True
         if self._method_in_a_row().remembers:
             self.gaps, self._rigid = 1, None
         if self.gaps == 1 or self.upsampling > made_up.LONGEST or self._scene is None or self._camera is None:
@@ -236,14 +236,16 @@ class ManyGaps(Interpolator):
             return
         self._image(np.ones((1, 2, 2, 3), np.float16))
         image, episodes = made_up.images(envs, height, width)[0], np.full(envs, -1, np.int32)
-        runs = 1 if self._device.is_cpu else made_up.RECORDED
-        # Paths of many bodies are looked up for three keyframes only: for all it would take longer than all else.
-        swayed = [made_up.states(self._scene, self._camera, envs, k * gap_ns, gap_ns) for k in range(3)]
-        stamps = list(made_up.stamps(runs * self.gaps, gap_ns))
-        states = [swayed[0], *(swayed[1 + k % 2].at(stamps[k : k + 2]) for k in range(len(stamps) - 1))]
-        arrived = [Arrived(stamp, episodes, image, then) for stamp, then in zip(stamps, states)]
-        self.push_all(arrived, lambda made: None, margin, self._scratch)
+        method = self._method_in_a_row()
+        if isinstance(method, Refined):
+            method.prepare_for(gap_ns)
+        # Of each call one gap is made: what the others need is the same.
+        for stamp in made_up.stamps(1 if self._device.is_cpu else made_up.RECORDED):
+            one = Arrived(stamp, episodes, image, made_up.states(self._scene, self._camera, envs, stamp))
+            self.push_all([one], lambda made: None, margin, self._scratch)
         self.end()
+        if isinstance(method, Refined):
+            method.prepare_for(0)
         self._warmed = True
 
     def _method_in_a_row(self) -> Rigid | Refined:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from evis.scene.model import Camera, Scene
 from nodes.interpolator.keyframe import States
 
 GAP_NS = 10_000_000
-"""Length of a gap on a CPU, where a real one takes longer than what it prepares, and where none is known."""
 LONGEST = 64
 """Frames of a gap from which on a warm-up with one takes longer than what it saves."""
 RECORDED = 4
@@ -30,25 +28,20 @@ def images(envs: int, height: int, width: int) -> Images:
     return radiance, depth, 0.0 * motion
 
 
-def length(gap_ns: int, device: Any) -> int:
-    """Gives the length of made-up gaps [ns]; gap_ns: of the real ones, 0 = not known."""
-    return GAP_NS if device.is_cpu or not gap_ns else gap_ns
-
-
-def stamps(gaps: int, gap_ns: int) -> Iterator[int]:
+def stamps(gaps: int) -> Iterator[int]:
     """Gives the stamps of the keyframes about so many gaps [ns]."""
-    return iter(range(0, (gaps + 1) * gap_ns, gap_ns))
+    return iter(range(0, (gaps + 1) * GAP_NS, GAP_NS))
 
 
-def states(scene: Scene, camera: Camera, envs: int, stamp_ns: int, gap_ns: int) -> States:
+def states(scene: Scene, camera: Camera, envs: int, stamp_ns: int) -> States:
     """Gives states of the bodies in the interval that ends at a stamp: on their paths, or at rest at the origin."""
-    t = np.array([stamp_ns - gap_ns, stamp_ns]) if stamp_ns else np.zeros(1, np.int64)
+    t = np.array([stamp_ns - GAP_NS, stamp_ns]) if stamp_ns else np.zeros(1, np.int64)
     pose = np.tile(se3.IDENTITY, (envs, len(t), len(scene.bodies), 1))
     for n, body in enumerate(scene.bodies):
         if body.trajectory is not None:
             pose[:, :, n] = body.trajectory.pose(t)
         if body.name == camera.name:
             turn = np.zeros((len(t), 3))
-            turn[:, 0] = SWAY * (t // gap_ns % 2)
+            turn[:, 0] = SWAY * (t // GAP_NS % 2)
             pose[:, :, n, 3:] = se3.multiply(pose[:, :, n, 3:], se3.exp(turn))
     return States(t, pose, np.zeros((*pose.shape[:3], 6)))

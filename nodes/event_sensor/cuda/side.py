@@ -79,7 +79,8 @@ class DeviceSide:
         if lists is None:
             call[FIRST] = 0
         else:
-            call[FIRST], call[OFFSET], call[VALUE] = lists.first.ptr, lists.offset.ptr, lists.value.ptr
+            # Arrays of no elements have no address.
+            call[FIRST], call[OFFSET], call[VALUE] = (a.ptr or 0 for a in (lists.first, lists.offset, lists.value))
             call[SHARED], call[FOUND] = lists.shared, 0 if lists.found is None else lists.found.ptr
         call[STAMPS : STAMPS + count] = batch.t[:count]
         call[STAMPS + count :] = batch.begin

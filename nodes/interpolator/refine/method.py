@@ -52,6 +52,10 @@ class Refined:
         """See Rigid."""
         self.rigid.settle()
 
+    def prepare_for(self, gap_ns: int) -> None:
+        """Has the gaps to come divided as finely as one of a length [ns] if they are shorter; 0 = as they are."""
+        self.refinement.as_long_as_ns = gap_ns
+
     def hand_over(self, out: np.ndarray | wp.array) -> None:
         """See Rigid."""
         self.rigid.hand_over(out)

@@ -77,6 +77,8 @@ class Refinement:
         self._sort_each, self._rank = make_sort(channels)
         self._kernels, self._passing = Kernels.of(rigid), Passing(rigid)
         self._held, self._parts = (wp.zeros(layout.envs, dtype=wp.int32, device=v.device) for _ in range(2))
+        self.as_long_as_ns = 0
+        """Length of a gap as finely as which shorter ones are divided [ns], so as to be prepared for it."""
         self._foreseen: Motion | None = None
         """Of the gap that follows, if it is known already."""
         self.evaluated = self.shaded = 0
@@ -146,7 +148,7 @@ class Refinement:
 
     def _instants(self, gap: Span) -> Instants:
         """The instants at which pixels may be looked at in a gap."""
-        coarse, length = self._rigid.layout.upsampling, gap.longest
+        coarse, length = self._rigid.layout.upsampling, max(gap.longest, self.as_long_as_ns)
         looks = max(self._looks, 1 << (-(-self._flicker.instants(length) // coarse) - 1).bit_length())
         return instants_of(length, coarse, self._tolerance_ns, self._pixels, looks, self._device.is_cpu)
 
