@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 
 Made = TypeVar("Made", Frames, Samples)
 
+USUAL_RATE = 30.0
+"""Keyframes per second where it is not known how many there are."""
 COUNTS = "reshaded"
 """What a message of frames counts, which is there last: of several gaps at once only their sum is known."""
 
@@ -184,13 +186,18 @@ class InterpolatorNode(Node):
 
         Only `rigid` makes more than one; none does for a reader of what single gaps count.
         """
+        from nodes.interpolator.refine.instants import wanted_slots
         from nodes.renderer.at_once import at_once, refined_at_once
 
         p = self.params
         if self._method != "rigid" or p["upsampling"] == 1 or not self.may_gather or self._counts_are_read():
             return 1
         gaps = at_once(self.name, p["batch"], p["device"], p["envs"], pixels, p["upsampling"])
-        return refined_at_once(gaps, p["device"], pixels) if self._sampled else gaps
+        if not self._sampled:
+            return gaps
+        length = 1e9 / (p["keyframe_rate"] or USUAL_RATE)
+        slots = wanted_slots(round(length), p["upsampling"], 1e9 * p["time_tolerance"])
+        return refined_at_once(gaps, p["device"], pixels * max(slots, 1))
 
     def _counts_are_read(self) -> bool:
         """Tells whether somebody reads what the messages of single gaps count."""

@@ -9,9 +9,12 @@ from evis.gpu.room import free_memory
 
 MOST = 16
 """Most keyframes at once: beyond, more of them save next to no time."""
-MOST_REFINED, BYTES_REFINED = 4, 14_000
-"""Most gaps at once whose pixels are looked at between frames too, and their device memory per pixel of a keyframe
-[bytes]: 0.1 ms of the drone, of which 0.3 ms take half."""
+MOST_REFINED = 4
+"""Most gaps at once whose pixels are looked at between frames too: eight gain a tenth at most, where a GPU has little
+to do, and take longer to begin."""
+PIXELS_REFINED, BYTES_REFINED = 5 << 26, 100
+"""Most pixels at all instants of such gaps, and device memory for each [bytes]: with 0.3 ms of the drone, of which
+finer tolerances take half."""
 PIXELS = 1 << 25
 """Most pixels of frames that are made at once: so many keep any GPU busy."""
 BYTES = 120
@@ -56,19 +59,18 @@ def at_once(name: str, asked: int, device: str, envs: int, pixels: int, frames: 
 
 
 def refined_at_once(asked: int, device: str, pixels: int) -> int:
-    """Computes how many gaps with samples between their frames are made at once, for a node that makes `asked` of
-    keyframes.
+    """Computes how many gaps with samples between their frames are made at once, `asked` at most.
 
     Args:
-        asked: as many at most.
+        asked: as many keyframes are there at once.
         device: where the kernels run.
-        pixels: of a keyframe.
+        pixels: of a keyframe, at all instants of a gap.
     """
     where: Any = device_named(device)
     most = min(asked, MOST_REFINED)
     if where.is_cpu:
         return most
-    room = where.total_memory // (SHARE * BYTES_REFINED * pixels)
+    room = min(PIXELS_REFINED, where.total_memory // (SHARE * BYTES_REFINED)) // pixels
     return min(most, 1 << (max(room, 1).bit_length() - 1))
 
 

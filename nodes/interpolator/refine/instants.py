@@ -14,6 +14,8 @@ ROWS, MOST = 1 << 23, 1 << 27
 
 DEEPEST = 10
 """Most times that a coarse interval is halved."""
+LOOKS, LEAST_LOOKS = 32, 4
+"""Instants per gap and per coarse interval, at least."""
 
 
 @dataclass(frozen=True)
@@ -73,11 +75,25 @@ def instants_of(gap_ns: int, coarse: int, tolerance_ns: float, pixels: int, look
         looks: least number of parts of a coarse interval, a power of two.
         cpu: whether kernels run on a CPU.
     """
-    wanted = max(0, math.ceil(math.log2(max(gap_ns / coarse / (2 * tolerance_ns), 1e-9))))
-    least = looks.bit_length() - 1
-    wanted = max(wanted, least) if wanted else 0
+    wanted, least = _halvings(gap_ns, coarse, tolerance_ns, looks), looks.bit_length() - 1
     room = max(1, (ROWS if cpu else MOST) // max(pixels, 1))
     depth = min(wanted, DEEPEST, max(least, int(math.log2(MOST // max(pixels, 1) + 1))))
     per_window = max(1, min(coarse, room // max((1 << depth) - 1, 1)))
     # As many in each window as in any other.
     return Instants(coarse, depth, -(-coarse // -(-coarse // per_window)), depth == wanted)
+
+
+def least_parts(coarse: int) -> int:
+    """Gives the least number of parts of each of so many coarse intervals, a power of two."""
+    return 1 << (max(LEAST_LOOKS, -(-LOOKS // coarse)) - 1).bit_length()
+
+
+def wanted_slots(gap_ns: int, coarse: int, tolerance_ns: float) -> int:
+    """Counts the instants inside the coarse intervals of a gap that a tolerance of time asks for."""
+    return coarse * ((1 << min(_halvings(gap_ns, coarse, tolerance_ns, least_parts(coarse)), DEEPEST)) - 1)
+
+
+def _halvings(gap_ns: int, coarse: int, tolerance_ns: float, looks: int) -> int:
+    """How often a coarse interval is to be halved, 0 where it is within the tolerance by itself."""
+    wanted = max(0, math.ceil(math.log2(max(gap_ns / coarse / (2 * tolerance_ns), 1e-9))))
+    return max(wanted, looks.bit_length() - 1) if wanted else 0

@@ -14,7 +14,7 @@ from evis.gpu.building import LAUNCH_BLOCK
 from nodes.interpolator.keyframe import KeyframeView, Span
 from nodes.interpolator.refine.evaluator import Evaluator, looks_of
 from nodes.interpolator.refine.further_kernels import count_samples, make_sort, place_samples
-from nodes.interpolator.refine.instants import Instants, instants_of
+from nodes.interpolator.refine.instants import Instants, instants_of, least_parts
 from nodes.interpolator.refine.light.flicker import Flicker
 from nodes.interpolator.refine.light.passing import Passing
 from nodes.interpolator.refine.probing.probes import Ahead, Probes
@@ -35,8 +35,6 @@ EVEN = 2.5
 events are nearer by 5 %, for 12 % more time, which a closer tolerance of time makes nearer by 15 %."""
 ROUGH = 4.0
 """Tolerances by which neighbouring pixels of a keyframe differ where look-ups between them may miss contrast."""
-LOOKS, LEAST_LOOKS = 32, 4
-"""Instants per gap and per coarse interval, at least."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +67,7 @@ class Refinement:
         self._device, self._pixels = v.device, layout.envs // self._gaps * v.shape[1] * v.shape[2]
         self._rounds: dict[tuple[int, int], Rounds] = {}
         self._probes = Probes(rigid, tolerance_ns, threads)
-        self._looks = 1 << (max(LEAST_LOOKS, -(-LOOKS // layout.upsampling)) - 1).bit_length()
+        self._looks = least_parts(layout.upsampling)
         channels = layout.channels
         self._gain = pixels_per_radian(v) if v.view.distorted else max(v.view.fx, v.view.fy)
         self._pixel: Any = wp.float32 if channels == 1 else wp.vec3

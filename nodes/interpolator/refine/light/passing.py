@@ -24,9 +24,9 @@ MOST = 64
 """Parts of a coarse interval, at most: as many as a number has bits."""
 SEEN = 0.8
 """Length of a part, of the time for which the thinnest shadow is on a point: then it is seen in one of them."""
-LOOKED_AT_NS, LOOKS, SHORT_NS, USUAL_NS = 2_000_000_000, 33, 50_000, 8_000_000
-"""Time of prescribed motion that is looked at beforehand, at so many places, how long at each, and the usual coarse
-interval."""
+LOOKED_AT_NS, LOOKS, SHORT_NS, USUAL_NS = 2_000_000_000, 33, 50_000, 10_000_000
+"""Time of prescribed motion that is looked at beforehand, at so many places, how long at each, and the longest coarse
+interval that is usual: 8.3 ms at 30 keyframes per second."""
 FALL = 4.0
 """Distance at which shadows under a light far away fall, of the radius of the largest thing."""
 PER_TURN, LOOKED_FOR, TURNED = 3, 64, 0.25
