@@ -102,6 +102,26 @@ def test_every_message_is_the_same(scene: str, given: dict[str, Any]) -> None:
         assert published(scene, batch=batch, **given) == want
 
 
+MAINS = """
+cameras: {cam0: {position: [0, -1.5, 0], look_at: [0, 0, 0], fov: 45 deg}}
+materials: {wall: {albedo: 0.9, texture: {kind: leaves, size: 64, seed: 3}}, a: {albedo: 0.8}}
+bodies:
+  blade: {motion: {kind: spin, axis: [0, 1, 0], rate: 30}, shapes: [{shape: box, size: [0.9, 0.02, 0.08], material: a}]}
+world: [{shape: box, size: [6, 0.1, 5], position: [0, 1, 0], material: wall}]
+lights: {lamp: {kind: point, position: [-0.3, -1.2, 0.4], intensity: 9, flicker: {kind: sine, frequency: 120, depth: 0.8}}}
+"""
+
+
+def test_gaps_under_a_lamp_of_the_mains_are_the_same(tmp_path: Path) -> None:
+    """32 instants of each of its four periods are just as many as there are, or twice as many, by a nanosecond."""
+    scene = tmp_path / "mains.yaml"
+    scene.write_text(MAINS)
+    given = {"time_tolerance": 0.0005, "upsampling": 8}
+    want = published(str(scene), batch=1, **given)
+    assert sum(len(arrays["further"]) for port, _, arrays in want if port == "samples") > 10_000
+    assert published(str(scene), batch=4, **given) == want
+
+
 @pytest.mark.gpu
 @pytest.mark.parametrize("tolerance", [0, 0.0003])
 @pytest.mark.parametrize("scene, preset", [("warehouse", "ideal"), ("tunnel_exit", "davis346")])

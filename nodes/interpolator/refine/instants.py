@@ -12,6 +12,8 @@ from evis.runtime.clock import subframe_stamps
 ROWS, MOST = 1 << 23, 1 << 27
 """Most pixels of all slots of a window: on a CPU where a window has several coarse intervals, and in any case."""
 
+ROUNDED = 1e-6
+"""Halvings by which gaps of one rate may differ."""
 DEEPEST = 10
 """Most times that a coarse interval is halved."""
 LOOKS, LEAST_LOOKS = 32, 4
@@ -95,5 +97,6 @@ def wanted_slots(gap_ns: int, coarse: int, tolerance_ns: float) -> int:
 
 def _halvings(gap_ns: int, coarse: int, tolerance_ns: float, looks: int) -> int:
     """How often a coarse interval is to be halved, 0 where it is within the tolerance by itself."""
-    wanted = max(0, math.ceil(math.log2(max(gap_ns / coarse / (2 * tolerance_ns), 1e-9))))
+    # The same for all gaps of one rate, whose ends are rounded.
+    wanted = max(0, math.ceil(math.log2(max(gap_ns / coarse / (2 * tolerance_ns), 1e-9)) - ROUNDED))
     return max(wanted, looks.bit_length() - 1) if wanted else 0

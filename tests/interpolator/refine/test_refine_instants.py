@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
-from evis.runtime.clock import subframe_stamps
+from evis.runtime.clock import keyframe_stamp, subframe_stamps
+from evis.scene.model import Waveform
 from nodes.interpolator.refine.instants import MOST, instants_of
+from nodes.interpolator.refine.light.flicker import Flicker
 
 
 @pytest.mark.parametrize("pixels", [96 * 72, 346 * 260, 1280 * 720])
@@ -28,6 +30,19 @@ def test_every_instant_between_frames_has_a_slot_of_one_window():
 def test_a_tolerance_out_of_reach_is_told():
     assert not instants_of(32_000_000, 8, 10, 346 * 260, 4, True).reached
     assert not instants_of(32_000_000, 8, 10_000, 64 * 1280 * 720, 4, True).reached
+
+
+def test_gaps_of_one_rate_are_divided_alike():
+    """Their ends are rounded to nanoseconds, also where an instant more or less hangs on that."""
+    stamps = [keyframe_stamp(k, 30.0) for k in range(4)]
+    lengths = {int(length) for length in np.diff(stamps)}
+    assert lengths == {33_333_333, 33_333_334}
+    for frequency, tolerance in ((120.0, 500_000), (1920.0, 33_333_333.3 / 8 / 64)):
+        lights = Flicker([Waveform("sine", frequency)], 0.01, "cpu")
+        assert all(lights.follows(length) for length in lengths)
+        assert len({lights.instants(length) for length in lengths}) == 1
+        assert len({instants_of(length, 8, tolerance, 1000, 4, True) for length in lengths}) == 1
+    assert not Flicker([Waveform("sine", 1921.0)], 0.01, "cpu").follows(33_333_333)
 
 
 def test_a_short_gap_needs_none():

@@ -17,6 +17,8 @@ from nodes.interpolator.refine.path_kernels import PARTS, SHARP
 from nodes.renderer.lights.lights import waveform_strength
 
 NS = 1_000_000_000
+ROUNDED = 1e-6
+"""Part by which gaps of one rate may differ, for their ends are rounded to nanoseconds."""
 LEAST_STRENGTH = 0.01
 """Of a light, relative to its mean, below which its logarithm does not matter: something else is about as bright."""
 PER_PERIOD = 32
@@ -43,9 +45,9 @@ class Flicker:
     def instants(self, gap_ns: int) -> int:
         """Gives how many instants a gap has to have at least, so that no period is missed."""
         slow, gap = self._slow(gap_ns), gap_ns * 1e-9
-        least = max((int(_per_period(w) * gap * w.frequency) + 1 for w in slow), default=1)
+        least = max((_more_than(_per_period(w) * gap * w.frequency) for w in slow), default=1)
         switches = sum(2.0 * gap * w.frequency for w in slow if w.kind == "square")
-        return max(least, int(PER_SWITCH * switches) + 1) if len(slow) > 1 else least
+        return max(least, _more_than(PER_SWITCH * switches)) if len(slow) > 1 else least
 
     def follows(self, gap_ns: int) -> bool:
         """Tells whether all of them are slow enough to be followed."""
@@ -85,7 +87,7 @@ class Flicker:
                 getattr(kernel, name)[: len(values)].assign(np.array(values, np.int32))
 
     def _slow(self, gap_ns: int) -> list[Waveform]:
-        return [w for w in self._waveforms if w.frequency * gap_ns * 1e-9 <= FOLLOWED]
+        return [w for w in self._waveforms if w.frequency * gap_ns * 1e-9 <= FOLLOWED * (1 + ROUNDED)]
 
     def _of(self, t: np.ndarray, coarse: int, each: int) -> list[dict[int, int]]:
         """The marks within each coarse interval, and how much later they are, for instants t [n + 1]."""
@@ -108,6 +110,11 @@ def _together(one: int, other: int) -> int:
     if one * other > 0:
         return min(one, other, key=abs)
     return other or one
+
+
+def _more_than(count: float) -> int:
+    """Gives the whole number after a count, which is a gap's, the same for all gaps of one rate."""
+    return int(count * (1 - ROUNDED)) + 1
 
 
 def _per_period(waveform: Waveform) -> float:
