@@ -108,7 +108,8 @@ materials: {wall: {albedo: 0.9, texture: {kind: leaves, size: 64, seed: 3}}, a: 
 bodies:
   blade: {motion: {kind: spin, axis: [0, 1, 0], rate: 30}, shapes: [{shape: box, size: [0.9, 0.02, 0.08], material: a}]}
 world: [{shape: box, size: [6, 0.1, 5], position: [0, 1, 0], material: wall}]
-lights: {lamp: {kind: point, position: [-0.3, -1.2, 0.4], intensity: 9, flicker: {kind: sine, frequency: 120, depth: 0.8}}}
+lights:
+  lamp: {kind: point, position: [-0.3, -1.2, 0.4], intensity: 9, flicker: {kind: sine, frequency: 120, depth: 0.8}}
 """
 
 
