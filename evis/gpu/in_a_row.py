@@ -10,7 +10,7 @@ import numpy as np
 
 
 def joined(arrays: Sequence[Any]) -> Any:
-    """Joins arrays along their first axis, without a copy where they lie behind each other in memory.
+    """Joins arrays along their first axis, without a copy where they are parts of one that lie behind each other.
 
     Args:
         arrays: all of numpy or all of Warp on one device, of one dtype, equal in all axes but the first; contiguous.
@@ -22,7 +22,8 @@ def joined(arrays: Sequence[Any]) -> Any:
         return arrays[0]
     first, *_ = arrays
     shape = (sum(array.shape[0] for array in arrays), *first.shape[1:])
-    together = all(_end(a) == _start(b) for a, b in pairwise(arrays))
+    # What was allocated apart may lie side by side too, but CUDA copies nothing across that border.
+    together = all(_end(a) == _start(b) and _owner(a) is _owner(b) for a, b in pairwise(arrays))
     if isinstance(first, np.ndarray):
         if not together or not all(array.flags.c_contiguous for array in arrays):
             return np.concatenate(arrays)
@@ -39,6 +40,13 @@ def joined(arrays: Sequence[Any]) -> Any:
         wp.copy(copy[row : row + array.shape[0]], array)
         row += array.shape[0]
     return copy
+
+
+def _owner(array: Any) -> Any:
+    """The object whose memory an array is part of."""
+    names = ("base",) if isinstance(array, np.ndarray) else ("owner_of_memory", "_ref")
+    parent = next((found for name in names if (found := getattr(array, name, None)) is not None), None)
+    return array if parent is None else _owner(parent)
 
 
 def _start(array: Any) -> int:

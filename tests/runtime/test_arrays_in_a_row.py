@@ -25,3 +25,16 @@ def test_others_are_copied_in_their_order(on_device):
         whole = wp.array(whole, device="cpu")
     one = joined([whole[2:3], whole[0:2]])
     assert np.array_equal(one.numpy() if on_device else one, want)
+
+
+@pytest.mark.parametrize("on_device", [False, True])
+def test_neighbours_by_chance_are_copied(on_device):
+    """Of memory that was allocated apart, across whose border a GPU copies nothing."""
+    memory = np.arange(8, dtype=np.float32)
+    if on_device:
+        parts = [wp.array(ptr=memory.ctypes.data + at, shape=(4,), dtype=wp.float32, device="cpu") for at in (0, 16)]
+    else:
+        parts = [np.frombuffer(memory.data[start : start + 4], np.float32) for start in (0, 4)]
+    one = joined(parts)
+    assert (one.ptr if on_device else one.ctypes.data) != memory.ctypes.data
+    assert np.array_equal(one.numpy() if on_device else one, memory)
