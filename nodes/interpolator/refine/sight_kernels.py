@@ -116,25 +116,51 @@ def make_seen_of_all(trees: bool) -> wp.Function:
         t = wp.int32(MISS)
         begin = wp.int32(0)
         end = casters.order.shape[0]
+        # A ray is long code, and is written once in a kernel: it takes a GPU's compiler seconds.
         if wp.static(trees):
             length = wp.length(d)
             u = d / length
             k = wp.int32(0)
-            if casters.still_tree != wp.uint64(0):
+            has_still = casters.still_tree != wp.uint64(0)
+            has_moving = casters.moving_tree != wp.uint64(0)
+            base = casters.still - row * (end - casters.still)
+            if has_still:
                 begin = casters.still
-                there = casters.turn[row] * u
-                still = wp.bvh_query_capsule(casters.still_tree, casters.shift[row], there, casters.pad[row])
-                while wp.bvh_query_next(still, k, z * length):
-                    z, t = nearest(view, targets, row, casters.order[k], d, z, t)
-            if casters.moving_tree != wp.uint64(0):
-                base = casters.still - row * (end - casters.still)
+            if has_moving:
                 end = casters.still
-                root = wp.bvh_get_group_root(casters.moving_tree, row)
-                moving = wp.bvh_query_capsule(casters.moving_tree, wp.vec3(), u, casters.pad[row], root)
-                while wp.bvh_query_next(moving, k, z * length):
-                    z, t = nearest(view, targets, row, casters.order[base + k], d, z, t)
-        for n in range(begin, end):
-            z, t = nearest(view, targets, row, casters.order[n], d, z, t)
+            # Without trees of a kind that of the other stands for it, and is not asked.
+            still_tree = wp.where(has_still, casters.still_tree, casters.moving_tree)
+            moving_tree = wp.where(has_moving, casters.moving_tree, casters.still_tree)
+            root = wp.int32(-1)
+            if has_moving:
+                root = wp.bvh_get_group_root(moving_tree, row)
+            there = casters.turn[row] * u
+            still = wp.bvh_query_capsule(still_tree, casters.shift[row], there, casters.pad[row])
+            moving = wp.bvh_query_capsule(moving_tree, wp.vec3(), u, casters.pad[row], root)
+            n = begin
+            going = wp.bool(True)
+            while going:
+                i = wp.int32(-1)
+                if has_still:
+                    if wp.bvh_query_next(still, k, z * length):
+                        i = casters.order[k]
+                    else:
+                        has_still = False
+                elif has_moving:
+                    if wp.bvh_query_next(moving, k, z * length):
+                        i = casters.order[base + k]
+                    else:
+                        has_moving = False
+                elif n < end:
+                    i = casters.order[n]
+                    n += 1
+                else:
+                    going = False
+                if i >= 0:
+                    z, t = nearest(view, targets, row, i, d, z, t)
+        else:
+            for n in range(begin, end):
+                z, t = nearest(view, targets, row, casters.order[n], d, z, t)
         if t == MISS:
             return SKY
         return entry_of(z, t)
@@ -174,18 +200,15 @@ def make_seen_between(trees: bool) -> wp.Function:
         if t != MISS or u != MISS:
             if not alike or hit == MISS:
                 i = wp.int32(-1)
+                last = wp.int32(-1)
                 if t != MISS and in_t < 0.0:
                     i = targets.instance[t]
-                    nearer, there = traced(view, targets, row, i, d, z)
-                    if there != MISS:
-                        z = nearer
-                        hit = there
-                if u != MISS and in_u < 0.0:
-                    if targets.instance[u] != i:
-                        nearer, there = traced(view, targets, row, targets.instance[u], d, z)
-                        if there != MISS:
-                            z = nearer
-                            hit = there
+                if u != MISS and in_u < 0.0 and targets.instance[u] != i:
+                    last = targets.instance[u]
+                    i = wp.where(i < 0, last, i)
+                while i >= 0:
+                    z, hit = nearest(view, targets, row, i, d, z, hit)
+                    i = wp.where(i == last, -1, last)
                 if alike and hit == MISS and wp.max(in_t, in_u) >= BESIDE:
                     # The patch goes on between the two, although a ray just misses it.
                     hit = wp.where(in_t >= in_u, t, u)
