@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -169,7 +170,11 @@ class Refinement:
             return
         instants = self._instants(following)
         rounds = self._rounds.get((instants.per_window, instants.depth))
-        if rounds is not None and following.longest > 0:
+        ascends = following.held | (following.ends > following.starts)
+        if rounds is None or not ascends.all() or following.held.all():
+            return
+        # What is wrong with its states is told when it is its turn, after the events of this gap.
+        with suppress(ValueError):
             self._rigid.foresee(following)
             self._foreseen = self._motion(following, instants, rounds.evaluator)
 
