@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from evis.bag import BagError
 from msgs.topics import SYSTEM_TOPICS, UnknownTopic, find_topic
 
-REGENERATED = ("frames", "samples", "events", "labels")
+REGENERATED = ("frames", "samples", "events", "signal", "labels")
 """What interpolator, event sensor and labeler make again from keyframes."""
 
 

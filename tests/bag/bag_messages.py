@@ -12,6 +12,7 @@ from msgs.camera import (
     CameraInfo,
     Depth,
     EventPacket,
+    EventSignal,
     Frames,
     Ids,
     Image,
@@ -130,6 +131,11 @@ def scene(k: int, envs: int = 1, seed: int = 0) -> dict[str, Message]:
             height=h,
             t0_ns=max(stamp - 10**6, 0),
             lost=k,
+        ),
+        "/cam0/signal": EventSignal(
+            header(),
+            np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
+            rng.integers(0, 2, count).astype(np.uint8),
         ),
         "/cam0/labels": Labels(
             header(),

@@ -186,7 +186,7 @@ def test_a_path_that_cannot_be_written_ends_before_the_start(tmp_path):
     node.close()
 
 
-ALL = ["/*/keyframe", "/*/depth", "/*/motion", "/*/ids", "/*/normal", "/*/frames", "/*/samples", "/clock"]
+ALL = ["/*/keyframe", "/*/depth", "/*/motion", "/*/ids", "/*/normal", "/*/frames", "/*/samples", "/*/signal", "/clock"]
 
 
 @pytest.mark.parametrize("envs", [1, 2])
@@ -227,7 +227,9 @@ def test_outputs_depend_on_the_bag(tmp_path):
     assert set(outputs) == set(scene(0)) - {"/clock", "/diagnostics"}
     assert all(port == output.topic for port, output in outputs.items())
     again = ReplayerNode.dynamic_outputs({"bag": str(tmp_path / "a.mcap"), "regenerate": "true"})
-    assert set(outputs) - set(again) == {f"/cam0/{last}" for last in ("frames", "samples", "events", "labels")}
+    assert set(outputs) - set(again) == {
+        f"/cam0/{last}" for last in ("frames", "samples", "events", "signal", "labels")
+    }
     some = ReplayerNode.dynamic_outputs(
         {"bag": str(tmp_path / "a.mcap"), "topics": "/cam0/*", "exclude": ["*/imu", "*/ids"]}
     )

@@ -248,7 +248,7 @@ def test_replay_makes_frames_and_events_as_they_were_made() -> None:
         assert ours == theirs, node
     methods = simulator.arguments["interpolator"].param.choices
     assert set(replay.arguments["interpolator"].param.choices) == {*methods} - {"auto"}
-    here = {"bag", "regenerate", "pace", "start", "topics", "exclude", "again", "device", "threads"}
+    here = {"bag", "regenerate", "pace", "start", "topics", "exclude", "again", "device", "threads", "batch"}
     assert set(replay.table["recorded"]["except"]) == here
     for name in replay.arguments.keys() - here:
         ours, theirs = replay.arguments[name].param, simulator.arguments[name].param
