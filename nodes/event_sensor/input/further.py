@@ -89,6 +89,8 @@ class Further:
             parts: of each message, of the same pixels.
             later: time from the start of the first one to that of each [ns].
             device: where the result lies.
+
+        Raises ValueError for lengths that do not go together.
         """
         from nodes.event_sensor.input.further_kernels import add_counts, append_samples
 
@@ -99,6 +101,12 @@ class Further:
         pixels = lists[0][0].size - 1
         total = sum(offset.size for _, offset, _ in lists)
         shared = max((value.size // offset.size for _, offset, value in lists if offset.size), default=1)
+        for first, offset, value in lists:
+            if first.size != pixels + 1 or value.size != shared * offset.size:
+                raise ValueError(
+                    f"further samples of messages in a row have {first.size} entries in first, {offset.size} offsets "
+                    f"and {value.size} values, expected {pixels + 1}, and {shared} values for each offset"
+                )
         with wp.ScopedDevice(device):
             first = wp.zeros(pixels + 1, dtype=wp.int32)
             for starts, *_ in lists:
@@ -110,7 +118,7 @@ class Further:
                 given = [starts, offsets, values, shared, after, taken]
                 wp.launch(append_samples, offsets.size, given, [offset, value])
                 wp.launch(add_counts, pixels, [starts, 0], [taken])
-        return cls(first, offset, value if shared == 1 else value.reshape((total, 3)))
+        return cls(first, offset, value if shared == 1 else value.reshape((total, shared)))
 
     def on(self, size: Size, device: Any) -> SampleLists:
         """Gives the samples on a sensor's device. Raises ValueError for lengths and types that do not fit."""

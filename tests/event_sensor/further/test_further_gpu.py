@@ -147,3 +147,11 @@ def test_messages_in_a_row_are_as_one_after_another(device, colour):
     frames, t = np.concatenate([gap.frames for gap in gaps[1:]], axis=1), np.concatenate([gap.t for gap in gaps[1:]])
     found += tell(sensor.process(frames, t, none, further=joined))
     assert_same(found, sensed(gaps)[0])
+
+
+def test_messages_in_a_row_whose_lengths_do_not_fit_are_refused():
+    one, short = (Further(np.array(first), np.array([2]), np.ones(1)) for first in ([0, 1, 1], [0, 1]))
+    lacking = Further(np.array([0, 1, 2]), np.array([2, 3]), np.ones(1))
+    for other in (short, lacking):
+        with pytest.raises(ValueError, match="in a row have"):
+            Further.in_a_row([one, other], [0, 10], wp.get_device("cpu"))
