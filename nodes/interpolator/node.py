@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import islice
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,12 +19,12 @@ from evis.scene.parameters import SCENE, SEED, camera_of, ends_alone, seeds_of, 
 from evis.scene.parts import Parts
 from evis.scene.worlds import Group, Worlds
 from msgs.camera import Depth, Frames, Keyframe, Motion, Samples
-from msgs.header import Header, Message
+from msgs.header import Message
 from msgs.own_time import STAMP
 from msgs.world import WorldState
 from nodes.interpolator.frames_alone import by_frames_alone
+from nodes.interpolator.messages import frames_of, samples_of
 from nodes.interpolator.methods import HELP, METHODS, reads
-from nodes.interpolator.samples import none_of
 from nodes.renderer import parameters
 from nodes.renderer.cores import threads_for
 from nodes.renderer.parameters import BATCH, LIGHT
@@ -33,10 +33,7 @@ if TYPE_CHECKING:
     from nodes.interpolator.interpolator import Interpolator
     from nodes.interpolator.keyframe import Report, States
     from nodes.interpolator.many_gaps import MadeGaps
-    from nodes.interpolator.samples import Further
     from nodes.interpolator.separate import SeparateInterpolators
-
-Made = TypeVar("Made", Frames, Samples)
 
 USUAL_RATE = 30.0
 """Keyframes per second where it is not known how many there are."""
@@ -47,11 +44,6 @@ COUNTS = "reshaded"
 def usable(params: Mapping[str, Any]) -> str:
     """Gives the method asked for, or splat where it needs a scene and there is none."""
     return "splat" if "state" in reads(params["method"]) and not params.get("scene") else params["method"]
-
-
-def _header(key: Keyframe) -> Header:
-    """Gives the header of what is made of a keyframe, to be numbered anew."""
-    return Header(key.header.stamp_ns, clock=key.header.clock, episode=key.header.episode)
 
 
 class InterpolatorNode(Node):
@@ -295,11 +287,12 @@ class InterpolatorNode(Node):
         self._count_report(self.interpolator.report)
         if self._frames_alone and len(t) > 1:
             self.count("pixels_by_frames_alone", len(frames) * frames.shape[2] * frames.shape[3])
+        colour, own_t = self.params["colour"], self.interpolator.own_t
         made: dict[str, Frames | Samples] = {}
         if self._sampled:
-            made["samples"] = self._samples(key, t, frames, self.interpolator.further)
+            made["samples"] = samples_of(key, t, frames, self.interpolator.further, colour, own_t)
         if not self._sampled or self.wants("frames"):
-            made["frames"] = self._frames(key, t, frames)
+            made["frames"] = frames_of(key, t, frames, colour, own_t)
         for port, message in made.items():
             message.filled, message.reshaded = self.interpolator.report.filled, self.interpolator.report.reshaded
             self.publish(port, message)
@@ -318,7 +311,7 @@ class InterpolatorNode(Node):
             Arrived(key.header.stamp_ns, key.episodes, key.image, self._states(one["state"]))
             for key, one in zip(keys, inputs)
         ]
-        begun = iter(keys)
+        begun, colour = iter(keys), self.params["colour"]
 
         def deliver(made: MadeGaps) -> None:
             self._count_report(made.report)
@@ -327,10 +320,10 @@ class InterpolatorNode(Node):
                 pixels = sum(frames.shape[2] * frames.shape[3] for t, frames in made.frames if len(t) > 1)
                 self.count("pixels_by_frames_alone", pixels)
             if self._sampled:
-                found = [self._samples(*one) for one in zip(of_these, *zip(*made.frames), made.further)]
-                self.publish_all("samples", found)
+                each = zip(of_these, made.frames, made.further)
+                self.publish_all("samples", [samples_of(key, *one, found, colour) for key, one, found in each])
             if not self._sampled or self.wants("frames"):
-                self.publish_all("frames", [self._frames(key, *one) for key, one in zip(of_these, made.frames)])
+                self.publish_all("frames", [frames_of(key, *one, colour) for key, one in zip(of_these, made.frames)])
 
         many.push_all(arrived, deliver, keys[0].margin, self._allocate)
         self._hold(inputs[-1])
@@ -350,26 +343,6 @@ class InterpolatorNode(Node):
         for name, amount in counts.items():
             if amount:
                 self.count(name, amount)
-
-    def _frames(self, key: Keyframe, t: np.ndarray, frames: Any) -> Frames:
-        """The message of a gap, without its counts."""
-        return self._timed(Frames(_header(key), t=t, episodes=np.array(key.episodes), **{self._field: frames}), key)
-
-    def _samples(self, key: Keyframe, t: np.ndarray, frames: Any, found: Further | None) -> Samples:
-        """The frames of a gap with what was found between them, without its counts."""
-        pixels = frames.shape[0] * frames.shape[2] * frames.shape[3]
-        colour, on_device = self.params["colour"], not isinstance(frames, np.ndarray)
-        first, offset, value = none_of(pixels, colour) if found is None else found.arrays(on_device)
-        message = Samples(_header(key), t=t, episodes=np.array(key.episodes), first=first, offset=offset)
-        setattr(message, self._field, frames)
-        setattr(message, "further_rgb" if colour else "further", value)
-        return self._timed(message, key)
-
-    def _timed(self, message: Made, key: Keyframe) -> Made:
-        """Adds what environments have of time of their own."""
-        if key.own is not None:
-            message.own, message.own_t = np.array(key.own), self.interpolator.own_t
-        return message
 
     def _states(self, state: Message | None) -> States | None:
         """Converts a /state message into what the method gets. Raises ValueError where that is of another scene."""
