@@ -150,7 +150,8 @@ class Interpolator:
         self.own_t = None
         if own is not None:
             alone = self._last is None or held.all() or replaces
-            self.own_t = own[:, None] if alone else own_subframes(self._last or view, view, held, len(stamps))
+            before = (self._last or view).times(len(held))
+            self.own_t = own[:, None] if alone else own_subframes(before, own, held, len(stamps))
         if self._samples > 1:
             self._average(made, out)
         self._last, self._stamp, self._episodes = view, stamp_ns, np.array(episodes)

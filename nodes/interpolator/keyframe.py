@@ -109,14 +109,9 @@ class KeyframeView:
         return np.full(envs, self.stamp_ns) if self.own is None else self.own
 
 
-def own_subframes(a: KeyframeView, b: KeyframeView, held: np.ndarray, upsampling: int) -> np.ndarray:
-    """Computes the times int64 [E, K] ns of the frames of a gap in each environment; where it is held, those of b."""
-    return subframes_apart(a.times(len(held)), b.times(len(held)), held, upsampling)
-
-
-def subframes_apart(starts: np.ndarray, ends: np.ndarray, held: np.ndarray, upsampling: int) -> np.ndarray:
-    """Computes the times int64 [E, K] ns of the frames of gaps from `starts` to `ends` [E] ns, where held of the end
-    alone."""
+def own_subframes(starts: np.ndarray, ends: np.ndarray, held: np.ndarray, upsampling: int) -> np.ndarray:
+    """Computes the times int64 [E, K] ns of the frames of gaps from `starts` to `ends` [E] ns in environments with
+    times of their own; all of them are the end where one is held."""
     times = np.repeat(ends[:, None], upsampling, axis=1)
     for e in np.flatnonzero(~held).tolist():
         times[e] = subframe_stamps(int(starts[e]), int(ends[e]), upsampling)
@@ -154,7 +149,7 @@ class Span:
         """Gives the times of its end and of count - 1 instants before, evenly apart: int64 [count] ns, or [E, count]
         where environments have times of their own."""
         if self.apart:
-            return subframes_apart(self.starts, self.ends, self.held, count)
+            return own_subframes(self.starts, self.ends, self.held, count)
         return subframe_stamps(int(self.starts[0]), int(self.ends[0]), count)
 
     def same(self, other: Span) -> bool:

@@ -1,5 +1,7 @@
 """Several gaps at once give what they give one by one, bit for bit."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from evis.runtime.clock import keyframe_stamp
 from evis.scene.load import load_scene
 from nodes.interpolator.interpolator import Interpolator
 from nodes.interpolator.many_gaps import Arrived, ManyGaps
+from nodes.interpolator.refine.refinement import Refinement
 from nodes.renderer.renderer import Renderer
 from tests.interpolator.rigid_rig import closed_form
 
@@ -64,3 +67,24 @@ def test_frames_are_the_same_for_any_number_of_gaps(name, gaps, at_once):
     for (_, frames), (_, true) in zip(found, want):
         assert np.array_equal(frames, true)
     assert reshaded == sum(report.reshaded for report in reports)
+
+
+def test_gaps_that_are_known_are_prepared_once(monkeypatch):
+    """While those before are made; and a state that is wrong is told when its gap's turn has come, after the others."""
+    scene = load_scene("flying_shapes", SIZE)
+    made, worked_out = arrivals(scene, 9, [0] * 9), []
+    motion = Refinement._motion
+    monkeypatch.setattr(Refinement, "_motion", lambda self, gap, *others: (
+        worked_out.append(gap.ends.tolist()), motion(self, gap, *others))[1])  # fmt: skip
+    many = ManyGaps("rigid", K, 4, scene=scene, camera=scene.cameras[0], time_tolerance=0.001)
+    delivered = []
+    many.push_all(made, delivered.append)
+    assert [len(some.frames) for some in delivered] == [1, 4, 4]
+    assert worked_out == [[one.stamp_ns for one in made[start : start + 4]] for start in (1, 5)]
+    assert all(found is not None for some in delivered[1:] for found in some.further)
+
+    many, delivered = ManyGaps("rigid", K, 4, scene=scene, camera=scene.cameras[0], time_tolerance=0.001), []
+    made[6] = replace(made[6], stamp_ns=made[5].stamp_ns)
+    with pytest.raises(ValueError, match="of the same episode"):
+        many.push_all(made, delivered.append)
+    assert [len(some.frames) for some in delivered] == [1, 4]

@@ -15,7 +15,7 @@ from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.gather_kernels import Portion, cut, make_gather, make_place
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.reprojection import textured_in
-from nodes.interpolator.rigid.slots import Slots
+from nodes.interpolator.rigid.slots import Poses, Slots
 from nodes.renderer.lighting import LIST_WORKERS, Shading, ShadingOptions
 from nodes.renderer.lights.lights import waveform_strength
 from nodes.renderer.raster.visibility import Visibility
@@ -95,10 +95,10 @@ class Evaluator:
         """Gives the motion of each body since A (rows 0 .. R - 1) and since B (R ..), mat33 and vec3 [2 R, N + 2]."""
         return self._turn, self._shift
 
-    def begin(self, stamps: np.ndarray, gap: Span) -> None:
-        """Begins a gap; stamps: of all instants, int64 [n] or [E, n] ns."""
+    def begin(self, stamps: np.ndarray, gap: Span, poses: Poses) -> None:
+        """Begins a gap; stamps: of all instants, int64 [n] or [E, n] ns. poses: at these."""
         self._stamps = stamps
-        self.places.begin(stamps, gap.a, gap.b, gap.held)
+        self.places.begin(stamps, gap.a, gap.b, gap.held, poses)
 
     def send(self, instants: list[int], upsampling: int) -> None:
         """Sends where moving bodies are at an instant for each slot, and how bright lamps are, and then `place` has to

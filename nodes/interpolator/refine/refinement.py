@@ -122,7 +122,7 @@ class Refinement:
         evaluator = rounds.evaluator
         motion = known if known and known.gap.same(gap) else self._motion(gap, instants, evaluator)
         stamps, poses = motion.stamps, motion.poses
-        evaluator.begin(stamps, gap)
+        evaluator.begin(stamps, gap, poses)
         self._probes.draw(motion.probes, instants, poses, gap)
         self.unseen = self._probes.unseen | motion.unseen
         self._held.assign(held.astype(np.int32))
@@ -154,7 +154,7 @@ class Refinement:
     def _motion(self, gap: Span, instants: Instants, evaluator: Evaluator) -> Motion:
         """Works out what the bodies' motion tells of a gap, on the host alone."""
         stamps = gap.stamps(instants.count)
-        poses = evaluator.places.foresee(stamps, gap.a, gap.b, gap.held)
+        poses = evaluator.places.find(stamps, gap.a, gap.b, gap.held)
         probes = self._probes.foresee(instants, stamps, poses, gap)
         return Motion(
             gap, stamps, poses, probes, *self._passing.parts(instants, poses, gap.ends - gap.starts, gap.held)

@@ -44,7 +44,7 @@ from nodes.interpolator.rigid.patches import pieces_of
 from nodes.interpolator.rigid.placement import Placement
 from nodes.interpolator.rigid.reprojection import Reprojection, textured_in
 from nodes.interpolator.rigid.sampling import Sampling, SubframeRange
-from nodes.interpolator.rigid.slots import Slots
+from nodes.interpolator.rigid.slots import Poses, Slots
 from nodes.interpolator.rigid.sparse_raster import SparseRaster
 from nodes.renderer.geometry.triangles import is_static
 from nodes.renderer.lighting import Shading, ShadingOptions
@@ -90,6 +90,8 @@ class Rigid:
         self.in_a_row = in_a_row
         """Whether the environments are gaps of one."""
         self._at_b: KeyframeView | None = None
+        self._foreseen: tuple[Span, Poses] | None = None
+        """A gap that is to come, and its poses."""
         self._held = np.zeros(envs, bool)
         """Environments that begun an episode with that keyframe."""
         self.rested = False
@@ -171,7 +173,9 @@ class Rigid:
         gap = Span.between(a, b, held)
         together, stamps = not gap.apart, gap.stamps(self.layout.upsampling)
         places = self._places
-        places.begin(stamps, a.states, b.states, held)
+        known, self._foreseen = self._foreseen, None
+        poses = known[1] if known is not None and known[0].same(gap) else None
+        places.begin(stamps, a.states, b.states, held, poses)
         begun = self._begun(a, held)
         self.rested = self._rests(a, b, held | begun)
         if self.rested:
@@ -219,7 +223,7 @@ class Rigid:
 
     def foresee(self, gap: Span) -> None:
         """Works out the poses of a gap that is to come, while a GPU works on this one."""
-        self._places.foresee(gap.stamps(self.layout.upsampling), gap.a, gap.b, gap.held)
+        self._foreseen = gap, self._places.find(gap.stamps(self.layout.upsampling), gap.a, gap.b, gap.held)
 
     def last_report(self) -> Report:
         """Gives the report of the last gaps in a row, once: `between` gives that of those before, so as not to wait."""

@@ -26,21 +26,6 @@ class Poses:
     rest: np.ndarray
 
 
-@dataclass(frozen=True)
-class _Foreseen:
-    """Holds the poses of a gap that is to come, and what `begin` will be given for it."""
-
-    stamps: np.ndarray
-    ends: tuple[States, States]
-    held: np.ndarray
-    poses: Poses
-
-    def of(self, stamps: np.ndarray, a: States, b: States, held: np.ndarray) -> bool:
-        """Tells whether they are those of this gap."""
-        same = self.ends[0] is a and self.ends[1] is b
-        return same and np.array_equal(stamps, self.stamps) and np.array_equal(held, self.held)
-
-
 class Slots:
     """Brings to the device the `poses` of E environments at the sub-frames of one gap after another: `begin`, then
     `place` each portion."""
@@ -63,28 +48,22 @@ class Slots:
         place = np.flatnonzero(self._movers == visibility.camera_body)
         self._camera = int(place[0]) if len(place) else None
         self.poses = Poses(np.zeros((0, 0, 0, 7)), np.zeros((0, 0, 7)), np.zeros((0, 0, 7)))
-        self._foreseen: _Foreseen | None = None
 
-    def begin(self, stamps: np.ndarray, a: States, b: States, held: np.ndarray) -> None:
+    def begin(self, stamps: np.ndarray, a: States, b: States, held: np.ndarray, poses: Poses | None = None) -> None:
         """Begins a gap with sub-frames at stamps int64 [K] ns between keyframes a and b; [E, K] where environments
         have times of their own.
 
-        held: bool [E], environments that are at b all along. Raises ValueError where the states do not reach back to
-        the first stamp.
+        held: bool [E], environments that are at b all along. poses: what `find` gives for it, if it is known. Raises
+        ValueError where the states do not reach back to the first stamp.
         """
         # From where the last gap ended nothing moves but what /state says.
         goes_on = a is self._last and not held.any() and b.t[0] == a.t[-1] and b.moving is not None
         self._others_stay = goes_on and bool(self._may_move[b.moving].all())
         self._b = b
-        known, self._foreseen = self._foreseen, None
-        self.poses = known.poses if known and known.of(stamps, a, b, held) else self._poses(stamps, a, b, held)
+        self.poses = self.find(stamps, a, b, held) if poses is None else poses
 
-    def foresee(self, stamps: np.ndarray, a: States, b: States, held: np.ndarray) -> Poses:
-        """Works out beforehand what `begin` needs with the same arguments, and gives it."""
-        self._foreseen = _Foreseen(stamps, (a, b), held, self._poses(stamps, a, b, held))
-        return self._foreseen.poses
-
-    def _poses(self, stamps: np.ndarray, a: States, b: States, held: np.ndarray) -> Poses:
+    def find(self, stamps: np.ndarray, a: States, b: States, held: np.ndarray) -> Poses:
+        """Finds the poses of a gap; arguments and errors as of `begin`."""
         moved = self._placement.moved(stamps, b) if stamps.ndim == 1 else self._moved_apart(stamps, b, held)
         if held.any():
             moved[:, held] = moved[-1, held]

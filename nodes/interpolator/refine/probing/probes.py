@@ -219,7 +219,7 @@ class Probes:
         movers, ascending = self._rigid.placement.movers, np.argsort(which)
         at = (stamps[..., which] - SHORT_NS)[..., ascending]
         then, now = (np.repeat(poses.rest[None], len(which), axis=0) for _ in range(2))
-        moved = self._before.foresee(np.concatenate([at, stamps[..., -1:]], axis=-1), gap.a, gap.b, gap.held).moved
+        moved = self._before.find(np.concatenate([at, stamps[..., -1:]], axis=-1), gap.a, gap.b, gap.held).moved
         then[ascending[:, None], :, movers] = moved[:-1].swapaxes(1, 2)
         now[:, :, movers] = poses.moved[which]
         return now.reshape(-1, *now.shape[2:]), then.reshape(-1, *then.shape[2:])
