@@ -123,41 +123,42 @@ def make_seen_of_all(trees: bool) -> wp.Function:
             k = wp.int32(0)
             has_still = casters.still_tree != wp.uint64(0)
             has_moving = casters.moving_tree != wp.uint64(0)
-            base = casters.still - row * (end - casters.still)
             if has_still:
                 begin = casters.still
             if has_moving:
                 end = casters.still
-            # Without trees of a kind that of the other stands for it, and is not asked.
-            still_tree = wp.where(has_still, casters.still_tree, casters.moving_tree)
-            moving_tree = wp.where(has_moving, casters.moving_tree, casters.still_tree)
-            root = wp.int32(-1)
-            if has_moving:
-                root = wp.bvh_get_group_root(moving_tree, row)
-            there = casters.turn[row] * u
-            still = wp.bvh_query_capsule(still_tree, casters.shift[row], there, casters.pad[row])
-            moving = wp.bvh_query_capsule(moving_tree, wp.vec3(), u, casters.pad[row], root)
+            # First what the trees of still and of moving casters give, then those that are in no tree. A query is made
+            # when the one before it is through, for on a GPU all queries of a thread have the same stack.
             n = begin
-            going = wp.bool(True)
-            while going:
-                i = wp.int32(-1)
-                if has_still:
-                    if wp.bvh_query_next(still, k, z * length):
-                        i = casters.order[k]
-                    else:
-                        has_still = False
-                elif has_moving:
-                    if wp.bvh_query_next(moving, k, z * length):
-                        i = casters.order[base + k]
-                    else:
-                        has_moving = False
-                elif n < end:
-                    i = casters.order[n]
-                    n += 1
-                else:
-                    going = False
-                if i >= 0:
-                    z, t = nearest(view, targets, row, i, d, z, t)
+            kind = wp.int32(0)
+            while kind < 3:
+                # Where there is no tree of a kind that of the other stands for it, and is not asked.
+                tree = wp.where(has_still, casters.still_tree, casters.moving_tree)
+                begun = casters.shift[row]
+                way = casters.turn[row] * u
+                root = wp.int32(-1)
+                first = wp.int32(0)
+                asked = has_still and kind == 0
+                if has_moving and kind == 1:
+                    tree = casters.moving_tree
+                    begun = wp.vec3()
+                    way = u
+                    root = wp.bvh_get_group_root(tree, row)
+                    first = casters.still - row * (casters.order.shape[0] - casters.still)
+                    asked = True
+                query = wp.bvh_query_capsule(tree, begun, way, casters.pad[row], root)
+                going = wp.bool(True)
+                while going:
+                    i = wp.int32(-1)
+                    if asked and wp.bvh_query_next(query, k, z * length):
+                        i = casters.order[first + k]
+                    elif kind == 2 and n < end:
+                        i = casters.order[n]
+                        n += 1
+                    if i >= 0:
+                        z, t = nearest(view, targets, row, i, d, z, t)
+                    going = i >= 0
+                kind += 1
         else:
             for n in range(begin, end):
                 z, t = nearest(view, targets, row, casters.order[n], d, z, t)

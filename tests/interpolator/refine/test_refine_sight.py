@@ -1,5 +1,7 @@
 """What a ray sees among many things: found by trees over them as one by one, and as the raster draws it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import warp as wp
@@ -33,7 +35,7 @@ def crowd():
     return world(things, lights=[lamp()])
 
 
-def after_a_gap(scene):
+def after_a_gap(scene, device):
     """What rays can meet at the instants of the gap from START on, with the view, and these instants [ns]."""
     view = scene.cameras[0]
     renderer = Renderer(scene, view)
@@ -41,9 +43,10 @@ def after_a_gap(scene):
     first, second = (closed_form(scene, t) for t in times)
     a = keyframe(renderer, first, first.pose[:, 0], START)
     b = keyframe(renderer, second, first.pose[:, -1], START + GAP)
-    rigid = Rigid(scene, view, 1, K, 0, options=RigidOptions(single=True))
+    a, b = (replace(each, image=each.image.to(device)) for each in (a, b))
+    rigid = Rigid(scene, view, 1, K, 0, device=device, options=RigidOptions(single=True))
     method = Refined(rigid, 500_000)
-    method.between(a, b, [False], np.empty((1, K, view.height, view.width), np.float32))
+    method.between(a, b, [False], wp.empty((1, K, view.height, view.width), dtype=wp.float32, device=device))
     (rounds,) = method.refinement._rounds.values()
     evaluator = rounds.evaluator
     return evaluator, evaluator._stamps[np.array(evaluator._at) - 1]
@@ -59,17 +62,18 @@ def seen(evaluator, trees):
         found[n, y, x] = seen_of_all(view, targets, n, pixel_ray(view, x, y))
 
     v = evaluator.visibility
-    found = wp.zeros(v.shape, dtype=wp.uint64, device="cpu")
-    wp.launch(see, v.shape, [v.view, evaluator.targets], [found], device="cpu")
+    found = wp.zeros(v.shape, dtype=wp.uint64, device=v.device)
+    wp.launch(see, v.shape, [v.view, evaluator.targets], [found], device=v.device)
     return found.numpy()
 
 
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
 @pytest.mark.parametrize("trees_from", [1, 21, 30])
-def test_rays_among_many_things(trees_from, monkeypatch):
+def test_rays_among_many_things(trees_from, device, monkeypatch):
     """trees_from: fewest things of a kind, still or moving, that are in a tree: 21 still ones, 20 that move."""
     monkeypatch.setattr(occlusion, "TREE_FROM", trees_from)
     scene = crowd()
-    evaluator, stamps = after_a_gap(scene)
+    evaluator, stamps = after_a_gap(scene, device)
     casters = evaluator.targets.casters
     trees = evaluator.shading.occluders.trees
     assert (casters.still_tree != 0, casters.moving_tree != 0) == (trees_from < 30, trees_from == 1)
