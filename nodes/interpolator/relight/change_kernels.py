@@ -85,14 +85,14 @@ class Point:
 
 
 @wp.func
-def point_of(change: Change, row: int, hit: wp.uint64, position: wp.vec3):
-    """Gives the surface point that a pixel shows in a slot's row."""
+def point_of(change: Change, casters: Casters, row: int, hit: wp.uint64, position: wp.vec3):
+    """Gives the surface point that a pixel shows; casters, row: of the slots and its row, or of the keyframes."""
     t = triangle_of(hit)
     s = Point()
     s.position = position
     s.instance = change.instance[t]
-    s.normal = change.casters.rotation[row, s.instance] * change.normals[t]
-    shell = change.casters.shell[s.instance]
+    s.normal = casters.rotation[row, s.instance] * change.normals[t]
+    shell = casters.shell[s.instance]
     s.skip = -1
     if wp.dot(s.normal, position) > 0.0:
         s.normal = -s.normal
@@ -114,7 +114,7 @@ def moved_point(s: Point, turn: wp.mat33, m: wp.vec3):
 
 @cache
 def make_light(f: LightChanges) -> tuple[Any, Any, Any]:
-    """Makes the functions `irradiance`, `shaded` and `turned`."""
+    """Makes the functions `irradiance`, `shaded` and `level_then`."""
     towards, _ = make_directions(f.directional, f.point or f.area, f.spot)
     _, ambient, _ = make_sky(f.mapped)
     cast = make_cast(f)
@@ -155,6 +155,20 @@ def make_light(f: LightChanges) -> tuple[Any, Any, Any]:
         return False
 
     @wp.func
+    def level_then(change: Change, row: int, row_then: int, then: Point):
+        """Computes ln of the irradiance of a point at a keyframe, which has row_then; row: of any slot."""
+        up = wp.transpose(change.casters.turn[row]) * (change.eye_then[row_then] * then.normal)
+        return wp.log(wp.max(irradiance(change, change.then, row_then, row, then, up), 1.0e-30))
+
+    return irradiance, shaded, level_then
+
+
+@cache
+def make_turned(f: LightChanges) -> Any:
+    """Makes the function `turned`."""
+    towards, _ = make_directions(f.directional, f.point or f.area, f.spot)
+
+    @wp.func
     def turned(change: Change, row: int, row_then: int, s: Point, then: Point, moved: bool):
         """Bounds by how much the half vectors of view and lights have turned against the normal since a keyframe
         [rad]."""
@@ -171,13 +185,14 @@ def make_light(f: LightChanges) -> tuple[Any, Any, Any]:
             angle += 0.5 * most + wp.length(eye * s.normal - eye_then * then.normal)
         return angle
 
-    return irradiance, shaded, turned
+    return turned
 
 
 @cache
 def make_relit(f: LightChanges) -> Any:
     """Makes the function `relit`."""
-    irradiance, shaded, turned = make_light(f)
+    irradiance, shaded, level_then = make_light(f)
+    turned = make_turned(f)
 
     @wp.func
     def blurred(change: Change, then: Point):
@@ -185,12 +200,6 @@ def make_relit(f: LightChanges) -> Any:
         away = wp.length(then.position)
         cosine = wp.abs(wp.dot(then.normal, then.position)) / away
         return change.blur * away / wp.max(cosine, LEAST_COSINE)
-
-    @wp.func
-    def level_then(change: Change, row: int, row_then: int, then: Point):
-        """Computes ln of the irradiance at a keyframe."""
-        up = wp.transpose(change.casters.turn[row]) * (change.eye_then[row_then] * then.normal)
-        return wp.log(wp.max(irradiance(change, change.then, row_then, row, then, up), 1.0e-30))
 
     @wp.func
     def relit(

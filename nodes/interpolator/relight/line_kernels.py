@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from nodes.interpolator.relight.change_kernels import Change, make_level, point_of
+from nodes.interpolator.relight.change_kernels import MOVED, Change, make_level, make_light, point_of
 from nodes.interpolator.relight.features import LightChanges
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 
@@ -29,9 +29,10 @@ class Lit:
 
 
 @cache
-def make_light_in(changes: LightChanges) -> Any:
-    """Makes the function `light_in`. changes: of light in the scene."""
+def make_light_in(changes: LightChanges) -> tuple[Any, Any]:
+    """Makes the functions `light_in` and `light_at_end`. changes: of light in the scene."""
     level_of = make_level(changes)
+    _, _, level_then = make_light(changes)
 
     @wp.func
     def light_in(
@@ -53,7 +54,7 @@ def make_light_in(changes: LightChanges) -> Any:
             if t != MISS:
                 flag = change.flags[env, pieces[t][0]]
                 if flag != 0:
-                    level, hidden = level_of(change, flag, env, row, point_of(change, row, hit, depth_of(hit) * d))
+                    level, hidden = level_of(change, flag, env, row, point_of(change, change.casters, row, hit, depth_of(hit) * d))
                     lit.level = level
                     lit.hidden = hidden
                     lit.known = wp.min(before.known + 1, 2)
@@ -63,4 +64,31 @@ def make_light_in(changes: LightChanges) -> Any:
                     lit.jump = hidden or before.hidden or before.known == 0
         return lit
 
-    return light_in
+    @wp.func
+    def light_at_end(
+        change: Change,
+        pieces: wp.array(dtype=wp.vec2i),
+        env: int,
+        row: int,
+        row_b: int,
+        hit: wp.uint64,
+        d: wp.vec3,
+        before: Lit,
+    ):
+        """Gives how the light of a pixel goes on from the last sub-frame, in a slot's `row`, to keyframe B, in its row;
+        arguments as of `light_in`.
+
+        Nothing is between the two, so that only by how much it grows matters to a line that ends there.
+        """
+        lit = Lit()
+        lit.jump = before.hidden
+        t = triangle_of(hit)
+        if wp.static(changes.relative):
+            if t != MISS and not before.hidden:
+                if (change.flags[env, pieces[t][0]] & MOVED) != 0:
+                    s = point_of(change, change.casters_then, row_b, hit, depth_of(hit) * d)
+                    if before.known == 2:
+                        lit.kink = wp.abs(level_then(change, row, row_b, s) - before.level - before.growth)
+        return lit
+
+    return light_in, light_at_end

@@ -145,7 +145,7 @@ def make_gather(
     ):
         """Tells whether light on the point that slot n shows changes otherwise than the keyframes tell, and otherwise
         how much above each of them ln of its radiance is."""
-        s = point_of(change, n, hit, position)
+        s = point_of(change, change.casters, n, hit, position)
         a = moved_point(s, keys.turn[n, body], m_a)
         b = moved_point(s, keys.turn[n + keys.turn.shape[0] / 2, body], m_b)
         row_a = portion.keyframes[0] + n % portion.envs

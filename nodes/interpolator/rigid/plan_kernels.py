@@ -44,7 +44,7 @@ class Stretch:
     """Holds a portion's sub-frames start0 + 1 .. start0 + count, in slots slot0.. of `packed` [P E, H, W].
 
     before [E, H, W]: z-buffer of sub-frame start0; after: that of B, with which the portion ends where closed = 1.
-    quiet [E, H, W]: entries with which nothing has changed. step: path [px] up to which samples are spared; 0 = none.
+    quiet [E, H, W]: entries with which nothing has changed. row_b: first row of B among the keyframes. step: path [px] up to which samples are spared; 0 = none.
     gain: pixels per radian of a lens, at most. pieces: body and patch of each triangle.
     """
 
@@ -54,6 +54,7 @@ class Stretch:
     start0: int
     envs: int
     upsampling: int
+    row_b: int
     step: float
     gain: float
     before: wp.array3d(dtype=wp.uint64)
@@ -109,7 +110,7 @@ def make_plan(channels: int, changes: LightChanges) -> wp.Kernel:
     """Makes the kernel that plans at which sub-frames pixels are sampled. channels: 1 (luminance) or 3 (RGB). changes:
     of light in the scene."""
     pixel = wp.float32 if channels == 1 else wp.vec3
-    light_in = make_light_in(changes) if changes.any else None
+    light_in, light_at_end = make_light_in(changes) if changes.any else (None, None)
 
     @wp.kernel(module="unique", enable_backward=False)
     def plan(
@@ -180,12 +181,11 @@ def make_plan(channels: int, changes: LightChanges) -> wp.Kernel:
                     if u != t:
                         body = body_at(u, env, given.pieces, given.walk)
                     if wp.static(changes.any):
+                        row = (given.slot0 + wp.min(k, given.count) - 1) * given.envs + env
                         if k <= given.count:
-                            row = (given.slot0 + k - 1) * given.envs + env
                             lit = light_in(change, given.pieces, env, row, now, d, lit)
                         else:
-                            lit.jump = lit.hidden
-                            lit.kink = 0.0
+                            lit = light_at_end(change, given.pieces, env, row, given.row_b + env, now, d, lit)
                         bend += lit.kink
                     if u == t or joined(hit, now, given.pieces):
                         far = flow(

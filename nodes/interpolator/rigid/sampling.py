@@ -126,7 +126,7 @@ class Sampling:
         active = self._changed(part, b, quiet, frames)
         stretch: Any = plan_kernels.Stretch()
         stretch.count, stretch.closed, stretch.slot0, stretch.start0 = count, int(part.closed), part.slot0, part.start
-        stretch.envs, stretch.upsampling = self._envs, self._upsampling
+        stretch.envs, stretch.upsampling, stretch.row_b = self._envs, self._upsampling, b.first
         stretch.step, stretch.gain, stretch.walk = self._step, self._gain, self._walk
         stretch.before, stretch.packed, stretch.after = packed, v.packed, b.packed
         stretch.quiet, stretch.pieces = quiet, self._pieces

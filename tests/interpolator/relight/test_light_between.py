@@ -134,6 +134,18 @@ def test_a_spot_light_that_sweeps_over_a_still_wall():
     assert np.abs(np.log(gap.dense[15] / gap.dense[-1])).max() > 1
 
 
+@pytest.mark.parametrize("frame", [1, 2, 3])
+def test_a_beam_is_on_what_it_meets_at_a_single_frame(frame):
+    """Also at the last one before the later keyframe, beside which no frame is that would tell of it."""
+    spot = Light("spot", "spot", np.full(3, 40.0), np.zeros(3), 0, False, np.array([0.0, 0.0, 1.0]), (0.03, 0.1))
+    path = turning(4 * 0.3, (0, 1, 0), (0.0, 0.0, 0.0), start=-0.3 * frame)
+    gap = cross(world([WALL], lights=[spot], sky=0.05, spares=[("head", path)]), 4)
+    middle = np.index_exp[:, gap.dense.shape[1] // 2, gap.dense.shape[2] // 2]
+    bright = gap.dense[middle] / gap.dense[middle].min()
+    assert bright.argmax() == frame - 1 and bright.max() > 20 and np.sort(bright)[2] < 1.01
+    assert share_off(gap) < 0.002
+
+
 def test_a_highlight_runs_over_a_metal_that_turns():
     metal = Material("metal", np.full(3, 0.8), roughness=0.3, metallic=1.0)
     thing = (box(0.4, 0.2, 0.2), metal, turning(1.0, (1, 0, 0), start=-0.5))

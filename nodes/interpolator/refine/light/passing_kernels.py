@@ -64,7 +64,7 @@ def make_find_passing(changes: LightChanges, trees: bool) -> wp.Kernel:
         """Gives the sum of the keys of lamps that something may move before and that are hidden from what a ray sees,
         and of spots whose beam passes by it. flag: of `narrowed`."""
         keys = NOTHING
-        s = point_of(change, row, hit, depth_of(hit) * d)
+        s = point_of(change, change.casters, row, hit, depth_of(hit) * d)
         casters = change.casters
         origin = s.position + (LIFT * (wp.length(s.position) + casters.radius[s.instance])) * s.normal
         first = wp.where((flag & MOVED) != 0, 0, casters.still)
