@@ -92,6 +92,8 @@ class Interpolator:
         self._samples = 1
         self._made: Any = new_frames((0,))
         self.report = Report()
+        self.late = False
+        """Whether `report` may be that of the gap before, so that nobody waits for a GPU; see `last_report`."""
         self.further: Further | None = None
         """Samples of single pixels between the frames made last, if there are any."""
         self.own_t: np.ndarray | None = None
@@ -156,6 +158,10 @@ class Interpolator:
             self._average(made, out)
         self._last, self._stamp, self._episodes = view, stamp_ns, np.array(episodes)
         return stamps, out
+
+    def last_report(self) -> Report:
+        """Gives the report of the last gap, once, where `report` was that of the one before."""
+        return getattr(self._method, "last_report", Report)()
 
     @property
     def last(self) -> tuple[int, np.ndarray]:
@@ -310,6 +316,7 @@ class Interpolator:
             images = made_up.images(envs, height, width)
             self.push(stamp, episodes, *images, margin, self._scratch, states)
         self._warmed = True
+        self.last_report()
         prepare(0)
         # Of those that remember more than the last keyframe.
         getattr(self._method, "settle", lambda: None)()
@@ -325,7 +332,7 @@ class Interpolator:
         gap = Gap(
             height, width, envs, self.upsampling, margin, 3 if self._colour else 1, str(self._device), self._threads,
             self._scene, camera, self._light, self._worlds,
-            self._time_tolerance_ns if self._samples == 1 else 0.0, in_a_row,
+            self._time_tolerance_ns if self._samples == 1 else 0.0, in_a_row, self.late,
         )  # fmt: skip
         return METHODS[self._name].make(gap)
 

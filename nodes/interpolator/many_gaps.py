@@ -149,9 +149,9 @@ class ManyGaps(Interpolator):
             episodes, alone = one.episodes, False
         return runs
 
-    def end(self) -> None:
-        """Makes `report` that of the gaps made last."""
-        self.report = Report() if self._rigid is None else self._rigid[1].last_report()
+    def last_report(self) -> Report:
+        """Gives the report of the gaps made last, once."""
+        return Report() if self._rigid is None else self._rigid[1].last_report()
 
     def _arrived(self, keyframes: Sequence[Arrived]) -> list[tuple[int, States]]:
         """Gives stamps and states of keyframes."""
@@ -243,7 +243,7 @@ class ManyGaps(Interpolator):
         for stamp in made_up.stamps(1 if self._device.is_cpu else made_up.RECORDED):
             one = Arrived(stamp, episodes, image, made_up.states(self._scene, self._camera, envs, stamp))
             self.push_all([one], lambda made: None, margin, self._scratch)
-        self.end()
+        self.last_report()
         if isinstance(method, Refined):
             method.prepare_for(0)
         self._warmed = True

@@ -32,6 +32,7 @@ class Gap:
         worlds: the scene of each environment where they move differently, and look alike.
         time_tolerance_ns: of the time of a crossing, by further samples of single pixels; 0 = frames only.
         in_a_row: the environments are gaps of one, each of which begins where the one before ends; for `rigid`.
+        late: the report of a gap may come with the next one.
     """
 
     height: int
@@ -48,6 +49,7 @@ class Gap:
     worlds: Sequence[Scene] = ()
     time_tolerance_ns: float = 0.0
     in_a_row: bool = False
+    late: bool = False
 
     @property
     def images(self) -> tuple[int, int, int, int, int, int, str, int]:
@@ -78,6 +80,7 @@ def _rigid(gap: Gap) -> Method:
     if gap.time_tolerance_ns == 0 or "paths" in asked:
         options = RigidOptions(**asked)
         rigid = Rigid(gap.scene, gap.camera, *gap.bodies, options, worlds=gap.worlds, in_a_row=gap.in_a_row)
+        rigid.late |= gap.late
         rigid.begin_build()
         return rigid
     from nodes.interpolator.refine.method import Refined, tolerance_of

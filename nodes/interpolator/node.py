@@ -156,6 +156,7 @@ class InterpolatorNode(Node):
         if self._expected is not None:
             least = LEAST_OF_RIGID if method == "rigid" else LEAST_OF_PIXEL
             check_room(self.name, p["device"], p["envs"], width, height, p["upsampling"], least)
+        self._device = device_named(p["device"])
         self._gaps = self._at_once(height * width)
         self._fineness = n
         told = by_frames_alone(camera, p) if self._sampled and camera else ""
@@ -165,7 +166,6 @@ class InterpolatorNode(Node):
             self.warn(told)
         if self._expected is not None and isinstance(self.interpolator, Interpolator):
             self.interpolator.begin(p["envs"], *self._expected, self._fineness * p["margin"])
-        self._device = device_named(p["device"])
         self._field = "rgb" if p["colour"] else "luminance"
         self._kept: list[Message] = []
 
@@ -230,7 +230,10 @@ class InterpolatorNode(Node):
             from nodes.interpolator.many_gaps import ManyGaps
 
             return ManyGaps(self._method, p["upsampling"], self._gaps, **how)
-        return Interpolator(self._method, p["upsampling"], **how)
+        made = Interpolator(self._method, p["upsampling"], **how)
+        # Environments that are a batch already: where nobody reads what a gap counts, nobody waits for it.
+        made.late = self._device.is_cuda and self.may_gather and not self._sampled and not self._counts_are_read()
+        return made
 
     def _separate(self, parts: Parts[Interpolator]) -> SeparateInterpolators:
         from nodes.interpolator.separate import SeparateInterpolators
@@ -254,6 +257,7 @@ class InterpolatorNode(Node):
         changed, self.worlds = worlds.changed(self.worlds, shown), worlds
         if not len(changed):
             return
+        self._count_report(self.interpolator.last_report())
         if len(changed) == len(worlds.scenes):
             self.interpolator = self._interpolators(worlds)
             self._warm(self.interpolator, len(changed))
@@ -284,7 +288,11 @@ class InterpolatorNode(Node):
             None if key.own is None else np.array(key.own[:, STAMP]),
         )
         self._hold(inputs)
-        self._count_report(self.interpolator.report)
+        report = self.interpolator.report
+        self._count_report(report)
+        if self.interpolator.late and self._counts_are_read():
+            # A viewer has come since: what this gap counts, and not the one before.
+            self._count_report(report := self.interpolator.last_report())
         if self._frames_alone and len(t) > 1:
             self.count("pixels_by_frames_alone", len(frames) * frames.shape[2] * frames.shape[3])
         colour, own_t = self.params["colour"], self.interpolator.own_t
@@ -294,7 +302,7 @@ class InterpolatorNode(Node):
         if not self._sampled or self.wants("frames"):
             made["frames"] = frames_of(key, t, frames, colour, own_t)
         for port, message in made.items():
-            message.filled, message.reshaded = self.interpolator.report.filled, self.interpolator.report.reshaded
+            message.filled, message.reshaded = report.filled, report.reshaded
             self.publish(port, message)
 
     def update_all(self, inputs: Sequence[Mapping[str, Message]]) -> None:
@@ -378,11 +386,7 @@ class InterpolatorNode(Node):
 
     def finish(self) -> None:
         """Counts what is not counted yet."""
-        from nodes.interpolator.many_gaps import ManyGaps
-
-        if isinstance(self.interpolator, ManyGaps):
-            self.interpolator.end()
-            self._count_report(self.interpolator.report)
+        self._count_report(self.interpolator.last_report())
 
     def close(self) -> None:
         """Lets go of keyframes, also where another node's setup failed before its own."""

@@ -33,12 +33,17 @@ class SeparateInterpolators:
         self._upsampling, self._device = upsampling, device_named(device)
         self._stamp, self._episodes = parts.all[0].last
         self.report = Report()
+        self.late = False
         self.own_t: np.ndarray | None = None
         self.further: Further | None = None
 
     def change(self, groups: Sequence[Group], make: Sequence[Callable[[], Interpolator]]) -> list[Interpolator]:
         """Gives environments whose worlds are others from now on interpolators of their own, by group."""
         return self._parts.change(groups, make)
+
+    def last_report(self) -> Report:
+        """Gives no report: none of these comes late."""
+        return Report()
 
     def forget(self) -> None:
         """Forgets the last keyframe, as Interpolator does."""

@@ -60,13 +60,32 @@ def test_frames_are_the_same_for_any_number_of_gaps(name, gaps, at_once):
 
     for start in range(0, len(made), at_once):
         many.push_all(made[start : start + at_once], deliver)
-    many.end()
-    reshaded += many.report.reshaded
+    reshaded += many.last_report().reshaded
     assert many.gaps == gaps
     assert [t for t, _ in found] == [t for t, _ in want]
     for (_, frames), (_, true) in zip(found, want):
         assert np.array_equal(frames, true)
     assert reshaded == sum(report.reshaded for report in reports)
+
+
+def test_reports_that_come_a_gap_late_are_those_of_the_gaps():
+    """Of environments side by side, for which nobody need wait; none of a warm-up is among them."""
+    scene = load_scene("flying_shapes", SIZE)
+    made = arrivals(scene, 6, [0] * 6)
+
+    def reports(late):
+        interpolator = Interpolator("rigid", K, scene=scene, camera=scene.cameras[0])
+        interpolator.late = late
+        interpolator.warm_up_for(1, *made[0].image.shape[1:3])
+        found = [interpolator.report]
+        for one in made:
+            interpolator.push(one.stamp_ns, one.episodes, one.image, None, None, states=one.states)
+            found.append(interpolator.report)
+        return [report.reshaded for report in found[1:]], interpolator.last_report().reshaded
+
+    (own, nothing), (earlier, last) = reports(False), reports(True)
+    assert nothing == 0 and sum(own) > 0
+    assert earlier == [0, 0, *own[1:-1]] and last == own[-1]
 
 
 def test_gaps_that_are_known_are_prepared_once(monkeypatch):

@@ -54,7 +54,8 @@ def make_light_in(changes: LightChanges) -> tuple[Any, Any]:
             if t != MISS:
                 flag = change.flags[env, pieces[t][0]]
                 if flag != 0:
-                    level, hidden = level_of(change, flag, env, row, point_of(change, change.casters, row, hit, depth_of(hit) * d))
+                    s = point_of(change, change.casters, row, hit, depth_of(hit) * d)
+                    level, hidden = level_of(change, flag, env, row, s)
                     lit.level = level
                     lit.hidden = hidden
                     lit.known = wp.min(before.known + 1, 2)

@@ -89,6 +89,8 @@ class Rigid:
         self.pair = Pair(keyframe, slots, bodies, channels, self._device, exact, textured, in_a_row)
         self.in_a_row = in_a_row
         """Whether the environments are gaps of one."""
+        self.late = in_a_row
+        """Whether `between` gives the report of the gap before, so that nobody waits for a GPU; see `last_report`."""
         self._at_b: KeyframeView | None = None
         self._foreseen: tuple[Span, Poses] | None = None
         """A gap that is to come, and its poses."""
@@ -154,8 +156,8 @@ class Rigid:
     def between(
         self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array
     ) -> Report:
-        """See Method. Views need `states` and `stamp_ns`; out may be an array of the device. Of gaps in a row the
-        report is that of those before; see `last_report`."""
+        """See Method. Views need `states` and `stamp_ns`; out may be an array of the device. Where reports are `late`
+        it is that of the gap before."""
         return self.begin(a, b, held, out)()
 
     def begin(
@@ -216,7 +218,7 @@ class Rigid:
             self.placement.expect(stamps)
         if (there := self._there[turn]) is not None:
             self._device.stream.record_event(there)
-        if not self.in_a_row:
+        if not self.late:
             return partial(self._report, turn)
         unread, self._unread = self._unread, turn
         return Report if unread is None else partial(self._report, unread)
@@ -226,7 +228,7 @@ class Rigid:
         self._foreseen = gap, self._places.find(gap.stamps(self.layout.upsampling), gap.a, gap.b, gap.held)
 
     def last_report(self) -> Report:
-        """Gives the report of the last gaps in a row, once: `between` gives that of those before, so as not to wait."""
+        """Gives the report of the last gap, once, where reports are `late`."""
         unread, self._unread = self._unread, None
         return Report() if unread is None else self._report(unread)
 

@@ -44,8 +44,9 @@ class Stretch:
     """Holds a portion's sub-frames start0 + 1 .. start0 + count, in slots slot0.. of `packed` [P E, H, W].
 
     before [E, H, W]: z-buffer of sub-frame start0; after: that of B, with which the portion ends where closed = 1.
-    quiet [E, H, W]: entries with which nothing has changed. row_b: first row of B among the keyframes. step: path [px] up to which samples are spared; 0 = none.
-    gain: pixels per radian of a lens, at most. pieces: body and patch of each triangle.
+    quiet [E, H, W]: entries with which nothing has changed. row_b: first row of B among the keyframes. step: path [px]
+    up to which samples are spared; 0 = none. gain: pixels per radian of a lens, at most. pieces: body and patch of each
+    triangle.
     """
 
     count: int
