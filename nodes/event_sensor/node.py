@@ -208,14 +208,19 @@ class EventSensorNode(Node):
         return True
 
     def update(self, inputs: Mapping[str, Message]) -> None:
-        while self._land():
-            pass
         message, further = inputs[self._source], None
         assert isinstance(message, Keyframe | Frames | Samples)
         image, t = self._images.of([message]), stamps(message)
         if isinstance(message, Samples):
             further = self._images.further(message)
         envs, _, height, width = image.shape[:4]
+        if self._flies(message, envs):
+            found = further if self._sensor.takes_further else None
+            self._header, self._episodes = message.header, np.array(message.episodes)
+            self._fly(self._sensor.process_async(image, t, message.episodes, further=found, defer=False), [message])
+            return
+        while self._land():
+            pass
         self._packets.size = (height, width)
         if message.own is not None or self._groups is not None:
             self._update_groups(message, image, t, further)
@@ -250,10 +255,7 @@ class EventSensorNode(Node):
             t, images = np.concatenate([stamps(message) for message in run]), self._images.of(run)
             further = self._further(run)
             if self._flights is not None:
-                call = self._sensor.process_async(images, t, run[-1].episodes, further=further, defer=False)
-                self._flights.begin(call, run)
-                while self._flights.due():
-                    self._land()
+                self._fly(self._sensor.process_async(images, t, run[-1].episodes, further=further, defer=False), run)
                 continue
             count = self._sensor.advance(images, t, run[-1].episodes, further=further)
             columns = self._packets.memory(self._sensor.columns(), count)
@@ -272,6 +274,20 @@ class EventSensorNode(Node):
         parts = [self._images.further(message) for message in run]
         return Further.in_a_row(parts, [stamp - begun[0] for stamp in begun], self._device)
 
+    def _flies(self, message: Keyframe | Frames | Samples, envs: int) -> bool:
+        """Tells whether the events of a message may be published after the next one: those of environments side by
+        side, whose times go on, where a GPU need not be waited for."""
+        if self._flights is None or envs == 1 or self._sensor is None or self._groups is not None:
+            return False
+        return self._own_model and message.own is None and message.header.stamp_ns > self._header.stamp_ns
+
+    def _fly(self, call: Any, messages: Sequence[Message]) -> None:
+        """Publishes the events of the calls before one that has begun."""
+        assert self._flights is not None
+        self._flights.begin(call, messages)
+        while self._flights.due():
+            self._land()
+
     def _land(self) -> bool:
         """Publishes the events of the first call under way; False where there is none."""
         landed = self._flights.land() if self._flights is not None else None
@@ -283,7 +299,10 @@ class EventSensorNode(Node):
             out = self._packets.memory(types, len(events), self._device)
             events.read(out)
         self._count(self._sensor)
-        self._packets.of_run(landed.messages, out, landed.ends, events.t_base)
+        if len(landed.messages) == 1:
+            self._packets.of_one(landed.messages[0].header, out, events.env_offsets, events.t_base)
+        else:
+            self._packets.of_run(landed.messages, out, landed.ends, events.t_base)
         return True
 
     def _update_groups(

@@ -44,4 +44,4 @@ class Flights:
         for message in messages:
             message.release()
         stamps = [message.header.stamp_ns for message in messages]
-        return Landed(events, messages, events.up_to(stamps))
+        return Landed(events, messages, events.up_to(stamps) if len(stamps) > 1 else [len(events)])

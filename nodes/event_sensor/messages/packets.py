@@ -52,7 +52,15 @@ class Packets:
         """Publishes the `count` events of the last step of an EventSensor."""
         out = self.memory(sensor.columns(), count, sensor.on_gpu)
         sensor.read(out)
-        self._publish(header, out, sensor.env_offsets(), sensor.t_base)
+        self.of_one(header, out, sensor.env_offsets(), sensor.t_base)
+
+    def of_one(self, header: Header, columns: dict[str, Any], offsets: np.ndarray, t0_ns: int) -> None:
+        """Publishes events that are in memory of the node's ports; arguments as of `of_columns`."""
+        signal = columns.pop("signal", None)
+        self._node.publish("events", self._packet(header, offsets, columns, t0_ns))
+        if signal is not None:
+            signal = signal if isinstance(signal, np.ndarray) else signal.numpy()
+            self._node.publish("signal", EventSignal(copy_of(header), offsets, signal))
 
     def of_columns(self, header: Header, columns: Mapping[str, np.ndarray], offsets: np.ndarray, t0_ns: int) -> None:
         """Publishes events that are on the host, copied to the sensor's device where that is a GPU.
@@ -68,7 +76,7 @@ class Packets:
                 to.assign(columns[name])
         if "signal" in columns:
             out["signal"] = columns["signal"]
-        self._publish(header, out, offsets, t0_ns)
+        self.of_one(header, out, offsets, t0_ns)
 
     def of_run(self, messages: Sequence[Message], columns: Mapping[str, Any], ends: Sequence[int], t0_ns: int) -> None:
         """Publishes a packet for each of several messages of one environment that were sensed in one call.
@@ -88,13 +96,6 @@ class Packets:
         if "signal" in columns:
             for message, each, part in zip(messages, offsets, parts):
                 self._node.publish("signal", EventSignal(copy_of(message.header), each, columns["signal"][part]))
-
-    def _publish(self, header: Header, columns: dict[str, Any], offsets: np.ndarray, t0_ns: int) -> None:
-        signal = columns.pop("signal", None)
-        self._node.publish("events", self._packet(header, offsets, columns, t0_ns))
-        if signal is not None:
-            signal = signal if isinstance(signal, np.ndarray) else signal.numpy()
-            self._node.publish("signal", EventSignal(copy_of(header), offsets, signal))
 
     def _packet(self, header: Header, offsets: np.ndarray, columns: Mapping[str, Any], t0_ns: int) -> EventPacket:
         height, width = self.size
