@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Protocol
 
 import numpy as np
@@ -179,6 +179,10 @@ class Report:
     refined: int = 0
     unreached: int = 0
     unseen: int = 0
+
+    def __add__(self, other: Report) -> Report:
+        """Adds up the counts of two gaps."""
+        return Report(*(getattr(self, item.name) + getattr(other, item.name) for item in fields(Report)))
 
 
 class Method(Protocol):

@@ -79,8 +79,7 @@ def _rigid(gap: Gap) -> Method:
     asked = {name: value for name, value in gap.light.items() if value is not None}
     if gap.time_tolerance_ns == 0 or "paths" in asked:
         options = RigidOptions(**asked)
-        rigid = Rigid(gap.scene, gap.camera, *gap.bodies, options, worlds=gap.worlds, in_a_row=gap.in_a_row)
-        rigid.late |= gap.late
+        rigid = Rigid(gap.scene, gap.camera, *gap.bodies, options, gap.worlds, gap.in_a_row, gap.late)
         rigid.begin_build()
         return rigid
     from nodes.interpolator.refine.method import Refined, tolerance_of

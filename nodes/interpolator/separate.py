@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -33,7 +33,6 @@ class SeparateInterpolators:
         self._upsampling, self._device = upsampling, device_named(device)
         self._stamp, self._episodes = parts.all[0].last
         self.report = Report()
-        self.late = False
         self.own_t: np.ndarray | None = None
         self.further: Further | None = None
 
@@ -41,9 +40,14 @@ class SeparateInterpolators:
         """Gives environments whose worlds are others from now on interpolators of their own, by group."""
         return self._parts.change(groups, make)
 
+    @property
+    def late(self) -> bool:
+        """Tells whether reports come a gap late, as those of Interpolator may."""
+        return any(part.late for part in self._parts.all)
+
     def last_report(self) -> Report:
-        """Gives no report: none of these comes late."""
-        return Report()
+        """Gives the report of the last gap of those whose reports come late, once."""
+        return sum((part.last_report() for part in self._parts.all), Report())
 
     def forget(self) -> None:
         """Forgets the last keyframe, as Interpolator does."""
@@ -100,9 +104,7 @@ class SeparateInterpolators:
                 )
                 if self.own_t is not None and interpolator.own_t is not None:
                     self.own_t[part.envs[live]] = interpolator.own_t[live]
-                for item in fields(Report):
-                    total = getattr(self.report, item.name) + getattr(interpolator.report, item.name)
-                    setattr(self.report, item.name, total)
+                self.report += interpolator.report
                 found.append((part.envs[live], np.flatnonzero(live), interpolator.further))
             if out is None:
                 out = allocate((len(episodes), count, *frames.shape[2:4], *_channels(frames)))

@@ -7,9 +7,12 @@ import pytest
 
 from evis.runtime.clock import keyframe_stamp
 from evis.scene.load import load_scene
+from evis.scene.parts import Parts
 from nodes.interpolator.interpolator import Interpolator
+from nodes.interpolator.keyframe import Report
 from nodes.interpolator.many_gaps import Arrived, ManyGaps
 from nodes.interpolator.refine.refinement import Refinement
+from nodes.interpolator.separate import SeparateInterpolators
 from nodes.renderer.renderer import Renderer
 from tests.interpolator.rigid_rig import closed_form
 
@@ -86,6 +89,32 @@ def test_reports_that_come_a_gap_late_are_those_of_the_gaps():
     (own, nothing), (earlier, last) = reports(False), reports(True)
     assert nothing == 0 and sum(own) > 0
     assert earlier == [0, 0, *own[1:-1]] and last == own[-1]
+
+
+def test_late_reports_of_worlds_that_look_different_are_added_up():
+    """Of two environments with an interpolator each: none of what they count is lost at the end."""
+    scene = load_scene("flying_shapes", SIZE)
+    made = arrivals(scene, 5, [0] * 5)
+
+    def total(late):
+        def make():
+            interpolator = Interpolator("rigid", K, scene=scene, camera=scene.cameras[0])
+            interpolator.late = late
+            return interpolator
+
+        groups = [(scene, np.array([env])) for env in range(2)]
+        both, found = SeparateInterpolators(Parts(groups, [make, make]), K, "cpu"), Report()
+        assert both.late == late
+        for one in made:
+            twice = [np.concatenate([values, values]) for values in (one.episodes, one.image)]
+            states = one.states.part(np.zeros(2, int))
+            both.push(one.stamp_ns, *twice, None, None, states=states)
+            found += both.report
+        return found, both.last_report()
+
+    (own, nothing), (earlier, last) = total(False), total(True)
+    assert nothing == Report() and own.reshaded > 0 and last.reshaded > 0
+    assert earlier + last == own
 
 
 def test_gaps_that_are_known_are_prepared_once(monkeypatch):

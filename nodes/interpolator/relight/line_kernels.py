@@ -85,11 +85,10 @@ def make_light_in(changes: LightChanges) -> tuple[Any, Any]:
         lit.jump = before.hidden
         t = triangle_of(hit)
         if wp.static(changes.relative):
-            if t != MISS and not before.hidden:
+            if t != MISS and before.known == 2 and not before.hidden:
                 if (change.flags[env, pieces[t][0]] & MOVED) != 0:
                     s = point_of(change, change.casters_then, row_b, hit, depth_of(hit) * d)
-                    if before.known == 2:
-                        lit.kink = wp.abs(level_then(change, row, row_b, s) - before.level - before.growth)
+                    lit.kink = wp.abs(level_then(change, row, row_b, s) - before.level - before.growth)
         return lit
 
     return light_in, light_at_end

@@ -68,11 +68,13 @@ class Rigid:
         options: RigidOptions | None = None,
         worlds: Sequence[Scene] = (),
         in_a_row: bool = False,
+        late: bool = False,
     ) -> None:
         """scene, camera: those of the renderer. upsampling: K. margin: pixels beyond the image on every side. channels:
         1 or 3. threads: of a CPU. worlds: see Placement. in_a_row: the environments are gaps of one environment, each
         of which begins where the one before ends: views have times of their `own`, and the last one's B is the first
-        one's A of the next call; not where it `remembers`."""
+        one's A of the next call; not where it `remembers`. late: `between` gives the report of the gap before, so that
+        nobody waits for a GPU, as it does of gaps in a row; see `last_report`."""
         asked, cpu = options or RigidOptions(), wp.get_device(device).is_cpu
         self.layout = layout_of(scene, camera, envs, upsampling, margin, channels, cpu, asked)
         slots, step = self.layout.slots, self.layout.step
@@ -89,8 +91,8 @@ class Rigid:
         self.pair = Pair(keyframe, slots, bodies, channels, self._device, exact, textured, in_a_row)
         self.in_a_row = in_a_row
         """Whether the environments are gaps of one."""
-        self.late = in_a_row
-        """Whether `between` gives the report of the gap before, so that nobody waits for a GPU; see `last_report`."""
+        self.late = late or in_a_row
+        """Whether the report of a gap comes with the next one."""
         self._at_b: KeyframeView | None = None
         self._foreseen: tuple[Span, Poses] | None = None
         """A gap that is to come, and its poses."""
