@@ -27,15 +27,17 @@ def write_chunks(writer, first, end):
 
 
 def kept_by(step, warm, count):
-    """Bytes that stay allocated per call of `step`, after `warm` calls for what is allocated once only."""
-    for k in range(warm):
-        step(k)
+    """Bytes that stay allocated per call of `step`, after `warm` calls for what is allocated once only.
+
+    The warm calls are traced too: objects that Python keeps for its next lists and dicts are counted before as after.
+    """
     tracemalloc.start()
     try:
-        step(warm)
+        for k in range(warm):
+            step(k)
         gc.collect()
         before, _ = tracemalloc.get_traced_memory()
-        for k in range(warm + 1, warm + 1 + count):
+        for k in range(warm, warm + count):
             step(k)
         gc.collect()
         return (tracemalloc.get_traced_memory()[0] - before) / count
@@ -46,8 +48,8 @@ def kept_by(step, warm, count):
 def test_a_chunk_leaves_few_bytes_in_memory(tmp_path):
     """Ten channels: 1,000 bytes of objects for every chunk were 35 MB an hour. Packed, and not yet compressed: 111."""
     with BagWriter(tmp_path / "a.mcap", chunk_bytes=1 << 30, chunk_period_s=1e6) as writer:
-        kept = kept_by(lambda k: write_chunks(writer, k, k + 1), 20, 100)
-    assert kept < 500  # lists that Python keeps for its own use are in it
+        kept = kept_by(lambda k: write_chunks(writer, k, k + 1), 100, 300)
+    assert kept < 300
 
 
 def test_many_chunks_leave_a_megabyte_an_hour(tmp_path):
@@ -75,7 +77,7 @@ def test_episodes_leave_few_bytes_in_memory(tmp_path):
 
         assert kept_by(reset, 10, 300) < 200  # its chunk too
     with BagReader(tmp_path / "a.mcap") as reader:
-        assert len(reader.scanner.layout.episodes) == 310
+        assert len(reader.scanner.layout.episodes) == 309  # every one but the first begins with a reset
 
 
 def test_the_packed_index_says_where_everything_is(tmp_path, monkeypatch):
