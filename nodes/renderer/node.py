@@ -332,8 +332,8 @@ class RendererNode(Node):
         if "keyframe" in wanted.values():
             spare = 0 if self.gathers == 1 else len(poses) - len(states)
             self._told.append((self.renderer.counts_later(), spare, poses, t))
-            # Of one keyframe now, for on a GPU this waits for the image; of several when the next are on their way.
-            while len(self._told) > (self.gathers > 1):
+            # On a GPU this waits for the image: where states are ahead, until the next one is on its way.
+            while len(self._told) > (self.gathers > 1 or (on_gpu and self.may_gather)):
                 self._report()
 
     def finish(self) -> None:

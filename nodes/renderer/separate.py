@@ -37,8 +37,13 @@ class SeparateRenderers:
 
     def counts_later(self) -> Callable[[], tuple[int, int]]:
         """Gives what finds `counts`, as Renderer has it."""
-        found = self.counts()
-        return lambda: found
+        later = [part.counts_later() for part in self._parts.all]
+
+        def found() -> tuple[int, int]:
+            counts = [count() for count in later]
+            return sum(n for n, _ in counts), sum(n for _, n in counts)
+
+        return found
 
     def counts(self) -> tuple[int, int]:
         """Gives pixels of the last drawn light that were not finite, and clipped; waits for it."""

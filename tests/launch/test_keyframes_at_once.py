@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -40,6 +41,13 @@ def composed(scene: str, grouping: str = "compose", explain: bool = False, **giv
 
 def published(scene: str, at_state: Callable[[Executor, int], None] | None = None, **given: Any) -> list[Record]:
     """What a composed run publishes on the topics of its camera, in the order of each topic."""
+    return run_of(scene, at_state, **given)[0]
+
+
+def run_of(
+    scene: str, at_state: Callable[[Executor, int], None] | None = None, **given: Any
+) -> tuple[list[Record], dict[str, dict[str, int]]]:
+    """What a composed run publishes on the topics of its camera, in the order of each topic; what its nodes count."""
     plan = composed(scene, **given)
     plan.nodes = {name: node for name, node in plan.nodes.items() if node.process == COMPOSED and not node.dormant}
     plan.topics = {name: topic for name, topic in plan.topics.items() if topic.node in plan.nodes}
@@ -77,7 +85,8 @@ def published(scene: str, at_state: Callable[[Executor, int], None] | None = Non
         executor.run()
     finally:
         executor.close()
-    return sorted(found, key=lambda record: (record[0], record[1].seq))
+    counts = {name: dict(node["counters"]) for name, node in executor.summary().items()}
+    return sorted(found, key=lambda record: (record[0], record[1].seq)), counts
 
 
 @pytest.mark.parametrize(
@@ -131,6 +140,40 @@ def test_every_message_is_the_same_on_a_gpu(scene: str, preset: str, tolerance: 
     want = published(scene, batch=1, **given)
     for batch in (4, 16):
         assert published(scene, batch=batch, **given) == want
+
+
+def of_environment(records: list[Record], env: int) -> np.ndarray:
+    """Events of one environment, a row each of t, x, y, p."""
+    found = []
+    for port, _, arrays in records:
+        if port == "events":
+            first, end = np.frombuffer(arrays["env_offsets"], np.int64)[env : env + 2]
+            kinds = {"t": np.int64, "x": np.uint16, "y": np.uint16, "p": np.uint8}
+            found.append(np.stack([np.frombuffer(arrays[name], kind)[first:end] for name, kind in kinds.items()], 1))
+    return np.concatenate(found)
+
+
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
+@pytest.mark.parametrize(
+    "scene, given",
+    [
+        ("warehouse", {"preset": "davis346", "upsampling": 4}),
+        ("flying_shapes", {"vary": 1}),
+        ("drone", {"refractory_us": 300, "time_tolerance": 0.0005}),
+    ],
+)
+def test_environments_are_each_as_by_itself(device: str, scene: str, given: dict[str, Any]) -> None:
+    """On a GPU their counts and events are fetched when the next gap is under way; alone, they are several gaps at
+    once."""
+    given = {"device": device, "time_tolerance": 0, **given}
+    together, counts = run_of(scene, envs=3, seed=5, **given)
+    alone = [run_of(scene, seed=5 + env, **given) for env in range(3)]
+    for env, (one, _) in enumerate(alone):
+        events = of_environment(one, 0)
+        assert len(events) > 1000
+        assert np.array_equal(of_environment(together, env), events)
+    for node in ("renderer", "interpolator", "event_sensor"):
+        assert counts[node] == sum((Counter(own[node]) for _, own in alone), Counter())
 
 
 @pytest.mark.parametrize("tolerance", [0, 0.0005])
