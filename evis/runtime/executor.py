@@ -426,11 +426,10 @@ class Executor:
             return
         publisher, profile = host.publishers[topic], self.profile.node(node.name)
         consumers = [(consumer, port) for consumer, port, consumed in host.downstream if consumed == topic]
-        with publisher.sharing_loans():
+        with publisher.sharing_loans(), self.profile.inside("bus"):
             for message in messages:
                 profile.saw(topic, message)
-                with self.profile.inside("bus"):
-                    delivery = Delivery.of(message, publisher, consumers, host.unread_by(topic, message.header))
+                delivery = Delivery.of(message, publisher, consumers, host.unread_by(topic, message.header))
                 try:
                     for (consumer, consumer_port), given in zip(consumers, delivery.given):
                         given.keep()

@@ -41,12 +41,14 @@ class Environments:
         self._controls = engine.controls
         self._groups = [Group(np.arange(envs), engine, 0, np.ones(envs, bool))]
         self._seeds = np.full(envs, CONFIGURED, np.int64)
+        self._configured = True
+        """Whether all have the seeds of the run."""
         self._now = 0
 
     @property
     def together(self) -> bool:
         """Tells whether all began together at stamp 0, with the seeds of the run."""
-        return len(self._groups) == 1 and not self._groups[0].first and bool((self._seeds == CONFIGURED).all())
+        return len(self._groups) == 1 and not self._groups[0].first and self._configured
 
     def advance(self, k: int, controls: np.ndarray | None = None) -> Interval:
         """Gives the states up to keyframe k: the next one, or that at which environments begin.
@@ -125,6 +127,7 @@ class Environments:
         for env, seed in zip(envs, seeds):
             if seed != CONFIGURED:
                 self._seeds[env] = seed
+        self._configured = bool((self._seeds == CONFIGURED).all())
         # Time goes back where all begin at stamp 0 again.
         self._now = min(self._now, k)
 

@@ -81,11 +81,17 @@ class PrescribedEngine:
         states = self._states
         end = states.rest.copy()
         end[states.moving] = pose[-1]
-        ends, poses, twists = (np.broadcast_to(a, (self.envs, *a.shape)) for a in (end, pose, twist))
+        ends, poses, twists = (self._of_all(values) for values in (end, pose, twist))
         interval = Interval(t, ends, states.moving, poses, twists, lasting=True)
         if self._accelerations:
             interval.acceleration = np.tile(prescribed_accelerations(self.scene, int(t[-1])), (self.envs, 1, 1))
         return interval
+
+    def _of_all(self, values: np.ndarray) -> np.ndarray:
+        """Gives what all environments have in common for each of them, in the same memory."""
+        if self.envs == 1:  # by far the usual case, and a tenth of the time
+            return values[None]
+        return np.broadcast_to(values, (self.envs, *values.shape))
 
 
 class PrescribedStates:

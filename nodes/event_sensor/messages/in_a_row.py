@@ -24,31 +24,38 @@ def runs(messages: Sequence[Any], episodes: np.ndarray, fits: Callable[[np.ndarr
     Args:
         messages: in order; of one environment.
         episodes: int32 [1], of the message before. A message with which an episode begins is a run by itself.
-        fits: tells whether the sensor takes images at times int64 [K] ns in one call.
+        fits: tells whether the sensor takes images at times int64 [K] ns in one call; it takes fewer of them too.
     """
-    found: list[list[Any]] = []
-    begun = True
+    rows: list[list[Any]] = []
+    begun, before = True, None
     for message in messages:
-        begins = not np.array_equal(message.episodes, episodes)
-        if begun or begins or not _alike(message, found[-1][-1]) or not fits(_times([*found[-1], message])):
-            found.append([message])
+        begins, form = not np.array_equal(message.episodes, episodes), _form(message)
+        if begun or begins or form is None or form != before:
+            rows.append([message])
         else:
-            found[-1].append(message)
-        begun, episodes = begins, message.episodes
+            rows[-1].append(message)
+        begun, episodes, before = begins, message.episodes, form
+    return [run for row in rows for run in _fitting(row, fits)]
+
+
+def _fitting(messages: list[Any], fits: Callable[[np.ndarray], bool]) -> list[list[Any]]:
+    """Splits messages that go together into runs as long as fit, and single ones where not even two do."""
+    times = [stamps(message) for message in messages]
+    if len(messages) == 1 or fits(np.concatenate(times)):
+        return [messages]
+    found, first = [messages[:1]], 0
+    for k in range(1, len(messages)):
+        if fits(np.concatenate(times[first : k + 1])):
+            found[-1].append(messages[k])
+        else:
+            found.append([messages[k]])
+            first = k
     return found
 
 
-def _times(messages: Sequence[Any]) -> np.ndarray:
-    return np.concatenate([stamps(message) for message in messages])
-
-
-def _alike(message: Any, before: Any) -> bool:
-    """Tells whether the images of a message can be in one array with those of the message before."""
-    if type(message) is not type(before) or not isinstance(message, Frames | Samples | Keyframe):
-        return False
-    if message.own is not None or before.own is not None or len(message.episodes) != 1:
-        return False
-    arrays = [
-        {name: (a.shape, type(a)) for name, a in m.arrays().items() if name not in OF_SINGLE} for m in (message, before)
-    ]
-    return arrays[0] == arrays[1] and message.header.episode == before.header.episode
+def _form(message: Any) -> Any:
+    """Gives what messages must have in common for their images to be in one array; None where they can never be."""
+    if not isinstance(message, Frames | Samples | Keyframe) or message.own is not None or len(message.episodes) != 1:
+        return None
+    arrays = [(name, a.shape, type(a)) for name, a in message.arrays().items() if name not in OF_SINGLE]
+    return type(message), message.header.episode, arrays
