@@ -26,13 +26,11 @@ from evis.launch.graph.single import why_single
 from evis.launch.graph.wiring import Wired, publishers, secret_values, wire
 from evis.launch.target import read_target, values_of_scene, with_scene_arguments
 from evis.launch.unused_arguments import check_effect
-from evis.runtime.plan import Edge, LeftOut, NodePlan, Plan, TopicPlan
+from evis.runtime.plan import COMPOSED, Edge, LeftOut, NodePlan, Plan, TopicPlan
 from msgs.camera import Image, Keyframe
 from msgs.fields import by_environment
 from msgs.topics import SYSTEM_TOPICS, find_topic
 
-COMPOSED = "graph"
-"""Name of the one process of a composed graph."""
 WINDOW_AT_ONCE = 18
 """Messages of a topic that may be under way where several keyframes are made at once: all of them and two more."""
 

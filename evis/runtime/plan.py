@@ -10,6 +10,9 @@ from typing import Any
 
 from evis.config.secret import Redactor
 
+COMPOSED = "graph"
+"""Name of the one process of a composed graph."""
+
 
 @dataclass
 class Edge:

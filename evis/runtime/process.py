@@ -1,4 +1,5 @@
-"""One process of a running graph: `python -m evis.runtime.process PLAN.json PROCESS`, started by the supervisor."""
+"""One process of a running graph: `python -m evis.runtime.process [--early] PLAN.json PROCESS`, started by the
+supervisor; with --early before there is a plan, which is there when standard input ends."""
 
 from __future__ import annotations
 
@@ -21,6 +22,7 @@ from evis.runtime.executor import Executor
 from evis.runtime.host import NodeFailed, describe
 from evis.runtime.parent_death import die_with_parent
 from evis.runtime.plan import Plan
+from evis.warp_start import start_warp
 
 BARRIER_S = 1800.0
 """Longest wait for the other processes [s]: their setup may compile kernels for the first time, minutes on a small
@@ -38,10 +40,12 @@ def main(argv: list[str]) -> int:
 
 
 def _main(argv: list[str]) -> int:
-    plan_path, process = argv
+    *early, plan_path, process = argv
     die_with_parent()
     sys.setswitchinterval(SWITCH_S)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C is the supervisor's to handle, in order
+    if early and not _plan_comes(Path(plan_path)):
+        return 0
     termination = Termination()
     plan = Plan.load(Path(plan_path))
     hide = Redactor(plan.secrets)
@@ -71,6 +75,14 @@ def _main(argv: list[str]) -> int:
         if executor is not None:
             executor.close()
         control.close()
+
+
+def _plan_comes(path: Path) -> bool:
+    """Starts Warp, and waits for the plan; False where none will come."""
+    with contextlib.suppress(Exception):  # the node that needs it says what is wrong
+        start_warp()
+    sys.stdin.buffer.read()
+    return path.exists()
 
 
 def _run(executor: Executor, control: ControlClient, termination: Termination) -> None:

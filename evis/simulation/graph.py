@@ -16,9 +16,9 @@ import numpy as np
 from evis.config.document import LaunchError
 from evis.launch import catalog
 from evis.launch.expand import Expanded, NodeSpec
-from evis.launch.planner import COMPOSED, Options, plan_launch
+from evis.launch.planner import Options, plan_launch
 from evis.launch.target import read_target
-from evis.runtime.plan import Plan
+from evis.runtime.plan import COMPOSED, Plan
 from evis.scene.parameters import SCENE, scene_of
 from evis.simulation.actuators import actuators_of
 from evis.simulation.auto import Chosen, without_auto

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from evis.launch.planner import COMPOSED
 from evis.runtime.clock import keyframe_stamp, times_slower
 from evis.runtime.executor import Executor
 from evis.runtime.host import NodeFailed, describe
+from evis.runtime.plan import COMPOSED
 from evis.simulation.actuators import controls_of
 from evis.simulation.caller import CallerNode
 from evis.simulation.errors import Diverged, SimulationError, SimulationWarning

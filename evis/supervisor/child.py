@@ -5,18 +5,14 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-import sys
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from evis.console.termination import STATUS
-from evis.runtime.parent_death import PARENT_VARIABLE
 from evis.runtime.plan import NodePlan
-
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
-"""One compute thread per process unless the user's environment says otherwise: more are many times slower."""
+from evis.supervisor.node_process import log_path, start_process
 
 _FROM_OUTSIDE = (
     "the signal came from outside the graph (kill, a service manager, a container that is stopped): run again"
@@ -59,7 +55,6 @@ class Child:
     """It failed, and nothing depends on it."""
     mentioned: bool = False
     """The user has been told that it is slow."""
-    log: IO[bytes] | None = None
 
     @property
     def title(self) -> str:
@@ -70,7 +65,7 @@ class Child:
     @property
     def log_path(self) -> Path:
         """Its standard output and error."""
-        return self.directory / f"{self.name}.log"
+        return log_path(self.directory, self.name)
 
     @property
     def ended(self) -> bool:
@@ -86,24 +81,9 @@ class Child:
         """How its process ended, the number of a signal below 0; None while there is one."""
         return self.process.poll() if self.process is not None else None
 
-    def start(self) -> None:
-        """Starts the process in a session of its own: a terminal's Ctrl-C reaches the supervisor alone."""
-        environment = dict(os.environ)
-        environment[PARENT_VARIABLE] = str(os.getpid())
-        environment["PYTHONPATH"] = os.pathsep.join(os.path.abspath(p) for p in sys.path if p)
-        environment["PYTHONUNBUFFERED"] = "1"
-        for variable in THREAD_VARIABLES:
-            environment.setdefault(variable, "1")
-        self.log = open(self.log_path, "ab")
-        self.process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "evis.runtime.process", str(self.directory / "plan.json"), self.name],
-            stdin=subprocess.DEVNULL,
-            stdout=self.log,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-            env=environment,
-        )
-        self.log.close()
+    def start(self, process: subprocess.Popen[bytes] | None = None) -> None:
+        """Starts the process, or takes one that was started early."""
+        self.process = process or start_process(self.directory, self.name)
         self.state = "starting"
         self.heard_at = time.monotonic()
 

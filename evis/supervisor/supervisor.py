@@ -16,9 +16,11 @@ from evis.runtime.control import ControlServer, control_address
 from evis.runtime.host import load_class
 from evis.runtime.plan import NodePlan, Plan
 from evis.supervisor.child import Child
+from evis.supervisor.early import EarlyStart
 from evis.supervisor.failure_cause import describe_failure, ended_by_force, first_cause, last_words
 from evis.supervisor.interrupts import Interrupts
 from evis.supervisor.logs import Logs
+from evis.supervisor.node_process import PLAN
 from evis.supervisor.report import Report, summarise
 from evis.supervisor.run_directory import RunDirectory, writing
 
@@ -47,7 +49,7 @@ _TICK_S = 0.05
 class Supervisor:
     """Runs one plan to its end.
 
-    say: takes one line for the user. tick: called with the progress so far.
+    say: takes one line for the user. tick: called with the progress so far. early: what was started before the plan.
     """
 
     def __init__(
@@ -57,8 +59,10 @@ class Supervisor:
         say: Callable[[str], None] | None = None,
         tick: Callable[[dict[str, Any]], None] | None = None,
         debug: bool = False,
+        early: EarlyStart | None = None,
     ) -> None:
         self.plan = plan
+        self._early = early
         self._voice = Voice(say, tick)
         self._tell, self._tick = self._voice.say, self._voice.tick
         self._redactor = Redactor(plan.secrets)
@@ -78,17 +82,17 @@ class Supervisor:
     def run(self) -> Report:
         """Runs until everything has ended, and reports how it went; nothing is left behind."""
         self._started = time.monotonic()
-        directory = RunDirectory()
+        directory = self._early.directory() if self._early is not None else RunDirectory()
         self.plan.run_id = directory.run_id
         self.plan.directory = str(directory.path)
         try:
             with writing(directory.path):
-                self.plan.save(directory.path / "plan.json")
+                self.plan.save(directory.path / PLAN)
             with self._control(), self._interrupts.counted():
                 for name, nodes in self.plan.processes().items():
                     self._add(name, nodes)
                 for child in self._children.values():
-                    child.start()
+                    child.start(self._early.process(child.name) if self._early is not None else None)
                 self._loop()
             return summarise(
                 self.plan,

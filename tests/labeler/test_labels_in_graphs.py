@@ -11,8 +11,9 @@ import pytest
 from evis.bag.export.topics import export
 from evis.bag.reader import BagReader
 from evis.geometry import pinhole, se3
-from evis.launch.planner import COMPOSED, Options, plan_target
+from evis.launch.planner import Options, plan_target
 from evis.runtime.executor import Executor
+from evis.runtime.plan import COMPOSED
 from evis.scene.load import load_scene
 from evis.supervisor.run_directory import RunDirectory
 

@@ -16,10 +16,10 @@ from mcap.reader import make_reader
 from evis.client.requests import taker
 from evis.config.document import LaunchError
 from evis.launch.explain import as_text
-from evis.launch.planner import COMPOSED, Options, plan_file, plan_target
+from evis.launch.planner import Options, plan_file, plan_target
 from evis.runtime.executor import Executor
 from evis.runtime.node import Node
-from evis.runtime.plan import Plan
+from evis.runtime.plan import COMPOSED, Plan
 from msgs.header import Header, Message
 from msgs.world import Reset
 from nodes.event_sensor.messages.flights import Flights

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from evis.launch.planner import COMPOSED, Options, plan_target
+from evis.launch.planner import Options, plan_target
 from evis.runtime.executor import Executor
+from evis.runtime.plan import COMPOSED
 from evis.supervisor.run_directory import RunDirectory
 from msgs.camera import EventPacket
 from msgs.header import Header, Message

@@ -16,8 +16,7 @@ from typing import IO, Any
 
 from evis.dataset.making.tasks import Answer
 from evis.dataset.recipe import Plan
-from evis.runtime.parent_death import PARENT_VARIABLE
-from evis.supervisor.child import THREAD_VARIABLES
+from evis.supervisor.node_process import environment_of_child
 
 PATIENCE_S = 5.0
 """Longest wait for the end of a worker that has nothing to do [s]."""
@@ -68,10 +67,7 @@ class Processes:
         return answers
 
     def _start(self, worker: int) -> None:
-        environment = {**os.environ, PARENT_VARIABLE: str(os.getpid())}
-        environment["PYTHONPATH"] = os.pathsep.join(os.path.abspath(path) for path in sys.path if path)
-        for variable in THREAD_VARIABLES:
-            environment.setdefault(variable, "1")
+        environment = environment_of_child()
         if self._gpus:
             seen = os.environ.get("CUDA_VISIBLE_DEVICES", "").split(",")
             gpu = worker % self._gpus
