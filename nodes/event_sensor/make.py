@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from nodes.event_sensor.peers import make_model
 from nodes.event_sensor.sensor import EventSensor
 
 
@@ -41,4 +40,6 @@ def make_sensor(
         )
     if colour or device != "cpu":
         raise ValueError(f"event model {model} takes luminance on the cpu; evis does colour and cuda")
+    from nodes.event_sensor.peers import make_model
+
     return make_model(model, *shape, envs, seed=seed if time_seed is None else time_seed, **parameters)

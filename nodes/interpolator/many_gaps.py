@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, zip_longest
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import warp as wp
@@ -15,9 +15,11 @@ from evis.runtime.clock import subframe_stamps
 from nodes.interpolator import warm_up as made_up
 from nodes.interpolator.interpolator import Allocate, Image, Interpolator, new_frames
 from nodes.interpolator.keyframe import KeyframeView, Report, Span, States, StatesInARow
-from nodes.interpolator.refine.method import Refined
 from nodes.interpolator.rigid import Rigid
 from nodes.interpolator.samples import Further
+
+if TYPE_CHECKING:
+    from nodes.interpolator.refine.method import Refined
 
 
 @dataclass
@@ -191,7 +193,7 @@ class ManyGaps(Interpolator):
         b = KeyframeView(joined([*[last.image] * spare, images]), states=gap.b, stamp_ns=row.stamps[-1], own=gap.ends)
         shape = (self.gaps, *self._frames_shape(self.upsampling, self._samples)[1:])
         method, further = self._method_in_a_row(), None
-        if isinstance(method, Refined) and self._device.is_cuda:
+        if not isinstance(method, Rigid) and self._device.is_cuda:
             method.following = None if self._coming is None else self._coming.gap
             method.meanwhile = before_that
             report, further = method.between(a, b, gap.held, None), method.further
@@ -204,7 +206,7 @@ class ManyGaps(Interpolator):
             fine = (self.gaps, *self._frames_shape(self.upsampling, 1)[1:])
             made = out if self._samples == 1 else self._fine(fine, isinstance(out, wp.array))
             report = method.between(a, b, gap.held, made)
-            if isinstance(method, Refined):
+            if not isinstance(method, Rigid):
                 further = method.further
             if self._samples > 1:
                 self._average(made, out)
@@ -237,14 +239,14 @@ class ManyGaps(Interpolator):
         self._image(np.ones((1, 2, 2, 3), np.float16))
         image, episodes = made_up.images(envs, height, width)[0], np.full(envs, -1, np.int32)
         method = self._method_in_a_row()
-        if isinstance(method, Refined):
+        if not isinstance(method, Rigid):
             method.prepare_for(gap_ns)
         # Of each call one gap is made: what the others need is the same.
         for stamp in made_up.stamps(1 if self._device.is_cpu else made_up.RECORDED):
             one = Arrived(stamp, episodes, image, made_up.states(self._scene, self._camera, envs, stamp))
             self.push_all([one], lambda made: None, margin, self._scratch)
         self.last_report()
-        if isinstance(method, Refined):
+        if not isinstance(method, Rigid):
             method.prepare_for(0)
         self._warmed = True
 
@@ -254,6 +256,5 @@ class ManyGaps(Interpolator):
             assert self._size is not None
             (_, height, width), margin = self._size
             made = self._build(self.gaps, height, width, margin, in_a_row=True)
-            assert isinstance(made, Rigid | Refined)
-            self._rigid = self._size, made
+            self._rigid = self._size, cast("Rigid | Refined", made)
         return self._rigid[1]
