@@ -22,7 +22,7 @@ from evis.launch.graph.demand import Demand, Pruner, globs_of, left_out
 from evis.launch.graph.order import data_flow_order
 from evis.launch.graph.pace import check_pace
 from evis.launch.graph.sharing import over_devices
-from evis.launch.graph.single import why_single
+from evis.launch.graph.single import who_waits
 from evis.launch.graph.wiring import Wired, publishers, secret_values, wire
 from evis.launch.target import read_target, values_of_scene, with_scene_arguments
 from evis.launch.unused_arguments import check_effect
@@ -139,7 +139,7 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
     _connect(plan, chosen, demand)
     plan.nodes = _in_order(plan)
     check_pace(plan, {node.name: node for node in chosen})
-    plan.single = why_single(plan, chosen, options.stepped)
+    plan.waits, plan.single = who_waits(plan, chosen, options.stepped)
     if not plan.single:
         plan.window = WINDOW_AT_ONCE
     plan.left_out = left_out(nodes, demand, expanded.absent) + _unmade(plan, chosen) + _colourless(plan)

@@ -106,7 +106,7 @@ class Executor:
         for subscription in self._subscriptions:
             subscription.subscriber.start()
         for host in self._hosts.values():
-            host.node.runtime, host.node.may_gather = self, host.many
+            self._own(host)
         # Consumers first: a publisher in the same process may publish its latched topics in setup.
         for host in reversed(self._hosts.values()):
             with Inside(None, host.name):
@@ -115,6 +115,10 @@ class Executor:
         for host in self._hosts.values():
             with Inside(None, host.name):
                 host.node.warm_up()
+
+    def _own(self, host: Host) -> None:
+        """Tells a node who runs it, and whether somebody waits for it."""
+        host.node.runtime, host.node.may_gather, host.node.may_lag = self, host.many, not self.plan.waits
 
     def wait_connected(self, timeout_s: float, commands: Commands | None = None) -> None:
         """Waits until every declared edge of this process stands. Raises TimeoutError naming who is missing."""
@@ -208,7 +212,7 @@ class Executor:
         """Puts a new node in the place of one that cannot be rewound, and gives it what was latched before."""
         host.node.close()
         host.node = load_class(host.plan.target)(host.name, host.plan.params)
-        host.node.runtime, host.node.may_gather = self, host.many
+        self._own(host)
         host.node.setup()
         host.node.warm_up()
         for port, topics in host.plan.inputs.items():

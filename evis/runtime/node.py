@@ -127,6 +127,9 @@ class Node:
     may_gather: bool = False
     """Whether `update_all` is called, for nobody waits for what comes of a single stamp (`Plan.single`); set by the
     executor before setup."""
+    may_lag: bool = False
+    """Whether what comes of a stamp may be published when the next one is under way, for nobody waits for it
+    (`Plan.waits`); set by the executor before setup."""
 
     def __init__(self, name: str, params: Mapping[str, Any]) -> None:
         """params: of PARAMS, and perhaps EACH, which a graph that is held in Python may have."""

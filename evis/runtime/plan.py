@@ -10,6 +10,7 @@ from typing import Any
 
 from evis.config.secret import Redactor
 
+UNKNOWN = "nobody has found out whether somebody waits for it"
 COMPOSED = "graph"
 """Name of the one process of a composed graph."""
 
@@ -89,7 +90,9 @@ class Plan:
     seed: int = 0
     duration_s: float | None = None
     window: int = 2
-    single: str = "nobody has found out whether somebody waits for it"
+    waits: str = UNKNOWN
+    """Why somebody waits for what comes of each keyframe; "" where nobody does, and it may come with the next one."""
+    single: str = UNKNOWN
     """Why every keyframe is made by itself; "" where nobody waits for one, and nodes may make several at once."""
     nodes: dict[str, NodePlan] = field(default_factory=dict)
     topics: dict[str, TopicPlan] = field(default_factory=dict)

@@ -137,7 +137,7 @@ class EventSensorNode(Node):
         self._packets = Packets(self, self._device)
         self._own_model = self._resolved["model"].startswith("evis")
         self._flights: Flights | None = None
-        if self.may_gather and self._device.is_cuda and self._own_model:
+        if self.may_lag and self._device.is_cuda and self._own_model:
             from nodes.event_sensor.messages.flights import Flights
 
             self._flights = Flights()
@@ -214,7 +214,7 @@ class EventSensorNode(Node):
         if isinstance(message, Samples):
             further = self._images.further(message)
         envs, _, height, width = image.shape[:4]
-        if self._flies(message, envs):
+        if self._flies(message):
             found = further if self._sensor.takes_further else None
             self._header, self._episodes = message.header, np.array(message.episodes)
             self._fly(self._sensor.process_async(image, t, message.episodes, further=found, defer=False), [message])
@@ -274,10 +274,10 @@ class EventSensorNode(Node):
         parts = [self._images.further(message) for message in run]
         return Further.in_a_row(parts, [stamp - begun[0] for stamp in begun], self._device)
 
-    def _flies(self, message: Keyframe | Frames | Samples, envs: int) -> bool:
-        """Tells whether the events of a message may be published after the next one: those of environments side by
-        side, whose times go on, where a GPU need not be waited for."""
-        if self._flights is None or envs == 1 or self._sensor is None or self._groups is not None:
+    def _flies(self, message: Keyframe | Frames | Samples) -> bool:
+        """Tells whether the events of a message may be published after the next one: where time goes on, and a GPU need
+        not be waited for."""
+        if self._flights is None or self._sensor is None or self._groups is not None:
             return False
         return self._own_model and message.own is None and message.header.stamp_ns > self._header.stamp_ns
 

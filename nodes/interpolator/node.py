@@ -231,8 +231,8 @@ class InterpolatorNode(Node):
 
             return ManyGaps(self._method, p["upsampling"], self._gaps, **how)
         made = Interpolator(self._method, p["upsampling"], **how)
-        # Environments that are a batch already: where nobody reads what a gap counts, nobody waits for it.
-        made.late = self._device.is_cuda and self.may_gather and not self._sampled and not self._counts_are_read()
+        # Where nobody reads what a gap counts, nobody waits for it.
+        made.late = self._device.is_cuda and self.may_lag and not self._sampled and not self._counts_are_read()
         return made
 
     def _separate(self, parts: Parts[Interpolator]) -> SeparateInterpolators:

@@ -332,8 +332,8 @@ class RendererNode(Node):
         if "keyframe" in wanted.values():
             spare = 0 if self.gathers == 1 else len(poses) - len(states)
             self._told.append((self.renderer.counts_later(), spare, poses, t))
-            # On a GPU this waits for the image: where states are ahead, until the next one is on its way.
-            while len(self._told) > (self.gathers > 1 or (on_gpu and self.may_gather)):
+            # On a GPU this waits for the image: where nobody waits for the counts, until the next one is on its way.
+            while len(self._told) > (self.gathers > 1 or (on_gpu and self.may_lag)):
                 self._report()
 
     def finish(self) -> None:

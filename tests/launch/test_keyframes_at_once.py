@@ -311,6 +311,16 @@ def test_several_at_once_only_where_nobody_waits() -> None:
     assert plan_target("spinning_disk", SMALL, stepped).single == "its caller takes one step at a time"
 
 
+def test_what_comes_of_a_keyframe_may_lag_where_nobody_waits_for_it() -> None:
+    """In several processes too, which make keyframes one by one."""
+    assert composed("spinning_disk").waits == composed("spinning_disk", "default").waits == ""
+    assert on_gpu("falling_objects", envs=4).waits == on_gpu("warehouse", device="cuda:0,cuda:1", envs=4).waits == ""
+    assert "pace of the clock" in composed("spinning_disk", pace="realtime").waits
+    assert "a program outside may give /action" in composed("robot_arm", "default").waits
+    stepped = Options(view=False, grouping="compose", stepped=True)
+    assert plan_target("spinning_disk", SMALL, stepped).waits == "its caller takes one step at a time"
+
+
 def test_explain_says_how_many_or_why_one() -> None:
     def said(*words: Any, **given: Any) -> str:
         lines = as_text(composed(*words, explain=True, **given)).splitlines()

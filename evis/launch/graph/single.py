@@ -11,10 +11,12 @@ from msgs.topics import find_topic
 
 BATCH = "batch"
 """Parameter of nodes that can process several keyframes at once: how many, 0 = as many as make them faster."""
+SEVERAL_PROCESSES = "its nodes run as several processes (--compose makes them one)"
 
 
-def why_single(plan: Plan, nodes: Sequence[Wired], stepped: bool) -> str:
-    """Says why every keyframe of a graph is made by itself; "" where nobody waits for one.
+def who_waits(plan: Plan, nodes: Sequence[Wired], stepped: bool) -> tuple[str, str]:
+    """Says why somebody waits for what comes of each keyframe of a graph, and why every keyframe is made by itself,
+    which has the same reason or another; "" where nobody does, and where several may be made at once.
 
     A program outside that can publish to a delayed input, such as /action, may wait for keyframes. Where the user asks
     for several at once, these inputs are taken out of the plan, so that no program outside can.
@@ -27,11 +29,12 @@ def why_single(plan: Plan, nodes: Sequence[Wired], stepped: bool) -> str:
     Raises LaunchError where several keyframes at once are asked for, and somebody waits for each.
     """
     asked = [node for node in nodes if (node.params.get(BATCH) or 0) > 1]
-    why = _who_waits(plan, nodes, stepped)
-    if asked and why:
+    waits = _waits(plan, stepped)
+    single = waits or ("" if _in_one_process(plan, _awake(plan, nodes)) else SEVERAL_PROCESSES)
+    if asked and single:
         node = asked[0]
         raise LaunchError(
-            f"{node.spec.where}: {BATCH}:={node.params[BATCH]} makes several keyframes at once, but {why}"
+            f"{node.spec.where}: {BATCH}:={node.params[BATCH]} makes several keyframes at once, but {single}"
         )
     for node in nodes:
         ports = [port for port in plan.nodes[node.name].outside if node.cls.INPUTS[port].delayed]
@@ -41,20 +44,23 @@ def why_single(plan: Plan, nodes: Sequence[Wired], stepped: bool) -> str:
             for port in ports:
                 del plan.nodes[node.name].outside[port]
         else:
-            return f"a program outside may give {plan.nodes[node.name].outside[ports[0]]}"
-    return why
+            given = f"a program outside may give {plan.nodes[node.name].outside[ports[0]]}"
+            return waits or given, given
+    return waits, single
 
 
-def _who_waits(plan: Plan, nodes: Sequence[Wired], stepped: bool) -> str:
+def _waits(plan: Plan, stepped: bool) -> str:
+    """Why somebody in the graph, or who holds it, waits for each keyframe."""
     if stepped:
         return "its caller takes one step at a time"
     if plan.mode != "lockstep":
         return f"a {plan.mode} graph keeps the pace of the clock"
-    awake = [node for node in nodes if not node.spec.tap and not plan.nodes[node.name].dormant]
-    if not _in_one_process(plan, awake):
-        return "its nodes run as several processes (--compose makes them one)"
     closed = [topic.name for topic in plan.topics.values() if any(edge.kind == "delayed" for edge in topic.edges)]
     return f"{closed[0]} closes the loop" if closed else ""
+
+
+def _awake(plan: Plan, nodes: Sequence[Wired]) -> list[Wired]:
+    return [node for node in nodes if not node.spec.tap and not plan.nodes[node.name].dormant]
 
 
 def _in_one_process(plan: Plan, awake: Sequence[Wired]) -> bool:
