@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -40,15 +41,22 @@ class Form:
         """Makes the form of a numpy or Warp array, whose vectors become one more axis."""
         if isinstance(array, np.ndarray):
             return Form(array.dtype, array.shape)
-        import warp as wp
-
-        scalar = getattr(array.dtype, "_wp_scalar_type_", array.dtype)
-        return Form(np.dtype(wp.dtype_to_numpy(scalar)), (*array.shape, *getattr(array.dtype, "_shape_", ())))
+        dtype, inner = _element(array.dtype)
+        return Form(dtype, array.shape + inner)
 
     @property
     def nbytes(self) -> int:
         """Size of such an array [bytes]."""
         return math.prod(self.shape) * self.dtype.itemsize
+
+
+@cache
+def _element(dtype: Any) -> tuple[np.dtype, tuple[int, ...]]:
+    """Gives numpy's dtype and the shape of one element of a Warp dtype."""
+    import warp as wp
+
+    scalar = getattr(dtype, "_wp_scalar_type_", dtype)
+    return np.dtype(wp.dtype_to_numpy(scalar)), tuple(getattr(dtype, "_shape_", ()))
 
 
 def uuid_of(device: str) -> str:
