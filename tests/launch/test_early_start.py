@@ -46,10 +46,10 @@ def gone(process: psutil.Process) -> bool:
     return True
 
 
-@pytest.mark.parametrize("grouping, name", [("--compose", "graph"), ("--split", "interpolator")])
+@pytest.mark.parametrize("grouping, name", [("--compose", "graph"), ("--split", "interpolator"), ("", "sensor")])
 def test_the_run_takes_it(launch: Callable[..., Launcher], runtime: Path, grouping: str, name: str) -> None:
     """There is one process of that name, which was there before its plan."""
-    launcher = launch(Path("spinning_disk"), *SMALL, grouping, "--duration", "0.1", "--json")
+    launcher = launch(Path("spinning_disk"), *SMALL, *grouping.split(), "--duration", "0.1", "--json")
     words: dict[int, list[str]] = {}
     while launcher.process.poll() is None:
         for child in launcher.children():

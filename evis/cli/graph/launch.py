@@ -130,8 +130,10 @@ def process_to_start_early(args: argparse.Namespace) -> str:
         return ""  # the plan says so
     if not of_scene:
         return ""
+    if args.split:
+        return "interpolator"
     on_gpu = any(pair.startswith("device:=cuda") for pair in args.pairs)
-    return COMPOSED if args.compose or (on_gpu and not args.split) else "interpolator"
+    return COMPOSED if args.compose or on_gpu else "sensor"  # as launch/simulator.yaml has it
 
 
 def _run(args: argparse.Namespace, early: EarlyStart | None) -> int:
