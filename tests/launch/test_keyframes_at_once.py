@@ -316,6 +316,9 @@ def test_what_comes_of_a_keyframe_may_lag_where_nobody_waits_for_it() -> None:
     assert composed("spinning_disk").waits == composed("spinning_disk", "default").waits == ""
     assert on_gpu("falling_objects", envs=4).waits == on_gpu("warehouse", device="cuda:0,cuda:1", envs=4).waits == ""
     assert "pace of the clock" in composed("spinning_disk", pace="realtime").waits
+    slower = {"camera_rate": ["right=15"]}
+    assert on_gpu("stereo_room", **slower).waits == composed("stereo_room", **slower).waits == ""
+    assert "several rates" in composed("stereo_room", "default", **slower).waits
     assert "a program outside may give /action" in composed("robot_arm", "default").waits
     stepped = Options(view=False, grouping="compose", stepped=True)
     assert plan_target("spinning_disk", SMALL, stepped).waits == "its caller takes one step at a time"

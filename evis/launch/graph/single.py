@@ -28,9 +28,12 @@ def who_waits(plan: Plan, nodes: Sequence[Wired], stepped: bool) -> tuple[str, s
 
     Raises LaunchError where several keyframes at once are asked for, and somebody waits for each.
     """
-    asked = [node for node in nodes if (node.params.get(BATCH) or 0) > 1]
+    asked, awake = [node for node in nodes if (node.params.get(BATCH) or 0) > 1], _awake(plan, nodes)
     waits = _waits(plan, stepped)
-    single = waits or ("" if _in_one_process(plan, _awake(plan, nodes)) else SEVERAL_PROCESSES)
+    single = waits or ("" if _in_one_process(plan, awake) else SEVERAL_PROCESSES)
+    if single and not waits and any(node.divides > 1 for node in awake if not node.cls.SOURCE):
+        # Who joins events of a slow camera with every state has no room for those until the next events.
+        waits = "its cameras have several rates in several processes"
     if asked and single:
         node = asked[0]
         raise LaunchError(
