@@ -93,6 +93,8 @@ class Supervisor:
                     self._add(name, nodes)
                 for child in self._children.values():
                     child.start(self._early.process(child.name) if self._early is not None else None)
+                if self._early is not None:
+                    self._early.close()  # nobody has that name, if it was not taken
                 self._loop()
             return summarise(
                 self.plan,

@@ -65,6 +65,18 @@ def test_the_run_takes_it(launch: Callable[..., Launcher], runtime: Path, groupi
     assert not launcher.survivors() and left_in(runtime) == []
 
 
+def test_one_that_the_graph_lacks_ends_when_the_others_begin(launch: Callable[..., Launcher], runtime: Path) -> None:
+    """Shares of the environments have processes of their own."""
+    words = ("envs:=2", "device:=cpu,cpu")
+    launcher = launch(Path("spinning_disk"), *SMALL, *words)
+    launcher.wait_for(lambda: any("share1" in child.cmdline()[-1] for child in launcher.children()))
+    launcher.wait_for(lambda: not any("--early" in child.cmdline() for child in launcher.children()))
+    assert launcher.process.poll() is None
+    launcher.interrupt()
+    assert launcher.end()[0] == 0  # a graph without an end is ended so
+    assert not launcher.survivors() and left_in(runtime) == []
+
+
 @pytest.mark.parametrize(
     "words, said",
     [
