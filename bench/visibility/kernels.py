@@ -5,7 +5,7 @@ from functools import cache
 import warp as wp
 
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
-from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
+from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
 
 wp.set_module_options({"enable_backward": False})
 

@@ -29,7 +29,7 @@ from nodes.interpolator.auto.world import World
 from nodes.interpolator.keyframe import KeyframeView
 from nodes.interpolator.luminance import luminance_of
 from nodes.interpolator.rigid import Rigid, RigidOptions
-from nodes.interpolator.rigid.look_up_kernels import SAME_POINT
+from nodes.interpolator.rigid.look_up.look_up_kernels import SAME_POINT
 from nodes.renderer.renderer import Renderer
 
 SCENES: dict[str, dict[str, object]] = {

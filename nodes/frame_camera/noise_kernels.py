@@ -1,14 +1,14 @@
 """Noise of an image: Poisson electrons and the readout's normal noise, drawn by counting.
 
 A draw is keyed by the environment's stream, the pixel and the number of the image; see
-nodes.event_sensor.model.random_kernels.
+nodes.event_sensor.model.faults.random_kernels.
 """
 
 import math
 
 import warp as wp
 
-from nodes.event_sensor.model.random_kernels import GOLDEN, draw, mix, uniform
+from nodes.event_sensor.model.faults.random_kernels import GOLDEN, draw, mix, uniform
 
 wp.set_module_options({"enable_backward": False})
 

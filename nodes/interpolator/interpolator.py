@@ -20,7 +20,7 @@ from nodes.interpolator.luminance import luminance_of, rgb_of, scalars
 from nodes.interpolator.methods import METHODS, Gap
 from nodes.interpolator.passthrough import crop
 from nodes.interpolator.samples import Further
-from nodes.renderer.raster.cameras import finer
+from nodes.renderer.raster.lens.cameras import finer
 
 if TYPE_CHECKING:
     from nodes.renderer.paths.paths import PathOptions

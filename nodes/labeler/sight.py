@@ -18,7 +18,7 @@ from msgs.world import WorldState
 from nodes.labeler.motion_kernels import Motion
 from nodes.labeler.sight_kernels import Surfaces, first_surfaces, flow_of_surfaces
 from nodes.renderer.geometry.triangles import geometry_of
-from nodes.renderer.raster.cameras import lens_of
+from nodes.renderer.raster.lens.cameras import lens_of
 
 KEPT = 3
 """States that are kept: events may be those of the interval before, and their sub-frames begin before it."""

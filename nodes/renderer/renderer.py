@@ -17,7 +17,7 @@ from nodes.renderer.geometry.pose_upload import READ
 from nodes.renderer.geometry.poses import InstancePoses, same_bytes
 from nodes.renderer.lighting import Shading, ShadingOptions
 from nodes.renderer.raster import output_kernels
-from nodes.renderer.raster.cameras import finer
+from nodes.renderer.raster.lens.cameras import finer
 from nodes.renderer.raster.visibility import Visibility
 
 if TYPE_CHECKING:

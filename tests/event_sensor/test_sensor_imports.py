@@ -20,7 +20,7 @@ FAULTS = {
     "model.pixel_kernels",
     "model.pixel_step_kernels",
     "model.curve_kernels",
-    "model.random_kernels",
+    "model.faults.random_kernels",
 }
 PARTS = {
     "faults": FAULTS,

@@ -10,7 +10,7 @@ from evis.scene.model import Body, Camera, Material
 from msgs.header import Header
 from msgs.world import WorldState
 from nodes.renderer.node import RendererNode
-from nodes.renderer.raster.cameras import finer
+from nodes.renderer.raster.lens.cameras import finer
 from nodes.renderer.renderer import Renderer
 from nodes.renderer.supersampling import SupersampledRenderer
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evis.scene import textures
+from evis.scene.images import textures
 from evis.scene.mesh import solids
 from evis.scene.model import Mesh
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from evis.scene import SceneError
-from evis.scene.colour import linear_from_bytes
+from evis.scene.images.colour import linear_from_bytes
 from evis.scene.mesh.files import load_parts
 
 COLOURS = np.array([(1, 0, 0), (0, 0.5, 0.003), (16 / 255, 0, 1)])

@@ -5,7 +5,7 @@ import pytest
 
 from evis.geometry import se3
 from evis.scene import SceneError, load_scene
-from evis.scene.colour import linear_from_srgb
+from evis.scene.images.colour import linear_from_srgb
 
 mujoco = pytest.importorskip("mujoco")
 

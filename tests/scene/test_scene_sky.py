@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from evis.scene import SceneError, load_scene
-from evis.scene.sky import directions, mean_radiance, solid_angles
+from evis.scene.images.sky import directions, mean_radiance, solid_angles
 
 OpenEXR = pytest.importorskip("OpenEXR")
 HEADER = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from evis.scene import SceneError, load_scene, textures
+from evis.scene import SceneError, load_scene
+from evis.scene.images import textures
 
 
 def test_bricks_cover_what_their_joints_leave():

@@ -17,7 +17,7 @@ from limited import each_refused, refused_by
 from PIL import Image
 
 from evis.scene import SceneError, load_scene
-from evis.scene.pictures import MAX_TEXELS, check_size, load_picture
+from evis.scene.images.pictures import MAX_TEXELS, check_size, load_picture
 
 LOAD = "import sys; from evis.scene import load_scene; load_scene(sys.argv[1])"
 EACH = "from evis.scene import load_scene; load_scene(argument)"

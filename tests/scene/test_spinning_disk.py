@@ -5,7 +5,7 @@ import pytest
 
 from evis.geometry import pinhole, se3
 from evis.scene import load_scene, scene_args
-from evis.scene import textures as made
+from evis.scene.images import textures as made
 
 
 def test_the_paper_s_ranges():

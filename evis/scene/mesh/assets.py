@@ -10,7 +10,7 @@ from trimesh.resolvers import Resolver
 
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders, first_file
-from evis.scene.pictures import check_picture
+from evis.scene.images.pictures import check_picture
 from evis.scene.sources import note
 
 

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from evis.files.allowance import AllowanceError
-from evis.scene.colour import linear_from_srgb
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
+from evis.scene.images.colour import linear_from_srgb
+from evis.scene.images.pictures import texels_of
 from evis.scene.mesh import gltf_header
 from evis.scene.mesh.normals import crease_normals
 from evis.scene.model import Material, Mesh
-from evis.scene.pictures import texels_of
 from evis.scene.sources import note
 
 SUFFIXES = (".obj", ".ply", ".stl", ".gltf", ".glb")

@@ -12,7 +12,7 @@ from typing import Any
 
 from evis.files.allowance import Allowance
 from evis.scene.errors import SceneError
-from evis.scene.pictures import check_picture
+from evis.scene.images.pictures import check_picture
 
 SUFFIXES = (".gltf", ".glb")
 _PARTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}

@@ -15,8 +15,8 @@ from pathlib import Path
 from evis.files.allowance import Allowance, AllowanceError
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
+from evis.scene.images.pictures import TEXEL, check_picture, check_size
 from evis.scene.mjcf.xml import Element, read_xml
-from evis.scene.pictures import TEXEL, check_picture, check_size
 from evis.scene.sources import note
 
 MAX_MADE = 30_000

@@ -11,7 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from evis.scene.colour import linear_from_srgb
+from evis.scene.images.colour import linear_from_srgb
 from evis.scene.mjcf.textures import pixels, texture_of
 from evis.scene.model import Material, Scene
 

@@ -7,16 +7,16 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from evis.scene.images.sky import directions
 from evis.scene.mjcf.textures import pixels
-from evis.scene.sky import directions
 
 MAX_FACE = 512
 """Most texels along the side of a face that the map keeps apart."""
 
 
 def skybox(model: Any) -> np.ndarray | None:
-    """Computes the radiance float32 [h, 2h, 3] of the model's first skybox texture, as `evis.scene.sky` has maps; None
-    without.
+    """Computes the radiance float32 [h, 2h, 3] of the model's first skybox texture, as `evis.scene.images.sky` has
+    maps; None without.
 
     As fine as the texture up to MAX_FACE; the texels of a finer one are averaged. Displayed 1 is the radiance 1, as of
     a white surface under a light of diffuse 1.

@@ -15,7 +15,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from evis.scene.colour import linear_from_bytes
+from evis.scene.images.colour import linear_from_bytes
 from evis.scene.model import Mesh
 
 _ROLES = (mujoco.mjtTextureRole.mjTEXROLE_RGB, mujoco.mjtTextureRole.mjTEXROLE_RGBA)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from evis.scene.errors import SceneError
-from evis.scene.pictures import check_picture, load_exr, load_picture
+from evis.scene.images.pictures import check_picture, load_exr, load_picture
 
 WHITE = 1.0 + 1e-3
 """Brightest texel of an EXR: more reflects more light than falls on it."""

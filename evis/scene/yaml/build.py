@@ -70,8 +70,8 @@ from evis.scene import motion
 from evis.scene.draws import Draws
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
+from evis.scene.images.sky import mean_radiance, read_environment_map
 from evis.scene.model import MODELS, WORLD, Body, Instance, Material, Mesh, Scene
-from evis.scene.sky import mean_radiance, read_environment_map
 from evis.scene.yaml.cameras import read_camera
 from evis.scene.yaml.copies import MAX_COPIES, copies
 from evis.scene.yaml.lights import read_light

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from evis.scene import textures
+from evis.scene.images import textures
 
 SMALL = 512
 """Texels along the side of pictures that are kept for other scenes, 3 MB at most."""

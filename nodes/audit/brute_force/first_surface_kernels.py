@@ -11,9 +11,9 @@ import warp as wp
 
 from nodes.renderer.paths.trace_kernels import make_first_hit
 from nodes.renderer.raster.bounds_kernels import facing
+from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.raster.surface_kernels import listed_pixel
 from nodes.renderer.raster.triangle_kernels import corners_of
-from nodes.renderer.raster.view_kernels import CameraView
 from nodes.renderer.shadows.ray_kernels import LIFT, Casters
 
 wp.set_module_options({"enable_backward": False})

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from evis.scene.model import Camera
-from nodes.renderer.raster.cameras import finer, lens_of, make_view
-from nodes.renderer.raster.view_kernels import CameraView
+from nodes.renderer.raster.lens.cameras import finer, lens_of, make_view
+from nodes.renderer.raster.lens.view_kernels import CameraView
 
 CELL = 3
 """Rows and columns of the table for each ray: the ray in the middle, and what `ray_steps` takes differences of."""

@@ -13,8 +13,8 @@ from evis.gpu.building import LAUNCH_BLOCK
 from nodes.event_sensor.cpu.nonideal_kernels import rows_kernel
 from nodes.event_sensor.cuda.nonideal_kernels import pixels_kernel
 from nodes.event_sensor.input.batch import Batch, Size
+from nodes.event_sensor.model.faults.fixed_pattern import pattern_of
 from nodes.event_sensor.model.features import features_of
-from nodes.event_sensor.model.fixed_pattern import pattern_of
 from nodes.event_sensor.model.sensor_kernels import Sensor
 from nodes.event_sensor.model.state_kernels import FrequentState, Rare, arrays_of, frequent_state, runs_of
 from nodes.event_sensor.model.step_kernels import between

@@ -10,7 +10,7 @@ import warp as wp
 from evis.gpu.building import LAUNCH_BLOCK
 from nodes.event_sensor.input.batch import Batch, Size
 from nodes.event_sensor.model import paper_kernels
-from nodes.event_sensor.model.fixed_pattern import pattern_of
+from nodes.event_sensor.model.faults.fixed_pattern import pattern_of
 from nodes.event_sensor.model.sensor_kernels import Sensor
 
 

@@ -5,9 +5,9 @@ from typing import Any
 
 import warp as wp
 
+from nodes.event_sensor.model.faults.random_kernels import LONGEST, NEVER
+from nodes.event_sensor.model.faults.refractory_kernels import dead_beyond
 from nodes.event_sensor.model.features import Features
-from nodes.event_sensor.model.random_kernels import LONGEST, NEVER
-from nodes.event_sensor.model.refractory_kernels import dead_beyond
 from nodes.event_sensor.model.sensor_kernels import LARGEST, Sensor, has_level
 from nodes.event_sensor.model.state_kernels import Frequent, Rare
 from nodes.event_sensor.model.step_kernels import Levels, Own, Sample, Step

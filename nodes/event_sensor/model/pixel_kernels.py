@@ -12,12 +12,12 @@ import warp as wp
 
 from nodes.event_sensor.model.curve_kernels import slope_of, step_curve
 from nodes.event_sensor.model.episode_kernels import episode_start, own_parameters
+from nodes.event_sensor.model.faults.leak_kernels import coin_time
+from nodes.event_sensor.model.faults.noise_kernels import stream_here
+from nodes.event_sensor.model.faults.random_kernels import NEVER
 from nodes.event_sensor.model.features import Features
 from nodes.event_sensor.model.inactive_kernels import range_left, surely_inactive
-from nodes.event_sensor.model.leak_kernels import coin_time
-from nodes.event_sensor.model.noise_kernels import stream_here
 from nodes.event_sensor.model.pixel_step_kernels import pixel_step
-from nodes.event_sensor.model.random_kernels import NEVER
 from nodes.event_sensor.model.sensor_kernels import (
     EVENTS,
     LARGEST,

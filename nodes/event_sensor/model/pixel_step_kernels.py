@@ -15,11 +15,11 @@ import warp as wp
 
 from nodes.event_sensor.model.crossing_kernels import turning_points
 from nodes.event_sensor.model.emission_kernels import crossings_fired, curve_value, emit
+from nodes.event_sensor.model.faults.noise_kernels import candidate_after, noise_candidate, stream_here
+from nodes.event_sensor.model.faults.random_kernels import NEVER
+from nodes.event_sensor.model.faults.refractory_kernels import dead_beyond, dead_until
 from nodes.event_sensor.model.features import Features
 from nodes.event_sensor.model.key_kernels import key_head, key_tail, key_time, with_mark
-from nodes.event_sensor.model.noise_kernels import candidate_after, noise_candidate, stream_here
-from nodes.event_sensor.model.random_kernels import NEVER
-from nodes.event_sensor.model.refractory_kernels import dead_beyond, dead_until
 from nodes.event_sensor.model.sensor_kernels import TOLERANCE, Sensor
 from nodes.event_sensor.model.state_kernels import ALIVE, Rare
 from nodes.event_sensor.model.step_kernels import Message, Own, Place, Signal, Step, Walk

@@ -11,10 +11,10 @@ from nodes.interpolator.refine.path_kernels import UNKNOWN, make_instances, make
 from nodes.interpolator.refine.stage_kernels import Cut, Ends, Spot, Stage, slot_row
 from nodes.interpolator.relight.change_kernels import Change, make_asked
 from nodes.interpolator.relight.features import LightChanges
-from nodes.interpolator.rigid.log_kernels import apart
-from nodes.interpolator.rigid.look_up_kernels import make_keyframes
+from nodes.interpolator.rigid.look_up.log_kernels import apart
+from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
-from nodes.renderer.raster.view_kernels import CameraView
+from nodes.renderer.raster.lens.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 

@@ -9,7 +9,7 @@ from nodes.interpolator.refine.path_kernels import PARTS, SHARP
 from nodes.interpolator.refine.sight_kernels import make_seen_between, passing
 from nodes.interpolator.refine.stage_kernels import FEW_REGISTERS, Cut, Stage, ends_of, entry_at, slot_row, spot_of
 from nodes.interpolator.rigid.plan_kernels import joined
-from nodes.renderer.raster.view_kernels import CameraView
+from nodes.renderer.raster.lens.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 

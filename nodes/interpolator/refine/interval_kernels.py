@@ -10,9 +10,9 @@ from nodes.interpolator.refine.path_kernels import PARTS, UNKNOWN, make_instance
 from nodes.interpolator.refine.sight_kernels import make_seen_between
 from nodes.interpolator.refine.stage_kernels import FEW_REGISTERS, Cut, Stage
 from nodes.interpolator.rigid.keyframe_kernels import log_of
-from nodes.interpolator.rigid.log_kernels import apart
+from nodes.interpolator.rigid.look_up.log_kernels import apart
 from nodes.interpolator.rigid.plan_kernels import joined
-from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
+from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
 
 wp.set_module_options({"enable_backward": False})
 

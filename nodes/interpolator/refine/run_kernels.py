@@ -29,9 +29,9 @@ from nodes.interpolator.refine.way_kernels import moves
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.keyframe_kernels import equal, log_of
-from nodes.interpolator.rigid.look_up_kernels import make_keyframes
+from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
 from nodes.renderer.raster.depth_kernels import MISS, triangle_of
-from nodes.renderer.raster.view_kernels import CameraView
+from nodes.renderer.raster.lens.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 

@@ -5,8 +5,8 @@ from functools import cache
 import warp as wp
 
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.raster.triangle_kernels import corners_of, edge_normal, edge_slack
-from nodes.renderer.raster.view_kernels import CameraView
 from nodes.renderer.shadows.ray_kernels import Casters, sphere_met
 
 wp.set_module_options({"enable_backward": False})

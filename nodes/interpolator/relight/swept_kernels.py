@@ -6,7 +6,7 @@ from nodes.interpolator.relight.boxes_kernels import bit, crossed, nearby
 from nodes.interpolator.relight.change_kernels import AROUND, LIT_ANEW, SHADED, Change
 from nodes.renderer.lights.light_kernels import DIRECTIONAL, FAR
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
-from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
+from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
 from nodes.renderer.shadows.ray_kernels import box_met, inverse_of
 
 wp.set_module_options({"enable_backward": False})

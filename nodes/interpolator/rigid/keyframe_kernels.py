@@ -4,7 +4,7 @@ from typing import Any
 
 import warp as wp
 
-from nodes.interpolator.rigid.log_kernels import SIX, fused_luminance
+from nodes.interpolator.rigid.look_up.log_kernels import SIX, fused_luminance
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 
 wp.set_module_options({"enable_backward": False})

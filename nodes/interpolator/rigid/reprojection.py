@@ -12,11 +12,11 @@ from evis.gpu.building import LAUNCH_BLOCK
 from nodes.interpolator.relight.change import LightChange
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
-from nodes.interpolator.rigid.gather_kernels import Portion, cut, make_gather, make_place
 from nodes.interpolator.rigid.keyframes import Pair, Prepared
 from nodes.interpolator.rigid.layout import Layout
+from nodes.interpolator.rigid.look_up.gather_kernels import Portion, cut, make_gather, make_place
+from nodes.interpolator.rigid.look_up.texture_kernels import make_take_bare
 from nodes.interpolator.rigid.sampling import Sampling, SubframeRange, Todo
-from nodes.interpolator.rigid.texture_kernels import make_take_bare
 from nodes.renderer.lighting import LIST_WORKERS, Shading
 
 BLOCK = 128

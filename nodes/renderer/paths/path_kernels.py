@@ -17,6 +17,7 @@ from nodes.renderer.paths.sampling_kernels import Sources, frozen_shift
 from nodes.renderer.paths.surface_kernels import Bodies
 from nodes.renderer.paths.walk_kernels import PathLimits, make_vertices, make_walk
 from nodes.renderer.raster.depth_kernels import MISS
+from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.raster.surface_kernels import (
     Pixel,
     Seen,
@@ -26,7 +27,6 @@ from nodes.renderer.raster.surface_kernels import (
     seen_face,
     seen_triangle,
 )
-from nodes.renderer.raster.view_kernels import CameraView
 from nodes.renderer.shading.radiance_kernels import make_image, make_write
 from nodes.renderer.shadows.ray_kernels import Casters
 

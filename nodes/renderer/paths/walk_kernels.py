@@ -12,6 +12,7 @@ from nodes.renderer.paths.aim_kernels import make_aims
 from nodes.renderer.paths.sampling_kernels import GLOWING, PICTURE, Numbers, Sources, around, point_of, sky_density
 from nodes.renderer.paths.surface_kernels import Bodies, PathVertex, lifted, make_albedo, make_reflection, spread_of
 from nodes.renderer.paths.trace_kernels import Hit, make_first_hit
+from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.raster.surface_kernels import (
     Face,
     Pixel,
@@ -21,7 +22,6 @@ from nodes.renderer.raster.surface_kernels import (
     side_of,
     smooth_normal,
 )
-from nodes.renderer.raster.view_kernels import CameraView
 from nodes.renderer.shading.radiance_kernels import luminance
 from nodes.renderer.shadows.ray_kernels import Casters, make_occlusion
 

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from nodes.renderer.raster.view_kernels import CameraView
+from nodes.renderer.raster.lens.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 

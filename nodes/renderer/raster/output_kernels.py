@@ -3,8 +3,8 @@
 import warp as wp
 
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
-from nodes.renderer.raster.distortion_kernels import angle_of, make_distorted
-from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
+from nodes.renderer.raster.lens.distortion_kernels import angle_of, make_distorted
+from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
 
 wp.set_module_options({"enable_backward": False})
 

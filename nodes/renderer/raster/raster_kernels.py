@@ -8,9 +8,9 @@ import warp as wp
 
 from evis.gpu.bits_kernels import lowest
 from nodes.renderer.raster.bounds_kernels import bounds, facing, outside, turned_away
-from nodes.renderer.raster.distortion_kernels import make_bounds, walk_rays
+from nodes.renderer.raster.lens.distortion_kernels import make_bounds, walk_rays
+from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.raster.triangle_kernels import corners_of, set_up
-from nodes.renderer.raster.view_kernels import CameraView
 from nodes.renderer.raster.walk_kernels import drawable, walk_own
 
 wp.set_module_options({"enable_backward": False})

@@ -10,7 +10,7 @@ import warp as wp
 from evis.gpu.devices import device_named
 from evis.scene.model import Camera, Scene
 from nodes.renderer.geometry.triangles import geometry_of
-from nodes.renderer.raster.cameras import lens_of, make_view
+from nodes.renderer.raster.lens.cameras import lens_of, make_view
 from nodes.renderer.raster.row_tiles import RowTiles
 
 

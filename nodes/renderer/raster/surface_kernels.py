@@ -6,8 +6,8 @@ from typing import Any
 import warp as wp
 
 from nodes.renderer.raster.depth_kernels import depth_of, triangle_of
+from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray, ray_steps
 from nodes.renderer.raster.triangle_kernels import corners_of, edge_normal
-from nodes.renderer.raster.view_kernels import CameraView, pixel_ray, ray_steps
 from nodes.renderer.textures.texture_kernels import Textures, filtered
 
 wp.set_module_options({"enable_backward": False})

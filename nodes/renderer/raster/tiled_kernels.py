@@ -12,7 +12,8 @@ from functools import cache
 import warp as wp
 
 from nodes.renderer.raster.bounds_kernels import bounds, facing, holds_pixel
-from nodes.renderer.raster.distortion_kernels import make_bounds, walk_rays
+from nodes.renderer.raster.lens.distortion_kernels import make_bounds, walk_rays
+from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.raster.raster_kernels import Blocks, before_near, unseen
 from nodes.renderer.raster.shuffle_kernels import first_above, running_sum, shuffle_from
 from nodes.renderer.raster.triangle_kernels import (
@@ -26,7 +27,6 @@ from nodes.renderer.raster.triangle_kernels import (
     walk,
     walk_all,
 )
-from nodes.renderer.raster.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 

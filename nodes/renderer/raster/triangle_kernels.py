@@ -12,7 +12,7 @@ or a vertex belongs to all its triangles and is never missed by all.
 import warp as wp
 
 from nodes.renderer.raster.depth_kernels import put_depth
-from nodes.renderer.raster.view_kernels import CameraView
+from nodes.renderer.raster.lens.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 

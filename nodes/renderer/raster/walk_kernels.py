@@ -8,8 +8,8 @@ from pathlib import Path
 import warp as wp
 
 from evis.native_code import native_code
+from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.raster.triangle_kernels import Setup, columns_of, row_share, run_of, walk_all
-from nodes.renderer.raster.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 

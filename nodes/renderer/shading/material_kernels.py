@@ -9,8 +9,8 @@ from nodes.renderer.lights.features import Features
 from nodes.renderer.lights.light_kernels import SurfacePoint
 from nodes.renderer.lights.sky_kernels import Sky, make_sky, reflectances
 from nodes.renderer.materials.ggx_kernels import diffuse_share, normal_reflectance
+from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.raster.surface_kernels import Face, Pixel, Seen, Surfaces, make_surface
-from nodes.renderer.raster.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 

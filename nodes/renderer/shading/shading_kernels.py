@@ -16,6 +16,7 @@ from nodes.renderer.lights.features import Features
 from nodes.renderer.lights.light_kernels import DirectLight, Lights, SurfacePoint
 from nodes.renderer.lights.sky_kernels import Sky, make_sky
 from nodes.renderer.raster.depth_kernels import MISS
+from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray, tile_pixel
 from nodes.renderer.raster.surface_kernels import (
     Face,
     Pixel,
@@ -26,7 +27,6 @@ from nodes.renderer.raster.surface_kernels import (
     seen_face,
     seen_triangle,
 )
-from nodes.renderer.raster.view_kernels import CameraView, pixel_ray, tile_pixel
 from nodes.renderer.shading.cache_kernels import ShadingCache, make_cache
 from nodes.renderer.shading.material_kernels import make_look
 from nodes.renderer.shading.radiance_kernels import make_image, make_write

@@ -10,8 +10,8 @@ import warp as wp
 
 from nodes.renderer.lights.light_kernels import Lights, SurfacePoint, make_directions
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray, tile_pixel
 from nodes.renderer.raster.surface_kernels import listed_pixel, side_of
-from nodes.renderer.raster.view_kernels import CameraView, pixel_ray, tile_pixel
 from nodes.renderer.shadows.grid_kernels import Grid, hidden_from
 from nodes.renderer.shadows.ray_kernels import Casters, make_occlusion, shadow_start
 

@@ -19,8 +19,8 @@ from nodes.event_sensor.cpu.simd_kernels import (
     room_for_block,
 )
 from nodes.event_sensor.engines.engine import FLOOR, sensor_struct
-from nodes.event_sensor.model import random_kernels
 from nodes.event_sensor.model.crossing_kernels import crossing_on_line, root_of_line, stamp_of
+from nodes.event_sensor.model.faults import random_kernels
 from nodes.event_sensor.model.key_kernels import (
     Columns,
     column_of,

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from nodes.event_sensor.model import fixed_pattern
+from nodes.event_sensor.model.faults import fixed_pattern
 from nodes.event_sensor.sensor import EventSensor
 from nodes.event_sensor.simulate import simulate_frames
 

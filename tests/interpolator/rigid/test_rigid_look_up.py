@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from nodes.interpolator.rigid.look_up_kernels import HIDDEN, SEEN, make_fetches, make_keyframes
+from nodes.interpolator.rigid.look_up.look_up_kernels import HIDDEN, SEEN, make_fetches, make_keyframes
 
 SIZE, PATCH, TOLERANCE = 6, 7, 0.1
 AT = 2 * SIZE + 2

@@ -7,8 +7,8 @@ from renderer_scenes import ALL, GEOMETRIC, Still, at, poses, quad, scene, spher
 from evis.geometry import pinhole, se3
 from evis.geometry.distortion import Lens, curvature_bounds, project, unproject
 from evis.scene.model import Camera, Material, Mesh
-from nodes.renderer.raster.cameras import make_view
-from nodes.renderer.raster.view_kernels import BUNDLE
+from nodes.renderer.raster.lens.cameras import make_view
+from nodes.renderer.raster.lens.view_kernels import BUNDLE
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.renderer import BEHIND, Renderer
 

@@ -14,8 +14,8 @@ from nodes.interpolator.refine.path_kernels import (
 )
 from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, entry_at, slot_row
 from nodes.interpolator.rigid.keyframe_kernels import log_of
-from nodes.interpolator.rigid.log_kernels import radiance_of
-from nodes.interpolator.rigid.look_up_kernels import make_keyframes
+from nodes.interpolator.rigid.look_up.log_kernels import radiance_of
+from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
 
 wp.set_module_options({"enable_backward": False})
 

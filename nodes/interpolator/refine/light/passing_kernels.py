@@ -11,7 +11,7 @@ from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.plan_kernels import joined
 from nodes.renderer.lights.light_kernels import SPOT, make_directions
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
-from nodes.renderer.raster.view_kernels import CameraView
+from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.shadows.ray_kernels import LIFT, make_occlusion
 
 wp.set_module_options({"enable_backward": False})

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from evis.files.allowance import Allowance, AllowanceError
-from evis.scene.colour import linear_from_bytes, linear_from_srgb
 from evis.scene.errors import SceneError
+from evis.scene.images.colour import linear_from_bytes, linear_from_srgb
 from evis.scene.sources import note
 
 MAX_TEXELS = 1 << 26

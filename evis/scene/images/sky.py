@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from evis.scene.errors import SceneError
-from evis.scene.pictures import load_exr
+from evis.scene.images.pictures import load_exr
 from evis.scene.yaml.drawing import is_draw
 from evis.scene.yaml.reader import Fields
 

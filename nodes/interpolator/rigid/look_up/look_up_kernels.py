@@ -7,9 +7,9 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.reading_kernels import element, number, pair_of, weighted, whole_number
-from nodes.interpolator.rigid.log_kernels import LOGS, apart, half_black, least, most, within
-from nodes.renderer.raster.distortion_kernels import angle_of, make_distorted
-from nodes.renderer.raster.view_kernels import CameraView
+from nodes.interpolator.rigid.look_up.log_kernels import LOGS, apart, half_black, least, most, within
+from nodes.renderer.raster.lens.distortion_kernels import angle_of, make_distorted
+from nodes.renderer.raster.lens.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from nodes.event_sensor.model.random_kernels import draw, mix, stream_of, uniform, waiting_time
+from nodes.event_sensor.model.faults.random_kernels import draw, mix, stream_of, uniform, waiting_time
 from nodes.event_sensor.model.sensor_kernels import Sensor
 
 wp.set_module_options({"enable_backward": False})

@@ -10,8 +10,8 @@ import warp as wp
 
 from nodes.renderer.raster.bounds_kernels import outside
 from nodes.renderer.raster.depth_kernels import put_depth
+from nodes.renderer.raster.lens.view_kernels import BUNDLE, CameraView
 from nodes.renderer.raster.triangle_kernels import Setup
-from nodes.renderer.raster.view_kernels import BUNDLE, CameraView
 
 wp.set_module_options({"enable_backward": False})
 

@@ -6,8 +6,9 @@ from typing import Any
 import warp as wp
 
 from evis.media.colour import REC709
-from nodes.interpolator.rigid.look_up_kernels import WITHOUT
+from nodes.interpolator.rigid.look_up.look_up_kernels import WITHOUT
 from nodes.renderer.raster.depth_kernels import MISS
+from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.raster.surface_kernels import (
     Pixel,
     Seen,
@@ -17,7 +18,6 @@ from nodes.renderer.raster.surface_kernels import (
     seen_face,
     seen_triangle,
 )
-from nodes.renderer.raster.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 

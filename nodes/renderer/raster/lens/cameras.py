@@ -11,7 +11,7 @@ import warp as wp
 from evis.geometry import pinhole
 from evis.geometry.distortion import Lens, curvature_bounds, unproject
 from evis.scene.model import Camera
-from nodes.renderer.raster.view_kernels import BUNDLE, CameraView
+from nodes.renderer.raster.lens.view_kernels import BUNDLE, CameraView
 
 BEYOND = 0.05
 """How far outside the field of view [rad] the bounds of triangles are still taken from their corners."""

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from nodes.event_sensor.model.random_kernels import LONGEST, NEVER, PHASE, draw, mix, uniform
+from nodes.event_sensor.model.faults.random_kernels import LONGEST, NEVER, PHASE, draw, mix, uniform
 
 wp.set_module_options({"enable_backward": False})
 

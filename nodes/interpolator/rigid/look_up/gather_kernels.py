@@ -16,8 +16,8 @@ from evis.gpu.division_kernels import Divisor, divided, divisor
 from evis.gpu.reading_kernels import entry, whole_number
 from nodes.interpolator.relight.change_kernels import Change, make_asked, make_relit, moved_point, point_of
 from nodes.interpolator.relight.features import LightChanges
-from nodes.interpolator.rigid.log_kernels import LOGS, apart, brighter, fused_luminance, radiance_of
-from nodes.interpolator.rigid.look_up_kernels import (
+from nodes.interpolator.rigid.look_up.log_kernels import LOGS, apart, brighter, fused_luminance, radiance_of
+from nodes.interpolator.rigid.look_up.look_up_kernels import (
     BARE,
     HARD,
     HIDDEN,
@@ -27,10 +27,10 @@ from nodes.interpolator.rigid.look_up_kernels import (
     make_keyframes,
     make_look_up,
 )
-from nodes.interpolator.rigid.texture_kernels import make_log_albedo
+from nodes.interpolator.rigid.look_up.texture_kernels import make_log_albedo
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
 from nodes.renderer.raster.surface_kernels import Seen, Surfaces, pixel_at
-from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
 
 wp.set_module_options({"enable_backward": False})
 

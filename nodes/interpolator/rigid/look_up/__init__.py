@@ -1,0 +1,1 @@
+"""Surface points looked up in the keyframes of a gap."""
