@@ -374,6 +374,12 @@ class Executor:
         host = self._hosts[node.name]
         return host.wants_array(port, array) if array else host.wants(port)
 
+    def gathered(self, node: Node, port: str) -> int:
+        """Implements Node.gathered."""
+        host = self._hosts[node.name]
+        topic = host.plan.outputs.get(port)
+        return max((c.node.gathers for c, _, taken in host.downstream if taken == topic and c.many), default=1)
+
     def loan(self, node: Node, port: str, arrays: Mapping[str, tuple[tuple[int, ...], Any]]) -> dict[str, np.ndarray]:
         """Implements Node.loan."""
         host = self._hosts[node.name]

@@ -65,6 +65,9 @@ class Runtime(Protocol):
     def wants(self, node: Node, port: str, array: str = "") -> bool:
         """Says whether somebody reads an output now, or an array of its messages."""
 
+    def gathered(self, node: Node, port: str) -> int:
+        """Tells how many messages of an output are waited for in this process."""
+
     def loan(self, node: Node, port: str, arrays: Arrays) -> dict[str, np.ndarray]:
         """Gives arrays to write an output's next message into."""
 
@@ -283,6 +286,10 @@ class Node:
         array: whether somebody reads that one of its messages' arrays, as `reads` tells; viewers read all.
         """
         return self.runtime.wants(self, port, array) if array else self.runtime.wants(self, port)
+
+    def gathered(self, port: str) -> int:
+        """Tells how many messages of an output the nodes of this process wait for, to take them at once (`gathers`)."""
+        return self.runtime.gathered(self, port)
 
     def loan(self, port: str, **arrays: tuple[tuple[int, ...], Any]) -> dict[str, np.ndarray]:
         """Returns arrays to write this port's next message into, name -> (shape, dtype); sending makes no copy."""

@@ -292,7 +292,16 @@ class PhysicsNode(Node):
             checked(message.envs, message.seeds, self.params["envs"])
 
     def step(self, inputs: Mapping[str, Message]) -> bool:
-        """Publishes the state at the next stamp."""
+        """Publishes the state at the next stamp, and those after it that others wait for to take them at once, where
+        all motion is in closed form: nothing that comes of them moves anything."""
+        if self.may_lag and not self.scene.dynamic and not self._asked and (ahead := self._ahead()) > 1:
+            states = []
+            for k in range(self.k, self.k + ahead):
+                stamp = keyframe_stamp(k, self.params["keyframe_rate"])
+                states.append(self._state(stamp, self.environments.advance(k)))
+            self.k += ahead
+            self.publish_all("state", states)
+            return self.count_all is None or self.k < self.count_all
         stamp = keyframe_stamp(self.k, self.params["keyframe_rate"])
         action = inputs.get("action")
         controls = np.array(action.controls) if isinstance(action, Action) else None
@@ -313,6 +322,13 @@ class PhysicsNode(Node):
         self._publish(stamp, interval)
         self.k += 1
         return self.count_all is None or self.k < self.count_all
+
+    def _ahead(self) -> int:
+        """Tells how many states are waited for at once, as far as the run goes."""
+        if not self.wants("state"):
+            return 1
+        count = self.gathered("state")
+        return count if self.count_all is None else min(count, self.count_all - self.k)
 
     def receive(self, port: str, message: Message) -> None:
         """Takes a reset, for the next step; one that asks for what is not there is refused with a warning."""
@@ -390,8 +406,10 @@ class PhysicsNode(Node):
             self.publish("error", told)
 
     def _publish(self, stamp: int, interval: Interval) -> None:
-        if not self.wants("state"):
-            return
+        if self.wants("state"):
+            self.publish("state", self._state(stamp, interval))
+
+    def _state(self, stamp: int, interval: Interval) -> WorldState:
         given = {name: getattr(interval, name) for name in ("t", "end_pose", "moving", "moving_pose", "moving_twist")}
         given["episodes"] = self.episodes.copy()
         if interval.own_t is not None:
@@ -405,7 +423,7 @@ class PhysicsNode(Node):
             for name, value in given.items():
                 arrays[name][...] = value
             given = arrays
-        self.publish("state", WorldState(Header(stamp, episode=self.episode), names=self.names, **given))
+        return WorldState(Header(stamp, episode=self.episode), names=self.names, **given)
 
 
 def _given(envs: list[int], seeds: list[int]) -> tuple[list[int], list[int]]:

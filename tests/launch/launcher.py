@@ -53,11 +53,11 @@ class Launcher:
         except psutil.NoSuchProcess:
             found = []
         self.seen += [p for p in found if p not in self.seen]
-        return [p for p in found if "evis.runtime.process" in " ".join(_command(p))]
+        return [p for p in found if "evis.runtime.process" in " ".join(command_of(p))]
 
     def child(self, name: str) -> psutil.Process:
         """The process of that name."""
-        return next(p for p in self.children() if _command(p)[-1] == name)
+        return next(p for p in self.children() if command_of(p)[-1] == name)
 
     def interrupt(self) -> None:
         """Ctrl-C, and wait until it has been noticed: of two that come before that, a process sees only one."""
@@ -122,7 +122,8 @@ def _alive(process: psutil.Process) -> bool:
         return False
 
 
-def _command(process: psutil.Process) -> list[str]:
+def command_of(process: psutil.Process) -> list[str]:
+    """The words that a process was started with; none where it has ended."""
     try:
         return process.cmdline()
     except psutil.Error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import signal
@@ -14,7 +13,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from launcher import Launcher
+from launcher import Launcher, command_of
 
 from evis.supervisor.early import EarlyStart
 
@@ -50,18 +49,16 @@ def gone(process: psutil.Process) -> bool:
 def test_the_run_takes_it(launch: Callable[..., Launcher], runtime: Path, grouping: str, name: str) -> None:
     """There is one process of that name, which was there before its plan."""
     launcher = launch(Path("spinning_disk"), *SMALL, *grouping.split(), "--duration", "0.1", "--json")
-    words: dict[int, list[str]] = {}
+    seen: set[tuple[str, ...]] = set()
     while launcher.process.poll() is None:
-        for child in launcher.children():
-            with contextlib.suppress(psutil.Error):
-                words[child.pid] = child.cmdline()
+        seen |= {tuple(command_of(child)) for child in launcher.children()} - {()}  # one that has ended has none
         time.sleep(0.01)
     code, out, err = launcher.end()
     assert code == 0, err
     assert json.loads(out)["events"] > 1000
-    early = [each for each in words.values() if "--early" in each]
+    early = {words for words in seen if "--early" in words}
     assert len(early) == 1
-    assert [each for each in words.values() if each[-1] == name] == early
+    assert {words for words in seen if words[-1] == name} == early
     assert not launcher.survivors() and left_in(runtime) == []
 
 
@@ -69,8 +66,8 @@ def test_one_that_the_graph_lacks_ends_when_the_others_begin(launch: Callable[..
     """Shares of the environments have processes of their own."""
     words = ("envs:=2", "device:=cpu,cpu")
     launcher = launch(Path("spinning_disk"), *SMALL, *words)
-    launcher.wait_for(lambda: any("share1" in child.cmdline()[-1] for child in launcher.children()))
-    launcher.wait_for(lambda: not any("--early" in child.cmdline() for child in launcher.children()))
+    launcher.wait_for(lambda: any("share1" in command_of(child) for child in launcher.children()))
+    launcher.wait_for(lambda: not any("--early" in command_of(child) for child in launcher.children()))
     assert launcher.process.poll() is None
     launcher.interrupt()
     assert launcher.end()[0] == 0  # a graph without an end is ended so
