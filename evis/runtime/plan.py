@@ -11,6 +11,7 @@ from typing import Any
 from evis.config.secret import Redactor
 
 UNKNOWN = "nobody has found out whether somebody waits for it"
+"""Why a plan that no planner has made makes keyframes one by one, and publishes what comes of each at once."""
 COMPOSED = "graph"
 """Name of the one process of a composed graph."""
 
