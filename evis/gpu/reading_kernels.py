@@ -36,6 +36,18 @@ def entry(values: wp.array3d(dtype=wp.uint64), at: wp.int32) -> wp.uint64:
     ...
 
 
+@wp.func_native("return values.data[at];")
+def vector_at(values: wp.array2d(dtype=wp.vec3), at: wp.int32) -> wp.vec3:
+    """Reads an element of a table of vectors by its place in memory."""
+    ...
+
+
+@wp.func_native("return values.data[at];")
+def matrix_at(values: wp.array2d(dtype=wp.mat33), at: wp.int32) -> wp.mat33:
+    """Reads an element of a table of matrices by its place in memory."""
+    ...
+
+
 PAIR = """
     const float* first = values.data + at;
 #if defined(__CUDA_ARCH__)
@@ -49,6 +61,15 @@ PAIR = """
 @wp.func_native(PAIR)
 def pair(values: wp.array(dtype=wp.float32), at: wp.int32) -> wp.vec2:
     """Reads two elements in a row as `number` does."""
+    ...
+
+
+WHOLE_PAIR = PAIR.replace("float", "int")
+
+
+@wp.func_native(WHOLE_PAIR)
+def whole_pair(values: wp.array(dtype=wp.int32), at: wp.int32) -> wp.vec2i:
+    """Reads two elements of an integer array in a row as `number` does."""
     ...
 
 

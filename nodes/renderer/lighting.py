@@ -158,6 +158,7 @@ class Shading:
             grids=self._grid is not None,
             tiled=self._tiled,
             by_runs=self.device.is_cpu,
+            fast=self.device.is_cuda,
             half=self._half and not rays,
         )
 

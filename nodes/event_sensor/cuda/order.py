@@ -18,8 +18,8 @@ SOME, MANY = 256, 512
 OFTEN = 3
 """if so many calls in a row have them."""
 THREADS = 1 << 18
-SCAN, BLOCK = 1024, 256
-"""Threads that find where buckets begin, and those that sort one."""
+SCAN = 1024
+"""Threads that find where buckets begin."""
 
 
 class Order:
@@ -38,7 +38,7 @@ class Order:
 
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
         """Gives one kernel for each number of threads to a block that there is, as `build_together` takes them."""
-        return [(order_kernels.place_buckets, SCAN), (order_kernels.in_order, BLOCK)]
+        return [(order_kernels.place_buckets, SCAN), (order_kernels.in_order, order_kernels.BLOCK)]
 
     def _empty(self, length: int, dtype: Any = wp.int32) -> wp.array:
         return wp.empty(length, dtype=dtype, device=self._device)
@@ -83,7 +83,7 @@ class Order:
             dim=[self._length],
             inputs=[sensor, call, counters, first, buckets],
             outputs=[columns],
-            block_dim=BLOCK,
+            block_dim=order_kernels.BLOCK,
             device=self._device,
         )
         if self._envs == 1:

@@ -33,7 +33,7 @@ def looks_of(rigid: Rigid) -> tuple[wp.Kernel, wp.Kernel]:
     """Makes the kernels that look up listed pixels, and that write to their places what was shaded."""
     layout, f = rigid.layout, rigid.shading.features
     kind = (f.textures, f.smooth, f.tinted) if textured_in(rigid.shading, layout) else None
-    how = (layout.channels, layout.exact_flicker, "careful", changes_of(rigid), layout.detailed, kind)
+    how = (layout.channels, layout.exact_flicker, "careful", changes_of(rigid), layout.detailed, kind, layout.on_device)
     return make_gather(rigid.visibility.lens, *how, single=True), make_place(layout.channels, single=True)
 
 

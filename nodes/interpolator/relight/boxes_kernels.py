@@ -5,9 +5,10 @@ from typing import Any
 
 import warp as wp
 
+from evis.gpu.reading_kernels import vector_at
 from nodes.interpolator.relight.features import LightChanges
 from nodes.renderer.lights.light_kernels import DIRECTIONAL, FAR
-from nodes.renderer.shadows.ray_kernels import Casters, box_met, inverse_of, sphere_met
+from nodes.renderer.shadows.ray_kernels import Casters, box_met, inverse_of, rotation_of, sphere_met, translation_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -40,6 +41,21 @@ def bit(k: int):
     return wp.uint32(1) << wp.uint32(k % 32)
 
 
+LOWEST = """
+#if defined(__CUDA_ARCH__)
+    return __ffs(mask) - 1;
+#else
+    return __builtin_ctz(mask);
+#endif
+"""
+
+
+@wp.func_native(LOWEST)
+def lowest(mask: wp.uint32) -> wp.int32:
+    """Gives the number of the lowest bit of a mask, which is not 0."""
+    ...
+
+
 @wp.func
 def crossed(swept: Swept, env: int, eye: wp.mat33, row: int, instance: int, position: wp.vec3):
     """Tells whether anything that moves may come between a light that stands still and what is about a point of an
@@ -60,13 +76,20 @@ def crossed(swept: Swept, env: int, eye: wp.mat33, row: int, instance: int, posi
             low = at + wide
             high = at - wide
             # The box around all and those of single bodies by one test, of which a second copy would cost registers.
-            for k in range(swept.lower.shape[1]):
-                if k == 0 or (mask & bit(k - 1)) != wp.uint32(0):
-                    met = box_met(swept.lower[env, k] - low, swept.upper[env, k] - high, inverse, length)
-                    if k > 0 and met:
-                        return True
-                    if k == 0 and not met:
-                        break
+            boxes = swept.lower.shape[1]
+            k = wp.int32(0)
+            while k >= 0:
+                box = env * boxes + k
+                met = box_met(vector_at(swept.lower, box) - low, vector_at(swept.upper, box) - high, inverse, length)
+                if k > 0 and met:
+                    return True
+                if k > 0 and k + 32 < boxes:
+                    k += 32
+                elif mask != wp.uint32(0) and (k > 0 or met):
+                    k = 1 + lowest(mask)
+                    mask = mask & (mask - wp.uint32(1))
+                else:
+                    k = wp.int32(-1)
     return False
 
 
@@ -114,12 +137,12 @@ def make_cast(f: LightChanges) -> Any:
         for k in range(first, casters.order.shape[0]):
             i = casters.order[k]
             if i != skip:
-                centre = casters.translation[row, i] - origin
+                centre = translation_of(casters, row, i) - origin
                 # Seen from the point, the light is a cone that is as wide as that at the caster's far side.
                 reach = wp.dot(centre, ray) + casters.radius[i]
                 around = beside + wide * wp.clamp(reach / length, 0.0, 1.0)
                 if sphere_met(centre, casters.radius[i] + around, ray, length):
-                    inverse = wp.transpose(casters.rotation[row, i])
+                    inverse = wp.transpose(rotation_of(casters, row, i))
                     at = inverse * centre
                     # A ray that grazes a face must not be missed for its rounding.
                     sides = half[i] + (around + 1.0e-5 * (wp.length(centre) + casters.radius[i])) * wp.vec3(

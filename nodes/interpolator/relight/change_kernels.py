@@ -14,10 +14,11 @@ import warp as wp
 from evis.media.colour import REC709
 from nodes.interpolator.relight.boxes_kernels import Swept, crossed, make_cast, nearby
 from nodes.interpolator.relight.features import LightChanges
+from nodes.interpolator.rigid.displacement_kernels import displaced, turned_back
 from nodes.renderer.lights.light_kernels import AREA, Lights, make_directions
 from nodes.renderer.lights.sky_kernels import Sky, make_sky
 from nodes.renderer.raster.depth_kernels import triangle_of
-from nodes.renderer.shadows.ray_kernels import CONVEX, PLANAR, Casters
+from nodes.renderer.shadows.ray_kernels import CONVEX, PLANAR, Casters, rotation_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -91,7 +92,7 @@ def point_of(change: Change, casters: Casters, row: int, hit: wp.uint64, positio
     s = Point()
     s.position = position
     s.instance = change.instance[t]
-    s.normal = casters.rotation[row, s.instance] * change.normals[t]
+    s.normal = rotation_of(casters, row, s.instance) * change.normals[t]
     shell = casters.shell[s.instance]
     s.skip = -1
     if wp.dot(s.normal, position) > 0.0:
@@ -103,12 +104,24 @@ def point_of(change: Change, casters: Casters, row: int, hit: wp.uint64, positio
     return s
 
 
+@wp.struct
+class Displacements:
+    """Holds how the bodies of slots have moved since keyframe A, then since B, as displacement_kernels has it; entry
+    `at` of a body in memory, `behind` more of the same since B."""
+
+    turn: wp.array2d(dtype=wp.mat33)
+    shift: wp.array2d(dtype=wp.vec3)
+    at: int
+    behind: int
+
+
 @wp.func
-def moved_point(s: Point, turn: wp.mat33, m: wp.vec3):
-    """Gives the same point in the camera frame of a keyframe: m away, its body turned by 1 + turn."""
+def point_then(s: Point, moves: Displacements, k: int):
+    """Gives the same point in the camera frame of keyframe A (k = 0) or B (1)."""
+    at = moves.at + k * moves.behind
     r = s
-    r.position = s.position + m
-    r.normal = s.normal + turn * s.normal
+    r.position = s.position + displaced(moves.turn, moves.shift, at, s.position)
+    r.normal = turned_back(moves.turn, at, s.normal)
     return r
 
 
@@ -209,60 +222,66 @@ def make_relit(f: LightChanges) -> Any:
         row_a: int,
         row_b: int,
         s: Point,
-        a: Point,
-        b: Point,
+        moves: Displacements,
         seen_a: bool,
         seen_b: bool,
         share: float,
     ):
         """Tells whether a point must be shaded at its own time, where keyframe A (row_a), B or both show it and are
-        blended by `share`; and otherwise by how much ln of its radiance is above what each shows. flag: of
+        blended by `share`; and otherwise by how much ln of its radiance is above what A shows, and B. flag: of
         `asked`."""
-        above = wp.vec2(0.0, 0.0)
+        above_a = float(0.0)
+        above_b = float(0.0)
         moved = (flag & MOVED) != 0
+        # One after the other by the same code, of which two copies would not fit a GPU's cache of instructions.
+        begin = wp.where(seen_a, 0, 1)
+        end = wp.where(seen_b, 2, 1)
         if wp.static(f.indirect):
             if (flag & LIT_ANEW) != 0:
-                return True, above
+                return True, above_a, above_b
         if wp.static(f.view):
             alpha = change.alpha[s.instance]
             if alpha >= 0.0 and (flag & VIEWED) != 0:
                 angle = float(0.0)
-                if seen_a:
-                    angle += turned(change, row, row_a, s, a, moved)
-                if seen_b:
-                    angle += turned(change, row, row_b, s, b, moved)
+                for k in range(begin, end):
+                    then = point_then(s, moves, k)
+                    angle += turned(change, row, wp.where(k == 0, row_a, row_b), s, then, moved)
                 if angle > alpha * change.turned:
-                    return True, above
+                    return True, above_a, above_b
         if wp.static(f.relative):
             if moved:
                 level = wp.log(wp.max(irradiance(change, change.now, row, row, s, s.normal), 1.0e-30))
-                if seen_a:
-                    above[0] = level - level_then(change, row, row_a, a)
-                if seen_b:
-                    above[1] = level - level_then(change, row, row_b, b)
+                for k in range(begin, end):
+                    then = point_then(s, moves, k)
+                    above = level - level_then(change, row, wp.where(k == 0, row_a, row_b), then)
+                    if k == 0:
+                        above_a = above
+                    else:
+                        above_b = above
                 if change.carried[s.instance] == 1:
-                    if wp.max(wp.abs(above)) > CARRIED * change.even:
-                        return True, above
+                    if wp.max(wp.abs(above_a), wp.abs(above_b)) > CARRIED * change.even:
+                        return True, above_a, above_b
                 else:
-                    expected = wp.where(seen_b, 1.0 - share, 1.0) * above[0] + wp.where(seen_a, share, 1.0) * above[1]
+                    expected = wp.where(seen_b, 1.0 - share, 1.0) * above_a + wp.where(seen_a, share, 1.0) * above_b
                     if wp.abs(expected) > change.even:
-                        return True, above
-                    above = wp.vec2(0.0, 0.0)
+                        return True, above_a, above_b
+                    above_a = float(0.0)
+                    above_b = float(0.0)
         if wp.static(f.shadows):
             if moved or (flag & SHADED) != 0:
                 first = wp.where(moved, 0, change.casters.still)
                 if shaded(change, change.now, change.casters, row, s, first, 0.0):
-                    return True, above
-                # A keyframe by itself blurs the edges of its shadows, of two the other one tells.
-                around_a = wp.where(seen_b, 0.0, blurred(change, a))
-                around_b = wp.where(seen_a, 0.0, blurred(change, b))
-                if seen_a:
-                    if shaded(change, change.then, change.casters_then, row_a, a, first, around_a):
-                        return True, above
-                if seen_b:
-                    if shaded(change, change.then, change.casters_then, row_b, b, first, around_b):
-                        return True, above
-        return False, above
+                    return True, above_a, above_b
+                for k in range(begin, end):
+                    then = point_then(s, moves, k)
+                    # A keyframe by itself blurs the edges of its shadows, of two the other one tells.
+                    around = float(0.0)
+                    if end - begin == 1:
+                        around = blurred(change, then)
+                    row_then = wp.where(k == 0, row_a, row_b)
+                    if shaded(change, change.then, change.casters_then, row_then, then, first, around):
+                        return True, above_a, above_b
+        return False, above_a, above_b
 
     return relit
 

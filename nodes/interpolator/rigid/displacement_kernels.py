@@ -5,6 +5,21 @@ import warp as wp
 wp.set_module_options({"enable_backward": False})
 
 
+@wp.func_native("return wp::add(wp::mul(turn.data[at], point), shift.data[at]);")
+def displaced(
+    turn: wp.array2d(dtype=wp.mat33), shift: wp.array2d(dtype=wp.vec3), at: wp.int32, point: wp.vec3
+) -> wp.vec3:
+    """Computes how far a point of a body has moved since a keyframe, in its camera frame [m]; at: place of the body in
+    what `displace` has made in memory."""
+    ...
+
+
+@wp.func_native("return wp::add(direction, wp::mul(turn.data[at], direction));")
+def turned_back(turn: wp.array2d(dtype=wp.mat33), at: wp.int32, direction: wp.vec3) -> wp.vec3:
+    """Computes what a direction fixed to a body was in the camera frame of a keyframe; at: as of `displaced`."""
+    ...
+
+
 @wp.func
 def turn_of(pose: wp.transformd):
     """Makes the rotation matrix of a pose."""

@@ -70,7 +70,7 @@ class Reprojection:
         f = shading.features
         kind = (f.textures, f.smooth, f.tinted) if textured_in(shading, layout) else None
         self._take_bare = make_take_bare(*kind) if kind else None
-        how = (changes, layout.detailed, kind)
+        how = (changes, layout.detailed, kind, layout.on_device)
         self._careful_look = make_gather(v.lens, channels, exact, "careful", *how)
         self._first_looks: list[wp.Kernel] = []
         """What goes before it on a GPU."""

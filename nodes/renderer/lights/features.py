@@ -48,6 +48,8 @@ class Features:
     """Several samples of a lobe are taken at a time, in a CPU's way (lobe_kernels)."""
     half: bool = False
     """Light is written as float16."""
+    fast: bool = False
+    """Quotients, roots and powers may be off by units in the last place, for a fifth less instructions on a GPU."""
 
     @property
     def delta(self) -> bool:

@@ -5,6 +5,8 @@ from typing import Any
 
 import warp as wp
 
+from evis.gpu.reading_kernels import vector_at
+
 wp.set_module_options({"enable_backward": False})
 
 DIRECTIONAL = wp.constant(0)
@@ -69,12 +71,24 @@ class DirectLight:
 
 
 @wp.func
+def vector_of(lights: Lights, env: int, l: int):
+    """Gives the unit vector towards a directional light, or where another one is [m]."""
+    return vector_at(lights.vector, env * lights.kind.shape[0] + l)
+
+
+@wp.func
+def axis_of(lights: Lights, env: int, l: int):
+    """Gives the axis of a spot light."""
+    return vector_at(lights.axis, env * lights.kind.shape[0] + l)
+
+
+@wp.func
 def spot_falloff(lights: Lights, env: int, l: int, ray: wp.vec3):
     """Gives 1 inside the inner cone, 0 outside the outer one, between them a smooth step in the cosine.
 
     1 - cos is half the squared distance of the unit vectors, which keeps its digits in a narrow cone.
     """
-    apart = lights.axis[env, l] + ray
+    apart = axis_of(lights, env, l) + ray
     t = wp.clamp((lights.cone[l][0] - 0.5 * wp.dot(apart, apart)) * lights.cone[l][1], 0.0, 1.0)
     return t * t * (3.0 - 2.0 * t)
 
@@ -83,7 +97,7 @@ def spot_falloff(lights: Lights, env: int, l: int, ray: wp.vec3):
 def out_of_cone(lights: Lights, env: int, l: int, vector: wp.vec3):
     """Tells whether a point lies outside a spot's cone for certain; vector: from it to the light. Needs no root."""
     edge = 1.0 - lights.cone[l][0] - 1.0e-5
-    along = -wp.dot(lights.axis[env, l], vector)
+    along = -wp.dot(axis_of(lights, env, l), vector)
     return edge > 0.0 and (along <= 0.0 or along * along < edge * edge * wp.dot(vector, vector))
 
 
@@ -97,7 +111,7 @@ def make_directions(directional: bool, point: bool, spot: bool) -> tuple[Any, An
     def towards(lights: Lights, env: int, l: int, p: wp.vec3):
         """Gives the unit vector to a light, its distance, and its strength: falloff / distance^2, 1 for a directional
         light."""
-        vector = lights.vector[env, l]
+        vector = vector_of(lights, env, l)
         if wp.static(not positional):
             return vector, FAR, 1.0
         if wp.static(both):
@@ -118,7 +132,7 @@ def make_directions(directional: bool, point: bool, spot: bool) -> tuple[Any, An
     def idle(lights: Lights, env: int, l: int, s: SurfacePoint):
         """Tells whether a light is below the surface, or the surface out of its cone: most are, and this is soon
         known."""
-        vector = lights.vector[env, l]
+        vector = vector_of(lights, env, l)
         if wp.static(both):
             if lights.kind[l] != DIRECTIONAL:
                 vector = vector - s.position

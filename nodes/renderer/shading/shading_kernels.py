@@ -117,9 +117,10 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
     """Makes the shading kernels, of all pixels and of a list of them."""
     Image: Any = make_image(f.half)
     shade_pixel = make_shade_pixel(f)
+    options = {"fast_math": f.fast}
 
     # Kernels name their parameters one by one; these two share what they do, and so most of their names.
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=options)
     def shade(
         # in
         view: CameraView,
@@ -157,7 +158,7 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
             for x in range(part * span, wp.min(part * span + span, view.width)):
                 shade_pixel(view, pixel_at(env, y, x), band, seen, surfaces, lights, sky, casters, grid, kept, image)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=options)
     def shade_list(
         # in
         view: CameraView,

@@ -32,10 +32,10 @@ class Receivers:
 
 @cache
 def make_shadow_rays(
-    directional: bool, point: bool, spot: bool, trees: bool, grids: bool
+    directional: bool, point: bool, spot: bool, trees: bool, grids: bool, fast: bool
 ) -> tuple[wp.Kernel, wp.Kernel]:
     """Makes the kernels `shadow_rays`, of all pixels, and `listed_shadow_rays` with only what a scene has. grids: the
-    lights in `shadowed` are those of `grid`, in that order."""
+    lights in `shadowed` are those of `grid`, in that order. fast: as of Features."""
     towards, idle = make_directions(directional, point, spot)
     occluded, _ = make_occlusion(trees, False)
 
@@ -82,8 +82,9 @@ def make_shadow_rays(
 
     # Somewhat fewer registers than it would take let more rays run at once.
     registers = 80 if grids else 96
+    options = {"fast_math": fast}
 
-    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=registers)
+    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=registers, module_options=options)
     def shadow_rays(
         # in
         view: CameraView,
@@ -107,7 +108,7 @@ def make_shadow_rays(
             return
         trace(view, env, y, x, n, on, lights, casters, grid, hidden)
 
-    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=registers)
+    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=registers, module_options=options)
     def listed_shadow_rays(
         # in
         view: CameraView,

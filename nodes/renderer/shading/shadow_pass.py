@@ -44,7 +44,8 @@ class ShadowPass:
         self._parts: list[tuple[Any, Any, wp.Kernel, wp.Kernel]] = []
         for part, grid in ((with_grid, self._grid), (others, None)):
             if part:
-                kernels = shadow_kernels.make_shadow_rays(**delta, trees=occluders.trees, grids=grid is not None)
+                how = {"trees": occluders.trees, "grids": grid is not None, "fast": visibility.device.is_cuda}
+                kernels = shadow_kernels.make_shadow_rays(**delta, **how)
                 self._parts.append((self._receivers(part), Grid() if grid is None else grid.kernel, *kernels))
 
     def kernels(self, listed: bool) -> list[tuple[wp.Kernel, int]]:

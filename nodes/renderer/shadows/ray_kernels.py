@@ -11,6 +11,8 @@ from typing import Any
 
 import warp as wp
 
+from evis.gpu.reading_kernels import matrix_at, vector_at
+
 wp.set_module_options({"enable_backward": False})
 
 CONVEX = wp.constant(1)
@@ -52,6 +54,18 @@ class Casters:
 
 
 @wp.func
+def translation_of(casters: Casters, env: int, i: int):
+    """Gives where an instance is in the camera's frame [m]."""
+    return vector_at(casters.translation, env * casters.translation.shape[1] + i)
+
+
+@wp.func
+def rotation_of(casters: Casters, env: int, i: int):
+    """Gives the rotation of an instance to the camera's frame."""
+    return matrix_at(casters.rotation, env * casters.rotation.shape[1] + i)
+
+
+@wp.func
 def shadow_start(casters: Casters, i: int, position: wp.vec3, normal: wp.vec3, front: bool):
     """Finds where shadow rays of instance i start, and whom they leave out: an instance that cannot shade itself
     here."""
@@ -80,15 +94,20 @@ def sphere_met(centre: wp.vec3, radius: float, direction: wp.vec3, length: float
     return wp.dot(away, away) <= wide * wide and along >= -wide and along - wide <= length
 
 
-# Comparisons of C++ are one instruction each, where Warp's min and max look for what is not a number. With such a box
-# nothing is compared as less, and its ends stay.
+# Comparisons of C++ are one instruction each on a CPU, and fminf and fmaxf on a GPU, where Warp's min and max look for
+# what is not a number. With such a box nothing is compared as less, or it is left out, and the ends stay.
 SLABS = """
     float near = -3.0e38f, far = 3.0e38f;
     for (int k = 0; k < 3; ++k) {
         const float t0 = lower[k] * inverse[k], t1 = upper[k] * inverse[k];
+#if defined(__CUDA_ARCH__)
+        near = fmaxf(near, fminf(t0, t1));
+        far = fminf(far, fmaxf(t0, t1));
+#else
         const float first = t0 < t1 ? t0 : t1, last = t0 < t1 ? t1 : t0;
         near = near < first ? first : near;
         far = last < far ? last : far;
+#endif
     }
     return wp::vec_t<2, wp::float32>(near, far);
 """
@@ -140,9 +159,9 @@ def in_the_way(
 ):
     """Tells whether a ray meets instance i; its triangles, or its sides if it is a box, are tried only if its bounding
     sphere is hit. extent: of no use."""
-    centre = casters.translation[env, i] - origin
+    centre = translation_of(casters, env, i) - origin
     if sphere_met(centre, casters.radius[i], direction, length):
-        inverse = wp.transpose(casters.rotation[env, i])
+        inverse = wp.transpose(rotation_of(casters, env, i))
         start = -(inverse * centre)
         along = inverse * direction
         half = casters.box[i]
@@ -166,7 +185,7 @@ def near_hull(
     """Tells whether the bounding sphere of instance i meets the hull of a point and a ball."""
     sine = extent / length
     cosine = wp.sqrt(1.0 - sine * sine)
-    centre = casters.translation[env, i] - origin
+    centre = translation_of(casters, env, i) - origin
     along = wp.dot(centre, direction)
     away = wp.length(centre - along * direction)
     radius = casters.radius[i] + 1.0e-6 * wp.abs(along)

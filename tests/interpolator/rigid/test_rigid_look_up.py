@@ -11,7 +11,7 @@ AT = 2 * SIZE + 2
 """The first of the middle four pixels."""
 
 Keyframes = make_keyframes(1, False)
-_, _, edge = make_fetches(1, False)
+*_, edge = make_fetches(1, False)
 
 
 @wp.kernel

@@ -13,9 +13,10 @@ import warp as wp
 
 from evis.gpu.append_kernels import take_place
 from evis.gpu.division_kernels import Divisor, divided, divisor
-from evis.gpu.reading_kernels import entry, whole_number
-from nodes.interpolator.relight.change_kernels import Change, make_asked, make_relit, moved_point, point_of
+from evis.gpu.reading_kernels import entry, vector_at, whole_number
+from nodes.interpolator.relight.change_kernels import Change, Displacements, make_asked, make_relit, point_of
 from nodes.interpolator.relight.features import LightChanges
+from nodes.interpolator.rigid.displacement_kernels import displaced
 from nodes.interpolator.rigid.look_up.log_kernels import LOGS, apart, brighter, fused_luminance, radiance_of
 from nodes.interpolator.rigid.look_up.look_up_kernels import (
     BARE,
@@ -23,7 +24,6 @@ from nodes.interpolator.rigid.look_up.look_up_kernels import (
     HIDDEN,
     SEEN,
     Sight,
-    displaced,
     make_keyframes,
     make_look_up,
 )
@@ -104,6 +104,7 @@ def make_gather(
     changes: LightChanges,
     detailed: bool,
     kind: tuple[bool, bool, bool] | None,
+    gpu: bool,
     single: bool = False,
 ) -> wp.Kernel:
     """Makes the kernel that looks up the pixels of sub-frames in both keyframes.
@@ -112,6 +113,7 @@ def make_gather(
     through all pixels and lists those that light may change on; `flagged` does these; both list what needs care, and
     `careful` does whatever is listed. changes: of light in the scene. detailed: as of make_look_up. kind: whether the
     scene has textures, shading normals of its own and colours at vertices, if textures are looked up at their own time.
+    gpu: quotients, roots and logarithms may be off by some units in the last place, for a fifth less instructions.
     single: pixels are listed one by one: what they see and their radiance stand where they do in the list, not in
     images.
     """
@@ -122,10 +124,8 @@ def make_gather(
     pixel = wp.float32 if channels == 1 else wp.vec3
     looked_up: Any = LOGS[channels, flicker]
     look_up = make_look_up(lens, channels, flicker, careful, detailed, kind is not None)
-    # Fewer than it would take: while some threads wait for memory there must be others. With care, where it is not of
-    # single pixels far from each other, and of RGB, all of them are worth more.
-    few = {"first": 64, "flagged": 128, "careful": 128 if single else None}
-    registers = few[look] if channels == 1 and not flicker else None
+    # Fewer than it would take, but of RGB: while some threads wait for memory there must be others.
+    registers = (64 if look == "first" else 128) if channels == 1 and not flicker else None
 
     @wp.func
     def lit_otherwise(
@@ -134,25 +134,28 @@ def make_gather(
         keys: Keyframes,
         flag: int,
         n: int,
+        env: int,
         hit: wp.uint64,
-        body: int,
+        at: int,
+        behind: int,
         position: wp.vec3,
-        m_a: wp.vec3,
-        m_b: wp.vec3,
         seen_a: bool,
         seen_b: bool,
         share: float,
     ):
-        """Tells whether light on the point that slot n shows changes otherwise than the keyframes tell, and otherwise
-        how much above each of them ln of its radiance is."""
+        """Tells whether light on the point that slot n of an environment shows changes otherwise than the keyframes
+        tell, and otherwise how much above each of them ln of its radiance is; at, behind: of Displacements."""
         s = point_of(change, change.casters, n, hit, position)
-        a = moved_point(s, keys.turn[n, body], m_a)
-        b = moved_point(s, keys.turn[n + keys.turn.shape[0] / 2, body], m_b)
-        row_a = portion.keyframes[0] + n % portion.envs
-        row_b = portion.keyframes[1] + n % portion.envs
-        return relit(change, flag, n, row_a, row_b, s, a, b, seen_a, seen_b, share)
+        moves = Displacements()
+        moves.turn = keys.turn
+        moves.shift = keys.shift
+        moves.at = at
+        moves.behind = behind
+        row_a = portion.keyframes[0] + env
+        row_b = portion.keyframes[1] + env
+        return relit(change, flag, n, row_a, row_b, s, moves, seen_a, seen_b, share)
 
-    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=registers)
+    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=registers, module_options={"fast_math": gpu})
     def gather(
         # in
         view: CameraView,
@@ -257,16 +260,14 @@ def make_gather(
             elif changed:
                 s, body = sight_of(view, hit, y, x, portion.pieces, keys.turn.shape[1] - 1)
                 base = env * view.height * view.width
+                since = n * keys.turn.shape[1] + body
+                behind = keys.turn.shape[0] / 2 * keys.turn.shape[1]
                 flag = wp.int32(0)
                 if wp.static(changes.any):
                     if s.sky == 0:
-                        shift_b = keys.shift[n + keys.turn.shape[0] / 2, body]
-                        flag = asked(change, body, env, n, hit, s.point, keys.shift[n, body], shift_b)
-                since = n * keys.turn.shape[1] + body
-                m_a = displaced(keys.turn, keys.shift, since, s.point)
-                m_b = displaced(keys.turn, keys.shift, since + keys.turn.shape[0] / 2 * keys.turn.shape[1], s.point)
-                apart_a = portion.pace * float(i)
-                apart_b = portion.pace * float(portion.upsampling - i)
+                        to_a = vector_at(keys.shift, since)
+                        to_b = vector_at(keys.shift, since + behind)
+                        flag = asked(change, body, env, n, hit, s.point, to_a, to_b)
                 later = wp.bool(False)
                 if wp.static(not listed):
                     later = flag != 0
@@ -274,9 +275,21 @@ def make_gather(
                 state_b = wp.int32(HIDDEN)
                 value = looked_up(0.0)
                 other = looked_up(0.0)
-                if not later:
-                    state_a, value = look_up(view, keys, keys.first[0] + base, s, m_a, portion.tolerance, apart_a)
-                    state_b, other = look_up(view, keys, keys.first[1] + base, s, m_b, portion.tolerance, apart_b)
+                at_rest = wp.bool(False)
+                # A, then B, by the same code: two copies would not fit a GPU's registers and cache of instructions.
+                for k in range(wp.where(later, 0, 2)):
+                    before = k == 0
+                    moved = displaced(keys.turn, keys.shift, since + k * behind, s.point)
+                    origin = base + wp.where(before, keys.first[0], keys.first[1])
+                    distant = portion.pace * float(wp.where(before, i, portion.upsampling - i))
+                    state, found = look_up(view, keys, origin, s, moved, portion.tolerance, distant)
+                    if before:
+                        state_a = state
+                        value = found
+                    else:
+                        state_b = state
+                        other = found
+                        at_rest = moved[0] == 0.0 and moved[1] == 0.0 and moved[2] == 0.0
                 if wp.static(log_albedo is not None):
                     if state_a == BARE or state_b == BARE:
                         if wp.static(single):
@@ -300,21 +313,20 @@ def make_gather(
                 told = (seen_a or seen_b) and (s.sky == 1 or portion.relight == 0)
                 if wp.static(listed and changes.any):
                     if told and flag != 0 and not hard:
-                        otherwise, above = lit_otherwise(
-                            change, portion, keys, flag, n, hit, body, s.point, m_a, m_b, seen_a, seen_b, share
+                        otherwise, above_a, above_b = lit_otherwise(
+                            change, portion, keys, flag, n, env, hit, since, behind, s.point, seen_a, seen_b, share
                         )
                         told = not otherwise
                         if wp.static(changes.relative):
-                            value = brighter(value, above[0])
-                            other = brighter(other, above[1])
+                            value = brighter(value, above_a)
+                            other = brighter(other, above_b)
                 difference = wp.float32(0.0)
                 if seen_a and seen_b:
                     difference = apart(value, other)
                 told = told and difference <= portion.tolerance
                 unchanged = wp.bool(False)
                 if wp.static(not flicker):
-                    unchanged = seen_b and difference == 0.0 and m_b[0] == 0.0 and m_b[1] == 0.0 and m_b[2] == 0.0
-                    unchanged = unchanged and flag == 0
+                    unchanged = seen_b and difference == 0.0 and at_rest and flag == 0
                 if later:
                     flagged[take_place(flagged_count, band)] = at
                 elif hard:

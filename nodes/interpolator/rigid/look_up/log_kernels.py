@@ -33,10 +33,32 @@ def fused_luminance(colour: wp.vec3):
     return RED * colour[0] + GREEN * colour[1] + BLUE * colour[2]
 
 
+# On a GPU exp x = 2^n exp r with n = rint(x / ln 2) and r = x - n ln 2, in two parts of ln 2 (Cody and Waite, Software
+# Manual for the Elementary Functions, 1980): right to 2 units in the last place where a kernel is compiled for fast
+# arithmetic too, with which `exp` would be off by |x| times as many.
+EXPONENTIAL = """
+#if defined(__CUDA_ARCH__)
+    const float n = rintf(value * 1.44269504f);
+    const float r = fmaf(n, 1.90465430e-9f, fmaf(n, -0.693147182f, value));
+    float power;
+    asm("ex2.approx.ftz.f32 %0, %1;" : "=f"(power) : "f"(r * 1.44269504f));
+    return power * __int_as_float(((int)n + 126) << 23) * 2.0f;
+#else
+    return wp::exp(value);
+#endif
+"""
+
+
+@wp.func_native(EXPONENTIAL)
+def exponential(value: wp.float32) -> wp.float32:
+    """Computes exp of a logarithm of radiance, from BLACK to that of the largest number."""
+    ...
+
+
 @wp.func
 def light(value: float):
     """Gives the radiance of a logarithm."""
-    return wp.where(value <= BLACK, 0.0, wp.exp(value))
+    return wp.where(value <= BLACK, 0.0, exponential(value))
 
 
 @wp.func

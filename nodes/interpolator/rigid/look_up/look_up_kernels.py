@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from evis.gpu.reading_kernels import element, number, pair_of, weighted, whole_number
+from evis.gpu.reading_kernels import element, number, pair, pair_of, weighted, whole_number, whole_pair
 from nodes.interpolator.rigid.look_up.log_kernels import LOGS, apart, half_black, least, most, within
 from nodes.renderer.raster.lens.distortion_kernels import angle_of, make_distorted
 from nodes.renderer.raster.lens.view_kernels import CameraView
@@ -99,20 +99,6 @@ def texel(texels: wp.array(dtype=wp.vec4), at: wp.int32) -> wp.vec4:
     ...
 
 
-DISPLACED = """
-    return wp::add(wp::mul(turn.data[at], point), shift.data[at]);
-"""
-
-
-@wp.func_native(DISPLACED)
-def displaced(
-    turn: wp.array2d(dtype=wp.mat33), shift: wp.array2d(dtype=wp.vec3), at: wp.int32, point: wp.vec3
-) -> wp.vec3:
-    """Computes how far a point of a body has moved since a keyframe, in its camera frame [m]; at: place of the body in
-    `turn` and `shift` (see displacement_kernels) in memory."""
-    ...
-
-
 @wp.func
 def shows(t: wp.vec4, p: int, w: float):
     """Tells whether a pixel shows patch p at about the inverse distance w."""
@@ -158,9 +144,9 @@ def make_displacement(lens: str) -> wp.Function:
 
 
 @cache
-def make_fetches(channels: int, flicker: bool) -> tuple[wp.Function, wp.Function, wp.Function]:
-    """Makes the functions `whole`, `masked` and `edge`, of places about which a patch is seen in full, in the middle,
-    and in part; channels, flicker: as of LOGS."""
+def make_fetches(channels: int, flicker: bool) -> tuple[wp.Function, wp.Function, wp.Function, wp.Function]:
+    """Makes the functions `log_of`, and `whole`, `masked` and `edge` of places about which a patch is seen in full, in
+    the middle, and in part; channels, flicker: as of LOGS."""
     Keyframes: Any = make_keyframes(channels, flicker)
     pixel = LOGS[channels, flicker]
     log_at = number if pixel is wp.float32 else element
@@ -248,7 +234,7 @@ def make_fetches(channels: int, flicker: bool) -> tuple[wp.Function, wp.Function
             return SEEN, total / weight
         return HIDDEN, total
 
-    return whole, masked, edge
+    return log_of, whole, masked, edge
 
 
 @cache
@@ -263,8 +249,7 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool, detaile
     Keyframes: Any = make_keyframes(channels, flicker)
     pixel = LOGS[channels, flicker]
     displacement = make_displacement(lens)
-    whole, masked, edge = make_fetches(channels, flicker)
-    log_at = number if pixel is wp.float32 else element
+    log_of, whole, masked, edge = make_fetches(channels, flicker)
 
     @wp.func
     def nearness(s: Sight, q: wp.vec3):
@@ -276,10 +261,10 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool, detaile
     @wp.func
     def where_it_was(keys: Keyframes, s: Sight, at: int):
         """Looks up a point that has not moved: at the same pixel, if nothing hid it."""
-        if whole_number(keys.patch, at) == s.patch:
-            w = nearness(s, s.point)
-            if wp.abs(number(keys.inverse, at) - w) <= SAME_POINT * w:
-                return SEEN, log_at(keys.logs, at)
+        t = texel(keys.texels, at)
+        w = nearness(s, s.point)
+        if wp.cast(t[0], wp.int32) == s.patch and wp.abs(t[1] - w) <= SAME_POINT * w:
+            return SEEN, log_of(keys, t, at)
         return HIDDEN, pixel(0.0)
 
     @wp.func
@@ -316,11 +301,11 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool, detaile
         seen = wp.int32(HIDDEN)
         value = pixel(0.0)
         code = whole_number(keys.support, at)
+        near = pair(keys.inverse, at)
+        near_below = pair(keys.inverse, below)
         if (code >> 1) == s.patch and code >= 0:
-            near_a, near_b = pair_of(keys.inverse, at)
-            near_c, near_d = pair_of(keys.inverse, below)
-            upper = near_a * (1.0 - fx) + near_b * fx
-            lower = near_c * (1.0 - fx) + near_d * fx
+            upper = near[0] * (1.0 - fx) + near[1] * fx
+            lower = near_below[0] * (1.0 - fx) + near_below[1] * fx
             a, b = pair_of(keys.logs, at)
             c, d = pair_of(keys.logs, below)
             low = least(least(a, b), least(c, d))
@@ -348,15 +333,13 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool, detaile
                             if wp.static(careful):
                                 value = bare(keys, width, at, fx, fy)
                                 seen = wp.where(is_bare(value), BARE, HIDDEN)
-        elif (
-            whole_number(keys.patch, at) == s.patch
-            or whole_number(keys.patch, at + 1) == s.patch
-            or whole_number(keys.patch, below) == s.patch
-            or whole_number(keys.patch, below + 1) == s.patch
-        ):
-            seen = wp.int32(HARD)
-            if wp.static(careful):
-                seen, value = edge(keys, width, at, s.patch, w, fx, fy, tolerance)
+        else:
+            p = whole_pair(keys.patch, at)
+            q = whole_pair(keys.patch, below)
+            if p[0] == s.patch or p[1] == s.patch or q[0] == s.patch or q[1] == s.patch:
+                seen = wp.int32(HARD)
+                if wp.static(careful):
+                    seen, value = edge(keys, width, at, s.patch, w, fx, fy, tolerance)
         return seen, value
 
     @wp.func
