@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from bench.visibility.kernels import make_project, repeat, settle
-from nodes.interpolator.rigid.displacement_kernels import displace
+from nodes.interpolator.displacement_kernels import displace
 from nodes.renderer.raster.visibility import Visibility
 
 FOOTPRINTS = {"1 px": (0, False), "3x3 px": (1, False), "3x3 px, into holes only": (1, True)}

@@ -77,6 +77,9 @@ class LightChange:
         self._telling = np.union1d(np.searchsorted(movers, self._lamps), self._sweep.casters).astype(np.int64)
         self._origin: np.ndarray | None = None
         change.swept = self._make_swept()
+        few = features.shadows and change.casters.order.size <= int(change_kernels.MANY) and not len(self._lamps)
+        change.open = wp.zeros((envs if few else 0, len(v.geometry.body)), dtype=wp.int32, device=v.device)
+        self._swept_bodies = v.put(self._sweep.bodies, wp.int32)
 
     def take(self, first: int, poses: wp.array) -> None:
         """Notes where lights and casters are at keyframes of a pair from row `first` on, for poses transformd [rows,
@@ -102,7 +105,7 @@ class LightChange:
         if not np.array_equal(flags, self._flags):
             self.kernel.flags.assign(flags)
             self._flags = flags
-        if (flags & (SHADED | AROUND)).any():
+        if (flags & (SHADED | AROUND)).any() or (self.kernel.open.size and (flags & MOVED).any()):
             self._sweep.send(moved, before, self._origin_of())
         changed = (flags & (MOVED | LIT_ANEW)) != 0
         if not changed.any():
@@ -123,9 +126,9 @@ class LightChange:
     def beside(self, shading: Shading) -> Any:
         """Makes the kernels' struct of the same gaps for the slots of another shading of the scene."""
         other: Any = change_kernels.Change()
-        for name in ("then", "casters_then", "eye_then", "flags", "instance", "normals", "alpha", "half", "weight"):
+        for name in ("then", "casters_then", "eye_then", "flags", "open", "instance", "normals", "alpha", "half"):
             setattr(other, name, getattr(self.kernel, name))
-        for name in ("carried", "least", "even", "bend", "turned", "blur"):
+        for name in ("weight", "carried", "least", "even", "bend", "turned", "blur"):
             setattr(other, name, getattr(self.kernel, name))
         other.now, other.sky, other.casters = shading.lights.kernel, shading.sky, shading.occluders.casters
         swept = Swept()
@@ -142,6 +145,9 @@ class LightChange:
         if self.features.shadows:
             masks = self.kernel.swept.masks
             wp.launch(swept_kernels.find_shaded, masks.shape[:2], [self.kernel], [masks], device=v.device)
+        if (found := self.kernel.open).size:
+            given = [self.kernel, self._swept_bodies]
+            wp.launch(swept_kernels.find_open, found.shape, given, [found], device=v.device)
         dim = (self._envs, v.shape[1], v.shape[2] // v.span)
         wp.launch(swept_kernels.disquiet, dim, [v.view, v.span, self.kernel, pieces, quiet], device=v.device)
 

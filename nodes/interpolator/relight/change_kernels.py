@@ -12,9 +12,9 @@ from typing import Any
 import warp as wp
 
 from evis.media.colour import REC709
+from nodes.interpolator.displacement_kernels import displaced, turned_back
 from nodes.interpolator.relight.boxes_kernels import Swept, crossed, make_cast, nearby
 from nodes.interpolator.relight.features import LightChanges
-from nodes.interpolator.rigid.displacement_kernels import displaced, turned_back
 from nodes.renderer.lights.light_kernels import AREA, Lights, make_directions
 from nodes.renderer.lights.sky_kernels import Sky, make_sky
 from nodes.renderer.raster.depth_kernels import triangle_of
@@ -32,6 +32,8 @@ VIEWED = wp.constant(8)
 """Flag of a point, if glossy, that the view may have turned against by more than its lobe is wide."""
 AROUND = wp.constant(16)
 """Flag of one that stands still and is lit over other surfaces, some of which move."""
+OPEN = wp.constant(32)
+"""Flag of a point of something that moves, between which and all lights nothing but itself may be in the gap."""
 MANY = wp.constant(16)
 """Casters from which on a shadow ray costs less than asking all their boxes."""
 CARRIED = wp.constant(20.0)
@@ -45,7 +47,8 @@ LEAST_COSINE = wp.constant(0.1)
 class Change:
     """Holds the lights and casters of the slots (`now`, rows P E) and of both keyframes (`then`, rows 2 E).
 
-    eye_then: cameras to world. flags int32 [E, N + 1]: of bodies and the world, see MOVED. instance, normals: of
+    eye_then: cameras to world. flags int32 [E, N + 1]: of bodies and the world, see MOVED. open int32 [E, I]: 1 for
+    instances whose points are OPEN; of many casters, or lights that move, it has no elements. instance, normals: of
     triangles; alpha: of an instance's material, -1 for a plain one; half: of its box [m]; weight: luminance of lights.
     carried: 1 for instances whose radiance goes as what falls on them; least: least alpha there is. even: change of ln
     I that still counts as none;
@@ -61,6 +64,7 @@ class Change:
     swept: Swept
     eye_then: wp.array(dtype=wp.mat33)
     flags: wp.array2d(dtype=int)
+    open: wp.array2d(dtype=int)
     instance: wp.array(dtype=int)
     normals: wp.array(dtype=wp.vec3)
     alpha: wp.array(dtype=float)
@@ -123,6 +127,12 @@ def point_then(s: Point, moves: Displacements, k: int):
     r.position = s.position + displaced(moves.turn, moves.shift, at, s.position)
     r.normal = turned_back(moves.turn, at, s.normal)
     return r
+
+
+@wp.func
+def in_the_open(flag: int, s: Point):
+    """Tells whether nothing can shade a point that is OPEN, not even its own instance."""
+    return (flag & OPEN) != 0 and s.skip == s.instance
 
 
 @cache
@@ -268,7 +278,7 @@ def make_relit(f: LightChanges) -> Any:
                     above_a = float(0.0)
                     above_b = float(0.0)
         if wp.static(f.shadows):
-            if moved or (flag & SHADED) != 0:
+            if (moved and not in_the_open(flag, s)) or (flag & SHADED) != 0:
                 first = wp.where(moved, 0, change.casters.still)
                 if shaded(change, change.now, change.casters, row, s, first, 0.0):
                     return True, above_a, above_b
@@ -293,9 +303,12 @@ def make_narrowed(f: LightChanges) -> Any:
     @wp.func
     def narrowed(change: Change, flag: int, env: int, row: int, instance: int, position: wp.vec3):
         """Gives the flags of a point of an instance, of those of its body: SHADED only where a shadow may pass in the
-        gap, and AROUND becomes LIT_ANEW near what moves, else 0."""
+        gap, OPEN where that is so, and AROUND becomes LIT_ANEW near what moves, else 0."""
         left = flag
         if wp.static(f.shadows):
+            if (flag & MOVED) != 0 and change.open.shape[0] > 0:
+                if change.open[env, instance] == 1:
+                    left = left | OPEN
             if (flag & SHADED) != 0:
                 if not crossed(change.swept, env, change.casters.turn[row], row, instance, position):
                     left = left & ~SHADED
@@ -358,7 +371,7 @@ def make_level(f: LightChanges) -> Any:
             if moved and not hidden:
                 level = wp.log(wp.max(irradiance(change, change.now, row, row, s, s.normal), 1.0e-30))
         if wp.static(f.shadows):
-            if not hidden and (moved or (here & SHADED) != 0):
+            if not hidden and ((moved and not in_the_open(here, s)) or (here & SHADED) != 0):
                 first = wp.where(moved, 0, change.casters.still)
                 hidden = shaded(change, change.now, change.casters, row, s, first, 0.0)
         return level, hidden

@@ -17,7 +17,8 @@ class Sweep:
     """Finds the boxes of what moves, C bodies with casters on them, in E environments: `lower` and `upper` vec3
     [E, C + 1], as of `Swept`.
 
-    casters: int64, of the movers, which ones these are. size: float32 [C], radius of a ball about each [m].
+    casters: int64, of the movers, which ones these are. size: float32 [C], radius of a ball about each [m]. bodies:
+    int32 [I], of the instances on them the place of their body in `lower`, 0 for others.
     """
 
     def __init__(self, visibility: Visibility, envs: int, movers: np.ndarray, half: np.ndarray) -> None:
@@ -27,6 +28,8 @@ class Sweep:
         which = which[np.argsort(geometry.body[which], kind="stable")]
         self._envs, self._device = envs, v.device
         self.casters, first = np.unique(np.searchsorted(movers, geometry.body[which]), return_index=True)
+        self.bodies = np.zeros(len(geometry.body), np.int32)
+        self.bodies[which] = 1 + np.searchsorted(self.casters, np.searchsorted(movers, geometry.body[which]))
         place = geometry.translation[which]
         reach = np.linalg.norm(place, axis=1) + np.linalg.norm(half[which], axis=1)
         self.size = np.maximum.reduceat(reach, first) if len(first) else np.zeros(0)

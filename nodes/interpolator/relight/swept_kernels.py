@@ -3,7 +3,7 @@
 import warp as wp
 
 from nodes.interpolator.relight.boxes_kernels import bit, crossed, nearby
-from nodes.interpolator.relight.change_kernels import AROUND, LIT_ANEW, SHADED, Change
+from nodes.interpolator.relight.change_kernels import AROUND, LEAST_COSINE, LIT_ANEW, SHADED, Change
 from nodes.renderer.lights.light_kernels import DIRECTIONAL, FAR
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
@@ -67,6 +67,62 @@ def find_shaded(
             if box_met(swept.lower[env, k] - middle - wide, swept.upper[env, k] - middle + wide, inverse, length):
                 mask = mask | bit(k - 1)
         masks[env, i, l] = mask
+
+
+@wp.func
+def box_of(change: Change, body: wp.array(dtype=int), env: int, i: int):
+    """Gives the middle and half the sides of a box about an instance at all instants of the gap, as `Swept` has them;
+    body: as of find_open."""
+    swept = change.swept
+    k = body[i]
+    if k > 0:
+        return 0.5 * (swept.lower[env, k] + swept.upper[env, k]), 0.5 * (swept.upper[env, k] - swept.lower[env, k])
+    eye = change.casters.turn[env]
+    turn = eye * change.casters.rotation[env, i]
+    half = change.half[i]
+    sides = wp.vec3()
+    for n in range(3):
+        sides[n] = wp.abs(turn[n, 0]) * half[0] + wp.abs(turn[n, 1]) * half[1] + wp.abs(turn[n, 2]) * half[2]
+    return eye * change.casters.translation[env, i] + swept.place[env], sides
+
+
+@wp.kernel
+def find_open(
+    # in
+    change: Change,
+    body: wp.array(dtype=int),
+    # out
+    open: wp.array2d(dtype=int),
+):
+    """Computes `open` of Change: no other caster's box meets the way from any point of an instance to a light.
+
+    body [I]: of instances that may move their body's number in `lower`, 0 for others, which are where they are in the
+    first slot. As in find_shaded, what is in the way of the middle is made larger by half the instance's sides.
+    """
+    env, i = wp.tid()
+    swept = change.swept
+    result = wp.int32(0)
+    if body[i] > 0:
+        result = wp.int32(1)
+        middle, sides = box_of(change, body, env, i)
+        away = wp.length(middle - swept.place[env]) + wp.length(sides)
+        # As far beside a point as `relit` looks at most.
+        pad = 1.0e-4 * (away + wp.length(middle)) + change.blur / LEAST_COSINE * away
+        for l in range(swept.lamp.shape[0]):
+            way = swept.lamp[l]
+            length = FAR
+            if swept.kind[l] != DIRECTIONAL:
+                way = way - middle
+                length = 1.0
+            wide = sides + (pad + swept.radius[l]) * wp.vec3(1.0, 1.0, 1.0)
+            inverse = inverse_of(way)
+            for n in range(change.casters.order.shape[0]):
+                j = change.casters.order[n]
+                if j != i:
+                    centre, other = box_of(change, body, env, j)
+                    if box_met(centre - middle - other - wide, centre - middle + other + wide, inverse, length):
+                        result = wp.int32(0)
+    open[env, i] = result
 
 
 @wp.kernel

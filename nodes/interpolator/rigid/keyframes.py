@@ -8,8 +8,8 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
+from nodes.interpolator.displacement_kernels import displace
 from nodes.interpolator.rigid import keyframe_kernels
-from nodes.interpolator.rigid.displacement_kernels import displace
 from nodes.interpolator.rigid.look_up.log_kernels import LOGS
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
 from nodes.renderer.raster.visibility import Visibility

@@ -32,12 +32,12 @@ import warp as wp
 from evis.gpu.building import LAUNCH_BLOCK, begin_building, build_together
 from evis.gpu.cuda_graph import Branch, CudaGraphs
 from evis.scene.model import Camera, Scene
+from nodes.interpolator.displacement_kernels import displace
 from nodes.interpolator.keyframe import KeyframeView, Report, Span
 from nodes.interpolator.relight.change import make_light_change
 from nodes.interpolator.relight.sweep_kernels import sweep
 from nodes.interpolator.relight.swept_kernels import disquiet
 from nodes.interpolator.rigid import keyframe_kernels
-from nodes.interpolator.rigid.displacement_kernels import displace
 from nodes.interpolator.rigid.keyframes import Pair
 from nodes.interpolator.rigid.layout import RigidOptions, layout_of
 from nodes.interpolator.rigid.patches import pieces_of

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from nodes.interpolator.rigid.displacement_kernels import same
+from nodes.interpolator.displacement_kernels import same
 
 wp.set_module_options({"enable_backward": False})
 

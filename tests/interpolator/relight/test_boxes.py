@@ -6,7 +6,7 @@ import warp as wp
 
 from nodes.interpolator.relight.boxes_kernels import Swept, crossed
 from nodes.interpolator.relight.change_kernels import Change
-from nodes.interpolator.relight.swept_kernels import find_shaded
+from nodes.interpolator.relight.swept_kernels import find_open, find_shaded
 from nodes.renderer.lights.lights import KINDS
 from nodes.renderer.shadows.ray_kernels import box_met, inverse_of
 
@@ -106,3 +106,52 @@ def test_what_may_be_shaded_of_an_instance_covers_all_of_its_points(kind: str):
     masks = swept.masks.numpy()
     assert (masks == 0).any(), "of some instances nothing can be shaded"
     assert (~shaded.any(1)).sum() >= (masks == 0).sum()
+
+
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.gpu)])
+@pytest.mark.parametrize("kind", ["point", "directional"])
+def test_nothing_comes_between_a_light_and_what_moves_in_the_open(kind: str, device: str):
+    """12 boxes in each of 30 environments, half of which move; of each way from a point to the light 200 places are
+    looked at, for points of a box at any of its places and others at any of theirs."""
+    rng = np.random.default_rng(8)
+    envs, count, moving, points = 30, 12, 6, 60
+    lamp = np.array([0.5, -0.3, 7.0]) if kind == "point" else np.array([0.6, 0.0, 0.8])
+    half = rng.uniform(0.05, 0.5, (count, 3))
+    # At both ends of the gap, and halfway.
+    start, end = rng.uniform(-5, 5, (2, envs, count, 3))
+    end[:, moving:] = start[:, moving:]
+    end = start + 0.2 * (end - start)
+    places = np.stack([start, 0.5 * (start + end), end])
+    lower, upper = places.min(0) - half, places.max(0) + half
+    bodies = np.where(np.arange(count) < moving, 1 + np.arange(count), 0)
+    around = [f(box[:, :moving], axis=1, keepdims=True) for f, box in ((np.min, lower), (np.max, upper))]
+
+    def put(values, dtype):
+        return wp.array(np.asarray(values), dtype=dtype, device=device)
+
+    change = Change()
+    change.casters.turn = put(np.broadcast_to(np.eye(3), (envs, 3, 3)), wp.mat33)
+    change.casters.rotation = put(np.broadcast_to(np.eye(3), (envs, count, 3, 3)), wp.mat33)
+    change.casters.translation = put(start, wp.vec3)
+    change.casters.order = put(rng.permutation(count).astype(np.int32), wp.int32)
+    change.half = put(half, wp.vec3)
+    swept = change.swept
+    swept.lower = put(np.concatenate([around[0], lower[:, :moving]], 1), wp.vec3)
+    swept.upper = put(np.concatenate([around[1], upper[:, :moving]], 1), wp.vec3)
+    swept.place = put(np.zeros((envs, 3)), wp.vec3)
+    swept.lamp, swept.radius = put([lamp], wp.vec3), put([0.0], float)
+    swept.kind = put([KINDS[kind]], int)
+    open_ = wp.full((envs, count), 7, dtype=int, device=device)
+    wp.launch(find_open, open_.shape, [change, put(bodies, int)], [open_], device=device)
+    found = open_.numpy().astype(bool)
+    share = np.linspace(0, 1, 200)[:, None, None] * (1.0 if kind == "point" else 20.0)
+    met = np.zeros((envs, count), bool)
+    for env, i in np.ndindex(envs, moving):
+        at = places[rng.integers(0, 3, points), env, i] + rng.uniform(-1, 1, (points, 3)) * half[i]
+        way = at + share * ((lamp - at) if kind == "point" else lamp)
+        for j in range(count):
+            if j != i:
+                met[env, i] |= any((np.abs(way - place) < half[j]).all(-1).any() for place in places[:, env, j])
+    assert not (met & found).any(), "what may be shaded is not in the open"
+    assert not found[:, moving:].any() and 0.1 < found[:, :moving].mean() < 0.9
+    assert found[:, :moving].sum() > 0.5 * (~met[:, :moving]).sum(), "most that nothing shades is"

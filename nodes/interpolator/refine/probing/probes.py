@@ -10,12 +10,12 @@ import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.cuda_graph import CudaGraphs
+from nodes.interpolator.displacement_kernels import displace
 from nodes.interpolator.keyframe import Span
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.probing.probe_kernels import make_find_thin
 from nodes.interpolator.refine.probing.strays import Strays
 from nodes.interpolator.refine.probing.visits import Visits
-from nodes.interpolator.rigid.displacement_kernels import displace
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.slots import Poses, Slots
 from nodes.renderer.raster.visibility import Visibility

@@ -14,9 +14,9 @@ import warp as wp
 from evis.gpu.append_kernels import take_place
 from evis.gpu.division_kernels import Divisor, divided, divisor
 from evis.gpu.reading_kernels import entry, vector_at, whole_number
+from nodes.interpolator.displacement_kernels import displaced
 from nodes.interpolator.relight.change_kernels import Change, Displacements, make_asked, make_relit, point_of
 from nodes.interpolator.relight.features import LightChanges
-from nodes.interpolator.rigid.displacement_kernels import displaced
 from nodes.interpolator.rigid.look_up.log_kernels import LOGS, apart, brighter, fused_luminance, radiance_of
 from nodes.interpolator.rigid.look_up.look_up_kernels import (
     BARE,
