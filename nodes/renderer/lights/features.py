@@ -49,7 +49,7 @@ class Features:
     half: bool = False
     """Light is written as float16."""
     fast: bool = False
-    """Quotients, roots and powers may be off by units in the last place, for a fifth less instructions on a GPU."""
+    """On a GPU: quotients, roots and powers may be off by units in the last place, for a fifth fewer instructions."""
 
     @property
     def delta(self) -> bool:

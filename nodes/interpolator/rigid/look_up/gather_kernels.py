@@ -104,7 +104,7 @@ def make_gather(
     changes: LightChanges,
     detailed: bool,
     kind: tuple[bool, bool, bool] | None,
-    gpu: bool,
+    fast: bool,
     single: bool = False,
 ) -> wp.Kernel:
     """Makes the kernel that looks up the pixels of sub-frames in both keyframes.
@@ -113,9 +113,8 @@ def make_gather(
     through all pixels and lists those that light may change on; `flagged` does these; both list what needs care, and
     `careful` does whatever is listed. changes: of light in the scene. detailed: as of make_look_up. kind: whether the
     scene has textures, shading normals of its own and colours at vertices, if textures are looked up at their own time.
-    gpu: quotients, roots and logarithms may be off by some units in the last place, for a fifth less instructions.
-    single: pixels are listed one by one: what they see and their radiance stand where they do in the list, not in
-    images.
+    fast: as of the renderer's Features. single: pixels are listed one by one: what they see and
+    their radiance stand where they do in the list, not in images.
     """
     listed, careful = look != "first", look == "careful"
     log_albedo = make_log_albedo(*kind) if kind and careful else None
@@ -155,7 +154,7 @@ def make_gather(
         row_b = portion.keyframes[1] + env
         return relit(change, flag, n, row_a, row_b, s, moves, seen_a, seen_b, share)
 
-    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=registers, module_options={"fast_math": gpu})
+    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=registers, module_options={"fast_math": fast})
     def gather(
         # in
         view: CameraView,
