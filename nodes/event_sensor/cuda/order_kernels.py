@@ -41,7 +41,7 @@ BLOCK = 256
 BINS = 2 * BLOCK
 """Parts that a block divides a bucket into."""
 MOST_OF_BIN = 64
-"""Events of one of them from which on they are sorted by comparing pairs."""
+"""Events of one of them above which all are sorted by comparing pairs."""
 
 SORT = """
 #if defined(__CUDA_ARCH__)

@@ -29,6 +29,15 @@ def place_cameras(
     place[row] = wp.vec3(wp.transform_get_translation(poses[row, camera]) - origin)
 
 
+@wp.func
+def sides_of(turn: wp.mat33, half: wp.vec3):
+    """Gives half the sides of the box, along the axes, about a turned box with these half sides [m]."""
+    sides = wp.vec3()
+    for k in range(3):
+        sides[k] = wp.abs(turn[k, 0]) * half[0] + wp.abs(turn[k, 1]) * half[1] + wp.abs(turn[k, 2]) * half[2]
+    return sides
+
+
 @wp.kernel
 def find_shaded(
     # in
@@ -46,11 +55,7 @@ def find_shaded(
     eye = change.casters.turn[env]
     seen = change.casters.translation[env, i]
     middle = eye * seen + swept.place[env]
-    turn = eye * change.casters.rotation[env, i]
-    half = change.half[i]
-    sides = wp.vec3()
-    for k in range(3):
-        sides[k] = wp.abs(turn[k, 0]) * half[0] + wp.abs(turn[k, 1]) * half[1] + wp.abs(turn[k, 2]) * half[2]
+    sides = sides_of(eye * change.casters.rotation[env, i], change.half[i])
     # For what is rounded in single precision here and at the points.
     pad = 1.0e-4 * (wp.length(seen) + wp.length(middle) + wp.length(sides))
     pad += swept.blur * (wp.length(seen) + wp.length(sides))
@@ -78,11 +83,7 @@ def box_of(change: Change, body: wp.array(dtype=int), env: int, i: int):
     if k > 0:
         return 0.5 * (swept.lower[env, k] + swept.upper[env, k]), 0.5 * (swept.upper[env, k] - swept.lower[env, k])
     eye = change.casters.turn[env]
-    turn = eye * change.casters.rotation[env, i]
-    half = change.half[i]
-    sides = wp.vec3()
-    for n in range(3):
-        sides[n] = wp.abs(turn[n, 0]) * half[0] + wp.abs(turn[n, 1]) * half[1] + wp.abs(turn[n, 2]) * half[2]
+    sides = sides_of(eye * change.casters.rotation[env, i], change.half[i])
     return eye * change.casters.translation[env, i] + swept.place[env], sides
 
 
