@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from nodes.event_sensor.cuda import order_kernels
+from nodes.event_sensor.cuda import order_kernels, sort_kernels
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import Sensor
 
@@ -38,7 +38,7 @@ class Order:
 
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
         """Gives one kernel for each number of threads to a block that there is, as `build_together` takes them."""
-        return [(order_kernels.place_buckets, SCAN), (order_kernels.in_order, order_kernels.BLOCK)]
+        return [(order_kernels.place_buckets, SCAN), (order_kernels.in_order, sort_kernels.BLOCK)]
 
     def _empty(self, length: int, dtype: Any = wp.int32) -> wp.array:
         return wp.empty(length, dtype=dtype, device=self._device)
@@ -83,7 +83,7 @@ class Order:
             dim=[self._length],
             inputs=[sensor, call, counters, first, buckets],
             outputs=[columns],
-            block_dim=order_kernels.BLOCK,
+            block_dim=sort_kernels.BLOCK,
             device=self._device,
         )
         if self._envs == 1:

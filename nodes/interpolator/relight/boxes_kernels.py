@@ -57,6 +57,17 @@ def lowest(mask: wp.uint32) -> wp.int32:
 
 
 @wp.func
+def way_to(swept: Swept, l: int, at: wp.vec3):
+    """Gives the way from a place to a light that stands still, and how many times as long it is."""
+    way = swept.lamp[l]
+    length = FAR
+    if swept.kind[l] != DIRECTIONAL:
+        way = way - at
+        length = 1.0
+    return way, length
+
+
+@wp.func
 def crossed(swept: Swept, env: int, eye: wp.mat33, row: int, instance: int, position: wp.vec3):
     """Tells whether anything that moves may come between a light that stands still and what is about a point of an
     instance that rests, which the camera of a slot's row sees there, at any time of the gap. eye: that camera to
@@ -66,11 +77,7 @@ def crossed(swept: Swept, env: int, eye: wp.mat33, row: int, instance: int, posi
     for l in range(swept.lamp.shape[0]):
         mask = swept.masks[env, instance, l]
         if mask != wp.uint32(0):
-            way = swept.lamp[l]
-            length = FAR
-            if swept.kind[l] != DIRECTIONAL:
-                way = way - at
-                length = 1.0
+            way, length = way_to(swept, l, at)
             inverse = inverse_of(way)
             wide = (pad + swept.radius[l]) * wp.vec3(1.0, 1.0, 1.0)
             low = at + wide

@@ -53,7 +53,7 @@ class LightChange:
         change.now, change.then = shading.lights.kernel, shading.lights.elsewhere(rows)
         change.sky, change.casters = shading.sky, shading.occluders.casters
         change.casters_then = self._casters_then(change.casters, rows)
-        change.eye_then = v.empty(rows, wp.mat33)
+        change.eye_then, change.place_then = v.empty(rows, wp.mat33), v.empty(rows, wp.vec3)
         change.flags = wp.zeros((envs, self._bodies + 1), dtype=wp.int32, device=v.device)
         change.instance, change.normals = shading.surfaces.instance, shading.normals
         change.alpha = v.put(np.array([alpha_of(scene.materials[i.material]) for i in scene.instances]), wp.float32)
@@ -88,6 +88,7 @@ class LightChange:
         self._lights.place(poses, change.then, mine)
         casters = change.casters_then
         self._v.place_at(poses, casters.rotation[mine], casters.translation[mine], change.eye_then[mine])
+        self._place_cameras(poses, change.place_then[mine])
 
     def begin(self, moved: np.ndarray, before: np.ndarray, rest: np.ndarray, still: np.ndarray) -> np.ndarray:
         """Finds which bodies' light may change in a gap, and sends that to the device.
@@ -120,15 +121,19 @@ class LightChange:
 
     def place_beside(self, v: Visibility, kernel: Any) -> None:
         """Notes where the cameras of the slots of another visibility are, in the struct of `beside`: a launch only."""
-        given = [v.poses, v.camera_body, wp.vec3d(*self._origin_of())]
-        wp.launch(swept_kernels.place_cameras, v.envs, given, [kernel.swept.place], device=v.device)
+        self._place_cameras(v.poses, kernel.swept.place)
+
+    def _place_cameras(self, poses: wp.array, place: wp.array) -> None:
+        """Notes where the cameras are for poses transformd [rows, N], vec3 [rows]: a launch only."""
+        given = [poses, self._v.camera_body, wp.vec3d(*self._origin_of())]
+        wp.launch(swept_kernels.place_cameras, poses.shape[0], given, [place], device=self._v.device)
 
     def beside(self, shading: Shading) -> Any:
         """Makes the kernels' struct of the same gaps for the slots of another shading of the scene."""
         other: Any = change_kernels.Change()
-        for name in ("then", "casters_then", "eye_then", "flags", "open", "instance", "normals", "alpha", "half"):
+        for name in ("then", "casters_then", "eye_then", "place_then", "flags", "open", "instance", "normals", "alpha"):
             setattr(other, name, getattr(self.kernel, name))
-        for name in ("weight", "carried", "least", "even", "bend", "turned", "blur"):
+        for name in ("half", "weight", "carried", "least", "even", "bend", "turned", "blur"):
             setattr(other, name, getattr(self.kernel, name))
         other.now, other.sky, other.casters = shading.lights.kernel, shading.sky, shading.occluders.casters
         swept = Swept()

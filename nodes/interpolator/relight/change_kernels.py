@@ -47,8 +47,9 @@ LEAST_COSINE = wp.constant(0.1)
 class Change:
     """Holds the lights and casters of the slots (`now`, rows P E) and of both keyframes (`then`, rows 2 E).
 
-    eye_then: cameras to world. flags int32 [E, N + 1]: of bodies and the world, see MOVED. open int32 [E, I]: 1 for
-    instances whose points are OPEN; of many casters, or lights that move, it has no elements. instance, normals: of
+    eye_then: cameras to world; place_then: where they are, as `place` of Swept. flags int32 [E, N + 1]: of bodies and
+    the world, see MOVED. open int32 [E, I]: 1 for instances whose points are OPEN; of many casters, or lights that
+    move, it has no elements. instance, normals: of
     triangles; alpha: of an instance's material, -1 for a plain one; half: of its box [m]; weight: luminance of lights.
     carried: 1 for instances whose radiance goes as what falls on them; least: least alpha there is. even: change of ln
     I that still counts as none;
@@ -63,6 +64,7 @@ class Change:
     sky: Sky
     swept: Swept
     eye_then: wp.array(dtype=wp.mat33)
+    place_then: wp.array(dtype=wp.vec3)
     flags: wp.array2d(dtype=int)
     open: wp.array2d(dtype=int)
     instance: wp.array(dtype=int)

@@ -2,9 +2,8 @@
 
 import warp as wp
 
-from nodes.interpolator.relight.boxes_kernels import bit, crossed, nearby
+from nodes.interpolator.relight.boxes_kernels import bit, crossed, nearby, way_to
 from nodes.interpolator.relight.change_kernels import AROUND, LEAST_COSINE, LIT_ANEW, SHADED, Change
-from nodes.renderer.lights.light_kernels import DIRECTIONAL, FAR
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
 from nodes.renderer.shadows.ray_kernels import box_met, inverse_of
@@ -61,11 +60,7 @@ def find_shaded(
     pad += swept.blur * (wp.length(seen) + wp.length(sides))
     for l in range(swept.lamp.shape[0]):
         mask = wp.uint32(0)
-        way = swept.lamp[l]
-        length = FAR
-        if swept.kind[l] != DIRECTIONAL:
-            way = way - middle
-            length = 1.0
+        way, length = way_to(swept, l, middle)
         wide = sides + (pad + swept.radius[l]) * wp.vec3(1.0, 1.0, 1.0)
         inverse = inverse_of(way)
         for k in range(1, swept.lower.shape[1]):
@@ -106,15 +101,14 @@ def find_open(
     if body[i] > 0:
         result = wp.int32(1)
         middle, sides = box_of(change, body, env, i)
-        away = wp.length(middle - swept.place[env]) + wp.length(sides)
-        # As far beside a point as `relit` looks at most.
+        envs = open.shape[0]
+        to_one = wp.length(middle - change.place_then[env])
+        to_other = wp.length(middle - change.place_then[envs + env])
+        away = wp.max(to_one, to_other) + wp.length(sides)
+        # As far beside a point as `relit` looks at most, in either keyframe.
         pad = 1.0e-4 * (away + wp.length(middle)) + change.blur / LEAST_COSINE * away
         for l in range(swept.lamp.shape[0]):
-            way = swept.lamp[l]
-            length = FAR
-            if swept.kind[l] != DIRECTIONAL:
-                way = way - middle
-                length = 1.0
+            way, length = way_to(swept, l, middle)
             wide = sides + (pad + swept.radius[l]) * wp.vec3(1.0, 1.0, 1.0)
             inverse = inverse_of(way)
             for n in range(change.casters.order.shape[0]):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from nodes.event_sensor.cuda import order_kernels
+from nodes.event_sensor.cuda import order_kernels, sort_kernels
 from nodes.event_sensor.cuda.ideal import IdealPasses
 from nodes.event_sensor.cuda.side import DeviceSide
 from nodes.event_sensor.engines.engine import sensor_struct
@@ -133,7 +133,7 @@ def test_pixels_that_fire_together(device, rows):
     t = np.arange(1, 7, dtype=np.int64) * MS
     got = Passes(device, rows, 50).run(frames, t, 2)[0]
     want, pixels = expected(frames[0, :, :1, :1], t), 50 * rows
-    assert 40 * 50 < order_kernels.ROOM < 100 * 50 < order_kernels.CROWD < 700 * 50 and len(got) == pixels * len(want)
+    assert 40 * 50 < sort_kernels.ROOM < 100 * 50 < order_kernels.CROWD < 700 * 50 and len(got) == pixels * len(want)
     assert np.array_equal(got[:, 0].reshape(-1, pixels), np.repeat(want[:, :1], pixels, 1))
     y, x = np.divmod(np.arange(pixels), 50)
     assert (got[:, 1].reshape(-1, pixels) == y).all() and (got[:, 2].reshape(-1, pixels) == x).all()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from nodes.event_sensor.cuda.order_kernels import BLOCK, MOST_OF_BIN, ROOM, sort_bucket
+from nodes.event_sensor.cuda.sort_kernels import BLOCK, MOST_OF_BIN, ROOM, sort_bucket
 
 DEVICES = ["cpu", pytest.param("cuda:0", marks=pytest.mark.gpu)]
 FIRST = 5

@@ -141,9 +141,19 @@ def test_nothing_comes_between_a_light_and_what_moves_in_the_open(kind: str, dev
     swept.place = put(np.zeros((envs, 3)), wp.vec3)
     swept.lamp, swept.radius = put([lamp], wp.vec3), put([0.0], float)
     swept.kind = put([KINDS[kind]], int)
-    open_ = wp.full((envs, count), 7, dtype=int, device=device)
-    wp.launch(find_open, open_.shape, [change, put(bodies, int)], [open_], device=device)
-    found = open_.numpy().astype(bool)
+
+    def in_the_open(camera, blur):
+        """Finds them; camera: where it is at one keyframe, at the other it is at 0 [m]. blur [rad]."""
+        change.place_then = put(np.concatenate([np.zeros((envs, 3)), np.tile(camera, (envs, 1))]), wp.vec3)
+        change.blur = blur
+        open_ = wp.full((envs, count), 7, dtype=int, device=device)
+        wp.launch(find_open, open_.shape, [change, put(bodies, int)], [open_], device=device)
+        return open_.numpy().astype(bool)
+
+    found = in_the_open((0.0, 0.0, 0.0), 0.0)
+    near, far = in_the_open((0.0, 0.0, 0.0), 0.002), in_the_open((0.0, 0.0, 300.0), 0.002)
+    assert near.any() and not (near & ~found).any(), "less is, where a look-up mixes what is beside a point"
+    assert not (far & ~near).any() and far.sum() < 0.3 * near.sum(), "which is more from farther away"
     share = np.linspace(0, 1, 200)[:, None, None] * (1.0 if kind == "point" else 20.0)
     met = np.zeros((envs, count), bool)
     for env, i in np.ndindex(envs, moving):
