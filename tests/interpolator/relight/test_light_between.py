@@ -73,6 +73,16 @@ def test_a_shadow_that_comes_and_goes():
     assert (np.abs(np.log(gap.dense / gap.dense[-1])) > 1).any(0).mean() > 0.05
 
 
+def test_a_shadow_that_comes_and_goes_on_a_thing_that_moves():
+    """The same rod before a board that falls by 1 cm: what one of few casters comes before is not in the open."""
+    fall = Prescribed(pose(0.0, -0.01 * SPEED * START * 1e-9, 3.0), [_along(0, 0.01, 0)])
+    board = (box(2.0, 2.0, 0.01), plain(0.6), fall)
+    rod = (box(0.5, 0.03, 0.03), plain(0.5), turning(2 * np.pi, (0, 0, 1), (0.0, -0.9, 1.2), start=0.3))
+    gap = cross(world([board, rod], lights=[lamp()], sky=0.05), 32)
+    assert share_off(gap) < 0.003
+    assert (np.abs(np.log(gap.dense / gap.dense[-1])) > 1).any(0).mean() > 0.05
+
+
 def test_a_shadow_edge_that_one_keyframe_alone_shows():
     """The camera turns by 32 px, so that a third of the wall is in the later keyframe alone, whose pixels mix what is
     on both sides of a plate's shadow; its edge moves by 8 px, and nothing else tells where it has been."""
