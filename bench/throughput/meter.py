@@ -105,11 +105,15 @@ class PhysicsNode(physics.PhysicsNode):
         return False
 
     def _count(self, counting: Counting, k: int) -> bool:
-        """Switches counting on for COUNTED_GAPS gaps; gives whether they are over."""
-        counting.on = WARM_GAPS <= k < WARM_GAPS + COUNTED_GAPS
-        if k == WARM_GAPS + COUNTED_GAPS:
+        """Switches counting on for COUNTED_GAPS gaps or more, since gaps may come in batches; gives whether they are
+        over."""
+        if not counting.on and k >= WARM_GAPS:
+            counting.on, self._mark = True, (k, 0.0, 0.0)
+        over = counting.on and k - self._mark[0] >= COUNTED_GAPS
+        if over:
+            counting.on = False
             self.runtime.result(self, "meter", {"counted": counting.kernels})
-        return k >= WARM_GAPS + COUNTED_GAPS
+        return over
 
     def _busy(self) -> dict[str, float]:
         """Gives the time [s] that each node of the process has spent so far, and the bus between them."""

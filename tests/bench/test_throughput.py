@@ -187,6 +187,15 @@ def test_a_run_is_measured(monkeypatch):
     assert gpu_graph.measure(True, "cpu", rows=("none such",), sections=every) == {}
 
 
+def test_kernels_of_gaps_in_a_batch_are_counted(tmp_path):
+    """Keyframes come four at a time, so that none may be the one at which counting was to begin or end."""
+    limits = Limits(120.0, time.monotonic() + 120)
+    there = {"WARP_CACHE_PATH": str(tmp_path)}
+    run = attempt(TINY, "cpu", {"audit": 0, "batch": 4}, limits, meter={"counts": True}, environment=there)
+    found = {roofline.short(kernel["name"]): kernel for kernel in run["meter"]["counted"].values()}
+    assert found["gather"]["calls"] >= 2 and found["gather"]["bytes"] > 0
+
+
 def test_a_run_that_does_not_fit_says_why():
     """No time is left, it takes too long, it needs more memory than there is, its scene cannot be loaded."""
     now = time.monotonic()
