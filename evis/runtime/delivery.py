@@ -36,7 +36,7 @@ class Delivery:
         device = device_of(message)
         if device is None:
             return Delivery([message] * len(consumers), [publisher.send(message)])
-        there = [f"{consumer.name}:{port}" in unread or _takes(consumer, port, device) for consumer, port in consumers]
+        there = [consumer.takes(port, device) or f"{consumer.name}:{port}" in unread for consumer, port in consumers]
         slot, host, sent = publisher.claim_on(message), message, None
         in_place = all(there) and publisher.reads_on(device, unread) and publisher.send_on(message, slot)
         if not in_place and (publisher.reads_bytes(unread) or not all(there)):
@@ -61,16 +61,6 @@ def read_on_host(publisher: AnyPublisher, consumers: Sequence[tuple[Host, str]],
 
     consumers: those in this process, each with its port. device: a Warp device on which they might.
     """
-    if any(_takes(consumer, port, device) for consumer, port in consumers):
+    if any(consumer.takes(port, device) for consumer, port in consumers):
         return False
     return bool(consumers) or (publisher.reads_bytes() and not publisher.reads_on(device))
-
-
-def _takes(consumer: Host, port: str, device: Any) -> bool:
-    """Whether a node takes Warp arrays of this device on a port."""
-    named = consumer.node.params.get("device")
-    if not consumer.node.INPUTS[port].on_device or named is None:
-        return False
-    import warp as wp
-
-    return bool(wp.get_device(named) == device)

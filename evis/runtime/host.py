@@ -102,6 +102,8 @@ class Host:
     pacer: Pacer | None = None
     door: Door | None = None
     """Where programs outside the graph give what nobody in it does."""
+    _devices: dict[str, Any] = field(default_factory=dict)
+    """Port -> the Warp device on which the node takes arrays there, None = on the host."""
 
     @property
     def name(self) -> str:
@@ -133,6 +135,18 @@ class Host:
         """Names the consumers, as `node:port`, that read no arrays of the next message of a topic; once for each."""
         slow = self.sampled.get(topic)
         return frozenset([name for name, (_, due) in slow.items() if not due.takes(header)]) if slow else ALL_READ
+
+    def takes(self, port: str, device: Any) -> bool:
+        """Says whether the node takes Warp arrays of this device on a port as they are."""
+        if port not in self._devices:
+            named = self.node.params.get("device") if self.node.INPUTS[port].on_device else None
+            if named is not None:
+                import warp as wp
+
+                named = wp.get_device(named)
+            self._devices[port] = named
+        there = self._devices[port]
+        return there is not None and bool(there == device)
 
     def inputs_over(self) -> bool:
         """Says whether nothing more will come that could be given to the node."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import warp as wp
 
-from evis.gpu.in_a_row import joined
+from evis.gpu.in_a_row import joined, parted
 from evis.runtime.clock import subframe_stamps
 from nodes.interpolator import warm_up as made_up
 from nodes.interpolator.interpolator import Allocate, Image, Interpolator, new_frames
@@ -216,10 +216,8 @@ class ManyGaps(Interpolator):
         self._last = KeyframeView(images[-1:], states=row.states[-1], stamp_ns=row.stamps[-1])
         self._stamp = row.stamps[-1]
         self._row = b, self._last
-        frames = [
-            (subframe_stamps(before, after, self.upsampling), out[spare + n : spare + n + 1])
-            for n, (before, after) in enumerate(pairwise(row.stamps))
-        ]
+        stamps = [subframe_stamps(before, after, self.upsampling) for before, after in pairwise(row.stamps)]
+        frames = list(zip(stamps, parted(out, range(1, self.gaps + 1))[spare:]))
         return MadeGaps(frames, found, report)
 
     def begin(self, envs: int, height: int, width: int, margin: int = 0) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from evis.config.params import Param
+from evis.gpu.in_a_row import parted
 from evis.runtime.node import Input, Node, Output
 from evis.scene.digest import appearance
 from evis.scene.model import Camera, Scene
@@ -327,7 +328,7 @@ class RendererNode(Node):
             if len(states) == 1:
                 self.publish(port, self._message(port, field, states[0], images[:envs]))
                 continue
-            parts = [images[k * envs : (k + 1) * envs] for k in range(len(states))]
+            parts = parted(images, range(envs, (len(states) + 1) * envs, envs))
             self.publish_all(port, [self._message(port, field, *pair) for pair in zip(states, parts)])
         if "keyframe" in wanted.values():
             spare = 0 if self.gathers == 1 else len(poses) - len(states)

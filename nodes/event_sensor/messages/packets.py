@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from evis.gpu.in_a_row import parted
 from msgs.camera import EventPacket, EventSignal
 from msgs.header import Header, Message
 
@@ -84,18 +85,16 @@ class Packets:
         columns: of the events of all. ends: number of events up to the stamp of each message. t0_ns: stamp before the
         first one.
         """
-        # Warp has no slice that begins at an array's end.
-        parts = [slice(start, end) if end > start else slice(0) for start, end in pairwise([0, *ends])]
         offsets = [np.array([0, end - start]) for start, end in pairwise([0, *ends])]
-        packets = []
-        for message, each, part in zip(messages, offsets, parts):
-            own = {name: column[part] for name, column in columns.items() if name != "signal"}
-            packets.append(self._packet(message.header, each, own, t0_ns))
+        parts = {name: parted(column, ends) for name, column in columns.items()}
+        signals, packets = parts.pop("signal", None), []
+        for message, each, *own in zip(messages, offsets, *parts.values()):
+            packets.append(self._packet(message.header, each, dict(zip(parts, own)), t0_ns))
             t0_ns = message.header.stamp_ns
         self._node.publish_all("events", packets)
-        if "signal" in columns:
-            for message, each, part in zip(messages, offsets, parts):
-                self._node.publish("signal", EventSignal(copy_of(message.header), each, columns["signal"][part]))
+        if signals is not None:
+            for message, each, signal in zip(messages, offsets, signals):
+                self._node.publish("signal", EventSignal(copy_of(message.header), each, signal))
 
     def _packet(self, header: Header, offsets: np.ndarray, columns: Mapping[str, Any], t0_ns: int) -> EventPacket:
         height, width = self.size

@@ -8,6 +8,7 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
+from evis.gpu.cuda_graph import CudaGraphs
 from nodes.interpolator.displacement_kernels import displace
 from nodes.interpolator.rigid import keyframe_kernels
 from nodes.interpolator.rigid.look_up.log_kernels import LOGS
@@ -58,12 +59,15 @@ class Pair:
         self._struct, self._flicker = make_keyframes(channels, flicker), flicker
         self.a, self.b = (Prepared(self, first, shape, device, flicker) for first in (0, 1 if in_a_row else envs))
 
-    def swap(self) -> None:
+    def swap(self, graphs: CudaGraphs) -> None:
         """Begins a gap: B becomes A, and the other keyframe is to be filled. Of gaps in a row the last B becomes the
-        first A."""
-        if not self._in_a_row:
+        first A, by launches that `graphs` records."""
+        if self._in_a_row:
+            graphs.run("swap", self._last_to_first)
+        else:
             self.a, self.b = self.b, self.a
-            return
+
+    def _last_to_first(self) -> None:
         for name in ("logs", "bare", "patch", "support", "inverse", "texels", "image", "packed", "poses"):
             array = getattr(self, name)
             if array.size:

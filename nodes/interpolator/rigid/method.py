@@ -185,7 +185,7 @@ class Rigid:
         if self.rested:
             report = self._rest(b, out)
             return lambda: report
-        self.pair.swap()
+        self.pair.swap(self._graphs)
         if not self._knows(a):
             self._prepare(a)
         self._at_b, self._held = b, held

@@ -117,6 +117,16 @@ class Placement:
         parts = np.split(poses, len(nexts), axis=2)
         self._ahead[count] = {t.tobytes(): part for t, part in zip(nexts, parts)}
 
+    @property
+    def in_closed_form(self) -> bool:
+        """Tells whether all that moves is in closed form, one scene's in all environments."""
+        return len(self._prescribed) == 1 and len(self._together) == len(self.movers)
+
+    def closed_form(self, stamps: np.ndarray) -> np.ndarray:
+        """Computes poses of the movers, all `in_closed_form`: float64 [G, K, M, 7], at stamps int64 [G, K] ns."""
+        poses = self._prescribed[0].at(stamps.reshape(-1))
+        return poses.reshape(len(self.movers), *stamps.shape, 7).transpose(1, 2, 0, 3)
+
     def foresee(self, stamps: np.ndarray) -> None:
         """Computes at once the poses of several gaps with sub-frames at stamps int64 [gaps, K] ns, for `moved`."""
         if len(self._together) and stamps.shape[1] > 1:
