@@ -31,12 +31,15 @@ QUERIES = re.compile(r"(mesh|bvh|hash_grid|volume|tile|texture)_")
 PRODUCTS = frozenset(("mul",))
 
 
+BRANCHES = re.compile(r"#if defined\(__CUDA_ARCH__\)\n(.*?)#else\n(.*?)#endif", re.DOTALL)
 READ, ONE, HIDDEN = "reads an element", "one operation", "more"
 
 
-def kind_of(body: str, takes_array: bool) -> str:
-    """Says what a function in C++ does, by its body: one with a loop or with a header of its own does more than one
-    thing, and is not counted."""
+def kind_of(body: str, takes_array: bool, on_gpu: bool = True) -> str:
+    """Says what a function in C++ does, by the part of its body for a GPU or a CPU: one with a loop or with a header of
+    its own does more than one thing, and is not counted."""
+    if (parts := BRANCHES.search(body)) is not None:
+        body = body[: parts.start()] + parts[1 if on_gpu else 2] + body[parts.end() :]
     if re.search(r"\b(for|while|do|goto)\b", body) or body.count(";") > 8:
         return HIDDEN
     return READ if takes_array else ONE

@@ -37,7 +37,9 @@ class Counting:
             if (kind == "cpu") != device.is_cpu:
                 return str(source)
             native = {
-                f.native_func: kind_of(f.native_snippet, any(wp.types.is_array(t) for t in f.input_types.values()))
+                f.native_func: kind_of(
+                    f.native_snippet, any(wp.types.is_array(t) for t in f.input_types.values()), device.is_cuda
+                )
                 for f in builder.functions
                 if f.native_snippet is not None
             }

@@ -15,13 +15,15 @@ LEAST_SHARE = 0.01
 """Of the time of all kernels: those that take less have no row."""
 NEAR = 0.4
 """Share of the roof above which the roof is what limits a kernel."""
+HIDDEN_SHARE = 0.01
+"""Calls of code that cannot be counted, over the operations that are, above which the figures tell too little."""
 
 
 @dataclass
 class Kernel:
     """Adds up what the kernels of one name do in a gap: calls, seconds, bytes and operations.
 
-    counted: whether the bytes and operations are known. native: whether code that cannot be counted is in it.
+    counted: whether the bytes and operations are known. native: calls of code that cannot be counted.
     """
 
     calls: float = 0.0
@@ -29,7 +31,7 @@ class Kernel:
     bytes: float = 0.0
     operations: float = 0.0
     counted: bool = False
-    native: bool = False
+    native: float = 0.0
 
 
 def kernels_of(timed: Mapping[str, tuple[float, float]], counted: Mapping[str, Mapping[str, Any]]) -> dict[str, Kernel]:
@@ -47,7 +49,7 @@ def kernels_of(timed: Mapping[str, tuple[float, float]], counted: Mapping[str, M
         kernel.seconds += ms / 1e3
         if count and count["calls"]:
             kernel.counted = True
-            kernel.native |= count["native"] > 0
+            kernel.native += calls * count["native"] / count["calls"]
             kernel.bytes += calls * count["bytes"] / count["calls"]
             kernel.operations += calls * count["operations"] / count["calls"]
     return dict(sorted(found.items(), key=lambda item: -item[1].seconds))
@@ -79,7 +81,8 @@ def _against(kernel: Kernel, ceilings: Ceilings) -> dict[str, Any]:
     by_bytes, by_operations = roof_s(kernel, ceilings)
     reached = max(by_bytes, by_operations) / kernel.seconds
     nearest = "bytes" if by_bytes > by_operations else "operations"
-    limit = "native code, not counted" if kernel.native else nearest if reached >= NEAR else "neither"
+    hidden = kernel.native > HIDDEN_SHARE * kernel.operations
+    limit = "native code, not counted" if hidden else nearest if reached >= NEAR else "neither"
     return {
         "MB": round(kernel.bytes / 1e6, 2),
         "Mop": round(kernel.operations / 1e6, 2),
