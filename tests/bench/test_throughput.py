@@ -103,6 +103,13 @@ def test_functions_in_cpp_that_do_more_than_one_thing_are_told():
     assert kind_of("for (int i = 0; i < n; ++i) sum += x[i];", True) == HIDDEN
 
 
+def test_only_the_part_of_a_function_in_cpp_that_runs_tells_what_it_does():
+    body = (
+        "#if defined(__CUDA_ARCH__)\n    return __ffs(mask) - 1;\n#else\n    while (mask) ++n;\n    return n;\n#endif\n"
+    )
+    assert kind_of(body, False, on_gpu=True) == ONE and kind_of(body, False, on_gpu=False) == HIDDEN
+
+
 def test_counters_are_put_before_the_control_goes_elsewhere():
     """A branch that is not taken costs nothing: its counters stand within it."""
     lines = ["#define builtin_tid1d() 0", "static float f(", "    // forward", "    if (var_1) {",
@@ -140,6 +147,7 @@ def test_a_kernel_is_held_against_what_limits_it():
         "copy_1": (1.0, 1.0),
         "sums_1": (2.0, 2.0),
         "walk_1": (1.0, 1.0),
+        "hide_1": (1.0, 0.9),
         "Memcpy": (1.0, 0.5),
         "brief": (1.0, 0.001),
     }
@@ -147,10 +155,11 @@ def test_a_kernel_is_held_against_what_limits_it():
     counts = {
         "copy_1": {"name": "copy", "bytes": 4e6, "operations": 0, **one},
         "sums_1": {"name": "make.<locals>.sums", "bytes": 2e3, "operations": 1e9, **one},
-        "walk_1": {"name": "walk", "bytes": 4e3, "operations": 4e3, **one},
+        "walk_1": {"name": "walk", "bytes": 4e3, "operations": 4e3, "calls": 2, "native": 30},
+        "hide_1": {"name": "hide", "bytes": 4e3, "operations": 4e3, "calls": 2, "native": 50},
     }
     found = {row["kernel"]: row for row in roofline.rows("run", roofline.kernels_of(timed, counts), ceilings)}
-    assert list(found) == ["sums", "copy", "walk", "Memcpy"]
+    assert list(found) == ["sums", "copy", "walk", "hide", "Memcpy"]
     assert (found["copy"]["limit"], found["copy"]["of the roof"], found["copy"]["of the memory's"]) == (
         "bytes",
         "100 %",
@@ -162,6 +171,7 @@ def test_a_kernel_is_held_against_what_limits_it():
         500.0,
     )
     assert found["walk"]["limit"] == "neither" and "limit" not in found["Memcpy"]
+    assert found["hide"]["limit"] == "native code, not counted"
 
 
 def test_rows_are_chosen_by_words():
