@@ -186,6 +186,7 @@ class Host:
             topic: {name: (hz, Sampling(hz)) for name, (hz, _) in slow.items()} for topic, slow in self.sampled.items()
         }
         self.join.clear()
+        self._devices.clear()  # a node in its place may be on another one
         self.single_open = set(self.singles)
         self.ended, self.pacer = False, None
 

@@ -59,6 +59,13 @@ def test_parts_are_slices(on_device):
     assert np.array_equal(np.asarray(one), np.asarray(whole)) and (not on_device or one.ptr == whole.ptr)
 
 
+@pytest.mark.parametrize("on_device", [False, True])
+def test_parts_end_with_the_array(on_device):
+    whole = np.zeros((4, 2), np.float32)
+    with pytest.raises(ValueError, match="before row 5 of an array that has 4"):
+        parted(wp.array(whole, device="cpu") if on_device else whole, [2, 5])
+
+
 def test_parts_of_nothing():
     """An array without elements has no memory."""
     assert [part.shape for part in parted(wp.empty(0, dtype=wp.int16, device="cpu"), [0, 0])] == [(0,), (0,)]

@@ -16,6 +16,8 @@ import zmq
 from evis.bus import BusError, Publisher, Subscriber, endpoints_for
 from evis.bus.memory.device import DevicePool
 from evis.runtime.delivery import Delivery
+from evis.runtime.host import Host
+from evis.runtime.join import Join
 from evis.runtime.plan import Edge, NodePlan, Plan, TopicPlan
 from evis.simulation.caller import owned
 from msgs.camera import Depth
@@ -23,7 +25,7 @@ from msgs.fields import MessageError
 from msgs.header import Header
 
 sys.path.insert(0, str(Path(__file__).parent))
-from device_nodes import Glancer
+from device_nodes import Glancer, Watcher
 from test_executor import run
 
 COUNT = 20
@@ -335,3 +337,13 @@ def test_the_events_are_the_same_whether_arrays_stay_on_the_gpu_or_not(
     assert len(split["t"]) > 1000
     for name, values in split.items():
         np.testing.assert_array_equal(composed[name], values, err_msg=name)
+
+
+def test_a_node_that_replaces_another_may_be_on_another_device():
+    """A run that begins anew may have nodes with other parameters."""
+    host = Host(Watcher("watcher", {"device": "cpu"}), NodePlan("watcher", "", {}, "p"), Join([]))
+    assert host.takes("depth", wp.get_device("cpu"))
+    host.rewind()
+    host.node = Watcher("watcher", {})
+    host.node.params = {"device": None}
+    assert not host.takes("depth", wp.get_device("cpu"))
