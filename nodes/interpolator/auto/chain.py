@@ -84,7 +84,7 @@ class Chain:
             self._world = World(s.scene, s.duration_ns, s.seed)
         samples = s.camera.supersampling if method == "rigid" else 1
         renderer, interpolator = self._renderer(method, samples > 1), self._interpolator(method, k, samples)
-        first = keyframe_count(int(self._world.t[-1]), rate) - 2 - gaps
+        first = keyframe_count(self._world.end_ns, rate) - 2 - gaps
         stamps = [keyframe_stamp(first + n, rate) for n in range(gaps + 2)]
         self._episode += 1
         took = self._round(renderer, interpolator, reads(method), s.margin * samples, stamps, self._episode)

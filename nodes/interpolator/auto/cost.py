@@ -250,7 +250,7 @@ class FullSize:
 
     def _gap(self, method: str, interpolator: Interpolator, rate: float) -> float:
         """Measures the time of a gap [s]: the lesser of forth and back, averaged over the windows."""
-        end = int(self._world.t[-1])
+        end = self._world.end_ns
         gap = min(round(NS / rate), end)
         found = []
         # The last window first: in the first one things may still be at rest.
@@ -297,7 +297,7 @@ class FullSize:
         return States(t - t[0] + stamp - gap, pose, twist)
 
     def _poses(self, stamp: int) -> np.ndarray:
-        return np.repeat(self._world.poses(min(stamp, int(self._world.t[-1]))), self._envs, 0)
+        return np.repeat(self._world.poses(min(stamp, self._world.end_ns)), self._envs, 0)
 
 
 def on_host(image: Any) -> np.ndarray:

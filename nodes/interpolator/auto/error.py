@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from evis.events.measure.distance import EventStream, victor_purpura
-from evis.geometry.interpolate import state_at
 from evis.runtime.clock import NS
 from nodes.event_sensor.sensor import EventSensor
 from nodes.interpolator.auto.setting import LIGHT, Grid, Setting, Way, make_interpolator, make_renderer
@@ -76,15 +75,13 @@ class Window:
 
     def _poses(self, time: int) -> np.ndarray:
         """Gives poses float64 [1, N, 7] at a time of the world [ns], clamped to its first and last moment."""
-        return self._world.poses(min(max(time, 0), int(self._world.t[-1])))
+        return self._world.poses(min(max(time, 0), self._world.end_ns))
 
     def _states(self, grid: Grid, first: int, last: int) -> States:
         """Gives the states from one step to another, about every millisecond."""
         start, end = (grid.stamp(ORIGIN, step) for step in (first, last))
         t = np.linspace(start, end, 2 + (end - start) // SUBSTEP_NS).round().astype(np.int64)
-        world = self._world
-        at = np.maximum(t - ORIGIN + self._start, 0)
-        return States(t, *state_at(at, world.t, world.pose, world.twist))
+        return States(t, *self._world.states_at(np.maximum(t - ORIGIN + self._start, 0)))
 
 
 class Windows:

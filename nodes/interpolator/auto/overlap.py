@@ -54,6 +54,6 @@ class Overlapped(FullSize):
 
     def _timed(self, way: Way) -> float:
         """Measures the time [s] of a gap of one environment; of dense rendering, of a frame."""
-        gaps = int(np.clip(keyframe_count(int(self._world.t[-1]), way[1]) - 2, 0, GAPS))
+        gaps = int(np.clip(keyframe_count(self._world.end_ns, way[1]) - 2, 0, GAPS))
         rounds = 1 + COUNTED // (2 * max(gaps, 4))
         return min(self._chain.gap(way, gaps) for _ in range(rounds))
