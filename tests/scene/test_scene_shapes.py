@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
 from evis.scene.mesh import shapes
 
@@ -102,6 +103,21 @@ def test_a_rounded_box_lies_within_its_radius():
     assert np.allclose(np.ptp(points, axis=0), size)
     with pytest.raises(ValueError, match=r"at most 0\.5 m"):
         shapes.rounded_box(size, 0.6)
+
+
+@pytest.mark.parametrize("size", [(1.0, 2.0, 3.0), (0.9, 0.54, 0.65), (1.0, 1.5, 0.05), (0.6, 0.6, 0.6)])
+@pytest.mark.parametrize("part", [0.01, 0.2, 0.5])
+def test_no_corner_of_a_rounded_box_lies_outside_a_face(size, part):
+    """Its surface is that of the convex hull of its vertices, as SciPy finds that."""
+    mesh = shapes.rounded_box(np.array(size), part * min(size))
+    points, faces = mesh.vertices.astype(np.float64), corners(mesh)
+    normal = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    height = normal @ points.T - (normal * faces[:, 0]).sum(1)[:, None]
+    assert height.max() < 1e-6
+    hull = ConvexHull(points)
+    area = 0.5 * np.linalg.norm(np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0]), axis=1).sum()
+    assert np.isclose(area, hull.area, rtol=1e-6)
 
 
 def test_tiles_have_the_same_size_on_every_face():

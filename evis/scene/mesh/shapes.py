@@ -68,7 +68,7 @@ def rounded_box(size: np.ndarray, radius: float, segments: int = 3) -> Mesh:
             u, v = np.meshgrid(*texture)
             uv = np.stack((u, v), axis=-1).reshape(-1, 2)
             vertices = (points + radius * normal).reshape(-1, 3)
-            parts.append(_mesh(vertices, _grid_faces(*u.shape), uv, normal.reshape(-1, 3)))
+            parts.append(_mesh(vertices, _convex_faces(vertices, *u.shape), uv, normal.reshape(-1, 3)))
     return join(*parts)
 
 
@@ -169,9 +169,22 @@ def _circle(segments: int) -> np.ndarray:
 
 def _grid_faces(rows: int, columns: int) -> np.ndarray:
     """Faces of a grid of vertices numbered row by row, two triangles per cell."""
+    return _grid_cells(rows, columns)[:, _QUAD].reshape(-1, 3)
+
+
+def _convex_faces(vertices: np.ndarray, rows: int, columns: int) -> np.ndarray:
+    """The same of cells that are not plane, each cut along the diagonal that is further out."""
+    cells = _grid_cells(rows, columns)
+    a, b, c, d = (vertices[cells[:, k]] for k in range(4))
+    outside = np.einsum("nk,nk->n", np.cross(b - a, c - a), d - a) > 0
+    cells[outside] = np.roll(cells[outside], -1, axis=1)
+    return cells[:, _QUAD].reshape(-1, 3)
+
+
+def _grid_cells(rows: int, columns: int) -> np.ndarray:
+    """The four corners of each cell of a grid of vertices, counter-clockwise."""
     start = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).reshape(-1)
-    quads = np.stack((start, start + 1, start + columns + 1, start + columns), axis=-1)
-    return quads[:, _QUAD].reshape(-1, 3)
+    return np.stack((start, start + 1, start + columns + 1, start + columns), axis=-1)
 
 
 def _mesh(vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray, normals: np.ndarray | None = None) -> Mesh:
