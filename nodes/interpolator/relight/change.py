@@ -20,7 +20,7 @@ from nodes.renderer.lighting import Shading
 from nodes.renderer.lights.lights import KINDS, fixed_vectors
 from nodes.renderer.materials.ggx import alpha_of, is_plain
 from nodes.renderer.raster.visibility import Visibility
-from nodes.renderer.shadows.occlusion import half_extents
+from nodes.renderer.shadows.boxes import half_extents
 from nodes.renderer.shadows.ray_kernels import Casters
 
 MOVED, SHADED = int(change_kernels.MOVED), int(change_kernels.SHADED)
@@ -212,7 +212,7 @@ class LightChange:
     def _casters_then(self, now: Any, rows: int) -> Any:
         """The casters with places of their own, for the keyframes."""
         then, count = Casters(), len(self._v.geometry.body)
-        for name in ("mesh", "radius", "shell", "box", "order", "still", "is_still"):
+        for name in ("mesh", "radius", "shell", "box", "outer", "core", "order", "still", "is_still"):
             setattr(then, name, getattr(now, name))
         then.rotation, then.translation = self._v.empty((rows, count), wp.mat33), self._v.empty((rows, count), wp.vec3)
         return then

@@ -1,14 +1,90 @@
-"""Finds the instances whose triangles are the sides of a box: shadow rays are tried against that, and not the mesh."""
+"""Finds boxes that tell of a shadow ray what triangles would: what instances are, and what is within convex ones."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from evis.scene.model import Mesh
+from nodes.renderer.geometry.triangles import SHELL_CONVEX
 from nodes.renderer.raster.visibility import Visibility
 
 ROUNDING = 2.5e-7
 """Of a mesh's largest coordinate, within which places are one: as good as float32 tells."""
+SHRUNK = 1e-5
+"""How much smaller a box within a mesh is than it could be, as a part: more than float32 rounds its triangles by."""
+
+
+def half_extents(visibility: Visibility) -> np.ndarray:
+    """Gives half the sides of every instance's box in its own frame, float64 [I, 3] m."""
+    geometry = visibility.geometry
+
+    def largest() -> np.ndarray:
+        half = np.zeros((len(geometry.body), 3))
+        # Vertices lie in the order of their instances.
+        there, first = np.unique(geometry.vertex_instance, return_index=True)
+        if len(there):
+            half[there] = np.maximum.reduceat(np.abs(geometry.vertices), first)
+        return half * (1 + 1e-6)
+
+    return geometry.once("half extents", largest)
+
+
+def core_halves(visibility: Visibility) -> np.ndarray:
+    """Gives half the sides [m] of a box about the origin of each instance's frame that is within its triangles, where
+    these are convex and seen from outside; float64 [I, 3], 0 for all others."""
+    geometry, outer = visibility.geometry, half_extents(visibility)
+
+    def found() -> np.ndarray:
+        known: dict[int, np.ndarray] = {}
+        cores = np.zeros((len(geometry.body), 3))
+        for instance in np.flatnonzero(geometry.shell == SHELL_CONVEX):
+            mesh = id(geometry.meshes[instance])
+            if mesh not in known:
+                own = slice(geometry.first[instance], geometry.first[instance + 1])
+                corners = geometry.vertices[geometry.triangles[own]].astype(np.float64)
+                known[mesh] = core_of(outer[instance], corners, geometry.normals[own].astype(np.float64))
+            cores[instance] = known[mesh]
+        return cores
+
+    return geometry.once("cores", found)
+
+
+def core_of(outer: np.ndarray, corners: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Finds a large box about the origin within a convex surface: half its sides, float64 [3], 0 where the surface has
+    holes, or the origin is not within it.
+
+    outer [3]: half the sides of a box around all. corners [F, 3, 3] m, normals [F, 3]: of its triangles, the latter 0
+    where these have no area.
+    """
+    there = (normals != 0).any(axis=1)
+    # How far from the origin the planes are.
+    far = np.einsum("nk,nck->nc", normals, corners).min(axis=1)[there]
+    if not len(far) or far.min() <= 0 or not closed(corners):
+        return np.zeros(3)
+    slopes = np.abs(normals[there])
+    half = outer * (far / (slopes @ outer)).min()
+    # In turn each side grows until a plane stops it.
+    for axis in range(3):
+        stops = slopes[:, axis] > 0
+        others = slopes[stops] @ half - slopes[stops, axis] * half[axis]
+        half[axis] = ((far[stops] - others) / slopes[stops, axis]).min()
+    return half * (1 - SHRUNK)
+
+
+def closed(corners: np.ndarray) -> bool:
+    """Tells whether triangles [F, 3, 3] have another one at every edge, turned the same way."""
+    number, count = _numbered(corners, ROUNDING * np.abs(corners).max())
+    number = number[(number != np.roll(number, 1, axis=1)).all(axis=1)]
+    start, end = number.reshape(-1), np.roll(number, -1, axis=1).reshape(-1)
+    forth, back = np.sort(start * count + end), np.sort(end * count + start)
+    return bool(np.array_equal(forth, back) and (np.diff(forth) > 0).all())
+
+
+def _numbered(points: np.ndarray, near: float) -> tuple[np.ndarray, int]:
+    """Gives each place [F, 3, D] a number [F, 3], the same where they are `near`, and how many there may be."""
+    flat = np.rint(points.reshape(-1, points.shape[-1]) / near).astype(np.int64)
+    _, number = np.unique(flat, axis=0, return_inverse=True)
+    return number.reshape(points.shape[:2]), int(number.max()) + 1
 
 
 def box_halves(visibility: Visibility) -> np.ndarray:
@@ -64,10 +140,8 @@ def tiles(triangles: np.ndarray, half: np.ndarray, near: float) -> bool:
     whole = 4.0 * half[0] * half[1]
     if abs(abs(area.sum()) - whole) > 1e-6 * whole:
         return False
-    _, number = np.unique(np.rint(triangles.reshape(-1, 2) / near).astype(np.int64), axis=0, return_inverse=True)
-    corner = number.reshape(-1, 3)
+    corner, count = _numbered(triangles, near)
     start, end = corner.reshape(-1), np.roll(corner, -1, axis=1).reshape(-1)
-    count = corner.max() + 1
     forth, back = start * count + end, end * count + start
     if len(np.unique(forth)) < len(forth):
         return False

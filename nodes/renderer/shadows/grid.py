@@ -12,7 +12,8 @@ from evis.geometry import se3
 from evis.scene.model import Light
 from nodes.renderer.geometry.triangles import is_static
 from nodes.renderer.shadows import grid_kernels, occlusion_kernels
-from nodes.renderer.shadows.occlusion import TREE_FROM, half_extents
+from nodes.renderer.shadows.boxes import half_extents
+from nodes.renderer.shadows.occlusion import TREE_FROM
 
 if TYPE_CHECKING:
     from nodes.renderer.raster.visibility import Visibility
@@ -32,6 +33,8 @@ SIDE, COARSE, CUBE = int(grid_kernels.SIDE), int(grid_kernels.COARSE), int(grid_
 BEFORE = float(grid_kernels.BEFORE)
 PAIRS = np.triu_indices(8, 1)
 """Any two of a box's corners."""
+EDGES = np.array([(i, i + step) for step in (1, 2, 4) for i in range(8) if not i & step]).T
+"""The two corners of each edge of a box."""
 SIGNS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
 
 
@@ -228,6 +231,7 @@ def fill(corners: np.ndarray, tall: float, parallel: bool, slack: float) -> tupl
         first, last = corners[..., :2].min(1) / tall, corners[..., :2].max(1) / tall
     else:
         first, last = seen_range(corners, tall, slack)
+    lines = outlines(corners, tall, parallel)
     first, last = np.floor((first + 1) * (SIDE / 2) - 0.01), np.floor((last + 1) * (SIDE / 2) + 0.01)
     which = np.flatnonzero((first < SIDE).all(1) & (last >= 0).all(1))
     first, last = (np.clip(edge[which], 0, SIDE - 1).astype(np.int64) for edge in (first, last))
@@ -235,9 +239,41 @@ def fill(corners: np.ndarray, tall: float, parallel: bool, slack: float) -> tupl
     count = wide * high
     n = np.repeat(np.arange(len(which)), count)
     k = np.arange(len(n)) - np.repeat(np.cumsum(count) - count, count)
-    cell = (first[n, 1] + k // wide[n]) * SIDE + first[n, 0] + k % wide[n]
+    place = np.stack([first[n, 0] + k % wide[n], first[n, 1] + k // wide[n]], axis=-1)
+    kept = touched(lines[which], n, place)
+    n, cell = n[kept], place[kept, 1] * SIDE + place[kept, 0]
     # Rounded down, for it must not be more than it is.
     least = np.nextafter(corners[which][..., 2].min(1).astype(np.float32), np.float32(-np.inf))
     order = np.lexsort((n, least[n], cell))
     entries = np.stack([which[n[order]].astype(np.int32), least[n[order]].view(np.int32)], axis=-1)
     return np.searchsorted(cell[order], np.arange(SIDE * SIDE)), entries
+
+
+def outlines(corners: np.ndarray, tall: float, parallel: bool) -> np.ndarray:
+    """Finds the lines along the edges of boxes that have all of a box on one side, as a light sees it: float64
+    [I, 12, 3], (a, b, c) of a x + b y + c >= 0 within, x and y from -1 to 1 over the grid; 0 for other edges, and for
+    boxes that do not lie wholly ahead of the light. Arguments as of `fill`."""
+    ahead = corners[..., 2:]
+    at = corners[..., :2] / (tall if parallel else tall * np.maximum(ahead, BEFORE))
+    start, way = at[:, EDGES[0]], at[:, EDGES[1]] - at[:, EDGES[0]]
+    normal = np.stack([-way[..., 1], way[..., 0]], axis=-1)
+    beyond = np.einsum("nek,nck->nec", normal, at) - np.einsum("nek,nek->ne", normal, start)[..., None]
+    near = 1e-9 * np.abs(beyond).max(axis=-1)
+    side = np.where(beyond.min(axis=-1) >= -near, 1.0, np.where(beyond.max(axis=-1) <= near, -1.0, 0.0))
+    if not parallel:
+        side *= np.all(ahead[..., 0] >= BEFORE, axis=1, keepdims=True)
+    normal *= side[..., None]
+    return np.concatenate([normal, -np.einsum("nek,nek->ne", normal, start)[..., None]], axis=-1)
+
+
+def touched(lines: np.ndarray, n: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Finds which cells, by column and row `place` int [C, 2], may hold anything of box n [C]: the indices of those
+    that do not lie outside any of its `lines` [I, 12, 3]."""
+    kept = np.arange(len(n))
+    # A hundredth of a cell more, for rounding.
+    half = 1.02 / SIDE
+    for edge in range(lines.shape[1]):
+        a, b, c = lines[n[kept], edge].T
+        x, y = ((place[kept, k] + 0.5) * (2 / SIDE) - 1 for k in range(2))
+        kept = kept[a * x + b * y + c + half * (np.abs(a) + np.abs(b)) >= 0]
+    return kept

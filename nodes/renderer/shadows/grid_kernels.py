@@ -16,7 +16,7 @@ wp.set_module_options({"enable_backward": False})
 
 SIDE = wp.constant(128)
 """Cells across the grid over still instances."""
-COARSE = wp.constant(32)
+COARSE = wp.constant(64)
 """Cells across the grid over moving ones."""
 MOVERS = wp.constant(64)
 """Bits of a cell."""
@@ -154,14 +154,15 @@ def hidden_from(
 
 
 @wp.func
-def cell_range(low: float, high: float, near: float, far: float):
-    """Gives the first and last cell that hold anything of low..high at distances near..far ahead, in units of the
-    cone's tan."""
-    a = (0.5 * wp.min(low / near, low / far) + 0.5) * float(COARSE) - 0.01
-    b = (0.5 * wp.max(high / near, high / far) + 0.5) * float(COARSE) + 0.01
-    first = int(wp.floor(wp.clamp(a, 0.0, float(COARSE))))
-    last = int(wp.floor(wp.clamp(b, -1.0, float(COARSE - 1))))
-    return first, last
+def cell_below(at: float):
+    """Gives the cell of a place from -1 to 1 over the grid, or that before it where rounding might tell, or the end."""
+    return int(wp.floor(wp.clamp((0.5 * at + 0.5) * float(COARSE) - 0.01, 0.0, float(COARSE))))
+
+
+@wp.func
+def cell_above(at: float):
+    """Gives the cell of a place, or that after it where rounding might tell, or -1 before the first."""
+    return int(wp.floor(wp.clamp((0.5 * at + 0.5) * float(COARSE) + 0.01, -1.0, float(COARSE - 1))))
 
 
 @wp.kernel
@@ -171,30 +172,45 @@ def mark_movers(
     # in and out
     grid: Grid,
 ):
-    """Sets the bits of the moving instances in all cells that may hold anything of their spheres; all were 0."""
+    """Sets the bits of the moving instances in all cells that may hold anything of their boxes; all were 0."""
     env, g, n = wp.tid()
     i = casters.order[casters.still + n]
     centre = grid.turn[env] * casters.translation[env, i] + grid.shift[env] - grid.place[g]
-    radius = casters.radius[i] + grid.slack
-    w = wp.dot(centre, grid.ahead[g])
-    if w + radius <= BEFORE:
+    turn = grid.turn[env] * casters.rotation[env, i]
+    half = casters.outer[i] + wp.vec3(grid.slack, grid.slack, grid.slack)
+    far = wp.float32(-wp.inf)
+    near = wp.float32(wp.inf)
+    low = wp.vec2(wp.inf, wp.inf)
+    high = wp.vec2(-wp.inf, -wp.inf)
+    for k in range(8):
+        corner = half
+        if (k & 1) != 0:
+            corner[0] = -half[0]
+        if (k & 2) != 0:
+            corner[1] = -half[1]
+        if (k & 4) != 0:
+            corner[2] = -half[2]
+        at = centre + turn * corner
+        ahead = wp.dot(at, grid.ahead[g])
+        scale = grid.scale[g]
+        if grid.parallel[g] == 0:
+            scale = scale / wp.max(ahead, BEFORE)
+        seen = scale * wp.vec2(wp.dot(at, grid.right[g]), wp.dot(at, grid.down[g]))
+        low = wp.min(low, seen)
+        high = wp.max(high, seen)
+        near = wp.min(near, ahead)
+        far = wp.max(far, ahead)
+    if far <= BEFORE:
         return
     x0 = wp.int32(0)
     y0 = wp.int32(0)
     x1 = COARSE - 1
     y1 = COARSE - 1
-    if grid.parallel[g] == 1:
-        u = wp.dot(centre, grid.right[g]) * grid.scale[g]
-        v = wp.dot(centre, grid.down[g]) * grid.scale[g]
-        r = radius * grid.scale[g]
-        x0, x1 = cell_range(u - r, u + r, 1.0, 1.0)
-        y0, y1 = cell_range(v - r, v + r, 1.0, 1.0)
-    elif w - radius > BEFORE:
-        u = wp.dot(centre, grid.right[g]) * grid.scale[g]
-        v = wp.dot(centre, grid.down[g]) * grid.scale[g]
-        r = radius * grid.scale[g]
-        x0, x1 = cell_range(u - r, u + r, w - radius, w + radius)
-        y0, y1 = cell_range(v - r, v + r, w - radius, w + radius)
+    if grid.parallel[g] == 1 or near > BEFORE:
+        x0 = cell_below(low[0])
+        y0 = cell_below(low[1])
+        x1 = cell_above(high[0])
+        y1 = cell_above(high[1])
     for y in range(y0, y1 + 1):
         for x in range(x0, x1 + 1):
             wp.atomic_or(grid.masks, env, g, y * COARSE + x, wp.uint64(1) << wp.uint64(n))

@@ -11,7 +11,7 @@ from evis.scene.model import Mesh
 from nodes.renderer.geometry.poses import InstancePoses
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.shadows import occlusion_kernels
-from nodes.renderer.shadows.boxes import box_halves
+from nodes.renderer.shadows.boxes import box_halves, core_halves, half_extents
 from nodes.renderer.shadows.merged import MergedMesh, mergeable
 from nodes.renderer.shadows.ray_kernels import Casters
 
@@ -54,7 +54,8 @@ class Occluders:
         self.casters = casters = Casters()
         casters.rotation, casters.translation = visibility.rotation, visibility.translation
         casters.mesh, casters.order = put(ids, wp.uint64), put(order, wp.int32)
-        casters.box = put(box_halves(visibility), wp.vec3)
+        casters.box, casters.core = put(box_halves(visibility), wp.vec3), put(core_halves(visibility), wp.vec3)
+        casters.outer = put(self._half, wp.vec3)
         casters.radius, casters.shell = put(geometry.radius, wp.float32), put(geometry.shell, wp.int32)
         casters.still, casters.is_still = count, put(still.astype(np.int32), wp.int32)
         casters.turn = visibility.eye
@@ -170,18 +171,3 @@ class Occluders:
                 bvh_constructor="sah",
             )
         return int(self.meshes[id(mesh)].id)
-
-
-def half_extents(visibility: Visibility) -> np.ndarray:
-    """Gives half the sides of every instance's box in its own frame, float64 [I, 3] m."""
-    geometry = visibility.geometry
-
-    def largest() -> np.ndarray:
-        half = np.zeros((len(geometry.body), 3))
-        # Vertices lie in the order of their instances.
-        there, first = np.unique(geometry.vertex_instance, return_index=True)
-        if len(there):
-            half[there] = np.maximum.reduceat(np.abs(geometry.vertices), first)
-        return half * (1 + 1e-6)
-
-    return geometry.once("half extents", largest)

@@ -21,11 +21,17 @@ PLANAR = wp.constant(2)
 LIFT = wp.constant(4.0e-6)
 """Start of a shadow ray above its surface, of the distance plus the instance's size: tens of float32 roundings."""
 
+ROUNDING = wp.constant(1.0e-6)
+"""Of positions, of their distance: some tens of float32 roundings."""
+
 
 @wp.struct
 class Casters:
-    """Holds instances as occluders. mesh [I] ids; radius and shell [I]; box [I]: half the sides of those that are
-    boxes, else 0; order [I]: still ones first, `still` of them."""
+    """Holds instances as occluders. mesh [I] ids; radius and shell [I]; order [I]: still ones first, `still` of them.
+
+    Half the sides of boxes [I] in their own frames: box: of those that are one, else 0; outer: of one around each;
+    core: of one within each that is convex, else 0.
+    """
 
     rotation: wp.array2d(dtype=wp.mat33)
     """[E, I] frame to the camera's, with `translation`."""
@@ -34,6 +40,8 @@ class Casters:
     radius: wp.array(dtype=float)
     shell: wp.array(dtype=int)
     box: wp.array(dtype=wp.vec3)
+    outer: wp.array(dtype=wp.vec3)
+    core: wp.array(dtype=wp.vec3)
     order: wp.array(dtype=int)
     still: int
     is_still: wp.array(dtype=int)
@@ -90,7 +98,7 @@ def sphere_met(centre: wp.vec3, radius: float, direction: wp.vec3, length: float
     distance."""
     along = wp.dot(centre, direction)
     away = centre - along * direction
-    wide = radius + 1.0e-6 * wp.abs(along)
+    wide = radius + ROUNDING * wp.abs(along)
     return wp.dot(away, away) <= wide * wide and along >= -wide and along - wide <= length
 
 
@@ -157,8 +165,12 @@ def in_the_way(
     length: float,
     extent: float,
 ):
-    """Tells whether a ray meets instance i; its triangles, or its sides if it is a box, are tried only if its bounding
-    sphere is hit. extent: of no use."""
+    """Tells whether a ray meets instance i. extent: of no use.
+
+    Its triangles, or its sides if it is a box, are tried only if its bounding sphere is hit, and triangles only where
+    boxes do not tell: a ray that misses the outer one misses them, and one that comes from outside and goes through the
+    core meets them.
+    """
     centre = translation_of(casters, env, i) - origin
     if sphere_met(centre, casters.radius[i], direction, length):
         inverse = wp.transpose(rotation_of(casters, env, i))
@@ -167,6 +179,17 @@ def in_the_way(
         half = casters.box[i]
         if half[0] + half[1] > 0.0:
             return sides_met(half, start, along, length)
+        wide = ROUNDING * wp.length(start)
+        slack = wp.vec3(wide, wide, wide)
+        slopes = inverse_of(along)
+        outer = casters.outer[i] + slack
+        ends = slabs(-outer - start, outer - start, slopes)
+        if ends[0] > ends[1] or ends[1] < 0.0 or ends[0] > length:
+            return False
+        core = casters.core[i] - slack
+        if ends[0] > 0.0 and wp.min(core) > 0.0:
+            if box_met(-core - start, core - start, slopes, length):
+                return True
         if wp.mesh_query_ray_anyhit(casters.mesh[i], start, along, length):
             return True
     return False
@@ -188,7 +211,7 @@ def near_hull(
     centre = translation_of(casters, env, i) - origin
     along = wp.dot(centre, direction)
     away = wp.length(centre - along * direction)
-    radius = casters.radius[i] + 1.0e-6 * wp.abs(along)
+    radius = casters.radius[i] + ROUNDING * wp.abs(along)
     return along >= -radius and along - radius <= length + extent and away * cosine - along * sine <= radius
 
 

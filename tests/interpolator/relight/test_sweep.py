@@ -10,7 +10,7 @@ from evis.scene.model import Camera
 from nodes.interpolator.relight.sweep import Sweep
 from nodes.interpolator.rigid.placement import Placement
 from nodes.renderer.raster.visibility import Visibility
-from nodes.renderer.shadows.occlusion import half_extents
+from nodes.renderer.shadows.boxes import half_extents
 
 CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)))
 

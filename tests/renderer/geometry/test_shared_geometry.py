@@ -12,7 +12,7 @@ from evis.scene.load import load_scene
 from evis.scene.worlds import Family
 from nodes.renderer.geometry.triangles import Geometry, flatten, geometry_of
 from nodes.renderer.raster.visibility import Visibility
-from nodes.renderer.shadows.occlusion import half_extents
+from nodes.renderer.shadows.boxes import half_extents
 
 
 def test_renderer_and_interpolator_have_the_same_arrays() -> None:

@@ -6,10 +6,11 @@ import warp as wp
 from renderer_scenes import at, camera, poses, quad, scene, sphere
 
 from evis.geometry import se3
-from evis.scene.model import WORLD, Light, Material
+from evis.scene.mesh.shapes import rounded_box
+from evis.scene.model import WORLD, Light, Material, Mesh
 from nodes.renderer.lighting import Shading, ShadingOptions
 from nodes.renderer.raster.visibility import Visibility
-from nodes.renderer.shadows.grid import ShadowGrid
+from nodes.renderer.shadows.grid import SIDE, SIGNS, ShadowGrid, fill
 
 FLOOR = 2.5
 
@@ -53,22 +54,25 @@ def without_grids(monkeypatch):
 
 
 @pytest.mark.parametrize("split", [False, True])
-@pytest.mark.parametrize("far", [0.0, 400.0])
-def test_grids_hide_what_trees_do(far, split, without_grids):
+@pytest.mark.parametrize(("far", "posts"), [(0.0, False), (400.0, False), (0.0, True)])
+def test_grids_hide_what_trees_do(far, posts, split, without_grids):
     """far: how far away the camera is [m]; rounding is then more than the grid has room for, and everything is tried.
-    split: rays in a pass of their own"""
+    posts: what moves are thin and turned boxes, else balls. split: rays in a pass of their own."""
     grid = np.random.default_rng(5)
     still = [ball(0.12, p) for p in grid.uniform((-1.2, -0.9, 0.9), (1.2, 0.9, 2.2), (24, 3))]
     still.append(ball(0.1, (-0.83, 0.05, 1.3)))
     still.append(ball(0.05, (0.3, 0.165, 1.5)))
-    world = room(still, [sphere(0.1, 8)] * 5, LIGHTS)
+    thin = rounded_box(np.array([0.05, 0.9, 0.08]), 0.01)
+    world = room(still, [Mesh(thin.vertices, thin.faces) if posts else sphere(0.1, 8)] * 5, LIGHTS)
     if far:
         view = world.cameras[0]
         view.k[:2, :2] *= far / 2
     spread = grid.uniform((-1.0, -0.7, 0.8), (1.0, 0.7, 2.2), (2, 5, 3))
     # One is beside all that stands still, where no cell of a directional light is.
     spread[:, 0] = (7.0, 0.2, 2.0)
-    now = np.concatenate([poses(*(at(*p) for p in spread[e]), at(0.1 * e, 0.05, -far)) for e in (0, 1)])
+    turns = grid.uniform(-2, 2, (2, 5, 3)) * posts
+    placed = [[at(*p, turn) for p, turn in zip(*both)] for both in zip(spread, turns)]
+    now = np.concatenate([poses(*placed[e], at(0.1 * e, 0.05, -far)) for e in (0, 1)])
     images = []
     for trees in (False, True):
         if trees:
@@ -87,6 +91,32 @@ def test_grids_hide_what_trees_do(far, split, without_grids):
             hidden = shading.shadow_pass.hidden.numpy()
             assert all(((hidden >> bit) & 1).any() for bit in range(len(LIGHTS)))
     assert np.array_equal(*images)
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+def test_cells_hold_the_boxes_that_are_seen_in_them_and_hardly_others(parallel):
+    """By points spread through thin boxes at all angles, some of them beside or behind the light."""
+    rng, tall = np.random.default_rng(3), 1.7
+    turns = se3.to_matrix(se3.normalize(rng.normal(size=(60, 4))))
+    middles = rng.uniform((-3, -3, -0.5), (3, 3, 4), (60, 3))
+    half = np.array([0.02, 0.03, 0.8])
+    corners = middles[:, None] + np.einsum("nij,kj->nki", turns, SIGNS * half)
+    starts, entries = fill(corners, tall, parallel, 1e-9)
+    cells = np.repeat(np.arange(SIDE * SIDE), np.diff([*starts, len(entries)]))
+    listed = set(zip(entries[:, 0].tolist(), cells.tolist()))
+    seen: set[tuple[int, int]] = set()
+    for n in range(60):
+        points = middles[n] + rng.uniform(-1, 1, (100_000, 3)) * half @ turns[n].T
+        points = points[points[:, 2] > 0.02]
+        at = points[:, :2] / (tall if parallel else tall * points[:, 2:])
+        place = np.floor((at[(np.abs(at) < 1).all(axis=1)] + 1) * (SIDE / 2)).astype(int)
+        seen |= {(n, cell) for cell in np.unique(place[:, 1] * SIDE + place[:, 0]).tolist()}
+    assert seen <= listed
+    ahead = {n for n in range(60) if (corners[n, :, 2] > 0.02).all()}
+    assert 20 < len(ahead) < 60
+    of_these = [sum(n in ahead for n, _ in found) for found in (listed, seen)]
+    # More by those that a box touches with a corner alone, or an edge.
+    assert of_these[0] < 1.35 * of_these[1]
 
 
 SUN = np.array([0.9, -0.4, 1.0])

@@ -14,7 +14,7 @@ from nodes.interpolator.refine.probing.visits import sides_of
 from nodes.interpolator.rigid.placement import Placement
 from nodes.interpolator.rigid.slots import Poses
 from nodes.renderer.raster.visibility import Visibility
-from nodes.renderer.shadows.occlusion import half_extents
+from nodes.renderer.shadows.boxes import half_extents
 
 EVEN = 0.25
 """Distance [px] from a straight way up to which a thing counts as on it."""
