@@ -8,7 +8,10 @@ import warp as wp
 from refine_rig import box, refined
 from rigid_rig import FOCAL, GAP, HEIGHT, START, WIDTH, closed_form, keyframe, lamp, plain, pose, quad, world
 
+from evis.scene.mesh.shapes import disk
+from evis.scene.model import Mesh
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
+from nodes.interpolator.refine.light.outlines import finest_half
 from nodes.interpolator.refine.light.passing_kernels import key_of
 from nodes.interpolator.refine.method import Refined
 from nodes.interpolator.refine.rounds import Rounds
@@ -281,3 +284,64 @@ def test_a_gpu_finds_the_same_shadows():
 def test_focal_length_is_that_of_the_closed_form():
     """Of the rig, which `shadow_times` goes by."""
     assert rod(0.01, 1.0).cameras[0].k[0, 0] == FOCAL
+
+
+def spokes(count, inner, outer, half):
+    """A wheel of flat spokes that is one mesh with holes, about z."""
+    angle = 2 * np.pi * np.arange(count)[:, None] / count
+    along, aside = np.hstack([np.cos(angle), np.sin(angle)]), np.hstack([-np.sin(angle), np.cos(angle)])
+    ends = [inner * along - half * aside, outer * along - half * aside, outer * along + half * aside]
+    corners = np.stack([*ends, inner * along + half * aside], axis=1).reshape(-1, 2)
+    first = 4 * np.arange(count)[:, None]
+    faces = np.concatenate([first + np.array(corner) for corner in ((0, 1, 2), (0, 2, 3))])
+    return Mesh(np.pad(corners, ((0, 0), (0, 1))).astype(np.float32), faces.astype(np.int32))
+
+
+def test_parts_and_holes_of_a_mesh_are_as_wide_as_they_were_made():
+    """A spoke seen at an angle is wider along a row: from 2 half on; a hole between two at the rim is not finer."""
+    half = 0.012
+    width = 2 * finest_half(spokes(12, 0.05, 0.35, half))
+    assert 2 * half * 0.95 < width[0] < 2 * half * 1.3
+    assert 2 * half * 0.95 < width[1] < 2 * half * 1.3
+    assert width[2] == 0.0
+
+
+def test_a_comb_is_as_fine_as_its_teeth_or_the_gaps_between_them():
+    teeth = [quad(0.5).vertices * np.float32([0.02, 1.0, 1.0]) + np.float32([0.05 * n, 0, 0]) for n in range(10)]
+    faces = np.concatenate([quad(0.5).faces + 4 * n for n in range(10)])
+    width = 2 * finest_half(Mesh(np.concatenate(teeth), faces))
+    np.testing.assert_allclose(width[:2], [min(0.02, 0.05 - 0.02), 1.0], rtol=0.05)
+
+
+def test_what_is_round_is_hardly_finer_than_it_is_large():
+    """Of a disk's rows a tenth is shorter than 0.436 of its diameter: 1 - sqrt(1 - c^2 / 4) = 0.1, c in radii."""
+    mesh = disk(0.5)
+    np.testing.assert_allclose(2 * finest_half(Mesh(mesh.vertices, mesh.faces))[:2], 0.436, atol=0.03)
+
+
+def test_the_light_between_the_spokes_of_a_wheel():
+    """At a point of the wall the shadows of spokes come by, each for 2 half / (radius rate); as many are found as the
+    closed form has them."""
+    count, half, rate, radius = 12, 0.012, 300.0, 0.3
+    turn = Prescribed(pose(0, -1.4, ROD), [Spin(np.array([0.0, 0.0, 1.0]), rate)])
+    wheel = (spokes(count, 0.05, 0.8, half), plain(0.2), turn)
+    scene = world(
+        [(quad(6.0), plain(0.5), Prescribed(pose(z=WALL))), wheel], lights=[replace(lamp(), vector=LIGHT)], sky=0.05
+    )
+    frames, (pixels, ns, values) = refined(scene, K, TOLERANCE)
+    usual = np.median(frames, axis=0).ravel()
+    k = scene.cameras[0].k
+    u, v = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
+    share = ROD / WALL
+    x = share * WALL * (u - k[0, 2]) / k[0, 0]
+    y = LIGHT[1] + share * (WALL * (v - k[1, 2]) / k[1, 1] - LIGHT[1]) + 1.4
+    apart = np.hypot(x, y).ravel()
+    ring = np.flatnonzero((apart > radius) & (apart < 0.75))
+    assert len(ring) > 200
+    # Whether a pixel is dark at each sample, in the order of time; changes of that are a spoke's edges.
+    order = np.lexsort((ns, pixels))
+    pixels, dark = pixels[order], values[order] < 0.7 * usual[pixels[order]]
+    flips = np.bincount(pixels[1:][(dark[1:] != dark[:-1]) & (pixels[1:] == pixels[:-1])], minlength=usual.size)
+    edges = 2 * count * rate * GAP * 1e-9 / (2 * np.pi)
+    assert np.abs(flips[ring] - edges).max() <= 2
+    assert abs(flips[ring].mean() - edges) < 0.05 * edges

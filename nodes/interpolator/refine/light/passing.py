@@ -12,13 +12,14 @@ import warp as wp
 from evis.geometry import se3
 from nodes.interpolator.refine.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
+from nodes.interpolator.refine.light.outlines import finest_halves
 from nodes.interpolator.refine.light.passing_kernels import make_find_passing
 from nodes.interpolator.refine.probing.visit_kernels import find_briefest, find_turns
 from nodes.interpolator.refine.probing.visits import boxes_of
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.slots import Poses
 from nodes.renderer.lights.lights import fixed_vectors
-from nodes.renderer.shadows.occlusion import half_extents
+from nodes.renderer.shadows.boxes import half_extents
 
 MOST = 64
 """Parts of a coarse interval, at most: as many as a number has bits."""
@@ -49,7 +50,8 @@ class Passing:
         scene, geometry = v.scene, v.geometry
         self._rigid, self._changes = rigid, changes_of(rigid)
         half, moving = half_extents(v), np.isin(geometry.body, movers) & (geometry.body != v.camera_body)
-        self._boxes, self._count = boxes_of(v, movers, np.flatnonzero(moving))
+        fine = finest_halves(v) if self._changes.passes else half
+        self._boxes, self._count = boxes_of(v, movers, np.flatnonzero(moving), fine)
         places, axes, *_ = fixed_vectors(scene.lights)
         carried = [l for l, light in enumerate(scene.lights) if light.body in movers]
         lamps = [l for l in carried if scene.lights[l].shadows]
@@ -61,7 +63,7 @@ class Passing:
         beams = [l for l in carried if scene.lights[l].kind == "spot"]
         self._beam_mover = np.searchsorted(movers, [scene.lights[l].body for l in beams]).astype(np.int64)
         self._beams, self._cones = axes[beams], np.array([2 * scene.lights[l].cone[1] for l in beams])
-        widths = np.sort(half[~moving], axis=1)[:, 1]
+        widths = np.sort(fine[~moving], axis=1)[:, 1]
         self._thinnest = float(widths[widths > 0].min(initial=np.inf)) * 2
         self._near = TURNED / max(v.view.fx, v.view.fy)
         self.bits = wp.empty((0, 0, 0), dtype=wp.uint64, device=v.device)
@@ -128,8 +130,9 @@ class Passing:
             self.bits = wp.zeros(shape, dtype=wp.uint64, device=self._rigid.visibility.device)
 
     def _shortest(self, moved: np.ndarray, eye: np.ndarray, apart_ns: np.ndarray) -> np.ndarray:
-        """Gives the shortest time, float64 [E] ns, for which the shadow of something is on a point, its width over its
-        speed with the lamp's, or that of what goes to and fro, or a beam that turns.
+        """Gives the shortest time, float64 [E] ns, for which the shadow of something, or the light through a hole in
+        it, is on a point, its width over its speed with the lamp's, or that of what goes to and fro, or a beam that
+        turns.
 
         moved: poses of the movers at all instants, float64 [n, E, M, 7], apart_ns [E] from each other. eye: of the
         cameras, float64 [E, 7].

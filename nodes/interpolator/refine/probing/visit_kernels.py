@@ -10,12 +10,16 @@ PIECES = wp.constant(64)
 
 @wp.struct
 class Boxes:
-    """Holds the boxes of things: which of the bodies that move they are on [J], where on it, and half their sides."""
+    """Holds the boxes of things: which of the bodies that move they are on [J], where on it, and half their sides.
+
+    fine: half of how wide their parts and holes are along these sides, for `find_briefest`.
+    """
 
     mover: wp.array(dtype=int)
     rotation: wp.array(dtype=wp.mat33d)
     translation: wp.array(dtype=wp.vec3d)
     half: wp.array(dtype=wp.vec3d)
+    fine: wp.array(dtype=wp.vec3d)
 
 
 @wp.func
@@ -140,8 +144,8 @@ def find_briefest(
     # out
     briefest: wp.array3d(dtype=wp.float64),
 ):
-    """Computes for how many instants the shadow of a box [n, E, J] is on a point at least: its width along the way of
-    the middle of it or of a side, over that way from one instant to the next.
+    """Computes for how many instants the shadow of a box [n, E, J], or of a part or a hole in it, is on a point at
+    least: its width along the way of the middle of the box or of a side, over that way from one instant to the next.
 
     shine [E]: way of the lamps meanwhile [m]. first [n]: instants. poses [instants, E, M] of what moves.
     """
@@ -151,6 +155,7 @@ def find_briefest(
     turn = boxes.rotation[j]
     axes = turned(before) * turn
     half = boxes.half[j]
+    fine = boxes.fine[j]
     least = wp.float64(wp.inf)
     for p in range(7):
         at = boxes.translation[j]
@@ -161,7 +166,7 @@ def find_briefest(
         length = wp.length(way)
         if length > wp.float64(0.0):
             along = wp.transpose(axes) * way
-            sides = wp.abs(along[0]) * half[0] + wp.abs(along[1]) * half[1] + wp.abs(along[2]) * half[2]
+            sides = wp.abs(along[0]) * fine[0] + wp.abs(along[1]) * fine[1] + wp.abs(along[2]) * fine[2]
             if sides > wp.float64(0.0):
                 least = wp.min(least, wp.float64(2.0) * sides / length / (length + shine[env]))
     briefest[n, env, j] = least

@@ -12,7 +12,7 @@ from nodes.interpolator.refine.probing.visit_kernels import Boxes, find_visits
 from nodes.interpolator.rigid.placement import Placement
 from nodes.interpolator.rigid.slots import Poses
 from nodes.renderer.raster.visibility import Visibility
-from nodes.renderer.shadows.occlusion import half_extents
+from nodes.renderer.shadows.boxes import half_extents
 
 TWICE = 2
 """Z-buffers in which a thing is seen that visits the image."""
@@ -56,14 +56,19 @@ class Visits:
         return np.where(found > 0, needed, 2 * most)
 
 
-def boxes_of(visibility: Visibility, movers: np.ndarray, which: np.ndarray) -> tuple[Any, int]:
-    """Makes Boxes of some instances, on the host, where the poses are, and tells how many there are."""
+def boxes_of(
+    visibility: Visibility, movers: np.ndarray, which: np.ndarray, fine: np.ndarray | None = None
+) -> tuple[Any, int]:
+    """Makes Boxes of some instances, on the host, where the poses are, and tells how many there are. fine: of all
+    instances, float64 [I, 3] m, where it is asked for."""
     geometry, boxes = visibility.geometry, Boxes()
     with wp.ScopedDevice("cpu"):
         boxes.mover = wp.array(np.searchsorted(movers, geometry.body[which]).astype(np.int32), dtype=wp.int32)
         boxes.rotation = wp.array(geometry.rotation[which], dtype=wp.mat33d)
         boxes.translation = wp.array(geometry.translation[which], dtype=wp.vec3d)
         boxes.half = wp.array(half_extents(visibility)[which], dtype=wp.vec3d)
+        if fine is not None:
+            boxes.fine = wp.array(fine[which], dtype=wp.vec3d)
     return boxes, len(which)
 
 

@@ -1,0 +1,70 @@
+"""How wide the parts and the holes of meshes are, seen along their axes: what their shadows have in light and dark."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from evis.scene.model import Mesh
+from nodes.interpolator.refine.light.outline_kernels import look_along
+from nodes.renderer.geometry.triangles import SHELL_CONVEX
+from nodes.renderer.raster.visibility import Visibility
+from nodes.renderer.shadows.boxes import box_halves, half_extents
+
+LINES, PLACES = 48, 512
+"""Lines across an outline, and places on each at which it is looked whether there is something."""
+FINE = 0.1
+"""Part of the parts and holes of an outline that may be narrower: a round thing is narrow where it ends."""
+FLAT = 1e-4
+"""Thickness of a mesh, of its size, up to which it is not looked at from aside."""
+
+
+def finest_halves(visibility: Visibility) -> np.ndarray:
+    """Gives half of how wide, at least, parts and holes of each instance are along the axes of its own frame, float64
+    [I, 3] m: half the sides of what is convex."""
+    geometry = visibility.geometry
+
+    def found() -> np.ndarray:
+        known: dict[int, np.ndarray] = {}
+        halves = half_extents(visibility).copy()
+        whole = (geometry.shell == SHELL_CONVEX) | (box_halves(visibility) > 0).any(axis=1)
+        for instance in np.flatnonzero(~whole):
+            mesh = geometry.meshes[instance]
+            if len(mesh.faces):
+                if id(mesh) not in known:
+                    known[id(mesh)] = finest_half(mesh)
+                halves[instance] = np.minimum(halves[instance], known[id(mesh)])
+        return halves
+
+    return geometry.once("finest halves", found)
+
+
+def finest_half(mesh: Mesh) -> np.ndarray:
+    """Measures a mesh with faces: half the width along each axis below which FINE of the parts and holes are, of its
+    outline seen along another axis, float64 [3] m."""
+    points = np.asarray(mesh.vertices, np.float64)[np.asarray(mesh.faces)]
+    low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
+    size = high - low
+    finest = size / 2
+    with wp.ScopedDevice("cpu"):
+        corners: wp.array = wp.array(points.reshape(-1, 3) - low, dtype=wp.vec3)
+        order: wp.array = wp.array(np.arange(3 * len(points)), dtype=wp.int32)
+        there = wp.Mesh(corners, order)
+        for ahead in range(3):
+            across = [axis for axis in range(3) if axis != ahead]
+            if (size[across] <= FLAT * size.max()).any():
+                continue
+            for along, beside in (across, across[::-1]):
+                seen: wp.array = wp.empty((LINES, PLACES), dtype=wp.int8)
+                wp.launch(look_along, seen.shape, [there.id, wp.vec3(*size), along, beside, ahead], [seen])
+                widths = widths_of(seen.numpy()) * (size[along] / PLACES)
+                finest[along] = min(finest[along], float(np.quantile(widths, FINE)) / 2)
+    return finest
+
+
+def widths_of(seen: np.ndarray) -> np.ndarray:
+    """Gives how many places each part, and each hole between two parts, takes on lines [n, places]; int [any]."""
+    walls = np.pad(seen != 0, ((0, 0), (1, 1)))
+    line, place = np.nonzero(walls[:, 1:] != walls[:, :-1])
+    # An edge to the next one of the same line: parts and holes in turn.
+    return np.diff(place)[np.diff(line) == 0]
