@@ -345,3 +345,27 @@ def test_the_light_between_the_spokes_of_a_wheel():
     edges = 2 * count * rate * GAP * 1e-9 / (2 * np.pi)
     assert np.abs(flips[ring] - edges).max() <= 2
     assert abs(flips[ring].mean() - edges) < 0.05 * edges
+
+
+def test_how_dark_a_passing_shadow_gets_under_an_area_light():
+    """A rod narrower than the lamp hides part of it at once: the darkest sample is as dark as the darkest of 200
+    images, though the middle of the lamp alone would tell of two changes only."""
+    speed = 60.0
+    scene = rod(0.5 * 0.2 * GAP / K * 1e-9 * speed, speed)
+    sides = {"half_u": np.array([0.04, 0.0, 0.0]), "half_v": np.array([0.0, 0.0, 0.02])}
+    sides["colour"] = 5000.0 * scene.lights[0].colour
+    panel = replace(scene.lights[0], kind="area", direction=np.array([0.0, 1.0, 1.0]), **sides)
+    scene.lights[0] = replace(panel, half_v=np.array([0.0, 0.02, -0.02]))
+    frames, (pixels, _, values) = refined(scene, K, TOLERANCE)
+    found = frames.min(axis=0).ravel()
+    np.minimum.at(found, pixels, values)
+    renderer = Renderer(scene, scene.cameras[0])
+    darkest = np.full(found.shape, np.inf)
+    for stamp in np.linspace(START, START + GAP, 201).round().astype(np.int64):
+        poses = closed_form(scene, np.array([stamp])).pose[:, 0]
+        image = renderer.render(poses, None, ("luminance",), {}, int(stamp))["luminance"]
+        darkest = np.minimum(darkest, image.ravel())
+    crossed = darkest < 0.8 * np.median(frames, axis=0).ravel()
+    assert crossed.sum() > 500
+    # The image may have been darker for an instant; a step of its 16 shadow rays is a tenth and more of the light.
+    assert (found[crossed] < 1.25 * darkest[crossed]).mean() > 0.9

@@ -33,6 +33,8 @@ FALL = 4.0
 PER_TURN, LOOKED_FOR, TURNED = 3, 64, 0.25
 """Parts of the time between two turns of what goes to and fro, instants of a gap at which it is looked for, and how far
 it has to go [px]."""
+SOFT = 4
+"""Looks in that time under a light with an area, where a shadow is at its darkest for a part of it alone."""
 BOXES, FEWEST = 1 << 9, 8
 """Boxes of an environment whose speeds are worked out, at most, unless they are of so few times in a gap."""
 
@@ -66,6 +68,7 @@ class Passing:
         widths = np.sort(fine[~moving], axis=1)[:, 1]
         self._thinnest = float(widths[widths > 0].min(initial=np.inf)) * 2
         self._near = TURNED / max(v.view.fx, v.view.fy)
+        self._looks = SOFT if any(light.kind == "area" and light.shadows for light in scene.lights) else 1
         self.bits = wp.empty((0, 0, 0), dtype=wp.uint64, device=v.device)
 
     @cached_property
@@ -132,7 +135,7 @@ class Passing:
     def _shortest(self, moved: np.ndarray, eye: np.ndarray, apart_ns: np.ndarray) -> np.ndarray:
         """Gives the shortest time, float64 [E] ns, for which the shadow of something, or the light through a hole in
         it, is on a point, its width over its speed with the lamp's, or that of what goes to and fro, or a beam that
-        turns.
+        turns; a part of that under area lights.
 
         moved: poses of the movers at all instants, float64 [n, E, M, 7], apart_ns [E] from each other. eye: of the
         cameras, float64 [E, 7].
@@ -168,4 +171,4 @@ class Passing:
             # A shadow's edge is on most points that it comes over for a part of the time between two turns.
             turned = turns.numpy().min(axis=1) / PER_TURN
             shortest = np.minimum(shortest, np.minimum(found.numpy().min(axis=(0, 2)), turned))
-        return apart_ns * shortest
+        return apart_ns * shortest / self._looks

@@ -9,7 +9,7 @@ from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, ends_of, e
 from nodes.interpolator.relight.change_kernels import MOVED, SHADED, Change, make_narrowed, point_of
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.plan_kernels import joined
-from nodes.renderer.lights.light_kernels import SPOT, make_directions
+from nodes.renderer.lights.light_kernels import AREA, SPOT, make_directions
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.shadows.ray_kernels import LIFT, make_occlusion
@@ -62,7 +62,8 @@ def make_find_passing(changes: LightChanges, trees: bool) -> wp.Kernel:
     @wp.func
     def hidden_lamps(change: Change, flag: int, row: int, hit: wp.uint64, d: wp.vec3):
         """Gives the sum of the keys of lamps that something may move before and that are hidden from what a ray sees,
-        and of spots whose beam passes by it. flag: of `narrowed`."""
+        and of spots whose beam passes by it. Of area lights the corners have keys of their own, since a shadow that is
+        narrower than the light comes and goes between them. flag: of `narrowed`."""
         keys = NOTHING
         s = point_of(change, change.casters, row, hit, depth_of(hit) * d)
         casters = change.casters
@@ -77,6 +78,17 @@ def make_find_passing(changes: LightChanges, trees: bool) -> wp.Kernel:
                         away = occluded(casters, row, first, casters.order.shape[0], s.skip, origin, ray, length)
                     if away:
                         keys += key_of(l)
+                    if wp.static(changes.area):
+                        if change.now.kind[l] == AREA and change.now.shadow[l] == 1:
+                            for corner in range(1, 5):
+                                u = wp.where(corner < 3, -1.0, 1.0) * change.now.half_u[row, l]
+                                v = wp.where(corner % 2 == 0, -1.0, 1.0) * change.now.half_v[row, l]
+                                way = length * ray + u + v
+                                far = wp.length(way)
+                                if occluded(
+                                    casters, row, first, casters.order.shape[0], s.skip, origin, way / far, far
+                                ):
+                                    keys += key_of(corner * change.now.kind.shape[0] + l)
         return keys
 
     @wp.kernel(module="unique", enable_backward=False)
