@@ -11,7 +11,7 @@ from rigid_rig import FOCAL, GAP, HEIGHT, START, WIDTH, closed_form, keyframe, l
 from evis.scene.mesh.shapes import disk
 from evis.scene.model import Mesh
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
-from nodes.interpolator.refine.light.outlines import finest_half
+from nodes.interpolator.refine.light.outlines import PLACES, finest_half
 from nodes.interpolator.refine.light.passing_kernels import key_of
 from nodes.interpolator.refine.method import Refined
 from nodes.interpolator.refine.rounds import Rounds
@@ -317,6 +317,13 @@ def test_what_is_round_is_hardly_finer_than_it_is_large():
     """Of a disk's rows a tenth is shorter than 0.436 of its diameter: 1 - sqrt(1 - c^2 / 4) = 0.1, c in radii."""
     mesh = disk(0.5)
     np.testing.assert_allclose(2 * finest_half(Mesh(mesh.vertices, mesh.faces))[:2], 0.436, atol=0.03)
+
+
+def test_a_wire_too_thin_to_be_met_is_as_wide_as_a_place():
+    """Aslant, a millionth of its length wide: no ray of the outline meets it, and that is no error."""
+    wire = np.array([(0, 0, 0), (1, 1, 0), (1, 1 + 1e-6, 0)], np.float32)
+    width = 2 * finest_half(Mesh(wire, np.array([[0, 1, 2]], np.int32)))
+    np.testing.assert_allclose(width, [1 / PLACES, 1 / PLACES, 0.0], rtol=1e-4, atol=1e-9)
 
 
 def test_the_light_between_the_spokes_of_a_wheel():

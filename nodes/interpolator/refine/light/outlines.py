@@ -19,16 +19,16 @@ FLAT = 1e-4
 """Thickness of a mesh, of its size, up to which it is not looked at from aside."""
 
 
-def finest_halves(visibility: Visibility) -> np.ndarray:
+def finest_halves(visibility: Visibility, asked: np.ndarray) -> np.ndarray:
     """Gives half of how wide, at least, parts and holes of each instance are along the axes of its own frame, float64
-    [I, 3] m: half the sides of what is convex."""
+    [I, 3] m: half the sides of what is convex, and of what is not `asked` for, bool [I]."""
     geometry = visibility.geometry
 
     def found() -> np.ndarray:
         known: dict[int, np.ndarray] = {}
         halves = half_extents(visibility).copy()
         whole = (geometry.shell == SHELL_CONVEX) | (box_halves(visibility) > 0).any(axis=1)
-        for instance in np.flatnonzero(~whole):
+        for instance in np.flatnonzero(asked & ~whole):
             mesh = geometry.meshes[instance]
             if len(mesh.faces):
                 if id(mesh) not in known:
@@ -36,12 +36,12 @@ def finest_halves(visibility: Visibility) -> np.ndarray:
                 halves[instance] = np.minimum(halves[instance], known[id(mesh)])
         return halves
 
-    return geometry.once("finest halves", found)
+    return geometry.once(("finest halves", asked.tobytes()), found)
 
 
 def finest_half(mesh: Mesh) -> np.ndarray:
     """Measures a mesh with faces: half the width along each axis below which FINE of the parts and holes are, of its
-    outline seen along another axis, float64 [3] m."""
+    outline seen along another axis, float64 [3] m; that of a place where it is so thin that no place shows it."""
     points = np.asarray(mesh.vertices, np.float64)[np.asarray(mesh.faces)]
     low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
     size = high - low
@@ -57,8 +57,9 @@ def finest_half(mesh: Mesh) -> np.ndarray:
             for along, beside in (across, across[::-1]):
                 seen: wp.array = wp.empty((LINES, PLACES), dtype=wp.int8)
                 wp.launch(look_along, seen.shape, [there.id, wp.vec3(*size), along, beside, ahead], [seen])
-                widths = widths_of(seen.numpy()) * (size[along] / PLACES)
-                finest[along] = min(finest[along], float(np.quantile(widths, FINE)) / 2)
+                widths = widths_of(seen.numpy())
+                places = float(np.quantile(widths, FINE)) if len(widths) else 1.0
+                finest[along] = min(finest[along], places * size[along] / PLACES / 2)
     return finest
 
 

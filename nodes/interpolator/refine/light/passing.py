@@ -52,11 +52,13 @@ class Passing:
         scene, geometry = v.scene, v.geometry
         self._rigid, self._changes = rigid, changes_of(rigid)
         half, moving = half_extents(v), np.isin(geometry.body, movers) & (geometry.body != v.camera_body)
-        fine = finest_halves(v) if self._changes.passes else half
-        self._boxes, self._count = boxes_of(v, movers, np.flatnonzero(moving), fine)
         places, axes, *_ = fixed_vectors(scene.lights)
         carried = [l for l, light in enumerate(scene.lights) if light.body in movers]
         lamps = [l for l in carried if scene.lights[l].shadows]
+        # What stands still counts under a lamp that moves alone.
+        asked = moving | bool(lamps) if self._changes.passes else np.zeros_like(moving)
+        fine = finest_halves(v, asked)
+        self._boxes, self._count = boxes_of(v, movers, np.flatnonzero(moving), fine)
         self._lamp_mover = np.searchsorted(movers, [scene.lights[l].body for l in lamps]).astype(np.int64)
         # A light far away sweeps over what throws shadows as one does that is as far as these may fall.
         far = FALL * float(geometry.radius[(half > 0).all(axis=1)].max(initial=0.0))
