@@ -8,7 +8,7 @@ import warp as wp
 from refine_rig import box, refined
 from rigid_rig import FOCAL, GAP, HEIGHT, START, WIDTH, closed_form, keyframe, lamp, plain, pose, quad, world
 
-from evis.scene.mesh.shapes import disk
+from evis.scene.mesh.shapes import disk, sphere
 from evis.scene.model import Mesh
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
 from nodes.interpolator.refine.light.outlines import PLACES, finest_half
@@ -79,16 +79,17 @@ def found_times(scene, bright=False, **how):
     return np.where(np.isfinite(low), [low, high], np.nan).reshape(2, *shape)
 
 
-def check(expected, found, thickness=0.0):
+def check(expected, found, thickness=0.0, least=0.85):
     """Of all pixels over which something passes between two frames, the times are those of the closed form.
 
-    thickness: by how much a rod's adds to the time, of the time."""
+    thickness: by how much a thing's shape adds to the time, of the time. least: the shortest time that counts, of the longest.
+    """
     # A frame that it is on tells anyway.
     edge = GAP / K
     within = (expected[0] // edge == expected[1] // edge) & (expected[0] > 0.02 * edge) & (expected[1] < GAP)
     within &= (expected[0] % edge > 0.05 * edge) & (expected[1] % edge < 0.95 * edge)
-    # The border of a beam is on a point for a shorter time than those that are looked for.
-    within &= expected[1] - expected[0] > 0.85 * np.nanmax(expected[1] - expected[0])
+    # What is round is on a point at its border for a shorter time than those that are looked for.
+    within &= expected[1] - expected[0] > least * np.nanmax(expected[1] - expected[0])
     assert within.sum() > 200
     missing = np.isnan(found[0]) & within
     assert missing.sum() <= 0.005 * within.sum()
@@ -136,7 +137,29 @@ def test_a_beam_that_turns(cone, shadows):
     with np.errstate(invalid="ignore"):
         aside = np.arccos(np.cos(cone) / (flat / np.hypot(flat, y)))
     expected = np.array([(np.arctan2(x, 1.0) + side * aside) / rate * 1e9 + GAP / 2 for side in (-1, 1)])
-    check(expected, found_times(scene, bright=True))
+    check(expected, found_times(scene, bright=True), least=0.45)
+
+
+def test_the_shadow_of_a_ball():
+    """A point is in it while the line from the lamp comes closer to the ball's middle than its radius."""
+    speed, radius, middle = 60.0, 0.5 * 0.7 * GAP / K * 1e-9 * 60.0, (START + GAP / 2) * 1e-9
+    flight = Prescribed(pose(-speed * middle, -1.4, ROD), [Linear(np.array([speed, 0.0, 0.0]))])
+    things = [(quad(6.0), plain(0.5), Prescribed(pose(z=WALL))), (sphere(radius), plain(0.2), flight)]
+    scene = world(things, lights=[replace(lamp(), vector=LIGHT)])
+    k = scene.cameras[0].k
+    u, v = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
+    points = np.stack([WALL * (u - k[0, 2]) / k[0, 0], WALL * (v - k[1, 2]) / k[1, 1], np.full(u.shape, WALL)], -1)
+    ways = (points - LIGHT) / np.linalg.norm(points - LIGHT, axis=-1, keepdims=True)
+    # Squared distance of the ball's middle from the line, a + 2 b t + c t^2, t from the middle of the gap on.
+    beside = np.array([0.0, -1.4, ROD]) - LIGHT
+    beside = beside - (ways @ beside)[..., None] * ways
+    onward = np.array([speed, 0.0, 0.0]) - speed * ways[..., :1] * ways
+    a, b, c = (beside**2).sum(-1) - radius**2, (beside * onward).sum(-1), (onward**2).sum(-1)
+    with np.errstate(invalid="ignore"):
+        half = np.sqrt(b**2 - a * c) / c
+    expected = np.array([(-b / c + side * half) * 1e9 + GAP / 2 for side in (-1, 1)])
+    # The mesh's flat faces are within the ball.
+    check(expected, found_times(scene), thickness=0.02, least=0.45)
 
 
 @wp.kernel

@@ -7,7 +7,6 @@ import warp as wp
 
 from evis.scene.model import Mesh
 from nodes.interpolator.refine.light.outline_kernels import look_along
-from nodes.renderer.geometry.triangles import SHELL_CONVEX
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.shadows.boxes import box_halves, half_extents
 
@@ -21,13 +20,13 @@ FLAT = 1e-4
 
 def finest_halves(visibility: Visibility, asked: np.ndarray) -> np.ndarray:
     """Gives half of how wide, at least, parts and holes of each instance are along the axes of its own frame, float64
-    [I, 3] m: half the sides of what is convex, and of what is not `asked` for, bool [I]."""
+    [I, 3] m: half the sides of a box, and of what is not `asked` for, bool [I]."""
     geometry = visibility.geometry
 
     def found() -> np.ndarray:
         known: dict[int, np.ndarray] = {}
         halves = half_extents(visibility).copy()
-        whole = (geometry.shell == SHELL_CONVEX) | (box_halves(visibility) > 0).any(axis=1)
+        whole = (box_halves(visibility) > 0).any(axis=1)
         for instance in np.flatnonzero(asked & ~whole):
             mesh = geometry.meshes[instance]
             if len(mesh.faces):

@@ -25,6 +25,9 @@ MOST = 64
 """Parts of a coarse interval, at most: as many as a number has bits."""
 SEEN = 0.8
 """Length of a part, of the time for which the thinnest shadow is on a point: then it is seen in one of them."""
+ROUND = 0.5
+"""What a beam's width counts: it is round, and on a seventh of the points that it passes for less than half as long as
+on those in its middle."""
 LOOKED_AT_NS, LOOKS, SHORT_NS, USUAL_NS = 2_000_000_000, 33, 50_000, 10_000_000
 """Time of prescribed motion that is looked at beforehand, at so many places, how long at each, and the longest coarse
 interval that is usual: 8.3 ms at 30 keyframes per second."""
@@ -66,7 +69,7 @@ class Passing:
         self._fixed = np.array([scene.lights[l].kind == "directional" for l in lamps], bool)
         beams = [l for l in carried if scene.lights[l].kind == "spot"]
         self._beam_mover = np.searchsorted(movers, [scene.lights[l].body for l in beams]).astype(np.int64)
-        self._beams, self._cones = axes[beams], np.array([2 * scene.lights[l].cone[1] for l in beams])
+        self._beams, self._cones = axes[beams], np.array([2 * ROUND * scene.lights[l].cone[1] for l in beams])
         widths = np.sort(fine[~moving], axis=1)[:, 1]
         self._thinnest = float(widths[widths > 0].min(initial=np.inf)) * 2
         self._near = TURNED / max(v.view.fx, v.view.fy)
