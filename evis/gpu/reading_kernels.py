@@ -48,6 +48,28 @@ def matrix_at(values: wp.array2d(dtype=wp.mat33), at: wp.int32) -> wp.mat33:
     ...
 
 
+@wp.func_native("return values.data[at];")
+def corners_at(values: wp.array(dtype=wp.vec3i), at: wp.int32) -> wp.vec3i:
+    """Reads which vertices a triangle has by its place in memory."""
+    ...
+
+
+WHOLE_FOUR = """
+#if defined(__CUDA_ARCH__)
+    const int4 all = __ldg(reinterpret_cast<const int4*>(values.data) + at);
+    return wp::vec_t<4, wp::int32>(all.x, all.y, all.z, all.w);
+#else
+    return values.data[at];
+#endif
+"""
+
+
+@wp.func_native(WHOLE_FOUR)
+def whole_four(values: wp.array(dtype=wp.vec4i), at: wp.int32) -> wp.vec4i:
+    """Reads four integers at once, as `number` does."""
+    ...
+
+
 PAIR = """
     const float* first = values.data + at;
 #if defined(__CUDA_ARCH__)

@@ -7,6 +7,10 @@ from nodes.renderer.raster.lens.view_kernels import CameraView
 wp.set_module_options({"enable_backward": False})
 
 
+SLACK = wp.constant(0.01)
+"""How far bounds are beyond the corners [px]: more than these are rounded by, and than a triangle is widened by."""
+
+
 @wp.func
 def grow(view: CameraView, box: wp.vec4, p: wp.vec3, slack: float):
     """Gives the image bounds (x min, x max, y min, y max) with the projection of p, kept inside what an int can
@@ -93,21 +97,43 @@ def facing(a: wp.vec3, b: wp.vec3, c: wp.vec3, two_sided: int):
 
 
 @wp.func
+def ahead(view: CameraView, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+    """Gives the same as `bounds` of a triangle all of which is beyond the near plane."""
+    near_a = 1.0 / a[2]
+    near_b = 1.0 / b[2]
+    near_c = 1.0 / c[2]
+    left = wp.min(a[0] * near_a, wp.min(b[0] * near_b, c[0] * near_c))
+    right = wp.max(a[0] * near_a, wp.max(b[0] * near_b, c[0] * near_c))
+    top = wp.min(a[1] * near_a, wp.min(b[1] * near_b, c[1] * near_c))
+    bottom = wp.max(a[1] * near_a, wp.max(b[1] * near_b, c[1] * near_c))
+    x = view.cx + float(view.margin)
+    y = view.cy + float(view.margin)
+    w = float(view.width)
+    h = float(view.height)
+    return wp.vec4(
+        wp.clamp(view.fx * left + (x - SLACK), -1.0, w),
+        wp.clamp(view.fx * right + (x + SLACK), -1.0, w),
+        wp.clamp(view.fy * top + (y - SLACK), -1.0, h),
+        wp.clamp(view.fy * bottom + (y + SLACK), -1.0, h),
+    )
+
+
+@wp.func
 def bounds(view: CameraView, a: wp.vec3, b: wp.vec3, c: wp.vec3):
     """Gives what of the image a triangle before the near plane may cover: (x min, x max, y min, y max)."""
+    if wp.min(a[2], wp.min(b[2], c[2])) >= view.near:
+        return ahead(view, a, b, c)
     big = 1.0e9
     box = wp.vec4(big, -big, big, -big)
     if a[2] >= view.near:
-        box = grow(view, box, a, 0.01)
+        box = grow(view, box, a, SLACK)
     if b[2] >= view.near:
-        box = grow(view, box, b, 0.01)
+        box = grow(view, box, b, SLACK)
     if c[2] >= view.near:
-        box = grow(view, box, c, 0.01)
-    if wp.min(a[2], wp.min(b[2], c[2])) < view.near:
-        box = grow_crossing(view, box, a, b)
-        box = grow_crossing(view, box, b, c)
-        box = grow_crossing(view, box, c, a)
-    return box
+        box = grow(view, box, c, SLACK)
+    box = grow_crossing(view, box, a, b)
+    box = grow_crossing(view, box, b, c)
+    return grow_crossing(view, box, c, a)
 
 
 @wp.func

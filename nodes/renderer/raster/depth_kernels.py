@@ -20,8 +20,25 @@ def depth_of(packed: wp.uint64):
     return wp.cast(wp.uint32(packed >> wp.uint64(32)), wp.float32)
 
 
+LOWER = """
+#if defined(__CUDA_ARCH__)
+    atomicMin(reinterpret_cast<unsigned long long*>(packed.data) + at, static_cast<unsigned long long>(entry));
+#else
+    packed.data[at] = entry < packed.data[at] ? entry : packed.data[at];
+#endif
+"""
+
+
+@wp.func_native(LOWER)
+def lower(packed: wp.array3d(dtype=wp.uint64), at: wp.int64, entry: wp.uint64):
+    """Lowers an entry of the z-buffer, by its place in memory: fewer instructions than by three indices. On a CPU no
+    other thread has its row."""
+    ...
+
+
 @wp.func
 def put_depth(packed: wp.array3d(dtype=wp.uint64), env: int, y: int, x: int, z: float, triangle: int):
     """Writes a triangle at depth z >= 0 [m] into a pixel of the z-buffer, unless a nearer one is there."""
     bits = wp.uint64(wp.cast(z, wp.uint32)) << wp.uint64(32)
-    wp.atomic_min(packed, env, y, x, bits | wp.uint64(triangle))
+    row = wp.int64(env * packed.shape[1] + y)
+    lower(packed, row * wp.int64(packed.shape[2]) + wp.int64(x), bits | wp.uint64(triangle))

@@ -11,6 +11,7 @@ from functools import cache
 
 import warp as wp
 
+from evis.gpu.reading_kernels import matrix_at, number, vector_at, whole_four
 from nodes.renderer.raster.bounds_kernels import bounds, facing, holds_pixel
 from nodes.renderer.raster.lens.distortion_kernels import make_bounds, walk_rays
 from nodes.renderer.raster.lens.view_kernels import CameraView
@@ -41,6 +42,9 @@ WIDE = wp.constant(64)
 
 SMALL_REGIONS = wp.constant(256)
 LARGE_REGIONS = wp.constant(64)
+
+TILE_BITS = wp.constant(16)
+"""Bits of the column and of the row that a tile begins with."""
 
 LINE = wp.constant(32)
 """Counters of a cache line, of which one is used: those of a line take turns."""
@@ -99,15 +103,31 @@ def beside(e: wp.vec3, slack: float, left: float, right: float, top: float, bott
 def missed(view: CameraView, s: Setup, x0: int, x1: int, y0: int, y1: int):
     """Tells whether a triangle of a pinhole's image leaves out all of a tile, which is so for most tiles of a thin
     one."""
-    left = view.columns[x0]
-    right = view.columns[x1]
-    top = view.rows[y0]
-    bottom = view.rows[y1]
+    left = number(view.columns, x0)
+    right = number(view.columns, x1)
+    top = number(view.rows, y0)
+    bottom = number(view.rows, y1)
     return (
         beside(s.e0, s.slack[0], left, right, top, bottom)
         or beside(s.e1, s.slack[1], left, right, top, bottom)
         or beside(s.e2, s.slack[2], left, right, top, bottom)
     )
+
+
+@wp.func
+def placed_corners(
+    view: CameraView,
+    vertices: wp.array2d(dtype=wp.vec3),
+    triangles: wp.array(dtype=wp.vec3i),
+    rotation: wp.array2d(dtype=wp.mat33),
+    translation: wp.array2d(dtype=wp.vec3),
+    env: int,
+    i: int,
+    t: int,
+):
+    """Fetches the corners of triangle t of instance i in the camera frame of an environment."""
+    at = env * rotation.shape[1] + i
+    return corners_of(view, vertices, triangles, matrix_at(rotation, at), vector_at(translation, at), env, t)
 
 
 @cache
@@ -153,9 +173,12 @@ def make_steps(lens: str, area: int, rows: int) -> tuple[wp.Function, wp.Functio
             mine = first + tiles > large.shape[1]
             if not mine:
                 setups[there, first] = s
-            for n in range(tiles):
-                if first + n < large.shape[1]:
-                    large[there, first + n] = wp.vec4i(env, wp.where(mine, -1, t), n, first)
+            n = first
+            for y in range(s.y0, s.y1 + 1, wp.static(rows)):
+                for x in range(s.x0, s.x1 + 1, WIDE):
+                    if n < large.shape[1]:
+                        large[there, n] = wp.vec4i(env, wp.where(mine, -1, t), x | (y << TILE_BITS), first)
+                    n += 1
         if mine:
             walk_over(view, s, s.x0, s.x1, s.y0, s.y1, env, t, packed)
 
@@ -199,12 +222,12 @@ def make_listed(lens: str, area: int, rows: int) -> tuple[wp.Kernel, wp.Kernel]:
         item = tid // BLOCK_THREADS
         count = counters[0]
         while item < count:
-            block = listed[item]
+            block = whole_four(listed, item)
             env = block[0]
             i = block[1]
             t = block[2] + tid % BLOCK_THREADS
             if t < block[3]:
-                a, b, c = corners_of(view, vertices, triangles, rotation[env, i], translation[env, i], env, t)
+                a, b, c = placed_corners(view, vertices, triangles, rotation, translation, env, i, t)
                 shown, _ = shows(view, a, b, c, two_sided[i])
                 if shown:
                     region = item % SMALL_REGIONS
@@ -235,7 +258,7 @@ def make_listed(lens: str, area: int, rows: int) -> tuple[wp.Kernel, wp.Kernel]:
             workers: threads that share the list.
             instance: of each triangle [T].
             rotation, translation, vertices, triangles, small: as of `list_triangles`.
-            large: (environment, triangle, tile, place in `setups`) of each tile, by region.
+            large: (environment, triangle, first column and row, place in `setups`) of each tile, by region.
             setups: of the large triangles.
             packed: z-buffer [E, H, W].
         """
@@ -246,8 +269,7 @@ def make_listed(lens: str, area: int, rows: int) -> tuple[wp.Kernel, wp.Kernel]:
         while at < count:
             env = small[region, at][0]
             t = small[region, at][1]
-            i = instance[t]
-            a, b, c = corners_of(view, vertices, triangles, rotation[env, i], translation[env, i], env, t)
+            a, b, c = placed_corners(view, vertices, triangles, rotation, translation, env, instance[t], t)
             draw(view, env, t, a, b, c, bounds_of(view, a, b, c), counters, large, setups, packed)
             at += workers // SMALL_REGIONS
 
@@ -300,7 +322,7 @@ def make_at_once(lens: str, area: int, rows: int) -> wp.Kernel:
             if t < blocks.last[n] and not unseen(
                 view, 0, view.height, blocks, n, rotation[env, i], translation[env, i]
             ):
-                a, b, c = corners_of(view, vertices, triangles, rotation[env, i], translation[env, i], env, t)
+                a, b, c = placed_corners(view, vertices, triangles, rotation, translation, env, i, t)
                 shown, box = shows(view, a, b, c, two_sided[i])
                 if shown:
                     draw(view, env, t, a, b, c, box, counters, large, setups, packed)
@@ -378,14 +400,14 @@ def make_tiles(lens: str, rows: int, together: bool) -> wp.Kernel:
         at = tid // (wp.static(rows) * LARGE_REGIONS)
         count = wp.min(counters[(LARGE + region) * LINE], large.shape[1])
         while at < count:
-            env = large[region, at][0]
-            t = large[region, at][1]
+            tile = large[region, at]
+            env = tile[0]
+            t = tile[1]
             if t >= 0:
-                s = setups[region, large[region, at][3]]
-                columns = (s.x1 - s.x0) // WIDE + 1
-                x0 = s.x0 + large[region, at][2] % columns * WIDE
+                s = setups[region, tile[3]]
+                x0 = tile[2] & ((1 << TILE_BITS) - 1)
                 x1 = wp.min(x0 + WIDE - 1, s.x1)
-                y0 = s.y0 + large[region, at][2] // columns * wp.static(rows)
+                y0 = tile[2] >> TILE_BITS
                 y1 = wp.min(y0 + wp.static(rows) - 1, s.y1)
                 y = y0 + tid % wp.static(rows)
                 if wp.static(together):

@@ -11,6 +11,7 @@ or a vertex belongs to all its triangles and is never missed by all.
 
 import warp as wp
 
+from evis.gpu.reading_kernels import corners_at, number, vector_at
 from nodes.renderer.raster.depth_kernels import put_depth
 from nodes.renderer.raster.lens.view_kernels import CameraView
 
@@ -43,7 +44,7 @@ class Setup:
 def corner(view: CameraView, vertices: wp.array2d(dtype=wp.vec3), turn: wp.mat33, place: wp.vec3, env: int, k: int):
     """Gives vertex k in the camera frame; turn, place: the pose of the instance that it belongs to."""
     if view.local == 1:
-        return turn * vertices[0, k] + place
+        return turn * vector_at(vertices, k) + place
     return vertices[env, k]
 
 
@@ -58,7 +59,7 @@ def corners_of(
     t: int,
 ):
     """Fetches the three corners of triangle t in the camera frame; turn, place: the pose of its instance."""
-    k = triangles[t]
+    k = corners_at(triangles, t)
     a = corner(view, vertices, turn, place, env, k[0])
     b = corner(view, vertices, turn, place, env, k[1])
     return a, b, corner(view, vertices, turn, place, env, k[2])
@@ -137,7 +138,7 @@ def cover(
     packed: wp.array3d(dtype=wp.uint64),
 ):
     """Writes a pixel of a triangle into the z-buffer if it covers it; r: the row's share of edges and plane."""
-    dx = view.columns[x]
+    dx = number(view.columns, x)
     if s.e0[0] * dx + r[0] >= 0.0 and s.e1[0] * dx + r[1] >= 0.0 and s.e2[0] * dx + r[2] >= 0.0:
         z = s.offset / (s.normal[0] * dx + r[3])
         # The depth range bounds what rounding can do to a triangle seen almost edge-on.
@@ -148,7 +149,7 @@ def cover(
 @wp.func
 def row_share(view: CameraView, s: Setup, y: int):
     """Gives what of the edge functions and the plane's is the same for a row of pixels."""
-    dy = view.rows[y]
+    dy = number(view.rows, y)
     return wp.vec4(
         s.e0[1] * dy + s.e0[2] + s.slack[0],
         s.e1[1] * dy + s.e1[2] + s.slack[1],
