@@ -12,7 +12,8 @@ from nodes.interpolator.keyframe import Span
 from nodes.interpolator.refine.sight_kernels import Targets
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
-from nodes.interpolator.rigid.look_up.gather_kernels import Portion, cut, make_gather, make_place
+from nodes.interpolator.rigid.look_up.gather_kernels import make_gather, make_place
+from nodes.interpolator.rigid.look_up.portion_kernels import Portion, cut
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.reprojection import textured_in
 from nodes.interpolator.rigid.slots import Poses, Slots

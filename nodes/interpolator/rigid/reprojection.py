@@ -14,7 +14,8 @@ from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.keyframes import Pair, Prepared
 from nodes.interpolator.rigid.layout import Layout
-from nodes.interpolator.rigid.look_up.gather_kernels import Portion, cut, make_gather, make_place
+from nodes.interpolator.rigid.look_up.gather_kernels import make_gather, make_place
+from nodes.interpolator.rigid.look_up.portion_kernels import Portion, cut
 from nodes.interpolator.rigid.look_up.texture_kernels import make_take_bare
 from nodes.interpolator.rigid.sampling import Sampling, SubframeRange, Todo
 from nodes.renderer.lighting import LIST_WORKERS, Shading

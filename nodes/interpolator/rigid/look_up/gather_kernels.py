@@ -12,7 +12,6 @@ from typing import Any, Literal
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
-from evis.gpu.division_kernels import Divisor, divided, divisor
 from evis.gpu.reading_kernels import entry, vector_at, whole_number
 from nodes.interpolator.displacement_kernels import displaced
 from nodes.interpolator.relight.change_kernels import Change, Displacements, make_asked, make_relit, point_of
@@ -27,104 +26,98 @@ from nodes.interpolator.rigid.look_up.look_up_kernels import (
     make_keyframes,
     make_look_up,
 )
+from nodes.interpolator.rigid.look_up.portion_kernels import Place, Portion, place_in_turn, place_of, sight_of
 from nodes.interpolator.rigid.look_up.texture_kernels import make_log_albedo
-from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
-from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
+from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.raster.surface_kernels import Seen, Surfaces, pixel_at
 
 wp.set_module_options({"enable_backward": False})
 
 
-@wp.struct
-class Portion:
-    """Holds instants that are looked up together: those in `count` slots from slot0 on of `packed` [P E, H, W]; slot
-    s is at index[s] / upsampling of the gap and frame[s] of `frames` in each environment's output, and lights that
-    flicker have that `strength` then, [P E].
+@cache
+def make_looks(channels: int, flicker: bool) -> Any:
+    """Makes the struct of what both keyframes tell of a point; channels, flicker: as of LOGS.
 
-    quiet [E, H, W]: z-buffer entries with which nothing has changed. pieces: of each triangle, its body (the world's
-    index being their number) and its patch. tolerance: difference of the keyframes' log radiance up to which it is
-    blended; pace: path [px] per unit of `index` from which on what is finer than a keyframe's pixels does not matter;
-    relight: 1 where all but the sky is to be shaded anew. keyframes: first rows of A and B in their pair. by_width,
-    by_height [px], by_count, by_envs: what indices of pixels of frames are divided by, see `cut`.
+    state_a, state_b: of look_up_kernels. a, b: log radiance. at_rest: whether the point is where it was at B.
     """
 
-    slot0: int
-    envs: int
-    frames: int
-    upsampling: int
-    tolerance: float
-    pace: float
-    relight: int
-    count: int
-    keyframes: wp.vec2i
-    by_width: Divisor
-    by_height: Divisor
-    by_count: Divisor
-    by_envs: Divisor
-    index: wp.array(dtype=int)
-    frame: wp.array(dtype=int)
-    strength: wp.array(dtype=float)
-    packed: wp.array3d(dtype=wp.uint64)
-    quiet: wp.array3d(dtype=wp.uint64)
-    pieces: wp.array(dtype=wp.vec2i)
+    class Looks:
+        state_a: int
+        state_b: int
+        a: LOGS[channels, flicker]  # type: ignore[valid-type]
+        b: LOGS[channels, flicker]  # type: ignore[valid-type]
+        at_rest: wp.bool
 
-
-def cut(portion: Any, width: int, height: int) -> None:
-    """Fills in what indices of a portion's pixels are divided by. width, height [px]: of a frame without margin."""
-    portion.by_width, portion.by_height = divisor(width), divisor(height)
-    portion.by_count, portion.by_envs = divisor(portion.count), divisor(portion.envs)
-
-
-@wp.func
-def sight_of(view: CameraView, hit: wp.uint64, y: int, x: int, pieces: wp.array(dtype=wp.vec2i), sky: int):
-    """Gives what a pixel shows, and its body; sky: the index that stands for it."""
-    s = Sight()
-    s.y = y
-    s.x = x
-    s.d = pixel_ray(view, x, y)
-    s.point = s.d
-    s.sky = 1
-    body = sky
-    t = triangle_of(hit)
-    if t != MISS:
-        s.sky = 0
-        s.point = depth_of(hit) * s.d
-        piece = pieces[t]
-        body = piece[0]
-        s.patch = piece[1]
-    return s, body
+    Looks.__qualname__ = f"Looks{channels}{'lit' if flicker else ''}"
+    return wp.struct(Looks)
 
 
 @cache
-def make_gather(
-    lens: str,
-    channels: int,
-    flicker: bool,
-    look: Literal["first", "flagged", "careful"],
-    changes: LightChanges,
-    detailed: bool,
-    kind: tuple[bool, bool, bool] | None,
-    fast: bool,
-    single: bool = False,
-) -> wp.Kernel:
-    """Makes the kernel that looks up the pixels of sub-frames in both keyframes.
-
-    lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). flicker: as of LOGS. look: `first` goes
-    through all pixels and lists those that light may change on; `flagged` does these; both list what needs care, and
-    `careful` does whatever is listed. changes: of light in the scene. detailed: as of make_look_up. kind: whether the
-    scene has textures, shading normals of its own and colours at vertices, if textures are looked up at their own time.
-    fast: as of the renderer's Features. single: pixels are listed one by one: what they see and
-    their radiance stand where they do in the list, not in images.
-    """
-    listed, careful = look != "first", look == "careful"
-    log_albedo = make_log_albedo(*kind) if kind and careful else None
-    relit, asked = (make_relit(changes), make_asked(changes)) if changes.any else (None, None)
+def make_look_at_both(
+    lens: str, channels: int, flicker: bool, careful: bool, detailed: bool, textured: bool
+) -> wp.Function:
+    """Makes the function `look_at_both`; arguments as of make_look_up."""
     Keyframes: Any = make_keyframes(channels, flicker)
-    pixel = wp.float32 if channels == 1 else wp.vec3
-    looked_up: Any = LOGS[channels, flicker]
-    look_up = make_look_up(lens, channels, flicker, careful, detailed, kind is not None)
-    # Fewer than it would take, but of RGB: while some threads wait for memory there must be others.
-    registers = (64 if look == "first" else 128) if channels == 1 and not flicker else None
+    Looks: Any = make_looks(channels, flicker)
+    look_up = make_look_up(lens, channels, flicker, careful, detailed, textured)
+
+    @wp.func
+    def look_at_both(
+        view: CameraView, portion: Portion, keys: Keyframes, s: Sight, env: int, i: int, since: int, behind: int
+    ):
+        """Looks up what a pixel shows in keyframe A, then in B.
+
+        i: index of the sub-frame. since: of the body's displacement since A; behind: how far behind it that since B is.
+        """
+        looks = Looks()
+        base = env * view.height * view.width
+        # By the same code: two copies would not fit a GPU's registers and cache of instructions.
+        for k in range(2):
+            first = k == 0
+            moved = displaced(keys.turn, keys.shift, since + k * behind, s.point)
+            origin = base + wp.where(first, keys.first[0], keys.first[1])
+            distant = portion.pace * float(wp.where(first, i, portion.upsampling - i))
+            state, found = look_up(view, keys, origin, s, moved, portion.tolerance, distant)
+            if first:
+                looks.state_a = state
+                looks.a = found
+            else:
+                looks.state_b = state
+                looks.b = found
+                looks.at_rest = moved[0] == 0.0 and moved[1] == 0.0 and moved[2] == 0.0
+        return looks
+
+    return look_at_both
+
+
+@cache
+def make_textured(channels: int, flicker: bool, kind: tuple[bool, bool, bool]) -> wp.Function:
+    """Makes the function `textured`; arguments as of make_gather."""
+    Looks: Any = make_looks(channels, flicker)
+    log_albedo = make_log_albedo(*kind)
+
+    @wp.func
+    def textured(view: CameraView, n: int, y: int, x: int, shown: Seen, surfaces: Surfaces, before: Looks):
+        """Adds to the light alone, where keyframes tell no more, the texture that a pixel shows; without one they show
+        nothing."""
+        looks = before
+        texture = log_albedo(view, pixel_at(n, y, x), shown, surfaces)
+        if looks.state_a == BARE:
+            looks.state_a = wp.where(texture == 0.0, HIDDEN, SEEN)
+            looks.a += texture
+        if looks.state_b == BARE:
+            looks.state_b = wp.where(texture == 0.0, HIDDEN, SEEN)
+            looks.b += texture
+        return looks
+
+    return textured
+
+
+@cache
+def make_lit_otherwise(channels: int, flicker: bool, changes: LightChanges) -> wp.Function:
+    """Makes the function `lit_otherwise`; changes: of light in the scene."""
+    Keyframes: Any = make_keyframes(channels, flicker)
+    relit = make_relit(changes)
 
     @wp.func
     def lit_otherwise(
@@ -153,6 +146,41 @@ def make_gather(
         row_a = portion.keyframes[0] + env
         row_b = portion.keyframes[1] + env
         return relit(change, flag, n, row_a, row_b, s, moves, seen_a, seen_b, share)
+
+    return lit_otherwise
+
+
+@cache
+def make_gather(
+    lens: str,
+    channels: int,
+    flicker: bool,
+    look: Literal["first", "flagged", "careful"],
+    changes: LightChanges,
+    detailed: bool,
+    kind: tuple[bool, bool, bool] | None,
+    fast: bool,
+    single: bool = False,
+) -> wp.Kernel:
+    """Makes the kernel that looks up the pixels of sub-frames in both keyframes.
+
+    lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). flicker: as of LOGS. look: `first` goes
+    through all pixels and lists those that light may change on; `flagged` does these; both list what needs care, and
+    `careful` does whatever is listed. changes: of light in the scene. detailed: as of make_look_up. kind: whether the
+    scene has textures, shading normals of its own and colours at vertices, if textures are looked up at their own time.
+    fast: as of the renderer's Features. single: pixels are listed one by one: what they see and
+    their radiance stand where they do in the list, not in images.
+    """
+    listed, careful = look != "first", look == "careful"
+    asked = make_asked(changes) if changes.any else None
+    lit_otherwise = make_lit_otherwise(channels, flicker, changes) if listed and changes.any else None
+    Keyframes: Any = make_keyframes(channels, flicker)
+    Looks: Any = make_looks(channels, flicker)
+    pixel = wp.float32 if channels == 1 else wp.vec3
+    look_at_both = make_look_at_both(lens, channels, flicker, careful, detailed, kind is not None)
+    textured = make_textured(channels, flicker, kind) if kind and careful else None
+    # Fewer than it would take, but of RGB: while some threads wait for memory there must be others.
+    registers = (64 if look == "first" else 128) if channels == 1 and not flicker else None
 
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=registers, module_options={"fast_math": fast})
     def gather(
@@ -188,10 +216,7 @@ def make_gather(
         first..last - 1 of `todo`, todo_count[band] at most; portion.packed and frames are [1, 1, list]; z-buffers of
         what is listed in `pixels` are written to those that are shown, and `places` says where they were listed.
         """
-        width = view.width - 2 * view.margin
-        height = view.height - 2 * view.margin
         m = view.margin
-        envs = portion.envs
         j = first + wp.tid()
         end = j + 1
         if wp.static(single):
@@ -200,50 +225,27 @@ def make_gather(
             end = wp.where(last >= 0, last, todo_count[band])
         elif wp.static(listed):
             end = flagged_count[band]
-        # The row that the pixel before was in, which need not be found again.
-        row = wp.int32(-1)
-        left = wp.int32(0)
-        y = wp.int32(0)
-        slot = wp.int32(0)
-        env = wp.int32(0)
+        p = Place()
+        p.row = -1
         while j < end:
-            at = j
-            x = wp.int32(0)
             anew = wp.bool(False)
-            if wp.static(listed):
-                if wp.static(careful):
-                    at = todo[j]
-                    if at < 0:
-                        at = -1 - at
-                        anew = True
-                else:
-                    at = flagged[j]
-                if row < 0 or at < left or at - left >= width:
-                    row = divided(at, portion.by_width)
-                    left = row * width
-                    image = divided(row, portion.by_height)
-                    y = row - image * height + m
-                    slot = divided(image, portion.by_envs)
-                    env = image - slot * envs
-                x = at - left + m
+            if wp.static(careful):
+                at = todo[j]
+                if at < 0:
+                    at = -1 - at
+                    anew = True
+                p = place_of(view, portion, at, p)
+            elif wp.static(listed):
+                p = place_of(view, portion, flagged[j], p)
             else:
-                # A row of one sub-frame after that of the other: they look for nearly the same places.
-                row = divided(j, portion.by_width)
-                line = divided(row, portion.by_count)
-                slot = row - line * portion.count
-                env = divided(line, portion.by_height)
-                y = line - env * height
-                left = j - row * width
-                at = ((slot * envs + env) * height + y) * width + left
-                x = left + m
-                y += m
-            n = (portion.slot0 + slot) * envs + env
-            i = whole_number(portion.index, portion.slot0 + slot)
-            frame = env * portion.frames + whole_number(portion.frame, portion.slot0 + slot)
+                p = place_in_turn(view, portion, j)
+            env = p.env
+            y = p.y
+            x = p.x
+            n = (portion.slot0 + p.slot) * portion.envs + env
+            i = whole_number(portion.index, portion.slot0 + p.slot)
             place = (n * view.height + y) * view.width + x
             hit = wp.uint64(0)
-            row_out = y - m
-            column_out = x - m
             if wp.static(single):
                 hit = entry(portion.packed, j)
                 frame = wp.int32(0)
@@ -251,6 +253,9 @@ def make_gather(
                 column_out = j
             else:
                 hit = entry(portion.packed, place)
+                frame = env * portion.frames + whole_number(portion.frame, portion.slot0 + p.slot)
+                row_out = y - m
+                column_out = x - m
             changed = wp.bool(True)
             if wp.static(not listed):
                 changed = hit != entry(portion.quiet, (env * view.height + y) * view.width + x)
@@ -258,7 +263,6 @@ def make_gather(
                 pixels[first + take_place(count, band)] = place
             elif changed:
                 s, body = sight_of(view, hit, y, x, portion.pieces, keys.turn.shape[1] - 1)
-                base = env * view.height * view.width
                 since = n * keys.turn.shape[1] + body
                 behind = keys.turn.shape[0] / 2 * keys.turn.shape[1]
                 flag = wp.int32(0)
@@ -270,74 +274,50 @@ def make_gather(
                 later = wp.bool(False)
                 if wp.static(not listed):
                     later = flag != 0
-                state_a = wp.int32(HIDDEN)
-                state_b = wp.int32(HIDDEN)
-                value = looked_up(0.0)
-                other = looked_up(0.0)
-                at_rest = wp.bool(False)
-                # A, then B, by the same code: two copies would not fit a GPU's registers and cache of instructions.
-                for k in range(wp.where(later, 0, 2)):
-                    before = k == 0
-                    moved = displaced(keys.turn, keys.shift, since + k * behind, s.point)
-                    origin = base + wp.where(before, keys.first[0], keys.first[1])
-                    distant = portion.pace * float(wp.where(before, i, portion.upsampling - i))
-                    state, found = look_up(view, keys, origin, s, moved, portion.tolerance, distant)
-                    if before:
-                        state_a = state
-                        value = found
-                    else:
-                        state_b = state
-                        other = found
-                        at_rest = moved[0] == 0.0 and moved[1] == 0.0 and moved[2] == 0.0
-                if wp.static(log_albedo is not None):
-                    if state_a == BARE or state_b == BARE:
+                looks = Looks()
+                if not later:
+                    looks = look_at_both(view, portion, keys, s, env, i, since, behind)
+                if wp.static(textured is not None):
+                    if looks.state_a == BARE or looks.state_b == BARE:
                         if wp.static(single):
                             shown.packed[n, y, x] = hit
-                        texture = log_albedo(view, pixel_at(n, y, x), shown, surfaces)
-                        if texture == 0.0:
-                            state_a = wp.where(state_a == BARE, HIDDEN, state_a)
-                            state_b = wp.where(state_b == BARE, HIDDEN, state_b)
-                        if state_a == BARE:
-                            state_a = wp.int32(SEEN)
-                            value += texture
-                        if state_b == BARE:
-                            state_b = wp.int32(SEEN)
-                            other += texture
-                seen_a = state_a == SEEN
-                seen_b = state_b == SEEN
-                share = float(i) / float(portion.upsampling)
+                        looks = textured(view, n, y, x, shown, surfaces, looks)
                 hard = wp.bool(False)
                 if wp.static(not careful):
-                    hard = state_a == HARD or state_b == HARD
+                    hard = looks.state_a == HARD or looks.state_b == HARD
+                seen_a = looks.state_a == SEEN
+                seen_b = looks.state_b == SEEN
+                share = float(i) / float(portion.upsampling)
                 told = (seen_a or seen_b) and (s.sky == 1 or portion.relight == 0)
-                if wp.static(listed and changes.any):
+                if wp.static(lit_otherwise is not None):
                     if told and flag != 0 and not hard:
                         otherwise, above_a, above_b = lit_otherwise(
                             change, portion, keys, flag, n, env, hit, since, behind, s.point, seen_a, seen_b, share
                         )
                         told = not otherwise
                         if wp.static(changes.relative):
-                            value = brighter(value, above_a)
-                            other = brighter(other, above_b)
+                            looks.a = brighter(looks.a, above_a)
+                            looks.b = brighter(looks.b, above_b)
                 difference = wp.float32(0.0)
                 if seen_a and seen_b:
-                    difference = apart(value, other)
+                    difference = apart(looks.a, looks.b)
                 told = told and difference <= portion.tolerance
                 unchanged = wp.bool(False)
                 if wp.static(not flicker):
-                    unchanged = seen_b and difference == 0.0 and at_rest and flag == 0
+                    unchanged = seen_b and difference == 0.0 and looks.at_rest and flag == 0
                 if later:
-                    flagged[take_place(flagged_count, band)] = at
+                    flagged[take_place(flagged_count, band)] = p.at
                 elif hard:
-                    todo[take_place(todo_count, band)] = at
+                    todo[take_place(todo_count, band)] = p.at
                 elif told and unchanged:
                     # The keyframe's own pixel, to the last bit: nothing has changed.
                     frames[frame, row_out, column_out] = keys.image[env, y, x]
                 elif told:
+                    value = looks.a
                     if not seen_a:
-                        value = other
+                        value = looks.b
                     elif seen_b:
-                        value += share * (other - value)
+                        value += share * (looks.b - looks.a)
                     strength = wp.float32(1.0)
                     if wp.static(flicker):
                         strength = portion.strength[n]
