@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 SHADE_BLOCK = 128
 """Threads of a block that shades: fewer than usual wait for the slowest of them."""
 
-LIST_WORKERS = 1 << 17
+LIST_WORKERS = 1 << 19
 """Threads that share a list of pixels on a GPU."""
 
 make_shade = cache(shading_kernels.make_shade)

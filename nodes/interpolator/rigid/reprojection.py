@@ -23,7 +23,7 @@ from nodes.renderer.lighting import LIST_WORKERS, Shading
 BLOCK = 128
 """Threads of a block that looks up."""
 
-WORKERS = 1 << 18
+WORKERS = 1 << 20
 """Threads that share a list of what is to be looked up, on a GPU."""
 
 

@@ -63,16 +63,25 @@ def make_look_at_both(
 
     @wp.func
     def look_at_both(
-        view: CameraView, portion: Portion, keys: Keyframes, s: Sight, env: int, i: int, since: int, behind: int
+        view: CameraView,
+        portion: Portion,
+        keys: Keyframes,
+        s: Sight,
+        env: int,
+        i: int,
+        since: int,
+        behind: int,
+        count: int,
     ):
-        """Looks up what a pixel shows in keyframe A, then in B.
+        """Looks up what a pixel shows in the first `count` keyframes, A and B.
 
         i: index of the sub-frame. since: of the body's displacement since A; behind: how far behind it that since B is.
         """
         looks = Looks()
         base = env * view.height * view.width
-        # By the same code: two copies would not fit a GPU's registers and cache of instructions.
-        for k in range(2):
+        # Both by the same code, for which Warp must not know `count`: two copies would not fit a GPU's registers and
+        # cache of instructions.
+        for k in range(count):
             first = k == 0
             moved = displaced(keys.turn, keys.shift, since + k * behind, s.point)
             origin = base + wp.where(first, keys.first[0], keys.first[1])
@@ -175,7 +184,6 @@ def make_gather(
     asked = make_asked(changes) if changes.any else None
     lit_otherwise = make_lit_otherwise(channels, flicker, changes) if listed and changes.any else None
     Keyframes: Any = make_keyframes(channels, flicker)
-    Looks: Any = make_looks(channels, flicker)
     pixel = wp.float32 if channels == 1 else wp.vec3
     look_at_both = make_look_at_both(lens, channels, flicker, careful, detailed, kind is not None)
     textured = make_textured(channels, flicker, kind) if kind and careful else None
@@ -274,9 +282,7 @@ def make_gather(
                 later = wp.bool(False)
                 if wp.static(not listed):
                     later = flag != 0
-                looks = Looks()
-                if not later:
-                    looks = look_at_both(view, portion, keys, s, env, i, since, behind)
+                looks = look_at_both(view, portion, keys, s, env, i, since, behind, wp.where(later, 0, 2))
                 if wp.static(textured is not None):
                     if looks.state_a == BARE or looks.state_b == BARE:
                         if wp.static(single):
