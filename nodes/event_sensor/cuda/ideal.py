@@ -12,8 +12,9 @@ from nodes.event_sensor.model.sensor_kernels import Sensor
 
 BLOCK = 128
 SHARE = ideal_kernels.BLOCK * ideal_kernels.EACH
-THREADS = 1 << 18
-"""Of the second launch, about what one chip holds at a time; each takes every THREADS-th active pixel."""
+THREADS = 1 << 20
+"""Most of the second launch, each of which takes every THREADS-th active pixel: several times what a GPU holds at once,
+so that none is left to the last ones."""
 
 
 class IdealPasses:

@@ -17,7 +17,8 @@ SOME, MANY = 256, 512
 """Events of a bucket, on average, for which buckets are made, and from which more buckets are worth their cost,"""
 OFTEN = 3
 """if so many calls in a row have them."""
-THREADS = 1 << 18
+THREADS = 1 << 22
+"""Most that share a list: many more than a GPU holds at once, so that none is left to the last ones."""
 SCAN = 1024
 """Threads that find where buckets begin."""
 
