@@ -36,7 +36,7 @@ def walk_further(
     ...
 
 
-@wp.kernel(module="unique")
+@wp.kernel(module="unique", enable_backward=False)
 def sense_further(
     # in
     sensor: Sensor,
@@ -78,7 +78,7 @@ def merge_sorted(more: wp.array(dtype=wp.int64), n: wp.int64, count: wp.int64, k
     ...
 
 
-@wp.kernel(module="unique")
+@wp.kernel(module="unique", enable_backward=False)
 def merge(
     # in
     more: wp.array(dtype=wp.int64),

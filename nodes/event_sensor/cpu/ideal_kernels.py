@@ -122,7 +122,7 @@ def ideal_kernel(frame: bool, further: bool = False) -> Any:
     further: pixels that have further samples between the frames are left as they are, for further_kernels.
     """
 
-    @wp.kernel(module="unique")
+    @wp.kernel(module="unique", enable_backward=False)
     def sense(
         # in
         sensor: Sensor,

@@ -55,7 +55,7 @@ def rows_kernel(features: Features) -> Any:
     margins_of, (run_passes, pixel_passes) = run_margins(features), passed(features)
     looks_on, straight = features.crossing == "cubic", features.hasty
 
-    @wp.kernel(module="unique")
+    @wp.kernel(module="unique", enable_backward=False)
     def sense_rows(
         # in
         sensor: Sensor,

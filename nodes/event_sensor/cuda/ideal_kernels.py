@@ -182,12 +182,55 @@ def find_active(
                 active[take_place_of_many(counters, ACTIVE)] = wp.vec2i(i, 0)
 
 
-@lru_cache
-def sense_kernel(frame: bool, room: Any = take_room) -> Any:
-    """Makes the kernel over the listed pixels.
+@wp.func
+def tail_of(sensor: Sensor, inner: wp.int32, on: wp.bool):
+    """Gives key_tail of an event by the number of its pixel and channel in the environment."""
+    c = inner % sensor.channels
+    x = (inner // sensor.channels) % sensor.width
+    return key_tail(sensor, inner // (sensor.channels * sensor.width), x, c, on)
 
-    frame: events carry the stamp of their frame, not of their crossing. room: how a pixel takes room for its events.
-    """
+
+@lru_cache
+def make_write_events(frame: bool) -> wp.Function:
+    """Makes the function `write_events`; frame: as of sense_kernel."""
+
+    @wp.func
+    def write_events(
+        sensor: Sensor,
+        tail: wp.int64,
+        env: wp.int32,
+        n: wp.int32,
+        signed: wp.float64,
+        reference: wp.float64,
+        l0: wp.float64,
+        l1: wp.float64,
+        start: wp.int64,
+        span: wp.int64,
+        slot: wp.int64,
+        keys: wp.array(dtype=wp.int64),
+    ):
+        """Writes n events of a step to `keys` from `slot` on.
+
+        tail: as of key_tail. signed: threshold with its sign; reference: L_ref before the step. l0, l1: L at its ends;
+        start: when it begins [ns after the call's start]; span: how long it is [ns].
+        """
+        slope = wp.float64(span) / (l1 - l0)
+        head = key_head(sensor, env)
+        m = int(0)
+        while m < n:
+            ns = crossing_on_line(reference + wp.float64(m + 1) * signed, l0, slope, wp.float64(span))
+            if wp.static(frame):
+                ns = span
+            keys[slot + wp.int64(m)] = head | key_time(sensor, start + ns) | tail
+            m += 1
+
+    return write_events
+
+
+@lru_cache
+def make_walk(frame: bool, room: Any) -> wp.Function:
+    """Makes the function `walk`; arguments as of sense_kernel."""
+    write_events = make_write_events(frame)
 
     @wp.func
     def walk(
@@ -216,9 +259,6 @@ def sense_kernel(frame: bool, room: Any = take_room) -> Any:
         """
         env = index // size
         inner = index - env * size
-        c = inner % sensor.channels
-        x = (inner // sensor.channels) % sensor.width
-        y = inner // (sensor.channels * sensor.width)
         stride = wp.int64(size)
         images = wp.array(ptr=wp.uint64(call[IMAGES]), shape=(1,), dtype=wp.float32)
         at = wp.int64(env) * stride * wp.int64(frames) + wp.int64(inner)
@@ -299,17 +339,10 @@ def sense_kernel(frame: bool, room: Any = take_room) -> Any:
                         wp.atomic_min(counters, FULL_FROM, slot)
                         stuck = number
                         break
-                    span = now - start
-                    slope = wp.float64(span) / (l1 - l0)
-                    head = key_head(sensor, env)
-                    tail = key_tail(sensor, y, x, c, on)
-                    m = int(0)
-                    while m < n:
-                        ns = crossing_on_line(reference + wp.float64(m + 1) * signed, l0, slope, wp.float64(span))
-                        if wp.static(frame):
-                            ns = span
-                        keys[slot + wp.int64(m)] = head | key_time(sensor, start - t_base + ns) | tail
-                        m += 1
+                    write_events(
+                        sensor, tail_of(sensor, inner, on), env, n, signed, reference, l0, l1, start - t_base,
+                        now - start, slot, keys,
+                    )  # fmt: skip
                     if on:
                         pixel.net = pixel.net + n
                     else:
@@ -335,7 +368,18 @@ def sense_kernel(frame: bool, room: Any = take_room) -> Any:
         state.base[index] = base
         return stuck
 
-    @wp.kernel(module="unique")
+    return walk
+
+
+@lru_cache
+def sense_kernel(frame: bool, room: Any = take_room) -> wp.Kernel:
+    """Makes the kernel over the listed pixels.
+
+    frame: events carry the stamp of their frame, not of their crossing. room: how a pixel takes room for its events.
+    """
+    walk = make_walk(frame, room)
+
+    @wp.kernel(module="unique", enable_backward=False)
     def sense_active(
         # in
         sensor: Sensor,

@@ -22,7 +22,7 @@ def pixels_kernel(features: Features) -> Any:
     """Makes the kernel with just these features."""
     sense = sense_pixel(features)
 
-    @wp.kernel(module="unique")
+    @wp.kernel(module="unique", enable_backward=False)
     def sense_pixels(
         # in
         sensor: Sensor,

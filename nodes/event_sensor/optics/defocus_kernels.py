@@ -99,7 +99,7 @@ def row_filtered(
     filter_runs(weights, image, start, channels, margin, end, to, rows)
 
 
-@wp.kernel(module="unique")
+@wp.kernel(module="unique", enable_backward=False)
 def blur_rows(
     # in
     weights: wp.array(dtype=wp.float32),

@@ -55,7 +55,7 @@ def jittered(
     ...
 
 
-@wp.kernel(module="unique")
+@wp.kernel(module="unique", enable_backward=False)
 def serve(
     # in
     queue: Queue,
@@ -90,7 +90,7 @@ def to_keys(
     ...
 
 
-@wp.kernel(module="unique")
+@wp.kernel(module="unique", enable_backward=False)
 def pack(
     # in
     sensor: Sensor,
@@ -115,7 +115,7 @@ def insertion_sort(count: wp.int32, keys: wp.array(dtype=wp.int64)):
     ...
 
 
-@wp.kernel(module="unique")
+@wp.kernel(module="unique", enable_backward=False)
 def tidy(
     # in
     count: wp.int32,
