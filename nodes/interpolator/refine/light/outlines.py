@@ -7,13 +7,15 @@ import warp as wp
 
 from evis.scene.model import Mesh
 from nodes.interpolator.refine.light.outline_kernels import look_along
+from nodes.renderer.geometry.triangles import SHELL_CONVEX
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.shadows.boxes import box_halves, half_extents
 
 LINES, PLACES = 48, 512
 """Lines across an outline, and places on each at which it is looked whether there is something."""
-FINE = 0.1
-"""Part of the parts and holes of an outline that may be narrower: a round thing is narrow where it ends."""
+FINE, CONVEX = 0.1, 0.2
+"""Part of the parts and holes of an outline that may be narrower, of what is convex too: a round thing is narrow where
+it ends."""
 FLAT = 1e-4
 """Thickness of a mesh, of its size, up to which it is not looked at from aside."""
 
@@ -31,15 +33,16 @@ def finest_halves(visibility: Visibility, asked: np.ndarray) -> np.ndarray:
             mesh = geometry.meshes[instance]
             if len(mesh.faces):
                 if id(mesh) not in known:
-                    known[id(mesh)] = finest_half(mesh)
+                    convex = geometry.shell[instance] == SHELL_CONVEX
+                    known[id(mesh)] = finest_half(mesh, CONVEX if convex else FINE)
                 halves[instance] = np.minimum(halves[instance], known[id(mesh)])
         return halves
 
     return geometry.once(("finest halves", asked.tobytes()), found)
 
 
-def finest_half(mesh: Mesh) -> np.ndarray:
-    """Measures a mesh with faces: half the width along each axis below which FINE of the parts and holes are, of its
+def finest_half(mesh: Mesh, narrower: float = FINE) -> np.ndarray:
+    """Measures a mesh with faces: half the width along each axis below which a part of the parts and holes are, of its
     outline seen along another axis, float64 [3] m; that of a place where it is so thin that no place shows it."""
     points = np.asarray(mesh.vertices, np.float64)[np.asarray(mesh.faces)]
     low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
@@ -57,7 +60,7 @@ def finest_half(mesh: Mesh) -> np.ndarray:
                 seen: wp.array = wp.empty((LINES, PLACES), dtype=wp.int8)
                 wp.launch(look_along, seen.shape, [there.id, wp.vec3(*size), along, beside, ahead], [seen])
                 widths = widths_of(seen.numpy())
-                places = float(np.quantile(widths, FINE)) if len(widths) else 1.0
+                places = float(np.quantile(widths, narrower)) if len(widths) else 1.0
                 finest[along] = min(finest[along], places * size[along] / PLACES / 2)
     return finest
 
