@@ -97,7 +97,7 @@ def facing(a: wp.vec3, b: wp.vec3, c: wp.vec3, two_sided: int):
 
 
 @wp.func
-def ahead(view: CameraView, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+def bounds_ahead(view: CameraView, a: wp.vec3, b: wp.vec3, c: wp.vec3):
     """Gives the same as `bounds` of a triangle all of which is beyond the near plane."""
     near_a = 1.0 / a[2]
     near_b = 1.0 / b[2]
@@ -122,7 +122,7 @@ def ahead(view: CameraView, a: wp.vec3, b: wp.vec3, c: wp.vec3):
 def bounds(view: CameraView, a: wp.vec3, b: wp.vec3, c: wp.vec3):
     """Gives what of the image a triangle before the near plane may cover: (x min, x max, y min, y max)."""
     if wp.min(a[2], wp.min(b[2], c[2])) >= view.near:
-        return ahead(view, a, b, c)
+        return bounds_ahead(view, a, b, c)
     big = 1.0e9
     box = wp.vec4(big, -big, big, -big)
     if a[2] >= view.near:

@@ -44,7 +44,7 @@ SMALL_REGIONS = wp.constant(256)
 LARGE_REGIONS = wp.constant(64)
 
 TILE_BITS = wp.constant(16)
-"""Bits of the column and of the row that a tile begins with."""
+"""Bits of the numbers of a tile's column and row among the tiles of its triangle."""
 
 LINE = wp.constant(32)
 """Counters of a cache line, of which one is used: those of a line take turns."""
@@ -174,10 +174,10 @@ def make_steps(lens: str, area: int, rows: int) -> tuple[wp.Function, wp.Functio
             if not mine:
                 setups[there, first] = s
             n = first
-            for y in range(s.y0, s.y1 + 1, wp.static(rows)):
-                for x in range(s.x0, s.x1 + 1, WIDE):
+            for row in range((s.y1 - s.y0) // wp.static(rows) + 1):
+                for column in range((s.x1 - s.x0) // WIDE + 1):
                     if n < large.shape[1]:
-                        large[there, n] = wp.vec4i(env, wp.where(mine, -1, t), x | (y << TILE_BITS), first)
+                        large[there, n] = wp.vec4i(env, wp.where(mine, -1, t), column | (row << TILE_BITS), first)
                     n += 1
         if mine:
             walk_over(view, s, s.x0, s.x1, s.y0, s.y1, env, t, packed)
@@ -258,7 +258,7 @@ def make_listed(lens: str, area: int, rows: int) -> tuple[wp.Kernel, wp.Kernel]:
             workers: threads that share the list.
             instance: of each triangle [T].
             rotation, translation, vertices, triangles, small: as of `list_triangles`.
-            large: (environment, triangle, first column and row, place in `setups`) of each tile, by region.
+            large: (environment, triangle, column and row of tiles, place in `setups`) of each tile, by region.
             setups: of the large triangles.
             packed: z-buffer [E, H, W].
         """
@@ -405,9 +405,9 @@ def make_tiles(lens: str, rows: int, together: bool) -> wp.Kernel:
             t = tile[1]
             if t >= 0:
                 s = setups[region, tile[3]]
-                x0 = tile[2] & ((1 << TILE_BITS) - 1)
+                x0 = s.x0 + (tile[2] & ((1 << TILE_BITS) - 1)) * WIDE
                 x1 = wp.min(x0 + WIDE - 1, s.x1)
-                y0 = tile[2] >> TILE_BITS
+                y0 = s.y0 + ((tile[2] >> TILE_BITS) & ((1 << TILE_BITS) - 1)) * wp.static(rows)
                 y1 = wp.min(y0 + wp.static(rows) - 1, s.y1)
                 y = y0 + tid % wp.static(rows)
                 if wp.static(together):

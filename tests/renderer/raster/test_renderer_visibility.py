@@ -108,6 +108,14 @@ def test_needles_done_together_are_those_done_one_by_one():
     np.testing.assert_array_equal(one_by_one, drawn(mesh, 320, 240, True))
 
 
+@pytest.mark.parametrize("width,height", [(3, 60000), (60000, 3)])
+def test_tiles_of_an_image_as_long_as_an_image_may_be(width, height):
+    mesh, _ = soup(7, count=40)
+    one_by_one = drawn(mesh, width, height, True, tiled=True)
+    assert (one_by_one != np.iinfo(np.uint64).max).any()
+    np.testing.assert_array_equal(one_by_one, drawn(mesh, width, height, True))
+
+
 def test_hit_point_lies_on_its_triangle_in_the_body_frame():
     mesh, triangles = soup(4, depth=(1.5, 3.0), size=0.4)
     world = scene([(mesh, 0, 0)], bodies=1)

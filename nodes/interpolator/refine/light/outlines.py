@@ -42,8 +42,9 @@ def finest_halves(visibility: Visibility, asked: np.ndarray) -> np.ndarray:
 
 
 def finest_half(mesh: Mesh, narrower: float = FINE) -> np.ndarray:
-    """Measures a mesh with faces: half the width along each axis below which a part of the parts and holes are, of its
-    outline seen along another axis, float64 [3] m; that of a place where it is so thin that no place shows it."""
+    """Measures a mesh with faces: half the width along each axis that a share `narrower` of the parts and holes are
+    below, of its outline seen along another axis, float64 [3] m; that of a place where it is so thin that none shows
+    it."""
     points = np.asarray(mesh.vertices, np.float64)[np.asarray(mesh.faces)]
     low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
     size = high - low
