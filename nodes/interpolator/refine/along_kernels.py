@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from nodes.interpolator.refine.grain_kernels import make_follow
 from nodes.interpolator.refine.light.flicker_kernels import Marks, entry_near, marks_of
 from nodes.interpolator.refine.light.passing_kernels import part_at
 from nodes.interpolator.refine.path_kernels import UNKNOWN, make_instances, make_note, make_walk
@@ -20,12 +21,13 @@ wp.set_module_options({"enable_backward": False})
 
 
 @cache
-def make_through(lens: str, channels: int, flicker: bool, relit: bool, changes: LightChanges) -> Any:
+def make_through(lens: str, channels: int, flicker: bool, relit: bool, painted: bool, changes: LightChanges) -> Any:
     """Makes the function `through`, which lists the samples of a run; arguments as of make_find_runs."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
     Keyframes: Any = make_keyframes(channels, flicker)
     Instances: Any = make_instances(channels)
     walk, note = make_walk(lens, channels, flicker), make_note(channels)
+    follow = make_follow(channels, flicker) if painted else None
 
     @wp.func
     def go(
@@ -45,7 +47,8 @@ def make_through(lens: str, channels: int, flicker: bool, relit: bool, changes: 
         band: int,
         count: wp.array(dtype=int),
     ):
-        """Does as `walk` does, in the nearer keyframe, or in the other one where that does not show the way."""
+        """Does as `walk` does, in the nearer keyframe, or in the other one where that does not show the way, and goes
+        by what is painted on the surface where none does."""
         nearer = wp.where(2 * spot.k >= cut.coarse and spot.k > 0, 1, 0)
         new = last
         rise = pixel(UNKNOWN)
@@ -57,6 +60,14 @@ def make_through(lens: str, channels: int, flicker: bool, relit: bool, changes: 
                 view, cut, keys, stage, instances, spot, which, start, end, before, after, last, room, most, band, count
             )
             tries += 1
+        if wp.static(follow is not None):
+            if not whole and triangle_of(before) != MISS:
+                begun = start
+                seen = before
+                if new != last:
+                    begun = instances.at[new] // (cut.envs * cut.height * cut.width) % cut.slots + 1
+                    seen = entry_near(cut, stage, spot, begun, start, before)
+                new = follow(cut, keys, stage, instances, spot, begun, end, seen, after, new, room, most, band, count)
         return new, rise, whole
 
     @wp.func

@@ -19,20 +19,43 @@ SEEN_THEN = wp.types.vector(length=12, dtype=wp.uint64)
 
 
 @wp.struct
+class Several:
+    """Holds a list of pixels that show several surfaces in a coarse interval.
+
+    at: indices into [coarse intervals, E, h, w]. first: index of the first change of each pixel and probe, -1 = none.
+    begun, seen, opened: of each pixel's last run, as of Changes.
+    """
+
+    at: wp.array(dtype=int)
+    first: wp.array(dtype=int)
+    begun: wp.array(dtype=int)
+    seen: wp.array(dtype=wp.uint64)
+    opened: wp.array(dtype=int)
+
+
+@wp.struct
 class Changes:
     """Holds a list of changes from one surface to another.
 
-    low: the last instant of the old surface. before, after: z-buffer entries at `low` and at the next instant. later:
-    time of the change, in PARTS after `low`, 0 = unknown. following: index of the next change between the same probes,
-    -1 = none. first: index of the first change of each listed pixel and probe, -1 = none.
+    job: index of the pixel in Several. low: the last instant of the old surface. before, after: z-buffer entries at
+    `low` and at the next instant. later: time of the change, in PARTS after `low`, 0 = unknown. following: index of the
+    next change between the same probes, -1 = none.
+
+    Of the run of the old surface: begun, the instant at which it begins, at the end of the interval where there is no
+    such run; seen, the z-buffer entry there. opened, closed: where the samples at both of its ends are in the list of
+    Instances, -1 = at a coarse frame.
     """
 
+    job: wp.array(dtype=int)
     low: wp.array(dtype=int)
     before: wp.array(dtype=wp.uint64)
     after: wp.array(dtype=wp.uint64)
     later: wp.array(dtype=int)
     following: wp.array(dtype=int)
-    first: wp.array(dtype=int)
+    begun: wp.array(dtype=int)
+    seen: wp.array(dtype=wp.uint64)
+    opened: wp.array(dtype=int)
+    closed: wp.array(dtype=int)
 
 
 @cache
@@ -50,24 +73,25 @@ def make_find_changes(trees: bool) -> wp.Kernel:
         most: int,
         others0: int,
         band: int,
-        others: wp.array(dtype=int),
         others_count: wp.array(dtype=int),
         stage: Stage,
         start: wp.array3d(dtype=wp.uint64),
+        several: Several,
         # out
         changes: Changes,
         count: wp.array(dtype=int),
     ):
-        """Lists the changes of pixels that show several surfaces.
+        """Lists the changes of pixels that show several surfaces: others_count[band] of these, from others0 on.
 
-        others: these pixels, from others0 on, indices into [coarse intervals, E, h, w]. changes: written from `room`
-        on, at most `most`. count[band]: how many there are, also where that is more than `most`.
+        changes: written from `room` on, at most `most`. count[band]: how many there are, also where that is more than
+        `most`.
         """
         inner = cut.envs * cut.height * cut.width
         job = wp.tid()
         while job < others_count[band] * cut.probes:
             n = job % cut.probes
-            at = others[others0 + job // cut.probes]
+            listed = others0 + job // cut.probes
+            at = several.at[listed]
             spot = spot_of(view, cut, cut.first + at // inner, at % inner)
             ends = ends_of(cut, stage, start, spot)
             probes = stage.probes[spot.env]
@@ -85,7 +109,7 @@ def make_find_changes(trees: bool) -> wp.Kernel:
                 if n + 1 < probes:
                     entries[0] = entry_at(cut, stage, spot, pending[0])
             last = wp.int32(-1)
-            changes.first[(others0 + job // cut.probes) * cut.probes + n] = -1
+            several.first[listed * cut.probes + n] = -1
             while waiting >= 0:
                 high = pending[waiting]
                 then = entries[waiting]
@@ -109,13 +133,14 @@ def make_find_changes(trees: bool) -> wp.Kernel:
                     place = take_place(count, band)
                     if place < most:
                         place += room
+                        changes.job[place] = listed
                         changes.low[place] = low
                         changes.before[place] = hit
                         changes.after[place] = then
                         changes.later[place] = later
                         changes.following[place] = -1
                         if last < 0:
-                            changes.first[(others0 + job // cut.probes) * cut.probes + n] = place
+                            several.first[listed * cut.probes + n] = place
                         else:
                             changes.following[last] = place
                         last = place

@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from nodes.interpolator.keyframe import Span
+from nodes.interpolator.refine.grain import grain_of
 from nodes.interpolator.refine.sight_kernels import Targets
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
@@ -83,6 +84,7 @@ class Evaluator:
         targets.vertices, targets.triangles, targets.instance = v.vertices, v.triangles, v.triangle_instance
         targets.two_sided, targets.pieces = v.two_sided, self._rigid.pieces
         targets.first = v.put(v.geometry.first, wp.int32)
+        targets.grain = v.put(grain_of(v.scene, v.geometry, self._rigid.layout.tolerance), wp.float32)
         return targets
 
     @property

@@ -8,7 +8,7 @@ import warp as wp
 
 SPARE = 1.5
 """Allocated size over needed size, so that lists seldom grow."""
-ENTRIES = ("before", "after")
+ENTRIES = ("before", "after", "seen")
 """Fields that hold z-buffer entries, uint64."""
 VALUES = ("start", "end", "rise", "tail")
 """Fields that hold ln I or changes of it."""

@@ -26,6 +26,8 @@ PER_PIXEL = wp.constant(2.0)
 ROUGH_STEP = wp.constant(0.5)
 """Way [px] over a surface whose neighbouring pixels differ, after which a sample is taken: interpolation between these
 pixels may hide most of the surface's contrast."""
+NEARER = wp.constant(0.1)
+"""Share of its inverse distance by which a keyframe shows a surface nearer where it cannot be the same part of it."""
 UNKNOWN = wp.constant(1.0e30)
 """Stands for a change of ln I that cannot be looked up in a keyframe."""
 STEEPEST = wp.constant(1.0e30)
@@ -120,7 +122,7 @@ def make_walk(lens: str, channels: int, flicker: bool) -> Any:
     Keyframes: Any = make_keyframes(channels, flicker)
     Instances: Any = make_instances(channels)
     displacement = make_displacement(lens)
-    note = make_note(channels)
+    note, bent = make_note(channels), lens != "none"
     log_at = number if looked_up is wp.float32 else element
 
     @wp.func
@@ -135,21 +137,29 @@ def make_walk(lens: str, channels: int, flicker: bool) -> Any:
         body: int,
         away: float,
     ):
-        """Computes where [px] keyframe `which` shows the point that a pixel sees at instant i.
+        """Computes where (x, y) [px] keyframe `which` shows the point that a pixel sees at instant i, and the inverse
+        of its distance there [1/m].
 
         body: that the point is on. away: its distance along the ray, in multiples of `spot.d`.
         """
-        middle = wp.vec2(float(spot.x), float(spot.y))
         point = away * spot.d
         motion = motion_since(cut, stage, keys.turn, keys.shift, spot.env, spot.k, which, i, body)
         m = motion.turn * point + motion.shift
         near = wp.where(body == keys.turn.shape[1] - 1, 1.0e-6, view.near)
-        return middle + displacement(view, spot.d, point, m, near)
+        moved = displacement(view, spot.d, point, m, near)
+        q = point + m
+        return wp.vec3(
+            float(spot.x) + moved[0], float(spot.y) + moved[1], 1.0 / wp.where(wp.static(bent), wp.length(q), q[2])
+        )
 
     @wp.func
-    def inside(view: CameraView, at: wp.vec2):
-        """Tells whether all four pixels around a place are in the image."""
-        return at[0] >= 0.0 and at[1] >= 0.0 and at[0] < float(view.width - 1) and at[1] < float(view.height - 1)
+    def in_view(view: CameraView, keys: Keyframes, base: int, at: wp.vec3, sky: bool):
+        """Tells whether all four pixels around a place are in the image, and what a keyframe shows there is not nearer
+        than the place: of a ball that has turned it shows the other side."""
+        if at[0] >= 0.0 and at[1] >= 0.0 and at[0] < float(view.width - 1) and at[1] < float(view.height - 1):
+            shown = number(keys.inverse, base + int(at[1] + 0.5) * view.width + int(at[0] + 0.5))
+            return sky or shown - at[2] <= NEARER * at[2]
+        return False
 
     @wp.func
     def look(view: CameraView, keys: Keyframes, base: int, at: wp.vec2, patch: int):
@@ -219,9 +229,9 @@ def make_walk(lens: str, channels: int, flicker: bool) -> Any:
         each = (cut.slots + 1) // stage.probes[spot.env]
         here = place_then(view, cut, keys, stage, spot, which, start, body, from_here)
         nothing = pixel(UNKNOWN)
-        if not inside(view, here):
+        if not in_view(view, keys, base, here, t == MISS):
             return last, nothing, False
-        _shown, anchor, _spread = look(view, keys, base, here, patch)
+        _shown, anchor, _spread = look(view, keys, base, wp.vec2(here[0], here[1]), patch)
         anchored = float(start)
         value = anchor
         then = anchored
@@ -237,7 +247,7 @@ def make_walk(lens: str, channels: int, flicker: bool) -> Any:
         while i < end:
             following = wp.int32(0)
             seen = after
-            step = wp.vec2(0.0, 0.0)
+            step = wp.vec3(0.0, 0.0, 0.0)
             length = wp.float32(0.0)
             settled = wp.bool(False)
             while not settled:
@@ -250,10 +260,10 @@ def make_walk(lens: str, channels: int, flicker: bool) -> Any:
                 if t != MISS:
                     away = depth_of(seen)
                 there = place_then(view, cut, keys, stage, spot, which, following, body, away)
-                if not inside(view, there):
+                if not in_view(view, keys, base, there, t == MISS):
                     return last, nothing, False
                 step = there - here
-                length = wp.length(step)
+                length = wp.length(wp.vec2(step[0], step[1]))
                 settled = length <= LONG or stride <= each
                 if not settled:
                     stride = stride >> 1
@@ -262,7 +272,7 @@ def make_walk(lens: str, channels: int, flicker: bool) -> Any:
                 share = 1.0 / float(steps)
                 pace = share * float(following - i)
                 for n in range(1, steps + 1):
-                    at = here + (float(n) * share) * step
+                    at = wp.vec2(here[0] + float(n) * share * step[0], here[1] + float(n) * share * step[1])
                     now = float(i) + float(n) * pace
                     shown, fresh, spread = look(view, keys, base, at, patch)
                     if not shown:

@@ -12,7 +12,7 @@ import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.cuda_graph import CudaGraphs
-from nodes.interpolator.refine.change_kernels import Changes, make_find_changes
+from nodes.interpolator.refine.change_kernels import Changes, Several, make_find_changes
 from nodes.interpolator.refine.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.interval_kernels import make_intervals, make_rounds, see
@@ -53,6 +53,7 @@ class Kernels:
     """Holds the kernels of a window that depend on the scene."""
 
     find_plain: wp.Kernel
+    find_ends: wp.Kernel
     find_runs: wp.Kernel
     check: wp.Kernel
     split: wp.Kernel
@@ -61,12 +62,14 @@ class Kernels:
     def of(cls, rigid: Rigid) -> Kernels:
         """Makes those for what there is in the scene of a `Rigid`."""
         layout, lens, changes = rigid.layout, rigid.visibility.lens, changes_of(rigid)
-        runs = make_find_runs(lens, layout.channels, layout.exact_flicker, layout.relight, changes)
+        features = rigid.shading.features
+        painted = features.textures or features.tinted
+        runs = make_find_runs(lens, layout.channels, layout.exact_flicker, layout.relight, painted, changes)
         return cls(*runs, *make_rounds(layout.channels))
 
     def to_build(self, trees: bool) -> list[tuple[wp.Kernel, int]]:
         """Gives them as `build_together` takes them, with those that depend on trees: as of `make_seen_of_all`."""
-        others = (self.find_plain, self.find_runs, self.check, self.split, see)
+        others = (self.find_plain, self.find_ends, self.find_runs, self.check, self.split, see)
         return [*((kernel, LAUNCH_BLOCK) for kernel in others), (make_find_changes(trees), BLOCK)]
 
 
@@ -90,8 +93,7 @@ class Rounds:
         """Whether the host reads counts while a window is done."""
         self._find_changes = make_find_changes(evaluator.shading.occluders.trees)
         self._tally, self._graphs = Tally(bands, device), CudaGraphs(device)
-        self._others = wp.empty(0, dtype=wp.int32, device=device)
-        self._first = wp.empty(0, dtype=wp.int32, device=device)
+        self._several: Any = Several()
         self._changes = Lists(Changes, pixel, bands, device)
         self._instances = Lists(make_instances(channels), pixel, bands, device)
         self._intervals = [Lists(make_intervals(channels), pixel, bands, device) for _ in range(2)]
@@ -112,7 +114,6 @@ class Rounds:
         while True:
             if not self.reads_counts:
                 self.evaluator.reserve(max(one.size for one in (self._instances, *self._intervals)))
-            self._changes.kernel.first = self._first
             self._tally.begin(total)
             self._graphs.run(self._key(window), partial(self._launch, window))
             meanwhile()
@@ -126,10 +127,13 @@ class Rounds:
         evaluator, device, cut = self.evaluator, self._rigid.visibility.device, window.cut
         inner = cut.envs * cut.height * cut.width
         most = max(int(AT_FIRST * inner) // evaluator.bands, 1)
-        if self._others.size < window.intervals * inner:
-            self._others = wp.empty(window.intervals * inner, dtype=wp.int32, device=device)
-        if self._first.size < window.intervals * inner * cut.probes:
-            self._first = wp.empty(window.intervals * inner * cut.probes, dtype=wp.int32, device=device)
+        several, listed = self._several, window.intervals * inner
+        if several.at is None or several.at.size < listed:
+            for name in ("at", "begun", "opened"):
+                setattr(several, name, wp.empty(listed, dtype=wp.int32, device=device))
+            several.seen = wp.empty(listed, dtype=wp.uint64, device=device)
+        if several.first is None or several.first.size < listed * cut.probes:
+            several.first = wp.empty(listed * cut.probes, dtype=wp.int32, device=device)
         lists = [self._instances, self._changes]
         if not self.reads_counts:
             lists += self._intervals
@@ -149,8 +153,8 @@ class Rounds:
         """Tells all that can differ between the launches of two windows: numbers, and where arrays are that may be
         replaced; all others are written where they were."""
         lists = [self._instances, self._changes, *self._intervals]
-        structs = [window.cut, window.stage, window.marks, *(each.kernel for each in lists)]
-        arrays = [window.frames, self._others, self.evaluator.hits, *self.samples.arrays]
+        structs = [window.cut, window.stage, window.marks, self._several, *(each.kernel for each in lists)]
+        arrays = [window.frames, self.evaluator.hits, *self.samples.arrays]
         return (
             *(bytes(struct.__ctype__()) for struct in structs),
             *((array.ptr, array.shape) for array in arrays),
@@ -209,31 +213,23 @@ class Rounds:
         workers, searchers = (1, 1) if v.device.is_cpu else (LIST_WORKERS, SEARCHERS)
         keys, start, marks, stage = rigid.pair.kernel(), rigid.pair.a.packed, window.marks, window.stage
         instances, found = self._instances.kernel, tally.lists[0]
-        changes = self._changes.kernel
-        launches: tuple[list[tuple[Any, Any, list[Any]]], ...] = ([], [], [])
+        changes, several = self._changes.kernel, self._several
+        lit = [marks, evaluator.change]
+        shown = [rigid.pair.a.image, start, window.frames]
+        launches: tuple[list[tuple[Any, Any, list[Any]]], ...] = ([], [], [], [])
         for k in range(bands):
             rows, other = edges[k + 1] - edges[k], window.intervals * cut.envs * cut.width * edges[k]
             most, most_changes = self._instances.most, self._changes.most
-            given = [v.view, cut, edges[k], span, k * most, most, other, k, window.held, keys, stage]
-            given += [
-                marks,
-                evaluator.change,
-                rigid.strength,
-                evaluator.strength,
-                rigid.pair.a.image,
-                start,
-                window.frames,
-            ]
-            given += [instances, found, self._others, tally.others]
-            launches[0].append(
-                (self._kernels.find_plain, (window.intervals * cut.envs, rows, cut.width // span), given)
-            )
-            given = [v.view, cut, searchers, k * most_changes, most_changes, other, k, self._others, tally.others]
-            launches[1].append((self._find_changes, searchers, [*given, stage, start, changes, tally.changes]))
-            given = [v.view, cut, workers, k * most, most, other, k, self._others, tally.others, changes, keys, stage]
-            given += [marks, evaluator.change, rigid.pair.a.image, start, window.frames, instances, found]
-            launches[2].append((find.find_runs, workers, given))
-        for each, block in zip(launches, (LAUNCH_BLOCK, BLOCK, LAUNCH_BLOCK)):
+            given = [v.view, cut, edges[k], span, k * most, most, other, k, window.held, keys, stage, *lit]
+            given += [rigid.strength, evaluator.strength, *shown, instances, found, several, tally.others]
+            launches[0].append((find.find_plain, (window.intervals * cut.envs, rows, cut.width // span), given))
+            given = [v.view, cut, searchers, k * most_changes, most_changes, other, k, tally.others]
+            launches[1].append((self._find_changes, searchers, [*given, stage, start, several, changes, tally.changes]))
+            given = [v.view, cut, workers, k * most, most, other, k, tally.others]
+            launches[2].append((find.find_ends, workers, [*given, stage, start, several, changes, instances, found]))
+            given += [k * most_changes, most_changes, tally.changes, keys, stage, *lit, *shown, several, changes]
+            launches[3].append((find.find_runs, workers, [*given, instances, found]))
+        for each, block in zip(launches, (LAUNCH_BLOCK, BLOCK, LAUNCH_BLOCK, LAUNCH_BLOCK)):
             rigid.sampling.launch(each, block)
 
     def _evaluate(self, window: Window, number: int, listed: Lists, bands: list[int]) -> None:

@@ -27,8 +27,9 @@ class Targets:
     """Holds what rays can meet.
 
     vertices: as of triangle_kernels.corner. triangles: corners of each triangle. instance: of each triangle. two_sided:
-    of each instance, 0 or 1. first: first triangle of each instance. pieces: body and patch of each triangle. casters:
-    poses [R, I] of the instances in the camera's frame, with an acceleration structure for each mesh.
+    of each instance, 0 or 1. first: first triangle of each instance. pieces: body and patch of each triangle. grain: of
+    each triangle, as of grain_of. casters: poses [R, I] of the instances in the camera's frame, with an acceleration
+    structure for each mesh.
     """
 
     vertices: wp.array2d(dtype=wp.vec3)
@@ -37,6 +38,7 @@ class Targets:
     two_sided: wp.array(dtype=int)
     first: wp.array(dtype=int)
     pieces: wp.array(dtype=wp.vec2i)
+    grain: wp.array(dtype=float)
     casters: Casters
 
 

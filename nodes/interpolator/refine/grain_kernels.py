@@ -1,0 +1,93 @@
+"""Follows the point that a pixel sees over a surface that no keyframe shows, by how fine the surface is painted."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from nodes.interpolator.refine.grain import EVEN
+from nodes.interpolator.refine.path_kernels import UNKNOWN, make_instances, make_note
+from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, entry_at
+from nodes.interpolator.refine.way_kernels import motion_since
+from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
+from nodes.renderer.raster.depth_kernels import depth_of, triangle_of
+
+wp.set_module_options({"enable_backward": False})
+
+PER_SWING = wp.constant(2.0)
+"""Samples for each length over which a texture goes up or down."""
+PLAIN = wp.constant(EVEN)
+
+
+@cache
+def make_follow(channels: int, flicker: bool) -> Any:
+    """Makes the function `follow`; arguments as of make_look_up."""
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    Keyframes: Any = make_keyframes(channels, flicker)
+    Instances: Any = make_instances(channels)
+    note = make_note(channels)
+
+    @wp.func
+    def on_body(cut: Cut, keys: Keyframes, stage: Stage, spot: Spot, i: int, body: int, hit: wp.uint64):
+        """Computes where the point that a pixel sees at instant i was at keyframe A, in the frame of its camera: points
+        of one body keep their distances there."""
+        point = depth_of(hit) * spot.d
+        motion = motion_since(cut, stage, keys.turn, keys.shift, spot.env, spot.k, 0, i, body)
+        return point + motion.turn * point + motion.shift
+
+    @wp.func
+    def follow(
+        cut: Cut,
+        keys: Keyframes,
+        stage: Stage,
+        instances: Instances,
+        spot: Spot,
+        start: int,
+        end: int,
+        before: wp.uint64,
+        after: wp.uint64,
+        last: int,
+        room: int,
+        most: int,
+        band: int,
+        count: wp.array(dtype=int),
+    ):
+        """Lists instants from `start` to `end` between which a pixel goes over part of a swing of what is painted on
+        the surface, and by a pixel at least. Arguments as of `walk`; gives the index of the last entry listed."""
+        body = stage.targets.pieces[triangle_of(before)][0]
+        each = (cut.slots + 1) // stage.probes[spot.env]
+        listed = start
+        gone = wp.float32(0.0)
+        i = start
+        hit = before
+        here = on_body(cut, keys, stage, spot, i, body, hit)
+        while i < end:
+            following = wp.min(end, (i | (each - 1)) + 1)
+            seen = after
+            if following < end:
+                seen = entry_at(cut, stage, spot, following)
+            there = on_body(cut, keys, stage, spot, following, body, seen)
+            way = wp.length(there - here)
+            grain = wp.min(stage.targets.grain[triangle_of(hit)], stage.targets.grain[triangle_of(seen)])
+            footprint = depth_of(seen) * wp.length(spot.d) / cut.gain
+            spacing = wp.max(grain / PER_SWING, footprint)
+            if grain < PLAIN and gone + way >= spacing:
+                to_next = wp.max(spacing - gone, 0.0)
+                pace = float(following - i) / way
+                while to_next < way:
+                    place = i + int(to_next * pace)
+                    if place > listed and place < end:
+                        last = note(
+                            cut, instances, spot, place, hit, seen, pixel(UNKNOWN), last, room, most, band, count
+                        )
+                        listed = place
+                    gone = way - to_next
+                    to_next += wp.max(spacing, way / float(following - i))
+            else:
+                gone += way
+            here = there
+            hit = seen
+            i = following
+        return last
+
+    return follow

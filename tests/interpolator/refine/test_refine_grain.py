@@ -1,0 +1,103 @@
+"""Surfaces that neither keyframe shows: what is painted on them passes pixels between two frames."""
+
+import numpy as np
+import pytest
+from refine_rig import refined
+from rigid_rig import GAP, HEIGHT, START, WIDTH, camera, painted, plain, pose, quad, world
+
+from evis.geometry import se3
+from evis.scene.mesh.shapes import cylinder
+from evis.scene.model import Material, Mesh
+from evis.scene.motion import Prescribed, Spin
+from nodes.interpolator.refine.grain import EVEN, grain_of
+from nodes.renderer.geometry.triangles import geometry_of
+
+K = 4
+TOLERANCE = 20_000
+RADIUS, AWAY = 0.5, 2.0
+DARK, BRIGHT = 0.2, 0.8
+
+
+def stripes(count, size=2048):
+    """Material with so many pairs of stripes along u."""
+    on = (np.arange(size) * 2 * count // size) % 2
+    picture = np.broadcast_to(np.where(on, BRIGHT, DARK)[:, None], (size, 3))[None].repeat(8, 0)
+    return Material("stripes", np.ones(3), picture.astype(np.float32), two_sided=True)
+
+
+def drum(count, rate):
+    """A drum with upright stripes that turns about its axis before a wall; the sky lights both."""
+    upright = pose(z=AWAY, turn=(np.pi / 2, 0, 0))
+    body = Prescribed(upright, [Spin(np.array([0.0, 0.0, 1.0]), rate)])
+    wall = (quad(6.0), plain(0.5), Prescribed(pose(z=4.0)))
+    return world([wall, (cylinder(RADIUS, 4.0), stripes(count), body)], sky=1.0)
+
+
+def edge_times(count, rate, columns):
+    """When the edges of stripes pass pixels of the middle row, a list of sorted ns since START for each column: by the
+    quadratic of a ray and a cylinder."""
+    k = camera().k
+    x = (columns - k[0, 2]) / k[0, 0]
+    a, b, c = x**2 + 1, -2 * AWAY, AWAY**2 - RADIUS**2
+    z = (-b - np.sqrt(b**2 - 4 * a * c)) / (2 * a)
+    turn = se3.to_matrix(pose(turn=(np.pi / 2, 0, 0))[3:])
+    found = []
+    for point in np.stack([x * z, 0 * z, z - AWAY], -1) @ turn:
+        edges = np.arctan2(point[1], point[0]) - np.pi * np.arange(2 * count) / count
+        first = edges / rate * 1e9 - START
+        period = 2 * np.pi / rate * 1e9
+        found.append(np.sort(first % period))
+        assert GAP < period
+    return [times[times < GAP] for times in found]
+
+
+@pytest.mark.parametrize("count", [10, 16])
+def test_the_stripes_of_a_drum_that_turns(count):
+    """The drum makes 0.95 turns in the gap: most of what pixels see meanwhile was on its back at both keyframes."""
+    rate = 0.95 * 2 * np.pi / GAP * 1e9
+    frames, (pixels, ns, values) = refined(drum(count, rate), K, TOLERANCE)
+    row, columns = HEIGHT // 2, np.arange(WIDTH // 2 - 10, WIDTH // 2 + 11)
+    missed = total = 0
+    for column, expected in zip(columns, edge_times(count, rate, columns)):
+        mine = pixels == row * WIDTH + column
+        at = np.concatenate([ns[mine], np.arange(1, K + 1) * GAP / K])
+        level = np.log(np.concatenate([values[mine], frames[:, row, column]])) - 0.5 * np.log(DARK * BRIGHT)
+        at, level = at[np.argsort(at)], level[np.argsort(at)]
+        n = np.flatnonzero(level[1:] * level[:-1] < 0)
+        crossed = at[n] - level[n] * (at[n + 1] - at[n]) / (level[n + 1] - level[n])
+        expected = expected[expected > at[0]]
+        total += len(expected)
+        apart = np.abs(crossed[None] - expected[:, None]).min(axis=1) if len(crossed) else np.full(len(expected), GAP)
+        missed += int((apart > 3 * TOLERANCE).sum())
+    assert total > 100
+    assert missed <= 0.02 * total
+
+
+def grain(mesh, material):
+    scene = world([(mesh, material, "world")])
+    return grain_of(scene, geometry_of(scene), 0.1)
+
+
+def test_grain_is_half_a_period():
+    side = 3.0
+    # What swings by more than 1 in ln has so much of the way to go.
+    assert np.allclose(grain(quad(side / 2), stripes(8)), side / 16 / np.log(BRIGHT / DARK), rtol=0.01)
+    # Of `wave` ln goes up and down twice along u; where it is steepest it is pi / 2 times as steep as on the average.
+    waves = grain(quad(side / 2), painted())
+    assert (waves > 0.5 * side / 4).all() and (waves < 1.2 * side / 4).all()
+
+
+def test_what_is_even_has_no_grain():
+    assert (grain(quad(1.0), plain(0.5)) == EVEN).all()
+    faint = painted()
+    faint.texture = np.float32(0.5) + np.float32(0.01) * faint.texture
+    assert (grain(quad(1.0), faint) == EVEN).all()
+    # No uv, no texture.
+    assert (grain(Mesh(quad(1.0).vertices, quad(1.0).faces), painted()) == EVEN).all()
+
+
+def test_colours_at_vertices_have_the_grain_of_their_triangles():
+    mesh = quad(1.0)
+    mesh.colours = np.full((2, 3, 3), 0.5, np.float32)
+    mesh.colours[1, 2] = 0.9
+    assert grain(mesh, plain(0.5)).tolist() == pytest.approx([EVEN, np.sqrt(8.0)])
