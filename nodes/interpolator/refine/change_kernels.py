@@ -58,6 +58,61 @@ class Changes:
     closed: wp.array(dtype=int)
 
 
+@wp.kernel(enable_backward=False)
+def find_breaks(
+    # in
+    view: CameraView,
+    cut: Cut,
+    workers: int,
+    room: int,
+    most: int,
+    others0: int,
+    band: int,
+    others_count: wp.array(dtype=int),
+    stage: Stage,
+    start: wp.array3d(dtype=wp.uint64),
+    several: Several,
+    # out
+    changes: Changes,
+    count: wp.array(dtype=int),
+    breaks: wp.array(dtype=int),
+):
+    """Lists between which probes pixels that show several surfaces pass from one to another: others_count[band] of
+    these, from others0 on.
+
+    changes: the number of the probe in `low`, the entries at both ends in `before` and `after`, and the pixel; written
+    from `room` on, at most `most`. count[band], breaks[band]: how many there are, also where that is more than `most`.
+    """
+    inner = cut.envs * cut.height * cut.width
+    job = wp.tid()
+    while job < others_count[band] * cut.probes:
+        n = job % cut.probes
+        listed = others0 + job // cut.probes
+        at = several.at[listed]
+        spot = spot_of(view, cut, cut.first + at // inner, at % inner)
+        ends = ends_of(cut, stage, start, spot)
+        probes = stage.probes[spot.env]
+        several.first[job + others0 * cut.probes] = -1
+        if n < probes:
+            hit = ends.before
+            then = ends.after
+            if n > 0:
+                hit = entry_at(cut, stage, spot, n * (cut.slots + 1) // probes)
+            if n + 1 < probes:
+                then = entry_at(cut, stage, spot, (n + 1) * (cut.slots + 1) // probes)
+            if not joined(hit, then, stage.targets.pieces):
+                place = take_place(count, band)
+                take_place(breaks, band)
+                if place < most:
+                    place += room
+                    changes.job[place] = listed
+                    changes.low[place] = n
+                    changes.before[place] = hit
+                    changes.after[place] = then
+                    several.first[job + others0 * cut.probes] = place
+        job += workers
+
+
 @cache
 def make_find_changes(trees: bool) -> wp.Kernel:
     """Makes the kernel `find_changes`; trees: as of `make_seen_of_all`."""
@@ -71,45 +126,32 @@ def make_find_changes(trees: bool) -> wp.Kernel:
         workers: int,
         room: int,
         most: int,
-        others0: int,
         band: int,
-        others_count: wp.array(dtype=int),
+        breaks: wp.array(dtype=int),
         stage: Stage,
-        start: wp.array3d(dtype=wp.uint64),
+        # in or out
         several: Several,
-        # out
         changes: Changes,
         count: wp.array(dtype=int),
     ):
-        """Lists the changes of pixels that show several surfaces: others_count[band] of these, from others0 on.
-
-        changes: written from `room` on, at most `most`. count[band]: how many there are, also where that is more than
-        `most`.
-        """
+        """Finds the changes between two probes, breaks[band] pairs of which `find_breaks` has listed from `room` on:
+        the first one takes the place of the pair, others those after all. Arguments as of `find_breaks`."""
         inner = cut.envs * cut.height * cut.width
-        job = wp.tid()
-        while job < others_count[band] * cut.probes:
-            n = job % cut.probes
-            listed = others0 + job // cut.probes
+        j = room + wp.tid()
+        while j < room + wp.min(breaks[band], most):
+            listed = changes.job[j]
             at = several.at[listed]
             spot = spot_of(view, cut, cut.first + at // inner, at % inner)
-            ends = ends_of(cut, stage, start, spot)
             probes = stage.probes[spot.env]
+            n = changes.low[j]
             low = n * (cut.slots + 1) // probes
-            hit = ends.before
+            hit = changes.before[j]
             pending = PENDING()
             entries = SEEN_THEN()
-            waiting = wp.int32(-1)
-            if n < probes:
-                waiting = 0
-                if n > 0:
-                    hit = entry_at(cut, stage, spot, low)
-                pending[0] = (n + 1) * (cut.slots + 1) // probes
-                entries[0] = ends.after
-                if n + 1 < probes:
-                    entries[0] = entry_at(cut, stage, spot, pending[0])
+            waiting = wp.int32(0)
+            pending[0] = (n + 1) * (cut.slots + 1) // probes
+            entries[0] = changes.after[j]
             last = wp.int32(-1)
-            several.first[listed * cut.probes + n] = -1
             while waiting >= 0:
                 high = pending[waiting]
                 then = entries[waiting]
@@ -130,23 +172,26 @@ def make_find_changes(trees: bool) -> wp.Kernel:
                         row_high = slot_row(cut, spot.env, spot.k, high)
                         f = passing(view, stage.targets, row_low, row_high, spot.d, hit, then)
                         later = wp.clamp(int(f * float(PARTS)), SHARP, PARTS - SHARP)
-                    place = take_place(count, band)
-                    if place < most:
-                        place += room
+                    place = j
+                    if last >= 0:
+                        place = room + take_place(count, band)
+                    if place < room + most:
+                        if last >= 0:
+                            changes.following[last] = place
                         changes.job[place] = listed
                         changes.low[place] = low
                         changes.before[place] = hit
                         changes.after[place] = then
                         changes.later[place] = later
                         changes.following[place] = -1
-                        if last < 0:
-                            several.first[listed * cut.probes + n] = place
-                        else:
-                            changes.following[last] = place
                         last = place
                     low = high
                     hit = then
                     waiting -= 1
-            job += workers
+            if last < 0:
+                # Step by step it is one surface after all.
+                several.first[listed * cut.probes + n] = -1
+                changes.begun[j] = cut.slots + 1
+            j += workers
 
     return find_changes

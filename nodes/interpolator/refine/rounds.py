@@ -12,7 +12,7 @@ import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.cuda_graph import CudaGraphs
-from nodes.interpolator.refine.change_kernels import Changes, Several, make_find_changes
+from nodes.interpolator.refine.change_kernels import Changes, Several, find_breaks, make_find_changes
 from nodes.interpolator.refine.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.interval_kernels import make_intervals, make_rounds, see
@@ -26,8 +26,7 @@ from nodes.interpolator.rigid.method import Rigid
 from nodes.renderer.lighting import LIST_WORKERS
 
 SEARCHERS, BLOCK = 1 << 20, 64
-"""Threads that look for changes on a GPU, and of a block of them: few of a block's probes have any between them, and
-the block ends with the last of these."""
+"""Threads that look for changes on a GPU, and of a block of them that finds them: it ends with the slowest of these."""
 AT_FIRST = 1.0
 """Entries of a list for each pixel of an instant, before it is known how many are needed."""
 
@@ -216,20 +215,23 @@ class Rounds:
         changes, several = self._changes.kernel, self._several
         lit = [marks, evaluator.change]
         shown = [rigid.pair.a.image, start, window.frames]
-        launches: tuple[list[tuple[Any, Any, list[Any]]], ...] = ([], [], [], [])
+        launches: tuple[list[tuple[Any, Any, list[Any]]], ...] = ([], [], [], [], [])
         for k in range(bands):
             rows, other = edges[k + 1] - edges[k], window.intervals * cut.envs * cut.width * edges[k]
             most, most_changes = self._instances.most, self._changes.most
             given = [v.view, cut, edges[k], span, k * most, most, other, k, window.held, keys, stage, *lit]
             given += [rigid.strength, evaluator.strength, *shown, instances, found, several, tally.others]
             launches[0].append((find.find_plain, (window.intervals * cut.envs, rows, cut.width // span), given))
-            given = [v.view, cut, searchers, k * most_changes, most_changes, other, k, tally.others]
-            launches[1].append((self._find_changes, searchers, [*given, stage, start, several, changes, tally.changes]))
+            given = [v.view, cut, searchers, k * most_changes, most_changes]
+            listed = [stage, start, several, changes, tally.changes]
+            launches[1].append((find_breaks, searchers, [*given, other, k, tally.others, *listed, tally.breaks]))
+            listed = [stage, several, changes, tally.changes]
+            launches[2].append((self._find_changes, searchers, [*given, k, tally.breaks, *listed]))
             given = [v.view, cut, workers, k * most, most, other, k, tally.others]
-            launches[2].append((find.find_ends, workers, [*given, stage, start, several, changes, instances, found]))
+            launches[3].append((find.find_ends, workers, [*given, stage, start, several, changes, instances, found]))
             given += [k * most_changes, most_changes, tally.changes, keys, stage, *lit, *shown, several, changes]
-            launches[3].append((find.find_runs, workers, [*given, instances, found]))
-        for each, block in zip(launches, (LAUNCH_BLOCK, BLOCK, LAUNCH_BLOCK, LAUNCH_BLOCK)):
+            launches[4].append((find.find_runs, workers, [*given, instances, found]))
+        for each, block in zip(launches, (LAUNCH_BLOCK, LAUNCH_BLOCK, BLOCK, LAUNCH_BLOCK, LAUNCH_BLOCK)):
             rigid.sampling.launch(each, block)
 
     def _evaluate(self, window: Window, number: int, listed: Lists, bands: list[int]) -> None:

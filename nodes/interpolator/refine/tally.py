@@ -32,17 +32,18 @@ class Told:
 class Tally:
     """Counts what the kernels of a window list, for each band of rows: int32 arrays that are parts of one.
 
-    others, changes [bands]: pixels that show several surfaces, and how often these change. lists, unseen [LISTS] of
+    others, changes [bands]: pixels that show several surfaces, and how often these change; breaks [bands]: between how
+    many probes they do. lists, unseen [LISTS] of
     [bands]: pixels of each list, and those of them that no keyframe shows. made [LISTS + 1]: samples before each list.
     """
 
     def __init__(self, bands: int, device: Any) -> None:
         self._bands = bands
-        self._all = wp.zeros((2 * LISTS + 2) * bands + LISTS + 1, dtype=wp.int32, device=device)
+        self._all = wp.zeros((2 * LISTS + 3) * bands + LISTS + 1, dtype=wp.int32, device=device)
         self.made = self._all[: LISTS + 1]
         rows = self._all[LISTS + 1 :].reshape((-1, bands))
-        self.others, self.changes = rows[0], rows[1]
-        self.lists, self.unseen = ([rows[first + n] for n in range(LISTS)] for first in (2, 2 + LISTS))
+        self.others, self.changes, self.breaks = rows[0], rows[1], rows[2]
+        self.lists, self.unseen = ([rows[first + n] for n in range(LISTS)] for first in (3, 3 + LISTS))
 
     def begin(self, made: int) -> None:
         """Begins a window, before which there are so many samples."""
@@ -54,4 +55,4 @@ class Tally:
         """Gives what was counted; on a GPU it waits for that."""
         counted = self._all.numpy()
         rows = counted[LISTS + 1 :].reshape(-1, self._bands)
-        return Told(rows[1], rows[2 : 2 + LISTS], int(rows[2 + LISTS :].sum()), counted[: LISTS + 1])
+        return Told(rows[1], rows[3 : 3 + LISTS], int(rows[3 + LISTS :].sum()), counted[: LISTS + 1])
