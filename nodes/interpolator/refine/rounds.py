@@ -25,8 +25,9 @@ from nodes.interpolator.refine.way_kernels import find_bends
 from nodes.interpolator.rigid.method import Rigid
 from nodes.renderer.lighting import LIST_WORKERS
 
-SEARCHERS, BLOCK = 1 << 20, 64
-"""Threads that look for changes on a GPU, and of a block of them that finds them: it ends with the slowest of these."""
+SEARCHERS, BLOCK = 1 << 21, 64
+"""Threads that look for changes and along runs on a GPU, and of a block of them that finds changes: it ends with the
+slowest of these."""
 AT_FIRST = 1.0
 """Entries of a list for each pixel of an instant, before it is known how many are needed."""
 
@@ -229,8 +230,9 @@ class Rounds:
             launches[2].append((self._find_changes, searchers, [*given, k, tally.breaks, *listed]))
             given = [v.view, cut, workers, k * most, most, other, k, tally.others]
             launches[3].append((find.find_ends, workers, [*given, stage, start, several, changes, instances, found]))
+            given[2] = searchers
             given += [k * most_changes, most_changes, tally.changes, keys, stage, *lit, *shown, several, changes]
-            launches[4].append((find.find_runs, workers, [*given, instances, found]))
+            launches[4].append((find.find_runs, searchers, [*given, instances, found]))
         for each, block in zip(launches, (LAUNCH_BLOCK, LAUNCH_BLOCK, BLOCK, LAUNCH_BLOCK, LAUNCH_BLOCK)):
             rigid.sampling.launch(each, block)
 

@@ -211,7 +211,7 @@ def make_find_runs(
                 instances.ends[last] = 1
             j += workers
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FEW_REGISTERS)
     def find_runs(
         # in
         view: CameraView,

@@ -5,7 +5,16 @@ from functools import cache
 import warp as wp
 
 from nodes.interpolator.refine.sight_kernels import make_seen_between
-from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, ends_of, entry_at, slot_row, spot_at
+from nodes.interpolator.refine.stage_kernels import (
+    FEW_REGISTERS,
+    Cut,
+    Spot,
+    Stage,
+    ends_of,
+    entry_at,
+    slot_row,
+    spot_at,
+)
 from nodes.interpolator.relight.change_kernels import MOVED, SHADED, Change, make_narrowed, point_of
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.plan_kernels import joined
@@ -91,7 +100,7 @@ def make_find_passing(changes: LightChanges, trees: bool) -> wp.Kernel:
                                     keys += key_of(corner * change.now.kind.shape[0] + l)
         return keys
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FEW_REGISTERS)
     def find_passing(
         # in
         view: CameraView,
