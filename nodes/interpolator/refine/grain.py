@@ -36,7 +36,7 @@ def grain_of(scene: Scene, geometry: Geometry, least: float) -> np.ndarray:
         fine = known[instance.material]
         if fine is not None and instance.mesh.uv is not None:
             along_u, along_v = _per_unit(corners[own], np.asarray(instance.mesh.uv, np.float64))
-            grain[own] = np.minimum(along_u * fine[0], along_v * fine[1])
+            grain[own] = np.minimum(np.minimum(along_u * fine[0], along_v * fine[1]), EVEN)
         if instance.mesh.colours is not None:
             grain[own] = np.minimum(grain[own], _of_colours(corners[own], instance.mesh.colours, least))
     return grain
