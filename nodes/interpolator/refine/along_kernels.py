@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from nodes.interpolator.refine.grain_kernels import make_follow
+from nodes.interpolator.refine.grain_kernels import finer_than_pixels, make_follow
 from nodes.interpolator.refine.light.flicker_kernels import Marks, entry_near, marks_of
 from nodes.interpolator.refine.light.passing_kernels import part_at
 from nodes.interpolator.refine.path_kernels import UNKNOWN, make_instances, make_note, make_walk
@@ -48,12 +48,15 @@ def make_through(lens: str, channels: int, flicker: bool, relit: bool, painted: 
         count: wp.array(dtype=int),
     ):
         """Does as `walk` does, in the nearer keyframe, or in the other one where that does not show the way, and goes
-        by what is painted on the surface where none does."""
+        by what is painted on the surface where none does, or that is finer than their pixels."""
         nearer = wp.where(2 * spot.k >= cut.coarse and spot.k > 0, 1, 0)
         new = last
         rise = pixel(UNKNOWN)
         whole = wp.bool(False)
         tries = wp.int32(0)
+        if wp.static(follow is not None):
+            if finer_than_pixels(cut, stage, spot, before):
+                tries = wp.int32(2)
         while tries < 2 and not whole and new == last and (tries == 0 or spot.k + start > 0):
             which = wp.where(tries == 0, nearer, 1 - nearer)
             new, rise, whole = walk(

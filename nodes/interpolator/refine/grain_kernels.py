@@ -1,4 +1,5 @@
-"""Follows the point that a pixel sees over a surface that no keyframe shows, by how fine the surface is painted."""
+"""Follows the point that a pixel sees over a surface by how fine that is painted: one that no keyframe shows, or whose
+picture is finer than keyframes' pixels."""
 
 from functools import cache
 from typing import Any
@@ -10,13 +11,30 @@ from nodes.interpolator.refine.path_kernels import UNKNOWN, make_instances, make
 from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, entry_at
 from nodes.interpolator.refine.way_kernels import motion_since
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
-from nodes.renderer.raster.depth_kernels import depth_of, triangle_of
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 
 wp.set_module_options({"enable_backward": False})
 
 PER_SWING = wp.constant(2.0)
 """Samples for each length over which a texture goes up or down."""
 PLAIN = wp.constant(EVEN)
+LEAST_SPACING = wp.constant(0.5)
+"""Least way between two samples, of a pixel's width."""
+
+
+@wp.func
+def width_of_pixel(cut: Cut, spot: Spot, hit: wp.uint64):
+    """Computes the width of a pixel [m] where it sees a z-buffer entry."""
+    return depth_of(hit) * wp.length(spot.d) / cut.gain
+
+
+@wp.func
+def finer_than_pixels(cut: Cut, stage: Stage, spot: Spot, hit: wp.uint64):
+    """Tells whether the triangle of a z-buffer entry is painted more finely than the pixels of an image show."""
+    t = triangle_of(hit)
+    if t == MISS:
+        return False
+    return stage.targets.grain[t] < width_of_pixel(cut, spot, hit)
 
 
 @cache
@@ -53,7 +71,7 @@ def make_follow(channels: int, flicker: bool) -> Any:
         count: wp.array(dtype=int),
     ):
         """Lists instants from `start` to `end` between which a pixel goes over part of a swing of what is painted on
-        the surface, and by a pixel at least. Arguments as of `walk`; gives the index of the last entry listed."""
+        the surface, and by half a pixel at least. Arguments as of `walk`; gives the index of the last entry listed."""
         body = stage.targets.pieces[triangle_of(before)][0]
         each = (cut.slots + 1) // stage.probes[spot.env]
         listed = start
@@ -69,8 +87,7 @@ def make_follow(channels: int, flicker: bool) -> Any:
             there = on_body(cut, keys, stage, spot, following, body, seen)
             way = wp.length(there - here)
             grain = wp.min(stage.targets.grain[triangle_of(hit)], stage.targets.grain[triangle_of(seen)])
-            footprint = depth_of(seen) * wp.length(spot.d) / cut.gain
-            spacing = wp.max(grain / PER_SWING, footprint)
+            spacing = wp.max(grain / PER_SWING, LEAST_SPACING * width_of_pixel(cut, spot, seen))
             if grain < PLAIN and gone + way >= spacing:
                 to_next = wp.max(spacing - gone, 0.0)
                 pace = float(following - i) / way
