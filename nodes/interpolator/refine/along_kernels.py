@@ -95,41 +95,50 @@ def make_through(lens: str, channels: int, flicker: bool, relit: bool, painted: 
         """Does as `go` does, from one mark to the next where lights flicker, and from one shadow's edge to the next."""
         begun = start
         seen = before
+        marked = wp.int32(0)
+        first = wp.int32(0)
         if wp.static(flicker or relit):
             first, past = marks_of(marks, spot)
-            for n in range(first, past):
-                i = marks.at[n]
-                if i > start and i < end:
-                    hit = entry_near(cut, stage, spot, i, begun, seen)
-                    last, told, _all = go(
-                        view, cut, keys, stage, instances, spot, begun, i, seen, hit, last, room, most, band, count
-                    )
-                    last = note(cut, instances, spot, i, hit, hit, told, last, room, most, band, count)
-                    instances.later[last] = marks.later[n]
-                    begun = i
-                    seen = hit
+            marked = past - first
+        edges = wp.int32(0)
+        parts = wp.int32(1)
+        bits = wp.uint64(0)
         if wp.static(changes.passes):
             if cut.parts > 0:
                 bits = stage.passing[
                     (spot.k - cut.first) * cut.envs + spot.env, spot.y - cut.margin, spot.x - cut.margin
                 ]
                 if bits != wp.uint64(0):
-                    # Lamps are hidden or seen again between the two ends of a part.
                     parts = stage.parts[spot.env]
-                    for n in range(2 * parts):
-                        i = part_at(cut, parts, (n + 1) // 2)
-                        if ((bits >> wp.uint64(n // 2)) & wp.uint64(1)) != wp.uint64(0) and i > begun and i < end:
-                            hit = entry_near(cut, stage, spot, i, begun, seen)
-                            last, told, _all = go(
-                                view, cut, keys, stage, instances, spot, begun, i, seen, hit, last, room, most, band,
-                                count,
-                            )  # fmt: skip
-                            last = note(cut, instances, spot, i, hit, hit, told, last, room, most, band, count)
-                            begun = i
-                            seen = hit
-        last, rise, whole = go(
-            view, cut, keys, stage, instances, spot, begun, end, seen, after, last, room, most, band, count
-        )
+                    edges = 2 * parts
+        rise = pixel(UNKNOWN)
+        whole = wp.bool(False)
+        # All by the same code: a GPU's cache of instructions would not hold copies of it.
+        for n in range(marked + edges + 1):
+            i = end
+            later = wp.int32(0)
+            inside = wp.bool(False)
+            if n < marked:
+                i = marks.at[first + n]
+                later = marks.later[first + n]
+                inside = i > start and i < end
+            elif n < marked + edges:
+                # Lamps are hidden or seen again between the two ends of a part.
+                m = n - marked
+                i = part_at(cut, parts, (m + 1) // 2)
+                inside = ((bits >> wp.uint64(m // 2)) & wp.uint64(1)) != wp.uint64(0) and i > begun and i < end
+            if inside or n == marked + edges:
+                hit = after
+                if inside:
+                    hit = entry_near(cut, stage, spot, i, begun, seen)
+                last, rise, whole = go(
+                    view, cut, keys, stage, instances, spot, begun, i, seen, hit, last, room, most, band, count
+                )
+                if inside:
+                    last = note(cut, instances, spot, i, hit, hit, rise, last, room, most, band, count)
+                    instances.later[last] = later
+                    begun = i
+                    seen = hit
         return last, rise, whole
 
     return through
