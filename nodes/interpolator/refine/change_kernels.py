@@ -58,7 +58,7 @@ class Changes:
     closed: wp.array(dtype=int)
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(module="unique", enable_backward=False)
 def find_breaks(
     # in
     view: CameraView,

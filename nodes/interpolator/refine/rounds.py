@@ -69,7 +69,7 @@ class Kernels:
 
     def to_build(self, trees: bool) -> list[tuple[wp.Kernel, int]]:
         """Gives them as `build_together` takes them, with those that depend on trees: as of `make_seen_of_all`."""
-        others = (self.find_plain, self.find_ends, self.find_runs, self.check, self.split, see)
+        others = (self.find_plain, find_breaks, self.find_ends, self.find_runs, self.check, self.split, see)
         return [*((kernel, LAUNCH_BLOCK) for kernel in others), (make_find_changes(trees), BLOCK)]
 
 
