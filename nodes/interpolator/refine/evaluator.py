@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from nodes.interpolator.keyframe import Span
-from nodes.interpolator.refine.grain import grain_of
+from nodes.interpolator.refine.paths.grain import grain_of
 from nodes.interpolator.refine.sight_kernels import Targets
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges

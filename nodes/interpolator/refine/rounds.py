@@ -18,10 +18,11 @@ from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.interval_kernels import make_intervals, make_rounds, see
 from nodes.interpolator.refine.light.passing import Passing
 from nodes.interpolator.refine.lists import Lists, Samples
-from nodes.interpolator.refine.path_kernels import make_instances
-from nodes.interpolator.refine.run_kernels import make_find_runs
+from nodes.interpolator.refine.paths.path_kernels import make_instances
+from nodes.interpolator.refine.paths.way_kernels import find_bends
+from nodes.interpolator.refine.plain_kernels import make_find_plain
+from nodes.interpolator.refine.run_kernels import make_find_ends, make_find_runs
 from nodes.interpolator.refine.tally import Tally, Told
-from nodes.interpolator.refine.way_kernels import find_bends
 from nodes.interpolator.rigid.method import Rigid
 from nodes.renderer.lighting import LIST_WORKERS
 
@@ -64,8 +65,9 @@ class Kernels:
         layout, lens, changes = rigid.layout, rigid.visibility.lens, changes_of(rigid)
         features = rigid.shading.features
         painted = features.textures or features.tinted
-        runs = make_find_runs(lens, layout.channels, layout.exact_flicker, layout.relight, painted, changes)
-        return cls(*runs, *make_rounds(layout.channels))
+        how = (lens, layout.channels, layout.exact_flicker, layout.relight, painted, changes)
+        ends = make_find_ends(layout.channels)
+        return cls(make_find_plain(*how), ends, make_find_runs(*how), *make_rounds(layout.channels))
 
     def to_build(self, trees: bool) -> list[tuple[wp.Kernel, int]]:
         """Gives them as `build_together` takes them, with those that depend on trees: as of `make_seen_of_all`."""

@@ -1,8 +1,7 @@
-"""Lists the samples that pixels need: at both ends of each run of one surface, and where ln I bends along it.
+"""Lists the samples of pixels that show several surfaces: at both ends of each run of one, and where ln I bends in it.
 
-`find_plain` does the pixels that show one surface all along. Those that show several are listed, and so are their
-changes from one to the next; `find_ends` lists the samples at these, and then `find_runs` those of each run by itself,
-for some pixels have many runs, and a GPU waits for the slowest of its threads.
+`find_ends` lists those at the changes from one surface to another, and then `find_runs` those of each run by itself:
+some pixels have many runs, and a GPU waits for the slowest of its threads.
 """
 
 from functools import cache
@@ -10,11 +9,10 @@ from typing import Any
 
 import warp as wp
 
-from evis.gpu.append_kernels import take_place
-from nodes.interpolator.refine.along_kernels import make_through, make_untold
 from nodes.interpolator.refine.change_kernels import Changes, Several
-from nodes.interpolator.refine.light.flicker_kernels import Marks, make_note_marks
-from nodes.interpolator.refine.path_kernels import (
+from nodes.interpolator.refine.light.flicker_kernels import Marks
+from nodes.interpolator.refine.paths.along_kernels import make_through, make_untold
+from nodes.interpolator.refine.paths.path_kernels import (
     PARTS,
     SHARP,
     UNKNOWN,
@@ -26,127 +24,23 @@ from nodes.interpolator.refine.stage_kernels import (
     Cut,
     Stage,
     ends_of,
-    shows_one,
-    spot_at,
     spot_of,
 )
-from nodes.interpolator.refine.way_kernels import moves
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
-from nodes.interpolator.rigid.keyframe_kernels import equal, log_of
+from nodes.interpolator.rigid.keyframe_kernels import log_of
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
-from nodes.renderer.raster.depth_kernels import MISS, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 
 
 @cache
-def make_find_runs(
-    lens: str, channels: int, flicker: bool, relit: bool, painted: bool, changes: LightChanges
-) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel]:
-    """Makes the kernels `find_plain`, `find_ends` and `find_runs`; arguments as of make_look_up.
-
-    relit: whether lights flicker each in its own way: then surfaces are shaded anew. painted: whether anything has a
-    texture or colours at vertices. changes: of light in the scene.
-    """
+def make_find_ends(channels: int) -> wp.Kernel:
+    """Makes the kernel `find_ends`; channels: 1 (luminance) or 3 (RGB)."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
-    Keyframes: Any = make_keyframes(channels, flicker)
     Instances: Any = make_instances(channels)
-    note, note_marks = make_note(channels), make_note_marks(channels)
-    through = make_through(lens, channels, flicker, relit, painted, changes)
-    untold = make_untold(channels, changes)
-
-    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FEW_REGISTERS)
-    def find_plain(
-        # in
-        view: CameraView,
-        cut: Cut,
-        row0: int,
-        span: int,
-        room: int,
-        most: int,
-        others0: int,
-        band: int,
-        held: wp.array(dtype=int),
-        keys: Keyframes,
-        stage: Stage,
-        marks: Marks,
-        change: Change,
-        strength: wp.array(dtype=float),
-        within: wp.array(dtype=float),
-        image: wp.array3d(dtype=pixel),
-        start: wp.array3d(dtype=wp.uint64),
-        frames: wp.array3d(dtype=pixel),
-        # out
-        instances: Instances,
-        count: wp.array(dtype=int),
-        several: Several,
-        others_count: wp.array(dtype=int),
-    ):
-        """Lists the instants at which pixels are to be looked at that show one surface at both ends of a coarse
-        interval and at all probes, from `room` on, `most` at most; count[band]: how many there would be. What shows
-        several is listed in `several`, from others0 on.
-
-        marks: of lights that flicker; strength [rows], within [slots E]: how strong they are at coarse frames and
-        within. image, start: keyframe A and its z-buffer, with the margin. frames: [E K, h, w].
-        """
-        n, row, part = wp.tid()
-        env = n % cut.envs
-        k = cut.first + n // cut.envs
-        if held[env] == 1:
-            return
-        y = row0 + row
-        each = cut.slots + 1
-        for x in range(part * span, wp.min(part * span + span, cut.width)):
-            spot = spot_at(view, cut, env, k, y, x)
-            ends = ends_of(cut, stage, start, spot)
-            one = shows_one(cut, stage, spot, ends.before, ends.after)
-            changed = wp.bool(ends.before != ends.after)
-            if one and not changed:
-                # It may have come back, or be as far on as what is painted on it repeats.
-                changed = moves(cut, stage, spot, ends.before)
-            a = wp.where(k == 0, image[env, spot.y, spot.x], frames[env * cut.coarse + wp.max(k - 1, 0), y, x])
-            b = frames[env * cut.coarse + k, y, x]
-            if wp.static(changes.passes):
-                if one and not changed and cut.parts > 0:
-                    changed = stage.passing[n, y, x] != wp.uint64(0)
-            done = wp.bool(False)
-            whole = wp.bool(True)
-            last = wp.int32(-1)
-            rise = pixel(UNKNOWN)
-            grown = pixel(0.0)
-            if wp.static(flicker):
-                if one and not changed:
-                    done = True
-                    at_b = (env * view.height + spot.y) * view.width + spot.x
-                    last, rise = note_marks(
-                        cut, keys, instances, marks, spot, at_b, ends.after, log_of(a), log_of(b), strength, within,
-                        room, most, band, count,
-                    )  # fmt: skip
-                    if last >= 0:
-                        instances.tail[last] = rise
-                        instances.ends[last] = 1
-            if not one:
-                several.at[others0 + take_place(others_count, band)] = (
-                    n // cut.envs * (cut.envs * cut.height * cut.width) + spot.q
-                )
-            elif not done and (changed or not equal(a, b) or (wp.static(relit) and triangle_of(ends.after) != MISS)):
-                last, rise, whole = through(
-                    view, cut, keys, stage, instances, marks, spot, 0, each, ends.before, ends.after, -1, room, most,
-                    band, count,
-                )  # fmt: skip
-                if last < 0:
-                    grown = log_of(b) - log_of(a)
-            if one and not done and last < 0:
-                if untold(cut, stage, change, spot, ends, rise, grown, whole):
-                    rise = pixel(UNKNOWN)
-                    last = note(
-                        cut, instances, spot, each // 2, ends.before, ends.after, rise, last, room, most, band, count
-                    )
-            if one and not done and last >= 0:
-                instances.tail[last] = rise
-                instances.ends[last] = 1
+    note = make_note(channels)
 
     @wp.kernel(module="unique", enable_backward=False)
     def find_ends(
@@ -210,6 +104,21 @@ def make_find_runs(
             if begun > cut.slots and last >= 0:
                 instances.ends[last] = 1
             j += workers
+
+    return find_ends
+
+
+@cache
+def make_find_runs(
+    lens: str, channels: int, flicker: bool, relit: bool, painted: bool, changes: LightChanges
+) -> wp.Kernel:
+    """Makes the kernel `find_runs`; arguments as of make_find_plain."""
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    Keyframes: Any = make_keyframes(channels, flicker)
+    Instances: Any = make_instances(channels)
+    note = make_note(channels)
+    through = make_through(lens, channels, flicker, relit, painted, changes)
+    untold = make_untold(channels, changes)
 
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FEW_REGISTERS)
     def find_runs(
@@ -299,4 +208,4 @@ def make_find_runs(
                         instances.ends[last] = 1
             i += workers
 
-    return find_plain, find_ends, find_runs
+    return find_runs

@@ -9,7 +9,7 @@ from evis.geometry import se3
 from evis.scene.mesh.shapes import cylinder
 from evis.scene.model import Material, Mesh
 from evis.scene.motion import Linear, Prescribed, Spin
-from nodes.interpolator.refine.grain import EVEN, grain_of
+from nodes.interpolator.refine.paths.grain import EVEN, grain_of
 from nodes.renderer.geometry.triangles import geometry_of
 
 K = 4

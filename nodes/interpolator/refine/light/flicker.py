@@ -13,7 +13,7 @@ from evis.scene.model import Waveform
 from evis.scene.sampling import FOLLOWED
 from nodes.interpolator.refine.light.flicker_kernels import Marks
 from nodes.interpolator.refine.lists import SPARE
-from nodes.interpolator.refine.path_kernels import PARTS, SHARP
+from nodes.interpolator.refine.paths.path_kernels import PARTS, SHARP
 from nodes.renderer.lights.lights import waveform_strength
 
 NS = 1_000_000_000

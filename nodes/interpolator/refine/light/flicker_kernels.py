@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from nodes.interpolator.refine.path_kernels import (
+from nodes.interpolator.refine.paths.path_kernels import (
     PARTS,
     STEEPEST,
     make_instances,

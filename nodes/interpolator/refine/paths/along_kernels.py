@@ -5,10 +5,10 @@ from typing import Any
 
 import warp as wp
 
-from nodes.interpolator.refine.grain_kernels import finer_than_pixels, make_follow
 from nodes.interpolator.refine.light.flicker_kernels import Marks, entry_near, marks_of
 from nodes.interpolator.refine.light.passing_kernels import part_at
-from nodes.interpolator.refine.path_kernels import UNKNOWN, make_instances, make_note, make_walk
+from nodes.interpolator.refine.paths.grain_kernels import finer_than_pixels, make_follow
+from nodes.interpolator.refine.paths.path_kernels import UNKNOWN, make_instances, make_note, make_walk
 from nodes.interpolator.refine.stage_kernels import Cut, Ends, Spot, Stage, slot_row
 from nodes.interpolator.relight.change_kernels import Change, make_asked
 from nodes.interpolator.relight.features import LightChanges
@@ -22,7 +22,7 @@ wp.set_module_options({"enable_backward": False})
 
 @cache
 def make_through(lens: str, channels: int, flicker: bool, relit: bool, painted: bool, changes: LightChanges) -> Any:
-    """Makes the function `through`, which lists the samples of a run; arguments as of make_find_runs."""
+    """Makes the function `through`, which lists the samples of a run; arguments as of make_find_plain."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
     Keyframes: Any = make_keyframes(channels, flicker)
     Instances: Any = make_instances(channels)
@@ -146,7 +146,7 @@ def make_through(lens: str, channels: int, flicker: bool, relit: bool, painted: 
 
 @cache
 def make_untold(channels: int, changes: LightChanges) -> Any:
-    """Makes the function `untold`, which tells of light that frames do not show; arguments as of make_find_runs."""
+    """Makes the function `untold`, which tells of light that frames do not show; arguments as of make_find_plain."""
     # What light does otherwise goes on evenly, as far as frames tell.
     passing = changes.shadows or changes.spot or changes.view
     asked = make_asked(changes) if passing else None
