@@ -13,10 +13,10 @@ The words of this room:
 The way of the data (`refinement.py` has a gap, `rounds.py` a window): `instants.py` chooses the instants, `probing/`
 draws as many probes as what moves asks for, `plain_kernels.py` lists the samples of pixels that show one surface,
 `change_kernels.py` finds the changes of all others, and `run_kernels.py` lists the samples that each of their runs
-needs. Both follow a pixel over a surface by `paths/`: in a keyframe, past probes between which bodies go straight, or on
-what is painted there where no keyframe shows it. `light/` lists those that lamps and shadows ask for. `sight_kernels.py`
-and `evaluator.py` compute them, `interval_kernels.py` halves intervals that are still not straight, and
-`further_kernels.py` sorts all samples by pixel and time. What is listed lies in `lists.py` and is counted in
-`tally.py`, where the kernels that go through a list read its length: so a GPU goes from one to the next without the
-host.
+needs. Both follow a pixel over a surface by `paths/`: in a keyframe, past probes between which bodies go straight, or
+on what is painted there where no keyframe shows it. `light/` lists those that lamps and shadows ask for.
+`sight_kernels.py` and `evaluator.py` compute them, `interval_kernels.py` halves intervals that are still not
+straight, and `further_kernels.py` sorts all samples by pixel and time. What is listed lies in `lists.py` and is
+counted in `tally.py`, where the kernels that go through a list read its length: so a GPU goes from one to the next
+without the host.
 """
