@@ -9,13 +9,17 @@ from nodes.interpolator.refine.paths.path_kernels import PARTS, SHARP
 from nodes.interpolator.refine.sight_kernels import make_seen_between, passing
 from nodes.interpolator.refine.stage_kernels import FEW_REGISTERS, Cut, Stage, ends_of, entry_at, slot_row, spot_of
 from nodes.interpolator.rigid.plan_kernels import joined
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 
-PENDING = wp.types.vector(length=12, dtype=wp.int32)
-SEEN_THEN = wp.types.vector(length=12, dtype=wp.uint64)
-"""Ends of halves of an interval between probes that are still to be looked at: as often as it can be halved."""
+MOST_PENDING = wp.constant(16)
+APART = wp.constant(1.001)
+"""How much farther something is that was behind what left it free, at least."""
+PENDING = wp.types.vector(length=16, dtype=wp.int32)
+SEEN_THEN = wp.types.vector(length=16, dtype=wp.uint64)
+"""Ends of parts of an interval between probes that are still to be looked at: some more than it can be halved."""
 
 
 @wp.struct
@@ -113,6 +117,14 @@ def find_breaks(
         job += workers
 
 
+@wp.func
+def farther(a: wp.uint64, b: wp.uint64):
+    """Tells whether entry a is farther than b, by more than two sides of an edge are."""
+    if triangle_of(b) == MISS:
+        return False
+    return triangle_of(a) == MISS or depth_of(a) > APART * depth_of(b)
+
+
 @cache
 def make_find_changes(trees: bool) -> wp.Kernel:
     """Makes the kernel `find_changes`; trees: as of `make_seen_of_all`."""
@@ -152,42 +164,86 @@ def make_find_changes(trees: bool) -> wp.Kernel:
             pending[0] = (n + 1) * (cut.slots + 1) // probes
             entries[0] = changes.after[j]
             last = wp.int32(-1)
+            # The first instant of the present run, whether `hit` is of a z-buffer or a ray at everything there is, and
+            # the same of the ends: a bit each.
+            begun = low
+            sure = wp.bool(True)
+            certain = wp.int32(1)
             while waiting >= 0:
                 high = pending[waiting]
                 then = entries[waiting]
+                known = (certain >> waiting) & 1 == 1
                 if joined(hit, then, stage.targets.pieces):
                     low = high
                     hit = then
+                    sure = known
                     waiting -= 1
-                elif high - low > 1:
-                    middle = (low + high) // 2
-                    waiting += 1
-                    pending[waiting] = middle
-                    row = slot_row(cut, spot.env, spot.k, middle)
-                    entries[waiting] = seen_between(view, stage.targets, row, spot.d, hit, then)
                 else:
-                    later = wp.int32(0)
-                    if low > 0 and high <= cut.slots:
-                        row_low = slot_row(cut, spot.env, spot.k, low)
-                        row_high = slot_row(cut, spot.env, spot.k, high)
-                        f = passing(view, stage.targets, row_low, row_high, spot.d, hit, then)
-                        later = wp.clamp(int(f * float(PARTS)), SHARP, PARTS - SHARP)
-                    place = j
-                    if last >= 0:
-                        place = room + take_place(count, band)
-                    if place < room + most:
+                    ask = wp.int32(-1)
+                    wholly = wp.bool(True)
+                    if high - low > 1:
+                        ask = (low + high) // 2
+                        wholly = False
+                    elif not known and farther(then, hit):
+                        # What was before it is gone: now a third thing may be there.
+                        ask = high
+                    elif not sure and farther(hit, then):
+                        ask = low
+                    if ask >= 0:
+                        row = slot_row(cut, spot.env, spot.k, ask)
+                        ahead = hit
+                        behind = then
+                        if ask == high:
+                            ahead = then
+                        if ask == low:
+                            behind = hit
+                        seen = seen_between(view, stage.targets, row, spot.d, ahead, behind, wholly)
+                        if ask == low:
+                            sure = True
+                            if not joined(hit, seen, stage.targets.pieces):
+                                if low == begun or waiting + 1 == MOST_PENDING:
+                                    hit = seen
+                                    if last >= 0:
+                                        changes.after[last] = hit
+                                else:
+                                    waiting += 1
+                                    pending[waiting] = low
+                                    entries[waiting] = seen
+                                    certain = certain | (1 << waiting)
+                                    low = begun
+                        else:
+                            if not wholly:
+                                waiting += 1
+                                pending[waiting] = ask
+                                certain = certain & ~(1 << waiting)
+                            else:
+                                certain = certain | (1 << waiting)
+                            entries[waiting] = seen
+                    else:
+                        later = wp.int32(0)
+                        if low > 0 and high <= cut.slots:
+                            row_low = slot_row(cut, spot.env, spot.k, low)
+                            row_high = slot_row(cut, spot.env, spot.k, high)
+                            f = passing(view, stage.targets, row_low, row_high, spot.d, hit, then)
+                            later = wp.clamp(int(f * float(PARTS)), SHARP, PARTS - SHARP)
+                        place = j
                         if last >= 0:
-                            changes.following[last] = place
-                        changes.job[place] = listed
-                        changes.low[place] = low
-                        changes.before[place] = hit
-                        changes.after[place] = then
-                        changes.later[place] = later
-                        changes.following[place] = -1
-                        last = place
-                    low = high
-                    hit = then
-                    waiting -= 1
+                            place = room + take_place(count, band)
+                        if place < room + most:
+                            if last >= 0:
+                                changes.following[last] = place
+                            changes.job[place] = listed
+                            changes.low[place] = low
+                            changes.before[place] = hit
+                            changes.after[place] = then
+                            changes.later[place] = later
+                            changes.following[place] = -1
+                            last = place
+                        low = high
+                        hit = then
+                        begun = high
+                        sure = known
+                        waiting -= 1
             if last < 0:
                 # Step by step it is one surface after all.
                 several.first[listed * cut.probes + n] = -1

@@ -73,7 +73,7 @@ def see(
         x = at[j] % cut.width + cut.margin
         y = at[j] // cut.width % cut.height + cut.margin
         n = at[j] // (cut.width * cut.height)
-        hits[j] = seen_between(view, stage.targets, n, pixel_ray(view, x, y), before[j], after[j])
+        hits[j] = seen_between(view, stage.targets, n, pixel_ray(view, x, y), before[j], after[j], False)
         j += workers
 
 

@@ -49,11 +49,12 @@ def entry_of(z: float, t: int):
 
 
 @wp.func
-def met(view: CameraView, targets: Targets, row: int, t: int, d: wp.vec3):
-    """Computes the depth [m] at which a ray meets the plane of a triangle, and the least weight of a corner there.
+def weights_of(view: CameraView, targets: Targets, row: int, t: int, d: wp.vec3):
+    """Computes the depth [m] at which a ray meets the plane of a triangle, and the weights of the corners there.
 
-    The weight is 0 or more inside the triangle, by the raster's rule, and OUTSIDE where its front is not seen.
+    They are 0 or more inside the triangle, by the raster's rule, and OUTSIDE where its front is not seen.
     """
+    nowhere = wp.vec3(OUTSIDE, OUTSIDE, OUTSIDE)
     i = targets.instance[t]
     turn = targets.casters.rotation[row, i]
     place = targets.casters.translation[row, i]
@@ -61,16 +62,24 @@ def met(view: CameraView, targets: Targets, row: int, t: int, d: wp.vec3):
     normal = wp.cross(b - a, c - a)
     offset = wp.dot(normal, a)
     if not (offset < 0.0 or (offset > 0.0 and targets.two_sided[i] == 1)):
-        return FAR, OUTSIDE
+        return FAR, nowhere
     slope = wp.dot(normal, d)
     z = offset / slope
     if slope == 0.0 or z < view.near:
-        return FAR, OUTSIDE
+        return FAR, nowhere
     sign = wp.where(offset > 0.0, 1.0, -1.0)
     w0 = sign * wp.dot(edge_normal(b, c), d) + edge_slack(view, b, c)
     w1 = sign * wp.dot(edge_normal(c, a), d) + edge_slack(view, c, a)
     w2 = sign * wp.dot(edge_normal(a, b), d) + edge_slack(view, a, b)
-    return z, wp.min(w0, wp.min(w1, w2)) / wp.abs(slope)
+    return z, wp.vec3(w0, w1, w2) / wp.abs(slope)
+
+
+@wp.func
+def met(view: CameraView, targets: Targets, row: int, t: int, d: wp.vec3):
+    """Computes the depth [m] at which a ray meets the plane of a triangle, and the least weight of a corner there, as
+    of `weights_of`."""
+    z, weights = weights_of(view, targets, row, t, d)
+    return z, wp.min(weights)
 
 
 @wp.func
@@ -111,11 +120,12 @@ def make_seen_of_all(trees: bool) -> wp.Function:
     """Makes the function `seen_of_all`; trees: whether there are any among the casters, as of `make_occlusion`."""
 
     @wp.func
-    def seen_of_all(view: CameraView, targets: Targets, row: int, d: wp.vec3):
-        """Casts a ray at all instances and gives its z-buffer entry."""
+    def seen_of_all(view: CameraView, targets: Targets, row: int, d: wp.vec3, behind: float, backdrop: int):
+        """Casts a ray at all instances before a depth [m], where a triangle or nothing (MISS) is met in any case, and
+        gives its z-buffer entry."""
         casters = targets.casters
-        z = float(FAR)
-        t = wp.int32(MISS)
+        z = behind
+        t = backdrop
         begin = wp.int32(0)
         end = casters.order.shape[0]
         # A ray is long code, and is written once in a kernel: it takes a GPU's compiler seconds.
@@ -177,8 +187,17 @@ def make_seen_between(trees: bool) -> wp.Function:
     seen_of_all = make_seen_of_all(trees)
 
     @wp.func
-    def seen_between(view: CameraView, targets: Targets, row: int, d: wp.vec3, before: wp.uint64, after: wp.uint64):
-        """Computes the z-buffer entry of a ray at an instant between two at which it was `before` and `after`."""
+    def seen_between(
+        view: CameraView,
+        targets: Targets,
+        row: int,
+        d: wp.vec3,
+        before: wp.uint64,
+        after: wp.uint64,
+        wholly: bool,
+    ):
+        """Computes the z-buffer entry of a ray at an instant between two at which it was `before` and `after`; wholly:
+        also if that is neither, but nearer."""
         t = triangle_of(before)
         u = triangle_of(after)
         z = float(FAR)
@@ -197,6 +216,7 @@ def make_seen_between(trees: bool) -> wp.Function:
             if in_u >= 0.0 and z_u < z:
                 z = z_u
                 hit = u
+        anything = wholly
         alike = t == u
         if t != MISS and u != MISS and not alike:
             alike = targets.pieces[t][1] == targets.pieces[u][1]
@@ -217,7 +237,9 @@ def make_seen_between(trees: bool) -> wp.Function:
                     hit = wp.where(in_t >= in_u, t, u)
                     z = wp.where(in_t >= in_u, z_t, z_u)
                 if hit == MISS and t != MISS and u != MISS:
-                    return seen_of_all(view, targets, row, d)
+                    anything = True
+        if anything:
+            return seen_of_all(view, targets, row, d, z, hit)
         if hit == MISS:
             return SKY
         return entry_of(z, hit)
@@ -236,8 +258,16 @@ def passing(view: CameraView, targets: Targets, low: int, high: int, d: wp.vec3,
     nearer = t
     if t == MISS or (u != MISS and depth_of(after) < depth_of(before)):
         nearer = u
-    _z, a = met(view, targets, low, nearer, d)
-    _z, b = met(view, targets, high, nearer, d)
-    if (a < 0.0) != (b < 0.0) and wp.min(a, b) > OUTSIDE:
-        return a / (a - b)
-    return 0.5
+    _z, a = weights_of(view, targets, low, nearer, d)
+    _z, b = weights_of(view, targets, high, nearer, d)
+    inside = wp.min(a) >= 0.0
+    if inside == (wp.min(b) >= 0.0) or wp.min(wp.min(a), wp.min(b)) == OUTSIDE:
+        return 0.5
+    # Over the first edge that it comes to, out of the triangle, or over the last one, into it.
+    share = wp.where(inside, 1.0, 0.0)
+    for i in range(3):
+        if inside and b[i] < 0.0:
+            share = wp.min(share, a[i] / (a[i] - b[i]))
+        if not inside and a[i] < 0.0:
+            share = wp.max(share, a[i] / (a[i] - b[i]))
+    return share

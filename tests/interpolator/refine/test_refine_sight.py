@@ -10,7 +10,7 @@ from rigid_rig import GAP, START, closed_form, keyframe, lamp, painted, plain, p
 
 from evis.scene.motion import Linear, Prescribed, Spin
 from nodes.interpolator.refine.method import Refined
-from nodes.interpolator.refine.sight_kernels import Targets, make_seen_of_all
+from nodes.interpolator.refine.sight_kernels import FAR, Targets, make_seen_of_all
 from nodes.interpolator.rigid import Rigid, RigidOptions
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
 from nodes.renderer.raster.visibility import Visibility
@@ -59,7 +59,7 @@ def seen(evaluator, trees):
     @wp.kernel(module="unique", enable_backward=False)
     def see(view: CameraView, targets: Targets, found: wp.array3d(dtype=wp.uint64)):
         n, y, x = wp.tid()
-        found[n, y, x] = seen_of_all(view, targets, n, pixel_ray(view, x, y))
+        found[n, y, x] = seen_of_all(view, targets, n, pixel_ray(view, x, y), FAR, MISS)
 
     v = evaluator.visibility
     found = wp.zeros(v.shape, dtype=wp.uint64, device=v.device)

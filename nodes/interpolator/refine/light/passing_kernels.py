@@ -141,7 +141,7 @@ def make_find_passing(changes: LightChanges, trees: bool) -> wp.Kernel:
                 hit, after = between_probes(cut, stage, spot, i, ends.before, ends.after)
                 # Where both entries are equal neither the camera nor the surface moves.
                 if hit != after:
-                    hit = seen_between(view, stage.targets, there, spot.d, hit, after)
+                    hit = seen_between(view, stage.targets, there, spot.d, hit, after, False)
                 t = triangle_of(hit)
                 now = NOTHING
                 if t != MISS:
