@@ -248,26 +248,64 @@ def make_seen_between(trees: bool) -> wp.Function:
 
 
 @wp.func
-def passing(view: CameraView, targets: Targets, low: int, high: int, d: wp.vec3, before: wp.uint64, after: wp.uint64):
-    """Computes when a ray passes over the edge of the nearer triangle between two instants, as a share of their time.
+def crossing(inside: bool, at_low: wp.vec3, at_high: wp.vec3):
+    """Computes when a ray passes over the first edge out of a triangle that it is `inside` of, or over the last one
+    into it, as a share of the time between two instants with these weights of its corners."""
+    share = wp.where(inside, 1.0, 0.0)
+    for i in range(3):
+        if inside and at_high[i] < 0.0:
+            share = wp.min(share, at_low[i] / (at_low[i] - at_high[i]))
+        if not inside and at_low[i] < 0.0:
+            share = wp.max(share, at_low[i] / (at_low[i] - at_high[i]))
+    return share
 
-    low, high: rows of the instants. before, after: z-buffer entries there.
+
+@wp.func
+def passing(view: CameraView, targets: Targets, low: int, high: int, d: wp.vec3, before: wp.uint64, after: wp.uint64):
+    """Computes when a ray passes from one triangle to another between two instants, as a share of their time: over an
+    edge of either, or where they cut each other.
+
+    low, high: rows of the instants. before, after: z-buffer entries there. 0.5 where neither tells.
     """
     t = triangle_of(before)
     u = triangle_of(after)
-    nearer = t
-    if t == MISS or (u != MISS and depth_of(after) < depth_of(before)):
-        nearer = u
-    _z, a = weights_of(view, targets, low, nearer, d)
-    _z, b = weights_of(view, targets, high, nearer, d)
-    inside = wp.min(a) >= 0.0
-    if inside == (wp.min(b) >= 0.0) or wp.min(wp.min(a), wp.min(b)) == OUTSIDE:
-        return 0.5
-    # Over the first edge that it comes to, out of the triangle, or over the last one, into it.
-    share = wp.where(inside, 1.0, 0.0)
-    for i in range(3):
-        if inside and b[i] < 0.0:
-            share = wp.min(share, a[i] / (a[i] - b[i]))
-        if not inside and a[i] < 0.0:
-            share = wp.max(share, a[i] / (a[i] - b[i]))
-    return share
+    unseen = wp.vec3(OUTSIDE, OUTSIDE, OUTSIDE)
+    t_low = unseen
+    t_high = unseen
+    u_low = unseen
+    u_high = unseen
+    # How much nearer the old triangle is, by inverse distances.
+    ahead_low = wp.float32(0.0)
+    ahead_high = wp.float32(0.0)
+    # In a loop that is not unrolled, for a GPU's cache of instructions.
+    k = wp.int32(0)
+    while k < 4:
+        triangle = wp.where(k < 2, t, u)
+        if triangle != MISS:
+            z, weights = weights_of(view, targets, wp.where(k % 2 == 0, low, high), triangle, d)
+            sign = wp.where(k < 2, 1.0, -1.0)
+            if k % 2 == 0:
+                ahead_low += sign / z
+            else:
+                ahead_high += sign / z
+            if k == 0:
+                t_low = weights
+            elif k == 1:
+                t_high = weights
+            elif k == 2:
+                u_low = weights
+            else:
+                u_high = weights
+        k += 1
+    leaves = wp.min(t_low) >= 0.0 and wp.min(t_high) < 0.0 and wp.min(t_high) > OUTSIDE
+    enters = wp.min(u_low) < 0.0 and wp.min(u_low) > OUTSIDE and wp.min(u_high) >= 0.0
+    if leaves and enters:
+        leaves = u == MISS or depth_of(before) <= depth_of(after)
+    if leaves:
+        return crossing(True, t_low, t_high)
+    if enters:
+        return crossing(False, u_low, u_high)
+    both = wp.min(wp.min(t_low), wp.min(t_high)) >= 0.0 and wp.min(wp.min(u_low), wp.min(u_high)) >= 0.0
+    if both and ahead_low > 0.0 and ahead_high < 0.0:
+        return ahead_low / (ahead_low - ahead_high)
+    return 0.5
