@@ -16,6 +16,7 @@ from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.look_up.gather_kernels import make_gather, make_place
 from nodes.interpolator.rigid.look_up.portion_kernels import Portion, cut
 from nodes.interpolator.rigid.method import Rigid
+from nodes.interpolator.rigid.patches import neighbours_of
 from nodes.interpolator.rigid.reprojection import textured_in
 from nodes.interpolator.rigid.slots import Poses, Slots
 from nodes.renderer.lighting import LIST_WORKERS, Shading, ShadingOptions
@@ -84,6 +85,7 @@ class Evaluator:
         targets.vertices, targets.triangles, targets.instance = v.vertices, v.triangles, v.triangle_instance
         targets.two_sided, targets.pieces = v.two_sided, self._rigid.pieces
         targets.first = v.put(v.geometry.first, wp.int32)
+        targets.neighbours = v.put(neighbours_of(v.scene), wp.vec3i)
         targets.grain = v.put(grain_of(v.scene, v.geometry, self._rigid.layout.tolerance), wp.float32)
         return targets
 

@@ -40,13 +40,29 @@ def pieces_of(scene: Scene, triangle_instance: np.ndarray) -> tuple[np.ndarray, 
     return np.stack([on[triangle_instance], patch], axis=-1).reshape(-1, 2), count
 
 
+def neighbours_of(scene: Scene) -> np.ndarray:
+    """Finds the triangles of the same patch int32 [T, 3] across the edges of every triangle of all instances: opposite
+    to its first corner, to its second and to its third one, -1 = none."""
+    known: dict[int, np.ndarray] = {}
+    parts, count = [], 0
+    for instance in scene.instances:
+        mesh = instance.mesh
+        if id(mesh) not in known:
+            known[id(mesh)] = mesh_neighbours(mesh)[:, [1, 2, 0]]
+        own = known[id(mesh)]
+        parts.append(np.where(own >= 0, own + count, -1))
+        count += len(own)
+    return (np.concatenate(parts) if parts else np.zeros((0, 3), np.int64)).astype(np.int32)
+
+
 def mesh_patches(mesh: Mesh) -> np.ndarray:
     """Finds the patch int64 [F] of each face, numbered from 0: faces joined over edges that are no crease."""
-    faces = np.asarray(mesh.faces, np.int64).reshape(-1, 3)
-    if not len(faces):
+    beside = mesh_neighbours(mesh)
+    if not len(beside):
         return np.zeros(0, np.int64)
-    pairs = _smooth_edges(mesh, _welded(np.asarray(mesh.vertices), faces))
-    label = np.arange(len(faces))
+    face, _ = np.nonzero(beside >= 0)
+    pairs = np.stack((face, beside[beside >= 0]), axis=1)
+    label = np.arange(len(beside))
     # Each round takes over the smallest label of the neighbours and then follows labels to their own.
     while True:
         before = label.copy()
@@ -67,9 +83,15 @@ def _welded(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.unique(keys, return_inverse=True)[1].reshape(-1)[faces]
 
 
-def _smooth_edges(mesh: Mesh, faces: np.ndarray) -> np.ndarray:
-    """Finds the pairs of faces [P, 2] that share an edge across which the shading normal does not jump."""
+def mesh_neighbours(mesh: Mesh) -> np.ndarray:
+    """Finds the face int64 [F, 3] across each edge of each face, from its first corner to the second and so on, where
+    the shading normal does not jump there; -1 = none."""
+    faces = np.asarray(mesh.faces, np.int64).reshape(-1, 3)
     count = len(faces)
+    beside = np.full((count, 3), -1)
+    if not count:
+        return beside
+    faces = _welded(np.asarray(mesh.vertices), faces)
     corners = np.asarray(mesh.vertices, np.float64)[np.asarray(mesh.faces, np.int64).reshape(-1, 3)]
     flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal = np.repeat(flat[:, None], 3, axis=1)
@@ -90,4 +112,6 @@ def _smooth_edges(mesh: Mesh, faces: np.ndarray) -> np.ndarray:
     same = (low[order][1:] == low[order][:-1]) & (high[order][1:] == high[order][:-1])
     left, right = order[:-1][same], order[1:][same]
     smooth = ((at_low[left] * at_low[right]).sum(1) >= CREASE) & ((at_high[left] * at_high[right]).sum(1) >= CREASE)
-    return np.stack((face[left][smooth], face[right][smooth]), axis=1)
+    for here, there in ((left[smooth], right[smooth]), (right[smooth], left[smooth])):
+        beside[face[here], here // count] = face[there]
+    return beside
