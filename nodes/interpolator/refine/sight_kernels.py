@@ -29,9 +29,9 @@ class Targets:
     """Holds what rays can meet.
 
     vertices: as of triangle_kernels.corner. triangles: corners of each triangle. instance: of each triangle. two_sided:
-    of each instance, 0 or 1. first: first triangle of each instance. pieces: body and patch of each triangle. grain: of
-    each triangle, as of grain_of. neighbours: of each triangle, as of neighbours_of. casters: poses [R, I] of the instances in the camera's frame, with an acceleration
-    structure for each mesh.
+    of each instance, 0 or 1. first: first triangle of each instance. pieces: body and patch of each triangle. grain,
+    neighbours: of each triangle, as of grain_of and neighbours_of. casters: poses [R, I] of the instances in the
+    camera's frame, with an acceleration structure for each mesh.
     """
 
     vertices: wp.array2d(dtype=wp.vec3)

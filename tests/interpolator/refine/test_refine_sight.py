@@ -12,6 +12,7 @@ from evis.scene.motion import Linear, Prescribed, Spin
 from nodes.interpolator.refine.method import Refined
 from nodes.interpolator.refine.sight_kernels import FAR, Targets, make_seen_of_all
 from nodes.interpolator.rigid import Rigid, RigidOptions
+from nodes.renderer.raster.depth_kernels import MISS
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.renderer import Renderer
