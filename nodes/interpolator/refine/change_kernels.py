@@ -220,12 +220,6 @@ def make_find_changes(trees: bool) -> wp.Kernel:
                                 certain = certain | (1 << waiting)
                             entries[waiting] = seen
                     else:
-                        later = wp.int32(0)
-                        if low > 0 and high <= cut.slots:
-                            row_low = slot_row(cut, spot.env, spot.k, low)
-                            row_high = slot_row(cut, spot.env, spot.k, high)
-                            f = passing(view, stage.targets, row_low, row_high, spot.d, hit, then)
-                            later = wp.clamp(int(f * float(PARTS)), SHARP, PARTS - SHARP)
                         place = j
                         if last >= 0:
                             place = room + take_place(count, band)
@@ -236,7 +230,6 @@ def make_find_changes(trees: bool) -> wp.Kernel:
                             changes.low[place] = low
                             changes.before[place] = hit
                             changes.after[place] = then
-                            changes.later[place] = later
                             changes.following[place] = -1
                             last = place
                         low = high
@@ -251,3 +244,36 @@ def make_find_changes(trees: bool) -> wp.Kernel:
             j += workers
 
     return find_changes
+
+
+@wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FEW_REGISTERS)
+def find_times(
+    # in
+    view: CameraView,
+    cut: Cut,
+    workers: int,
+    room: int,
+    most: int,
+    band: int,
+    count: wp.array(dtype=int),
+    stage: Stage,
+    several: Several,
+    # in or out
+    changes: Changes,
+):
+    """Finds when between two instants changes are, those from `room` on, count[band] of them; arguments as of
+    `find_breaks`."""
+    inner = cut.envs * cut.height * cut.width
+    c = room + wp.tid()
+    while c < room + wp.min(count[band], most):
+        at = several.at[changes.job[c]]
+        spot = spot_of(view, cut, cut.first + at // inner, at % inner)
+        low = changes.low[c]
+        later = wp.int32(0)
+        if low > 0 and low < cut.slots:
+            row_low = slot_row(cut, spot.env, spot.k, low)
+            row_high = slot_row(cut, spot.env, spot.k, low + 1)
+            share = passing(view, stage.targets, row_low, row_high, spot.d, changes.before[c], changes.after[c])
+            later = wp.clamp(int(share * float(PARTS)), SHARP, PARTS - SHARP)
+        changes.later[c] = later
+        c += workers

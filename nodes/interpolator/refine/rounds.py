@@ -12,7 +12,7 @@ import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.cuda_graph import CudaGraphs
-from nodes.interpolator.refine.change_kernels import Changes, Several, find_breaks, make_find_changes
+from nodes.interpolator.refine.change_kernels import Changes, Several, find_breaks, find_times, make_find_changes
 from nodes.interpolator.refine.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.interval_kernels import make_intervals, make_rounds, see
@@ -71,7 +71,7 @@ class Kernels:
 
     def to_build(self, trees: bool) -> list[tuple[wp.Kernel, int]]:
         """Gives them as `build_together` takes them, with those that depend on trees: as of `make_seen_of_all`."""
-        others = (self.find_plain, find_breaks, self.find_ends, self.find_runs, self.check, self.split, see)
+        others = (self.find_plain, find_breaks, find_times, self.find_ends, self.find_runs, self.check, self.split, see)
         return [*((kernel, LAUNCH_BLOCK) for kernel in others), (make_find_changes(trees), BLOCK)]
 
 
@@ -218,7 +218,7 @@ class Rounds:
         changes, several = self._changes.kernel, self._several
         lit = [marks, evaluator.change]
         shown = [rigid.pair.a.image, start, window.frames]
-        launches: tuple[list[tuple[Any, Any, list[Any]]], ...] = ([], [], [], [], [])
+        launches: tuple[list[tuple[Any, Any, list[Any]]], ...] = ([], [], [], [], [], [])
         for k in range(bands):
             rows, other = edges[k + 1] - edges[k], window.intervals * cut.envs * cut.width * edges[k]
             most, most_changes = self._instances.most, self._changes.most
@@ -230,13 +230,15 @@ class Rounds:
             launches[1].append((find_breaks, searchers, [*given, other, k, tally.others, *listed, tally.breaks]))
             listed = [stage, several, changes, tally.changes]
             launches[2].append((self._find_changes, searchers, [*given, k, tally.breaks, *listed]))
+            given += [k, tally.changes, stage, several, changes]
+            launches[3].append((find_times, searchers, given))
             given = [v.view, cut, workers, k * most, most, other, k, tally.others]
-            launches[3].append((find.find_ends, workers, [*given, stage, start, several, changes, instances, found]))
+            launches[4].append((find.find_ends, workers, [*given, stage, start, several, changes, instances, found]))
             given[2] = searchers
             given += [k * most_changes, most_changes, tally.changes, keys, stage, *lit, *shown, several, changes]
-            launches[4].append((find.find_runs, searchers, [*given, instances, found]))
-        for each, block in zip(launches, (LAUNCH_BLOCK, LAUNCH_BLOCK, BLOCK, LAUNCH_BLOCK, LAUNCH_BLOCK)):
-            rigid.sampling.launch(each, block)
+            launches[5].append((find.find_runs, searchers, [*given, instances, found]))
+        for number, each in enumerate(launches):
+            rigid.sampling.launch(each, BLOCK if number == 2 else LAUNCH_BLOCK)
 
     def _evaluate(self, window: Window, number: int, listed: Lists, bands: list[int]) -> None:
         """Computes z-buffer entries and radiance of the listed pixels."""
