@@ -1,12 +1,11 @@
-"""Finds the instants at which pixels pass from one surface to another: between two probes, by bisection."""
+"""Finds the instants between which pixels pass from one surface to another: between two probes, by bisection."""
 
 from functools import cache
 
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
-from nodes.interpolator.refine.paths.path_kernels import PARTS, SHARP
-from nodes.interpolator.refine.sight_kernels import make_seen_between, passing
+from nodes.interpolator.refine.sight_kernels import make_seen_between
 from nodes.interpolator.refine.stage_kernels import FEW_REGISTERS, Cut, Stage, ends_of, entry_at, slot_row, spot_of
 from nodes.interpolator.rigid.plan_kernels import joined
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
@@ -244,36 +243,3 @@ def make_find_changes(trees: bool) -> wp.Kernel:
             j += workers
 
     return find_changes
-
-
-@wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FEW_REGISTERS)
-def find_times(
-    # in
-    view: CameraView,
-    cut: Cut,
-    workers: int,
-    room: int,
-    most: int,
-    band: int,
-    count: wp.array(dtype=int),
-    stage: Stage,
-    several: Several,
-    # in or out
-    changes: Changes,
-):
-    """Finds when between two instants changes are, those from `room` on, count[band] of them; arguments as of
-    `find_breaks`."""
-    inner = cut.envs * cut.height * cut.width
-    c = room + wp.tid()
-    while c < room + wp.min(count[band], most):
-        at = several.at[changes.job[c]]
-        spot = spot_of(view, cut, cut.first + at // inner, at % inner)
-        low = changes.low[c]
-        later = wp.int32(0)
-        if low > 0 and low < cut.slots:
-            row_low = slot_row(cut, spot.env, spot.k, low)
-            row_high = slot_row(cut, spot.env, spot.k, low + 1)
-            share = passing(view, stage.targets, row_low, row_high, spot.d, changes.before[c], changes.after[c])
-            later = wp.clamp(int(share * float(PARTS)), SHARP, PARTS - SHARP)
-        changes.later[c] = later
-        c += workers

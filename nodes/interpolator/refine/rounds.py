@@ -12,7 +12,8 @@ import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.cuda_graph import CudaGraphs
-from nodes.interpolator.refine.change_kernels import Changes, Several, find_breaks, find_times, make_find_changes
+from nodes.interpolator.refine.change_kernels import Changes, Several, find_breaks, make_find_changes
+from nodes.interpolator.refine.edge_kernels import find_times
 from nodes.interpolator.refine.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.interval_kernels import make_intervals, make_rounds, see

@@ -4,7 +4,7 @@ from functools import cache
 
 import warp as wp
 
-from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.depth_kernels import MISS, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.raster.triangle_kernels import corners_of, edge_normal, edge_slack
 from nodes.renderer.shadows.ray_kernels import Casters, sphere_met
@@ -18,8 +18,6 @@ FAR = wp.constant(1.0e30)
 OUTSIDE = wp.constant(-1.0e30)
 BESIDE = wp.constant(-1.0)
 """Least weight of a corner with which a ray that just misses a triangle still counts as meeting its smooth patch."""
-MOST_BESIDE = wp.constant(16)
-"""Most triangles of a patch, one beside the other, that are tried for where a ray leaves it between two instants."""
 BACKS = wp.constant(8)
 """Most back faces that a ray passes before it is given up."""
 
@@ -248,109 +246,3 @@ def make_seen_between(trees: bool) -> wp.Function:
         return entry_of(z, hit)
 
     return seen_between
-
-
-@wp.func
-def crossing(leaves: bool, at_low: wp.vec3, at_high: wp.vec3):
-    """Computes when a ray passes over the first edge out of a triangle, or over the last one into it, as a share of the
-    time between two instants with these weights of its corners; gives also the edge, -1 = none."""
-    share = wp.where(leaves, 1.0, 0.0)
-    edge = wp.int32(-1)
-    for i in range(3):
-        out = at_low[i] >= 0.0 and at_high[i] < 0.0
-        into = at_low[i] < 0.0 and at_high[i] >= 0.0
-        if (leaves and out) or (into and not leaves):
-            then = at_low[i] / (at_low[i] - at_high[i])
-            if edge < 0 or (then < share) == leaves:
-                share = then
-                edge = i
-    return share, edge
-
-
-@wp.func
-def passing_patch(
-    view: CameraView,
-    targets: Targets,
-    low: int,
-    high: int,
-    d: wp.vec3,
-    triangle: int,
-    leaves: bool,
-    at_low: wp.vec3,
-    at_high: wp.vec3,
-):
-    """Computes when a ray leaves the patch of a triangle between two instants, or comes to it: over the edges of one
-    triangle after the other, to one that no other of the patch is beside or whose neighbour faces away.
-
-    low, high: rows of the instants. at_low, at_high: weights of the triangle's corners there.
-    """
-    share, edge = crossing(leaves, at_low, at_high)
-    present = triangle
-    left = wp.int32(MOST_BESIDE)
-    while left > 0 and edge >= 0:
-        left -= 1
-        present = targets.neighbours[present][edge]
-        edge = wp.int32(-1)
-        if present >= 0:
-            _z, before = weights_of(view, targets, low, present, d)
-            _z, after = weights_of(view, targets, high, present, d)
-            if wp.min(wp.min(before), wp.min(after)) > OUTSIDE:
-                then, over = crossing(leaves, before, after)
-                if over >= 0 and then != share and (then > share) == leaves:
-                    share = then
-                    edge = over
-    return share
-
-
-@wp.func
-def passing(view: CameraView, targets: Targets, low: int, high: int, d: wp.vec3, before: wp.uint64, after: wp.uint64):
-    """Computes when a ray passes from one triangle to another between two instants, as a share of their time: over the
-    edge of the patch of either, or where they cut each other.
-
-    low, high: rows of the instants. before, after: z-buffer entries there. 0.5 where neither tells.
-    """
-    t = triangle_of(before)
-    u = triangle_of(after)
-    unseen = wp.vec3(OUTSIDE, OUTSIDE, OUTSIDE)
-    t_low = unseen
-    t_high = unseen
-    u_low = unseen
-    u_high = unseen
-    # How much nearer the old triangle is, by inverse distances.
-    ahead_low = wp.float32(0.0)
-    ahead_high = wp.float32(0.0)
-    # In a loop that is not unrolled, for a GPU's cache of instructions.
-    k = wp.int32(0)
-    while k < 4:
-        triangle = wp.where(k < 2, t, u)
-        if triangle != MISS:
-            z, weights = weights_of(view, targets, wp.where(k % 2 == 0, low, high), triangle, d)
-            sign = wp.where(k < 2, 1.0, -1.0)
-            if k % 2 == 0:
-                ahead_low += sign / z
-            else:
-                ahead_high += sign / z
-            if k == 0:
-                t_low = weights
-            elif k == 1:
-                t_high = weights
-            elif k == 2:
-                u_low = weights
-            else:
-                u_high = weights
-        k += 1
-    leaves = wp.min(t_low) >= 0.0 and wp.min(t_high) < 0.0 and wp.min(t_high) > OUTSIDE
-    enters = wp.min(u_low) < 0.0 and wp.min(u_low) > OUTSIDE and wp.min(u_high) >= 0.0
-    if leaves and enters:
-        leaves = u == MISS or depth_of(before) <= depth_of(after)
-    if leaves or enters:
-        nearer = u
-        if leaves:
-            nearer = t
-            u_low = t_low
-            u_high = t_high
-        return passing_patch(view, targets, low, high, d, nearer, leaves, u_low, u_high)
-    both = wp.min(wp.min(t_low), wp.min(t_high)) >= 0.0 and wp.min(wp.min(u_low), wp.min(u_high)) >= 0.0
-    if both and ahead_low > 0.0 and ahead_high < 0.0:
-        return ahead_low / (ahead_low - ahead_high)
-    return 0.5
