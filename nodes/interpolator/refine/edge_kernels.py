@@ -16,6 +16,29 @@ MOST_BESIDE = wp.constant(16)
 
 
 @wp.func
+def weights_then(view: CameraView, targets: Targets, rows: wp.vec2i, t: int, d: wp.vec3):
+    """Computes 1 / depth and the weights of `weights_of`, at the instant of rows[0], or, where rows[1] is not -1, one
+    step beyond it as seen from that: at a coarse frame, whose bodies are in no row."""
+    z = wp.float32(0.0)
+    weights = wp.vec3(0.0, 0.0, 0.0)
+    seen = wp.bool(True)
+    # In a loop that is not unrolled, for a GPU's cache of instructions.
+    k = wp.where(rows[1] < 0, 1, 0)
+    single = k == 1
+    while k < 2:
+        row = wp.where(k == 1, rows[0], rows[1])
+        depth, found = weights_of(view, targets, row, t, d)
+        seen = seen and wp.min(found) > OUTSIDE
+        share = wp.where(single, 1.0, wp.where(k == 1, 2.0, -1.0))
+        z += share / depth
+        weights += share * found
+        k += 1
+    if not seen:
+        return 0.0, wp.vec3(OUTSIDE, OUTSIDE, OUTSIDE)
+    return z, weights
+
+
+@wp.func
 def crossing(leaves: bool, at_low: wp.vec3, at_high: wp.vec3):
     """Computes when a ray passes over the first edge out of a triangle, or over the last one into it, as a share of the
     time between two instants with these weights of its corners; gives also the edge, -1 = none."""
@@ -36,8 +59,8 @@ def crossing(leaves: bool, at_low: wp.vec3, at_high: wp.vec3):
 def passing_patch(
     view: CameraView,
     targets: Targets,
-    low: int,
-    high: int,
+    low: wp.vec2i,
+    high: wp.vec2i,
     d: wp.vec3,
     triangle: int,
     leaves: bool,
@@ -47,7 +70,7 @@ def passing_patch(
     """Computes when a ray leaves the patch of a triangle between two instants, or comes to it: over the edges of one
     triangle after the other, to one that no other of the patch is beside or whose neighbour faces away.
 
-    low, high: rows of the instants. at_low, at_high: weights of the triangle's corners there.
+    low, high: the instants, as of `weights_then`. at_low, at_high: weights of the triangle's corners there.
     """
     share, edge = crossing(leaves, at_low, at_high)
     present = triangle
@@ -57,8 +80,8 @@ def passing_patch(
         present = targets.neighbours[present][edge]
         edge = wp.int32(-1)
         if present >= 0:
-            _z, before = weights_of(view, targets, low, present, d)
-            _z, after = weights_of(view, targets, high, present, d)
+            _z, before = weights_then(view, targets, low, present, d)
+            _z, after = weights_then(view, targets, high, present, d)
             if wp.min(wp.min(before), wp.min(after)) > OUTSIDE:
                 then, over = crossing(leaves, before, after)
                 if over >= 0 and then != share and (then > share) == leaves:
@@ -68,11 +91,13 @@ def passing_patch(
 
 
 @wp.func
-def passing(view: CameraView, targets: Targets, low: int, high: int, d: wp.vec3, before: wp.uint64, after: wp.uint64):
+def passing(
+    view: CameraView, targets: Targets, low: wp.vec2i, high: wp.vec2i, d: wp.vec3, before: wp.uint64, after: wp.uint64
+):
     """Computes when a ray passes from one triangle to another between two instants, as a share of their time: over the
     edge of the patch of either, or where they cut each other.
 
-    low, high: rows of the instants. before, after: z-buffer entries there. 0.5 where neither tells.
+    low, high: the instants, as of `weights_then`. before, after: z-buffer entries there. 0.5 where neither tells.
     """
     t = triangle_of(before)
     u = triangle_of(after)
@@ -89,12 +114,15 @@ def passing(view: CameraView, targets: Targets, low: int, high: int, d: wp.vec3,
     while k < 4:
         triangle = wp.where(k < 2, t, u)
         if triangle != MISS:
-            z, weights = weights_of(view, targets, wp.where(k % 2 == 0, low, high), triangle, d)
+            rows = high
+            if k % 2 == 0:
+                rows = low
+            nearness, weights = weights_then(view, targets, rows, triangle, d)
             sign = wp.where(k < 2, 1.0, -1.0)
             if k % 2 == 0:
-                ahead_low += sign / z
+                ahead_low += sign * nearness
             else:
-                ahead_high += sign / z
+                ahead_high += sign * nearness
             if k == 0:
                 t_low = weights
             elif k == 1:
@@ -145,10 +173,14 @@ def find_times(
         spot = spot_of(view, cut, cut.first + at // inner, at % inner)
         low = changes.low[c]
         later = wp.int32(0)
-        if low > 0 and low < cut.slots:
-            row_low = slot_row(cut, spot.env, spot.k, low)
-            row_high = slot_row(cut, spot.env, spot.k, low + 1)
-            share = passing(view, stage.targets, row_low, row_high, spot.d, changes.before[c], changes.after[c])
+        if cut.slots > 1:
+            rows_low = wp.vec2i(slot_row(cut, spot.env, spot.k, wp.max(low, 1)), -1)
+            rows_high = wp.vec2i(slot_row(cut, spot.env, spot.k, wp.min(low + 1, cut.slots)), -1)
+            if low == 0:
+                rows_low[1] = slot_row(cut, spot.env, spot.k, 2)
+            if low == cut.slots:
+                rows_high[1] = slot_row(cut, spot.env, spot.k, low - 1)
+            share = passing(view, stage.targets, rows_low, rows_high, spot.d, changes.before[c], changes.after[c])
             later = wp.clamp(int(share * float(PARTS)), SHARP, PARTS - SHARP)
         changes.later[c] = later
         c += workers

@@ -72,7 +72,8 @@ def make_sort(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
         if i > 0:
             ns = since[env, i - 1]
         if part > 0:
-            ns += (since[env, i] - ns) * part // PARTS
+            # Never at the instant itself, which may be a frame.
+            ns += wp.max((since[env, i] - ns) * part // PARTS, 1)
         return ns
 
     @wp.kernel(module="unique", enable_backward=False)

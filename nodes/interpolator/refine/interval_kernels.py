@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
-from nodes.interpolator.refine.paths.path_kernels import PARTS, UNKNOWN, make_instances
+from nodes.interpolator.refine.paths.path_kernels import FRAME_AFTER, FRAME_BEFORE, PARTS, UNKNOWN, make_instances
 from nodes.interpolator.refine.sight_kernels import make_seen_between
 from nodes.interpolator.refine.stage_kernels import FEW_REGISTERS, Cut, Stage
 from nodes.interpolator.rigid.keyframe_kernels import log_of
@@ -177,7 +177,16 @@ def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
             q = at % inner
             k = cut.first + slot // cut.slots
             place = slot % cut.slots + 1
+            x = q % cut.width
+            y = q // cut.width % cut.height
+            env = q // (cut.width * cut.height)
             value = radiance[j]
+            if instances.shown[j] == FRAME_AFTER:
+                value = frames[env * cut.coarse + k, y, x]
+            elif instances.shown[j] == FRAME_BEFORE and k == 0:
+                value = image[env, y + cut.margin, x + cut.margin]
+            elif instances.shown[j] == FRAME_BEFORE:
+                value = frames[env * cut.coarse + k - 1, y, x]
             sample = known + j - first
             if sample < pixels.shape[0]:
                 pixels[sample] = q
@@ -185,9 +194,6 @@ def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
                 values[sample] = value
             log_m = log_of(value)
             now = hits[j]
-            x = q % cut.width
-            y = q // cut.width % cut.height
-            env = q // (cut.width * cut.height)
             for side in range(2):
                 low = wp.int32(0)
                 high = place

@@ -13,6 +13,8 @@ from nodes.interpolator.refine.change_kernels import Changes, Several
 from nodes.interpolator.refine.light.flicker_kernels import Marks
 from nodes.interpolator.refine.paths.along_kernels import make_through, make_untold
 from nodes.interpolator.refine.paths.path_kernels import (
+    FRAME_AFTER,
+    FRAME_BEFORE,
     PARTS,
     SHARP,
     UNKNOWN,
@@ -91,12 +93,21 @@ def make_find_ends(channels: int) -> wp.Kernel:
                         changes.closed[c] = last
                     if later > 0 and last >= 0:
                         instances.later[last] = later - SHARP
+                    if later > 0 and low == 0 and begun == 0:
+                        # Of a frame there is no instant: what it shows is shown until the change, and then from it on.
+                        last = note(cut, instances, spot, high, then, then, none, last, room, most, band, count)
+                        instances.later[last] = wp.max(later - SHARP, 1) - PARTS
+                        instances.shown[last] = FRAME_BEFORE
                     begun = high
                     seen = then
                     if high <= cut.slots:
                         last = note(cut, instances, spot, high, then, then, none, last, room, most, band, count)
                         if later > 0:
                             instances.later[last] = later + SHARP - PARTS
+                    elif later > 0:
+                        last = note(cut, instances, spot, low, hit, hit, none, last, room, most, band, count)
+                        instances.later[last] = wp.min(later + SHARP, PARTS - 1)
+                        instances.shown[last] = FRAME_AFTER
                     c = changes.following[c]
             several.begun[j] = begun
             several.seen[j] = seen

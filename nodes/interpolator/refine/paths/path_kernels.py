@@ -35,6 +35,8 @@ PARTS = wp.constant(64)
 """Parts of the time from one instant to the next."""
 SHARP = wp.constant(2)
 """Half of the time that one surface takes to give way to the next, and light to be switched, in PARTS."""
+FRAME_BEFORE = wp.constant(1)
+FRAME_AFTER = wp.constant(2)
 
 
 @cache
@@ -45,7 +47,8 @@ def make_instances(channels: int) -> Any:
     in the list of the one before, of the same pixel and coarse interval, -1 = none. later: time of the sample after its
     instant, in PARTS, negative = before it. rise: change of ln I since the previous one, or since the coarse frame
     before, looked up in a keyframe, or UNKNOWN. ends: 1 for the last one of a coarse interval. tail: change of ln I
-    from there to the coarse frame after.
+    from there to the coarse frame after. shown: of a sample that has the value of a coarse frame in place of its own,
+    that before, FRAME_BEFORE, or after, FRAME_AFTER; 0 = its own.
     """
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
 
@@ -58,6 +61,7 @@ def make_instances(channels: int) -> Any:
         rise: wp.array(dtype=pixel)
         ends: wp.array(dtype=int)
         tail: wp.array(dtype=pixel)
+        shown: wp.array(dtype=int)
 
     Instances.__qualname__ = f"Instances{channels}"
     return wp.struct(Instances)
@@ -109,6 +113,7 @@ def make_note(channels: int) -> Any:
             instances.ends[room + n] = 0
             instances.later[room + n] = 0
             instances.tail[room + n] = pixel(UNKNOWN)
+            instances.shown[room + n] = 0
         return room + wp.min(n, most - 1)
 
     return note
