@@ -12,6 +12,7 @@ from nodes.interpolator.refine.stage_kernels import FEW_REGISTERS, Cut, Stage
 from nodes.interpolator.rigid.keyframe_kernels import log_of
 from nodes.interpolator.rigid.look_up.log_kernels import apart
 from nodes.interpolator.rigid.plan_kernels import joined
+from nodes.renderer.raster.depth_kernels import NO_ENTRY
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
 
 wp.set_module_options({"enable_backward": False})
@@ -64,7 +65,8 @@ def see(
 ):
     """Computes z-buffer entries of the listed pixels of a band; at, before, after: of Instances or of Intervals.
 
-    A band's part of a list begins at band * most, and has count[band] entries, of which the first `most` are there.
+    NO_ENTRY, of what needs none, stays. A band's part of a list begins at band * most, and has count[band] entries, of
+    which the first `most` are there.
     """
     first = band * most
     last = first + wp.min(count[band], most)
@@ -73,7 +75,10 @@ def see(
         x = at[j] % cut.width + cut.margin
         y = at[j] // cut.width % cut.height + cut.margin
         n = at[j] // (cut.width * cut.height)
-        hits[j] = seen_between(view, stage.targets, n, pixel_ray(view, x, y), before[j], after[j], False)
+        if before[j] == NO_ENTRY:
+            hits[j] = NO_ENTRY
+        else:
+            hits[j] = seen_between(view, stage.targets, n, pixel_ray(view, x, y), before[j], after[j], False)
         j += workers
 
 

@@ -32,6 +32,7 @@ from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.keyframe_kernels import log_of
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
+from nodes.renderer.raster.depth_kernels import NO_ENTRY
 from nodes.renderer.raster.lens.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
@@ -94,8 +95,10 @@ def make_find_ends(channels: int) -> wp.Kernel:
                     if later > 0 and last >= 0:
                         instances.later[last] = later - SHARP
                     if later > 0 and low == 0 and begun == 0:
-                        # Of a frame there is no instant: what it shows is shown until the change, and then from it on.
-                        last = note(cut, instances, spot, high, then, then, none, last, room, most, band, count)
+                        # Of a frame there is no instant: its value is that until the change, below from then on.
+                        # Two of a pixel at one instant must not be evaluated: what shades the first one forgets what
+                        # hides its lamps.
+                        last = note(cut, instances, spot, high, NO_ENTRY, NO_ENTRY, none, last, room, most, band, count)
                         instances.later[last] = wp.max(later - SHARP, 1) - PARTS
                         instances.shown[last] = FRAME_BEFORE
                     begun = high
@@ -105,7 +108,7 @@ def make_find_ends(channels: int) -> wp.Kernel:
                         if later > 0:
                             instances.later[last] = later + SHARP - PARTS
                     elif later > 0:
-                        last = note(cut, instances, spot, low, hit, hit, none, last, room, most, band, count)
+                        last = note(cut, instances, spot, low, NO_ENTRY, NO_ENTRY, none, last, room, most, band, count)
                         instances.later[last] = wp.min(later + SHARP, PARTS - 1)
                         instances.shown[last] = FRAME_AFTER
                     c = changes.following[c]

@@ -6,6 +6,8 @@ wp.set_module_options({"enable_backward": False})
 
 MISS = wp.constant(-1)
 """Triangle index of a pixel that sees no triangle."""
+NO_ENTRY = wp.constant(wp.uint64(0))
+"""Stands for no z-buffer entry at all: at depth 0 nothing is seen."""
 
 
 @wp.func

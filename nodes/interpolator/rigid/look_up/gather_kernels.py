@@ -28,6 +28,7 @@ from nodes.interpolator.rigid.look_up.look_up_kernels import (
 )
 from nodes.interpolator.rigid.look_up.portion_kernels import Place, Portion, place_in_turn, place_of, sight_of
 from nodes.interpolator.rigid.look_up.texture_kernels import make_log_albedo
+from nodes.renderer.raster.depth_kernels import NO_ENTRY
 from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.raster.surface_kernels import Seen, Surfaces, pixel_at
 
@@ -222,7 +223,8 @@ def make_gather(
         What no keyframe shows goes to `pixels` from `first` on, as indices into [P E, H, W]; count[band]: how many. So
         does that of which the keyframes differ by more than the tolerance in log radiance. Single pixels: entries
         first..last - 1 of `todo`, todo_count[band] at most; portion.packed and frames are [1, 1, list]; z-buffers of
-        what is listed in `pixels` are written to those that are shown, and `places` says where they were listed.
+        what is listed in `pixels` are written to those that are shown, and `places` says where they were listed; of
+        NO_ENTRY nothing is looked up, and it is black.
         """
         m = view.margin
         j = first + wp.tid()
@@ -267,7 +269,9 @@ def make_gather(
             changed = wp.bool(True)
             if wp.static(not listed):
                 changed = hit != entry(portion.quiet, (env * view.height + y) * view.width + x)
-            if anew:
+            if wp.static(single) and hit == NO_ENTRY:
+                frames[frame, row_out, column_out] = pixel(0.0)
+            elif anew:
                 pixels[first + take_place(count, band)] = place
             elif changed:
                 s, body = sight_of(view, hit, y, x, portion.pieces, keys.turn.shape[1] - 1)
