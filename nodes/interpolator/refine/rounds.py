@@ -67,7 +67,7 @@ class Kernels:
         features = rigid.shading.features
         painted = features.textures or features.tinted
         how = (lens, layout.channels, layout.exact_flicker, layout.relight, painted, changes)
-        ends = make_find_ends(layout.channels)
+        ends = make_find_ends(layout.channels, not layout.flicker)
         return cls(make_find_plain(*how), ends, make_find_runs(*how), *make_rounds(layout.channels))
 
     def to_build(self, trees: bool) -> list[tuple[wp.Kernel, int]]:

@@ -39,8 +39,9 @@ wp.set_module_options({"enable_backward": False})
 
 
 @cache
-def make_find_ends(channels: int) -> wp.Kernel:
-    """Makes the kernel `find_ends`; channels: 1 (luminance) or 3 (RGB)."""
+def make_find_ends(channels: int, steady: bool) -> wp.Kernel:
+    """Makes the kernel `find_ends`; channels: 1 (luminance) or 3 (RGB). steady: no light flickers, so that what a frame
+    shows is shown shortly before and after it too."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
     Instances: Any = make_instances(channels)
     note = make_note(channels)
@@ -94,7 +95,7 @@ def make_find_ends(channels: int) -> wp.Kernel:
                         changes.closed[c] = last
                     if later > 0 and last >= 0:
                         instances.later[last] = later - SHARP
-                    if later > 0 and low == 0 and begun == 0:
+                    if wp.static(steady) and later > 0 and low == 0 and begun == 0:
                         # Of a frame there is no instant: its value is that until the change, below from then on.
                         # Two of a pixel at one instant must not be evaluated: what shades the first one forgets what
                         # hides its lamps.
@@ -107,7 +108,7 @@ def make_find_ends(channels: int) -> wp.Kernel:
                         last = note(cut, instances, spot, high, then, then, none, last, room, most, band, count)
                         if later > 0:
                             instances.later[last] = later + SHARP - PARTS
-                    elif later > 0:
+                    elif wp.static(steady) and later > 0:
                         last = note(cut, instances, spot, low, NO_ENTRY, NO_ENTRY, none, last, room, most, band, count)
                         instances.later[last] = wp.min(later + SHARP, PARTS - 1)
                         instances.shown[last] = FRAME_AFTER
