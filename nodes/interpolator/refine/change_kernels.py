@@ -124,6 +124,15 @@ def farther(a: wp.uint64, b: wp.uint64):
     return triangle_of(a) == MISS or depth_of(a) > APART * depth_of(b)
 
 
+@wp.func
+def halvings(length: int):
+    """Counts how often an interval can be halved, for which so many ends wait at most."""
+    count = wp.int32(0)
+    while (1 << count) < length:
+        count += 1
+    return count
+
+
 @cache
 def make_find_changes(trees: bool) -> wp.Kernel:
     """Makes the kernel `find_changes`; trees: as of `make_seen_of_all`."""
@@ -200,7 +209,7 @@ def make_find_changes(trees: bool) -> wp.Kernel:
                         if ask == low:
                             sure = True
                             if not joined(hit, seen, stage.targets.pieces):
-                                if low == begun or waiting + 1 == MOST_PENDING:
+                                if low == begun or waiting + 2 + halvings(low - begun) > MOST_PENDING:
                                     hit = seen
                                     if last >= 0:
                                         changes.after[last] = hit
