@@ -184,12 +184,13 @@ class InterpolatorNode(Node):
         p = self.params
         if self._method != "rigid" or p["upsampling"] == 1 or not self.may_gather or self._counts_are_read():
             return 1
-        gaps = at_once(self.name, p["batch"], p["device"], p["envs"], pixels, p["upsampling"])
+        paths = parameters.by_paths(p)
+        gaps = at_once(self.name, p["batch"], p["device"], p["envs"], pixels, p["upsampling"], paths)
         if not self._sampled:
             return gaps
         length = 1e9 / (p["keyframe_rate"] or USUAL_RATE)
         slots = wanted_slots(round(length), p["upsampling"], 1e9 * p["time_tolerance"])
-        return refined_at_once(gaps, p["device"], pixels * max(slots, 1))
+        return refined_at_once(gaps, p["batch"], p["device"], pixels * max(slots, 1))
 
     def _counts_are_read(self) -> bool:
         """Tells whether somebody reads what the messages of single gaps count."""

@@ -17,6 +17,11 @@ PIXELS_REFINED, BYTES_REFINED = 5 << 26, 100
 finer tolerances take half."""
 PIXELS = 1 << 25
 """Most pixels of frames that are made at once: so many keep any GPU busy."""
+MOST_ON_CPU = 8
+"""Most keyframes at once on a CPU: of fewer at the end of a run the last one is rendered as often as others lack."""
+PIXELS_ON_CPU, PIXELS_REFINED_ON_CPU = 1 << 22, 1 << 23
+"""Most pixels of frames there, and at all instants of gaps with samples between their frames: what the host does for a
+call costs little beside more of them, which no longer stay in its caches."""
 BYTES = 120
 """Device memory per pixel of a frame, of all nodes [bytes]."""
 SHARE = 4
@@ -27,7 +32,7 @@ LEAST_OF_RIGID = 250
 """Of a pixel where sub-frames are drawn; measured were 420 on a CPU and 800 on a GPU."""
 
 
-def at_once(name: str, asked: int, device: str, envs: int, pixels: int, frames: int) -> int:
+def at_once(name: str, asked: int, device: str, envs: int, pixels: int, frames: int, paths: bool = False) -> int:
     """Computes how many keyframes a node makes at once.
 
     Args:
@@ -37,6 +42,7 @@ def at_once(name: str, asked: int, device: str, envs: int, pixels: int, frames: 
         envs: parallel environments; more than one are a batch already, so that the result is 1.
         pixels: of a keyframe.
         frames: made of each keyframe.
+        paths: whether light comes by these, beside which a CPU's time for anything else is nothing.
 
     Raises:
         ValueError: for more than one with several environments, and where the device's memory does not hold as many.
@@ -51,27 +57,37 @@ def at_once(name: str, asked: int, device: str, envs: int, pixels: int, frames: 
         raise ValueError(
             f"{name}: batch:={asked} takes about {need} on {where.alias}, of which {free} are free; batch:={fits} fits"
         )
-    if asked or envs > 1 or where.is_cpu:
+    if asked or envs > 1 or (where.is_cpu and paths):
         return max(asked, 1)
-    room = min(PIXELS, where.total_memory // (SHARE * BYTES)) // each
-    # A power of two is the same for nodes whose pixel counts differ by a margin.
-    return 1 << (max(min(room, MOST), 1).bit_length() - 1)
+    most, room = MOST_ON_CPU, PIXELS_ON_CPU
+    if where.is_cuda:
+        most, room = MOST, min(PIXELS, where.total_memory // (SHARE * BYTES))
+    # The same for nodes whose pixel counts differ by a margin.
+    return _power_of_two(min(room // each, most))
 
 
-def refined_at_once(asked: int, device: str, pixels: int) -> int:
-    """Computes how many gaps with samples between their frames are made at once, `asked` at most.
+def refined_at_once(count: int, asked: int, device: str, pixels: int) -> int:
+    """Computes how many gaps with samples between their frames are made at once.
 
     Args:
-        asked: as many keyframes are there at once.
+        count: as many keyframes are there at once.
+        asked: the parameter `batch`.
         device: where the kernels run.
         pixels: of a keyframe, at all instants of a gap.
     """
     where: Any = device_named(device)
-    most = min(asked, MOST_REFINED)
-    if where.is_cpu:
+    most = min(count, MOST_REFINED)
+    if where.is_cpu and asked:
         return most
-    room = min(PIXELS_REFINED, where.total_memory // (SHARE * BYTES_REFINED)) // pixels
-    return min(most, 1 << (max(room, 1).bit_length() - 1))
+    room = PIXELS_REFINED_ON_CPU
+    if where.is_cuda:
+        room = min(PIXELS_REFINED, where.total_memory // (SHARE * BYTES_REFINED))
+    return min(most, _power_of_two(room // pixels))
+
+
+def _power_of_two(most: int) -> int:
+    """Gives the greatest power of two up to a number, 1 at least."""
+    return 1 << (max(most, 1).bit_length() - 1)
 
 
 def check_room(

@@ -155,7 +155,7 @@ class RendererNode(Node):
         check_room(self.name, p["device"], p["envs"], width, height, frames)
         if not self.may_gather:
             return 1
-        count = at_once(self.name, p["batch"], p["device"], p["envs"], width * height, frames)
+        count = at_once(self.name, p["batch"], p["device"], p["envs"], width * height, frames, parameters.by_paths(p))
         if count > 1:
             self.result("batch", count)
         return count

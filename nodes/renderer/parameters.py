@@ -19,7 +19,7 @@ BATCH = Param(
     int,
     0,
     "keyframes that are made at once, with the gaps between them, where nobody waits for each (--compose, pace:=fast, "
-    "no actions); 0 = as many as pay, on a CPU one; the events are the same",
+    "no actions); 0 = as many as pay; the events are the same",
     "",
     0,
     32,

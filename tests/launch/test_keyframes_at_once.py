@@ -27,7 +27,7 @@ from nodes.event_sensor.messages.flights import Flights
 from nodes.event_sensor.node import EventSensorNode
 from nodes.event_sensor.readout.device_events import DeviceEvents
 from nodes.event_sensor.sensor import EventSensor
-from nodes.renderer.at_once import at_once
+from nodes.renderer.at_once import at_once, refined_at_once
 from nodes.renderer.renderer import Renderer
 
 SMALL = {"width": 48, "height": 36, "audit": 0}
@@ -334,6 +334,35 @@ def test_explain_says_how_many_or_why_one() -> None:
     assert said("spinning_disk", batch=8) == "8"
     assert said("spinning_disk").startswith("as many as pay")
     assert said("spinning_disk", "default") == "one, for its nodes run as several processes (--compose makes them one)"
+
+
+def test_on_a_cpu_small_pictures_come_several_at_once() -> None:
+    """But not those by paths, of which one too many costs more than all else; who asks gets what is asked for."""
+    assert at_once("renderer", 0, "cpu", 1, 96 * 72, 8) == 8
+    assert at_once("renderer", 0, "cpu", 1, 346 * 260, 8) == 4
+    assert at_once("renderer", 0, "cpu", 1, 1280 * 720, 8) == 1
+    assert at_once("renderer", 0, "cpu", 1, 96 * 72, 8, paths=True) == 1
+    assert at_once("renderer", 3, "cpu", 1, 96 * 72, 8, paths=True) == 3
+    assert refined_at_once(8, 0, "cpu", 96 * 72 * 255) == 4
+    assert refined_at_once(8, 0, "cpu", 346 * 260 * 255) == 1
+    assert refined_at_once(4, 4, "cpu", 346 * 260 * 255) == 4
+
+
+def test_a_graph_of_small_pictures_takes_several_on_a_cpu() -> None:
+    taken: list[int] = []
+    plan = composed("spinning_disk", time_tolerance=0)
+    plan.nodes = {name: node for name, node in plan.nodes.items() if node.process == COMPOSED and not node.dormant}
+    plan.topics = {name: topic for name, topic in plan.topics.items() if topic.node in plan.nodes}
+    executor = Executor(plan, COMPOSED)
+    try:
+        executor.setup()
+        interpolator = executor._hosts["interpolator"].node
+        update = interpolator.update_all
+        interpolator.update_all = lambda inputs: taken.append(len(inputs)) or update(inputs)
+        executor.run()
+    finally:
+        executor.close()
+    assert max(taken) == 8
 
 
 def test_environments_are_a_batch_already() -> None:
