@@ -175,9 +175,8 @@ class Evaluator:
         firsts = [k * most for k in range(self.bands)]
         self.shading.shade_list(self._radiance, self._anew, unseen, firsts, True)
         workers = 1 if v.device.is_cpu else LIST_WORKERS
-        for k, first in enumerate(firsts):
-            given = [workers, first, k, self._envs, 1, v.margin, self._frame, self._anew, self._places, unseen]
-            wp.launch(self._place, workers, [*given, self._radiance], [values], device=v.device)
+        given = [self._envs, 1, v.margin, self._frame, self._anew, self._places, unseen, self._radiance, values]
+        rigid.sampling.launch([(self._place, workers, [workers, first, k, *given]) for k, first in enumerate(firsts)])
 
     def _portion(self) -> Any:
         """Fills in the struct that the gather kernel reads of the slots and of the scene."""

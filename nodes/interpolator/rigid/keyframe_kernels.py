@@ -4,7 +4,7 @@ from typing import Any
 
 import warp as wp
 
-from nodes.interpolator.rigid.look_up.log_kernels import SIX, fused_luminance
+from nodes.interpolator.rigid.look_up.log_kernels import SIX, apart, fused_luminance
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 
 wp.set_module_options({"enable_backward": False})
@@ -18,6 +18,14 @@ JUMP = wp.constant(3.0e-3)
 """Second difference of the inverse distance, of the inverse distance, from which on a patch hides a part of itself.
 
 Over a plane the inverse distance is linear in the pixel; over a sphere of radius R at z it bends by z / (f^2 R)."""
+OVER_SECOND = wp.constant(0.125)
+"""Greatest difference of cubic convolution from linear interpolation along a line, of the second differences beside:
+f (1 - f) / 2 times their mean by f, from the weights of Keys (1981)."""
+GAIN = wp.constant(1.25)
+"""Greatest sum of the magnitudes of cubic convolution's weights."""
+WHOLE = wp.constant(1)
+STRAIGHT = wp.constant(2)
+"""Bits of `support`."""
 
 
 @wp.func
@@ -173,20 +181,44 @@ def one_sheet(w: wp.array3d(dtype=float), env: int, y: int, x: int):
     return True
 
 
+@wp.func
+def second(logs: wp.array3d(dtype=Any), env: int, y: int, x: int, down: int, right: int):
+    """Computes the magnitude of the second difference of log radiance at a pixel, along a row or a column."""
+    here = logs[env, y, x]
+    return apart(logs[env, y - down, x - right] - here, here - logs[env, y + down, x + right])
+
+
+@wp.func
+def straight(logs: wp.array3d(dtype=Any), env: int, y: int, x: int, limit: float):
+    """Tells whether cubic convolution between the pixels x, x + 1 and y, y + 1 differs by `limit` from linear
+    interpolation at most."""
+    along = wp.float32(0.0)
+    across = wp.float32(0.0)
+    for i in range(2):
+        for r in range(-1, 3):
+            along = wp.max(along, second(logs, env, y + r, x + i, 0, 1))
+        for r in range(2):
+            across = wp.max(across, second(logs, env, y + i, x + r, 1, 0))
+    return OVER_SECOND * (GAIN * along + across) <= limit
+
+
 @wp.kernel
 def find_support(
     # in
     span: int,
+    limit: float,
     moving: wp.array(dtype=int),
     patch: wp.array3d(dtype=int),
     inverse: wp.array3d(dtype=float),
+    logs: wp.array3d(dtype=Any),
     # out
     support: wp.array3d(dtype=int),
 ):
     """Computes what of a patch is seen about a place between the pixels x, x + 1 and y, y + 1.
 
-    2 patch + 1 where all of the 4 x 4 pixels from (x - 1, y - 1) on belong to it and it hides no part of itself there,
-    2 patch where these four do, else UNUSABLE. Of what never moves nothing is looked for between the pixels.
+    4 patch + WHOLE where all of the 4 x 4 pixels from (x - 1, y - 1) on belong to it and it hides no part of itself
+    there, and + STRAIGHT where ln I is linear between the four besides, but for `limit` if that is not negative; 4
+    patch where the four belong to it, else UNUSABLE. Of what never moves nothing is looked for between the pixels.
     """
     env, y, part = wp.tid()
     height = patch.shape[1]
@@ -202,9 +234,11 @@ def find_support(
                 and patch[env, y + 1, x] == p
                 and patch[env, y + 1, x + 1] == p
             ):
-                code = 2 * p
+                code = 4 * p
                 if one_patch(patch, env, y, x) and (p == 0 or one_sheet(inverse, env, y, x)):
-                    code += 1
+                    code += WHOLE
+                    if limit >= 0.0 and straight(logs, env, y, x, limit):
+                        code += STRAIGHT
         support[env, y, x] = code
 
 

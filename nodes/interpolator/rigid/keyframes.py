@@ -83,6 +83,7 @@ class Pair:
         taking = wp.overload(keyframe_kernels.take_in_lights if self._flicker else keyframe_kernels.take_in, kinds)
         quiet: Any = {name: wp.array3d(dtype=image) for name in ("image_a", "image_b")}
         wp.overload(keyframe_kernels.find_quiet, quiet)
+        wp.overload(keyframe_kernels.find_support, {"logs": kinds["logs"]})
         return [(taking, LAUNCH_BLOCK)]
 
     @property
@@ -155,9 +156,10 @@ class Prepared:
         for which, image in zip(("mean", "steady"), self._lights):
             wp.copy(image, shade(which)[: self._shape[0]])
 
-    def fill(self, pieces: wp.array, moving: wp.array, nonfinite: wp.array) -> None:
+    def fill(self, pieces: wp.array, moving: wp.array, straight: float, nonfinite: wp.array) -> None:
         """Fills the other arrays from the image and the z-buffer: launches only.
 
+        straight: difference of ln I from linear interpolation that counts as none, negative where nobody asks.
         pieces: body and patch [T]; moving int32 of each patch: whether it may move. nonfinite int32 [1]: has the number
         of pixels added whose radiance is not finite; they are not used.
         """
@@ -166,5 +168,5 @@ class Prepared:
         made = [self.logs, self.patch, self.inverse, self.texels, nonfinite]
         kernel = keyframe_kernels.take_in_lights if self._lights else keyframe_kernels.take_in
         wp.launch(kernel, dim, given, made, device=self._device)
-        given = [self._span, moving, self.patch, self.inverse]
+        given = [self._span, straight, moving, self.patch, self.inverse, self.logs]
         wp.launch(keyframe_kernels.find_support, dim, given, [self.support], device=self._device)

@@ -40,6 +40,7 @@ from nodes.interpolator.relight.swept_kernels import disquiet
 from nodes.interpolator.rigid import keyframe_kernels
 from nodes.interpolator.rigid.keyframes import Pair
 from nodes.interpolator.rigid.layout import RigidOptions, layout_of
+from nodes.interpolator.rigid.look_up.look_up_kernels import FINE
 from nodes.interpolator.rigid.patches import pieces_of
 from nodes.interpolator.rigid.placement import Placement
 from nodes.interpolator.rigid.reprojection import Reprojection, textured_in
@@ -119,6 +120,8 @@ class Rigid:
         self.change = make_light_change(self.shading, envs, self.placement.movers, asked.tolerance, lit_by_paths)
         self.sampling = Sampling(v, self.pieces, self.layout, pool, self.change)
         self._reprojection = Reprojection(self.shading, self.sampling, self.pieces, self.layout, self.change)
+        straight = FINE * self.layout.tolerance if textured_in(self.shading, self.layout) else -1.0
+        self._filling = self.pieces, self._moving, straight, self._reprojection.nonfinite
         self._sparse = SparseRaster(v, envs, step) if step > 0 and SparseRaster.pays(v) else None
         self._strides = [1] * envs
         # What the reports of a gap and of the one before need, where the host reads it, and when it is there.
@@ -317,7 +320,7 @@ class Rigid:
         if first:
             if self.layout.waveform is not None:
                 self.pair.b.take_lights(partial(self._reprojection.light, placed=True))
-            self.pair.b.fill(self.pieces, self._moving, self._reprojection.nonfinite)
+            self.pair.b.fill(*self._filling)
             self._reprojection.take_bare(self.pair.b)
         self._beside.join()
         if count:
@@ -376,7 +379,7 @@ class Rigid:
         if self.layout.waveform is not None:
             self.shading.update(placed)
             a.take_lights(partial(self._reprojection.light, placed=False))
-        a.fill(self.pieces, self._moving, self._reprojection.nonfinite)
+        a.fill(*self._filling)
         self._reprojection.take_bare(a)
 
     def _take_poses(self) -> None:

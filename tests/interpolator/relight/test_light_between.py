@@ -283,13 +283,14 @@ def listed(rigid):
 
 @pytest.mark.parametrize("things", LOOKED_AT)
 def test_the_three_looks_of_a_gpu_see_what_a_careful_one_does(things, made):
-    """To the last bit, where one device takes them; most of what may change its light is away from edges."""
+    """To the last bit, where one device takes them; most of what may change its light is away from edges, but a texture
+    is looked up with care wherever it bends."""
     scene = world(LOOKED_AT[things][0], lights=[LOOKED_AT[things][1]], sky=0.05)
     careful, three = (cross(scene, 16, single=True, on_device=every) for every in (False, True))
     assert (three.frames == careful.frames).all()
     assert three.report.reshaded == careful.report.reshaded > 0
     flagged, todo = listed(made[-1])
-    assert 0 < todo < 0.5 * flagged
+    assert 0 < todo < (0.95 if things == "texture" else 0.5) * flagged
 
 
 @pytest.mark.gpu

@@ -185,7 +185,7 @@ def make_walk(lens: str, channels: int, flicker: bool) -> Any:
         d = log_at(keys.logs, below + 1)
         spread = apart(wp.min(wp.min(a, b), wp.min(c, d)), wp.max(wp.max(a, b), wp.max(c, d)))
         # One number tells where all is the patch, but at the border and of what never moves.
-        one = whole_number(keys.support, here) >> 1 == patch
+        one = whole_number(keys.support, here) >> 2 == patch
         if not one:
             upper_two = whole_number(keys.patch, here) == patch and whole_number(keys.patch, here + 1) == patch
             lower_two = whole_number(keys.patch, below) == patch and whole_number(keys.patch, below + 1) == patch

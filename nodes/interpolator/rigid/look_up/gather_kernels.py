@@ -84,17 +84,20 @@ def make_look_at_both(
         # cache of instructions.
         for k in range(count):
             first = k == 0
-            moved = displaced(keys.turn, keys.shift, since + k * behind, s.point)
-            origin = base + wp.where(first, keys.first[0], keys.first[1])
-            distant = portion.pace * float(wp.where(first, i, portion.upsampling - i))
-            state, found = look_up(view, keys, origin, s, moved, portion.tolerance, distant)
-            if first:
-                looks.state_a = state
-                looks.a = found
-            else:
-                looks.state_b = state
-                looks.b = found
-                looks.at_rest = moved[0] == 0.0 and moved[1] == 0.0 and moved[2] == 0.0
+            # What A does not tell without care is left to the careful look.
+            asked = first or looks.state_a != HARD
+            if asked:
+                moved = displaced(keys.turn, keys.shift, since + k * behind, s.point)
+                origin = base + wp.where(first, keys.first[0], keys.first[1])
+                distant = portion.pace * float(wp.where(first, i, portion.upsampling - i))
+                state, found = look_up(view, keys, origin, s, moved, portion.tolerance, distant)
+                if first:
+                    looks.state_a = state
+                    looks.a = found
+                else:
+                    looks.state_b = state
+                    looks.b = found
+                    looks.at_rest = moved[0] == 0.0 and moved[1] == 0.0 and moved[2] == 0.0
         return looks
 
     return look_at_both

@@ -7,6 +7,7 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.reading_kernels import element, number, pair, pair_of, weighted, whole_number, whole_pair
+from nodes.interpolator.rigid.keyframe_kernels import STRAIGHT, WHOLE
 from nodes.interpolator.rigid.look_up.log_kernels import LOGS, apart, half_black, least, most, within
 from nodes.renderer.raster.lens.distortion_kernels import angle_of, make_distorted
 from nodes.renderer.raster.lens.view_kernels import CameraView
@@ -23,6 +24,8 @@ STEEP = wp.constant(3.0)
 FINE = wp.constant(0.03)
 """Difference of cubic and linear interpolation, in tolerances, above which what a surface shows is too fine for its
 keyframes: interpolation would dull it by about as much."""
+EVEN = wp.constant(0.8)
+"""Difference of ln of the light, in tolerances, among four pixels between which it is interpolated linearly."""
 WITHOUT = wp.constant(math.inf)
 """Stands for ln of the light on a texture where there is none; no mean of it and others is finite."""
 ENOUGH = wp.constant(5)
@@ -268,17 +271,25 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool, detaile
         return HIDDEN, pixel(0.0)
 
     @wp.func
-    def bare(keys: Keyframes, width: int, at: int, fx: float, fy: float):
-        """Computes, as `whole` does, ln of the light alone that falls on a texture; a number that `is_bare` refuses
-        where any of the pixels has none."""
-        first = at - 1
-        below = first + width
+    def bare(keys: Keyframes, width: int, at: int, whole: bool, fx: float, fy: float, tolerance: float):
+        """Computes ln of the light alone that falls on a texture; a number that `is_bare` refuses where one of the
+        pixels has none. whole: whether the patch is seen in full, without which light has to be even."""
+        below = at + width
+        a = pair(keys.bare, at)
+        b = pair(keys.bare, below)
+        low = wp.min(wp.min(a), wp.min(b))
+        high = wp.max(wp.max(a), wp.max(b))
+        if high - low <= EVEN * tolerance:
+            upper = (1.0 - fx) * a[0] + fx * a[1]
+            return (1.0 - fy) * upper + fy * ((1.0 - fx) * b[0] + fx * b[1])
+        if not whole:
+            return WITHOUT
         wx = weights(fx)
         return in_column(
-            weighted(keys.bare, first - width, wx),
-            weighted(keys.bare, first, wx),
-            weighted(keys.bare, below, wx),
-            weighted(keys.bare, below + width, wx),
+            weighted(keys.bare, at - 1 - width, wx),
+            weighted(keys.bare, at - 1, wx),
+            weighted(keys.bare, below - 1, wx),
+            weighted(keys.bare, below - 1 + width, wx),
             weights(fy),
         )
 
@@ -303,7 +314,7 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool, detaile
         code = whole_number(keys.support, at)
         near = pair(keys.inverse, at)
         near_below = pair(keys.inverse, below)
-        if (code >> 1) == s.patch and code >= 0:
+        if (code >> 2) == s.patch and code >= 0:
             upper = near[0] * (1.0 - fx) + near[1] * fx
             lower = near_below[0] * (1.0 - fx) + near_below[1] * fx
             a, b = pair_of(keys.logs, at)
@@ -312,10 +323,26 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool, detaile
             high = most(most(a, b), most(c, d))
             near_enough = wp.abs(upper * (1.0 - fy) + lower * fy - w) <= SAME_POINT * w
             near_enough = near_enough and not half_black(low, high)
-            if near_enough and (code & 1) == 1:
+            straight = (1.0 - fy) * ((1.0 - fx) * a + fx * b) + fy * ((1.0 - fx) * c + fx * d)
+            spread = apart(low, high)
+            # Of one colour cubic convolution would only bring in what is beside it. Textures may alias to one colour.
+            linear = spread <= FINE * tolerance
+            if wp.static(textured):
+                linear = (code & STRAIGHT) != 0
+            if near_enough and linear:
+                return SEEN, straight
+            if wp.static(textured and careful):
+                if near_enough and fine:
+                    light = bare(keys, width, at, (code & WHOLE) != 0, fx, fy, tolerance)
+                    if is_bare(light):
+                        return BARE, light
+            elif wp.static(textured):
+                if near_enough and fine and is_bare(number(keys.bare, at)):
+                    return HARD, value
+            if near_enough and (code & WHOLE) != 0:
                 seen = wp.int32(SEEN)
                 value = whole(keys, width, at, weights(fx), weights(fy))
-            if near_enough and (code & 1) == 0 and apart(low, high) <= STEEP * tolerance:
+            if near_enough and (code & WHOLE) == 0 and spread <= STEEP * tolerance:
                 seen = wp.int32(HARD)
                 if wp.static(careful):
                     seen = wp.int32(SEEN)
@@ -323,16 +350,8 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool, detaile
             # A step into the black, of many thresholds, must not overshoot by one.
             beyond = pixel(tolerance)
             value = within(value, low - beyond, high + beyond)
-            if seen == SEEN and fine:
-                straight = (1.0 - fy) * ((1.0 - fx) * a + fx * b) + fy * ((1.0 - fx) * c + fx * d)
-                if apart(value, straight) > FINE * tolerance:
-                    seen = wp.int32(HIDDEN)
-                    if wp.static(textured):
-                        if (code & 1) == 1 and is_bare(number(keys.bare, at)):
-                            seen = wp.int32(HARD)
-                            if wp.static(careful):
-                                value = bare(keys, width, at, fx, fy)
-                                seen = wp.where(is_bare(value), BARE, HIDDEN)
+            if seen == SEEN and fine and apart(value, straight) > FINE * tolerance:
+                seen = wp.int32(HIDDEN)
         else:
             p = whole_pair(keys.patch, at)
             q = whole_pair(keys.patch, below)
