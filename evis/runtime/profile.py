@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from evis.runtime.workers import spent_by_workers
 from msgs.camera import CameraInfo, EventPacket, Frames, Keyframe, Samples
 from msgs.header import Message
 
@@ -98,7 +99,8 @@ def _plain(value: Any) -> float | int:
 
 
 class Profile:
-    """Measures exclusive time per owner on one thread: entering an inner owner stops the clock of the outer one."""
+    """Measures exclusive time per owner on one thread, of CPU time with what `Workers` spend for it: entering an inner
+    owner stops the clock of the outer one."""
 
     def __init__(self) -> None:
         self.nodes: dict[str, NodeProfile] = {}
@@ -114,7 +116,7 @@ class Profile:
 
     def charge(self) -> None:
         """Charges the time since the last call to the owner that is inside now."""
-        wall, cpu = time.perf_counter(), time.thread_time()
+        wall, cpu = time.perf_counter(), time.thread_time() + spent_by_workers()
         if self._stack:
             owner = self._stack[-1]
             owner.busy_s += wall - self._since_wall

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
 
+from evis.runtime.workers import Workers
 from evis.scene.mjcf.dynamics import compile_model
 from evis.scene.model import Scene
 from nodes.physics.dynamics.actuators import actuators_of
@@ -119,7 +119,7 @@ class MujocoEngine:
         limits = Limits(self.model, speed_limit, finest)
         self._watch = Watch(limits, envs)
         self._assembly = Assembly(scene, self.model)
-        pool = ThreadPoolExecutor(threads, "states") if batched and threads > 1 else None
+        pool = Workers(threads, "states") if batched and threads > 1 else None
         self._course = Course(self._assembly, self.model, self.step_ns, joints, accelerations, pool)
         self._recorded: RecordedCourse | None = None
         if batched and warp is None:

@@ -22,7 +22,6 @@ every surface is shaded at its own time.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
@@ -31,6 +30,7 @@ import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK, begin_building, build_together
 from evis.gpu.cuda_graph import Branch, CudaGraphs
+from evis.runtime.workers import Workers
 from evis.scene.model import Camera, Scene
 from nodes.interpolator.displacement_kernels import displace
 from nodes.interpolator.keyframe import KeyframeView, Report, Span
@@ -115,7 +115,7 @@ class Rigid:
         self._flags = np.zeros(self._still.shape, np.int32)
         # As many threads as share the visibility's rows, for these shade the lists.
         tiles = len(v.row_tiles.rows)
-        pool = ThreadPoolExecutor(tiles) if tiles > 1 else None
+        pool = Workers(tiles) if tiles > 1 else None
         lit_by_paths = asked.paths is not None
         self.change = make_light_change(self.shading, envs, self.placement.movers, asked.tolerance, lit_by_paths)
         self.sampling = Sampling(v, self.pieces, self.layout, pool, self.change)

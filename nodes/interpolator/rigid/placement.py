@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from functools import lru_cache
 from itertools import pairwise
@@ -15,6 +14,7 @@ from evis.geometry.interpolate import NS as SECONDS
 from evis.geometry.interpolate import step_before
 from evis.geometry.interpolate_kernels import place_between
 from evis.runtime.clock import NS, keyframe_stamp, subframe_stamps
+from evis.runtime.workers import Workers
 from evis.scene.model import Scene, Trajectory
 from evis.scene.motion import Prescribed
 from nodes.interpolator.keyframe import States
@@ -56,7 +56,7 @@ class Placement:
         # How many gaps are computed ahead next, by the number of their stamps.
         self._gaps: dict[int, int] = {}
         self._parts = max(1, min(threads, envs // APART)) if len(self._driven) else 1
-        self._pool = ThreadPoolExecutor(self._parts, "placement") if self._parts > 1 else None
+        self._pool = Workers(self._parts, "placement") if self._parts > 1 else None
 
     def _paths(self, world: Scene, which: list[int]) -> list[Prescribed]:
         """Of the movers, those of these numbers. Raises ValueError where one is not in closed form in this world."""

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import warp as wp
 
+from evis.runtime.workers import Workers
 from nodes.interpolator.keyframe import KeyframeView, Report
 from nodes.interpolator.splat import cpu_kernels
 from nodes.interpolator.splat.warp_kernels import Source
@@ -30,7 +30,7 @@ class SplatCpu:
         self._channels = channels
         chunks = min(threads, upsampling - 1)
         self._bounds = np.linspace(1, upsampling, chunks + 1).round().astype(int) if chunks > 0 else np.ones(1, int)
-        self._pool = ThreadPoolExecutor(chunks) if chunks > 1 else None
+        self._pool = Workers(chunks) if chunks > 1 else None
         pixels, padded = height * width, (height + 2) * (width + 2)
         with wp.ScopedDevice("cpu"):
             self._still = [wp.empty((envs, padded), dtype=wp.float32) for _ in "AB"]

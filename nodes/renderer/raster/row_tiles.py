@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from typing import Any
 
 import warp as wp
+
+from evis.runtime.workers import Workers
 
 PARTS = 4
 """Parts of a thread's work where pixels differ in cost: what is left waits for the slowest of many, not of two."""
@@ -23,7 +24,7 @@ class RowTiles:
         count = max(1, min(threads, height))
         self.rows = _split(height, count)
         self.parts = _split(height, min(PARTS * count, height)) if count > 1 else self.rows
-        self._pool = ThreadPoolExecutor(count) if count > 1 else None
+        self._pool = Workers(count) if count > 1 else None
 
     def launch(self, kernel: wp.Kernel, arguments: Any, device: Any, block: int = 256, in_parts: bool = False) -> None:
         """Runs `kernel` once for each of `rows` or of `parts`; arguments(row0, row1) gives its launch dimensions and

@@ -24,8 +24,9 @@ STEEP = wp.constant(3.0)
 FINE = wp.constant(0.03)
 """Difference of cubic and linear interpolation, in tolerances, above which what a surface shows is too fine for its
 keyframes: interpolation would dull it by about as much."""
-EVEN = wp.constant(0.8)
-"""Difference of ln of the light, in tolerances, among four pixels between which it is interpolated linearly."""
+EVEN, NEARLY_EVEN = wp.constant(0.08), wp.constant(0.8)
+"""Differences of ln of the light, in tolerances, among four pixels between which it is interpolated linearly: where
+more pixels would tell how it bends, and where a patch is seen in part."""
 WITHOUT = wp.constant(math.inf)
 """Stands for ln of the light on a texture where there is none; no mean of it and others is finite."""
 ENOUGH = wp.constant(5)
@@ -273,13 +274,13 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool, detaile
     @wp.func
     def bare(keys: Keyframes, width: int, at: int, whole: bool, fx: float, fy: float, tolerance: float):
         """Computes ln of the light alone that falls on a texture; a number that `is_bare` refuses where one of the
-        pixels has none. whole: whether the patch is seen in full, without which light has to be even."""
+        pixels has none. whole: whether the patch is seen in full, without which light has to be nearly even."""
         below = at + width
         a = pair(keys.bare, at)
         b = pair(keys.bare, below)
         low = wp.min(wp.min(a), wp.min(b))
         high = wp.max(wp.max(a), wp.max(b))
-        if high - low <= EVEN * tolerance:
+        if high - low <= wp.where(whole, EVEN, NEARLY_EVEN) * tolerance:
             upper = (1.0 - fx) * a[0] + fx * a[1]
             return (1.0 - fy) * upper + fy * ((1.0 - fx) * b[0] + fx * b[1])
         if not whole:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 import warp as wp
 
+from evis.runtime.workers import Workers
 from evis.warp_start import start_warp
 from nodes.physics.dynamics.batch.course_kernels import Recorded, Written, write_course
 from nodes.physics.dynamics.batch.stepped_states import Records
@@ -30,7 +30,7 @@ class RecordedCourse:
         self._of_bodies = [_kernel_array(np.asarray(values, np.int32)) for values in (model.body_rootid, column)]
         self._of_bodies.append(_kernel_array(np.asarray(reach, np.float64)))
         self._bodies, self._threads = model.nbody - 1, threads
-        self._pool = ThreadPoolExecutor(threads, "course") if threads > 1 else None
+        self._pool = Workers(threads, "course") if threads > 1 else None
 
     def write(
         self, records: Records, places: np.ndarray, envs: np.ndarray, course: Course

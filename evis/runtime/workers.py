@@ -1,0 +1,48 @@
+"""Threads that compute for a node, and what CPU time they spend for the thread that gives them work."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+
+
+class _Ledger(threading.local):
+    """Holds the CPU time [s] of work that a thread gave away: of each call not added up yet, and of all others."""
+
+    def __init__(self) -> None:
+        self.fresh: deque[float] = deque()
+        self.total = 0.0
+
+
+_ledger = _Ledger()
+
+
+class Workers(ThreadPoolExecutor):
+    """Runs calls in threads as a ThreadPoolExecutor does, and counts their CPU time for who gave them."""
+
+    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
+        """Schedules a call; see `spent_by_workers`."""
+        # Appending is atomic, adding to a number is not.
+        fresh = _ledger.fresh
+
+        def timed() -> T:
+            before = time.thread_time()
+            try:
+                return fn(*args, **kwargs)
+            finally:
+                fresh.append(time.thread_time() - before)
+
+        return super().submit(timed)
+
+
+def spent_by_workers() -> float:
+    """Gives the CPU time [s] of the calls that have ended of those that this thread ever gave to `Workers`."""
+    while _ledger.fresh:
+        _ledger.total += _ledger.fresh.popleft()
+    return _ledger.total
