@@ -27,7 +27,7 @@ class Graph:
     def __init__(
         self, folder: Path, scene: str, *, duration: float = 20.0, kept: tuple[type[Message], ...] = (), **given: Any
     ) -> None:
-        given = {"device": "cpu", "keyframe_rate": 30.0, "upsampling": 4, "audit": 0, **SIZE, **given}
+        given = {"device": "cpu", "keyframe_rate": 30.0, "upsampling": 4, "audit": 0, "batch": 1, **SIZE, **given}
         folder.mkdir(parents=True, exist_ok=True)
         self.bag = folder / "run.mcap"
         plan = plan_target(scene, given, Options(duration, str(self.bag), view=False, grouping="compose"))
