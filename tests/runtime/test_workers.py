@@ -6,6 +6,7 @@ import time
 import pytest
 
 from evis.runtime.profile import Profile
+from evis.runtime import workers as module
 from evis.runtime.workers import Workers, spent_by_workers
 
 EACH_S = 0.05
@@ -52,3 +53,11 @@ def test_a_call_that_fails_fails_where_it_was_given() -> None:
     with pytest.raises(ValueError, match="no light"):
         Workers(1).submit(fails).result()
     assert spent_by_workers() - before >= EACH_S
+
+
+def test_nothing_piles_up_where_nobody_asks() -> None:
+    spent_by_workers()
+    workers = Workers(1)
+    for _ in range(1000):
+        workers.submit(busy, 0.0).result()
+    assert len(module._ledger.fresh) <= 1
