@@ -28,8 +28,8 @@ class Workers(ThreadPoolExecutor):
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Schedules a call; see `spent_by_workers`."""
-        # Appending is atomic, adding to a number is not. What has ended is added up here too: who keeps no profile never
-        # asks, and the list must not grow.
+        # Appending is atomic, adding to a number is not. What has ended is added up here too, for who keeps no profile
+        # never asks, and the list must not grow.
         spent_by_workers()
         fresh = _ledger.fresh
 

@@ -5,8 +5,8 @@ import time
 
 import pytest
 
-from evis.runtime.profile import Profile
 from evis.runtime import workers as module
+from evis.runtime.profile import Profile
 from evis.runtime.workers import Workers, spent_by_workers
 
 EACH_S = 0.05
