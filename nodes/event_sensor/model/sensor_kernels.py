@@ -10,8 +10,9 @@ import warp as wp
 
 wp.set_module_options({"enable_backward": False})
 
-TOLERANCE = wp.constant(wp.float64(2.0**-23))
-"""A crossing missed by less than this in ln I counts as reached: the rounding of a float32 luminance."""
+TOLERANCE = wp.constant(wp.float64(2.0**-21))
+"""A crossing missed by less than this in ln I counts as reached: which is what four roundings of a float32 luminance
+come to (interpolated light is off by up to three). A square wave begins at one of its two values, so that each return to it ends exactly at a threshold."""
 GUARD = wp.constant(1.0e-5)
 """Relative width by which the inactive range is narrowed, above all float32 errors in it (exp of |L| < 90: 8e-6)."""
 LARGEST = wp.constant(3.4028235e38)
@@ -69,7 +70,7 @@ def log_level(sensor: Sensor, intensity: wp.float32):
     ln is that of the device's library here, the fastest for one pixel. Two more texts of it give other last bits, and
     each has to stay: log_of in cpu/logarithm.h, because a compiler cannot make vector code of a call to a library; and
     ln_as_prescribed in model/paper_kernels.py, because only operations whose rounding is prescribed give a GPU the bits
-    of a CPU. They differ by less than 4 units in the last place, 1e-13 at most, and TOLERANCE is 1e-7.
+    of a CPU. They differ by less than 4 units in the last place, 1e-13 at most, and TOLERANCE is 5e-7.
     """
     return wp.log(light_seen(sensor, intensity))
 

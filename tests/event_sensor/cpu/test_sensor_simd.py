@@ -5,7 +5,7 @@ import pytest
 
 from nodes.event_sensor.sensor import FLOOR, EventSensor
 
-TOLERANCE = 2.0**-23
+TOLERANCE = 2.0**-21
 ONE = np.zeros(1, np.int32)
 
 

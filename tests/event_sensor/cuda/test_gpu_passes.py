@@ -79,7 +79,7 @@ def expected(frames, t, frame=False):
             reference = base + up * C_ON - down * C_OFF
             delta = now - reference
             step = C_ON if delta > 0 else -C_OFF
-            n = int((abs(delta) + 2.0**-23) / abs(step))
+            n = int((abs(delta) + 2.0**-21) / abs(step))
             for j in range(1, n + 1):
                 part = np.clip((reference + j * step - last) / (now - last), 0, 1)
                 ns = int(np.floor(part * (t[k] - t[k - 1]) + 0.5))

@@ -29,7 +29,7 @@ def exact_events(t, light, threshold):
     """(t, p) in float64, one sample after the other: equations (3) and (4), crossings on lines of ln I."""
     found, reference, before = [], math.log(light[0]), (t[0], math.log(light[0]))
     for now, value in zip(t[1:].tolist(), np.log(light[1:].astype(np.float64)).tolist()):
-        while abs(value - reference) >= threshold - 2.0**-23:
+        while abs(value - reference) >= threshold - 2.0**-21:
             reference += math.copysign(threshold, value - reference)
             place = (reference - before[1]) / (value - before[1])
             found.append((before[0] + max(min(place, 1.0) * (now - before[0]), 0.0), int(value > before[1])))

@@ -49,8 +49,8 @@ def test_each_pixel_counts_by_its_own_threshold():
     events = simulate_frames(frames, np.arange(3) * MS, threshold_mismatch=0.03, seed=5)
     on, off = (v.astype(np.float64) for v in fixed_pattern.thresholds(5, 1, 1200, (0.2, 0.2), 0.03, 0.01))
     index = events["y"].astype(int) * 40 + events["x"]
-    ups = np.floor((2 + 2**-23) / on)
-    downs = np.floor((ups * on - 0.5 + 2**-23) / off)
+    ups = np.floor((2 + 2**-21) / on)
+    downs = np.floor((ups * on - 0.5 + 2**-21) / off)
     assert np.bincount(index[events["p"] == 1], minlength=1200).tolist() == ups.tolist()
     assert np.bincount(index[events["p"] == 0], minlength=1200).tolist() == downs.tolist()
 

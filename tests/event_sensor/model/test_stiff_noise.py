@@ -77,19 +77,19 @@ def test_shot_noise_falls_with_light_and_ends_at_white():
 def test_leak_is_the_same_at_any_frame_rate():
     """5 Hz for 1.1 s: floor(5.5 + u) ON events in every pixel, u uniform; the same events at any frame rate.
 
-    To 2^-23, the rounding within which a frame has reached a level, at 5 Hz x 0.2 = 1 / s: 120 ns.
+    To 2^-21, the rounding within which a frame has reached a level, at 5 Hz x 0.2 = 1 / s: 480 ns.
     """
     runs = [run(*constant(fps, 1.1, 20, 30), leak_rate=5.0) for fps in (10, 100, 10_000)]
     for events in runs:
         pixel = events["y"].astype(int) * 30 + events["x"]
         order = np.lexsort((events["t"], pixel))
-        np.testing.assert_allclose(np.diff(events["t"][order])[np.diff(pixel[order]) == 0], 200 * MS, rtol=0, atol=120)
+        np.testing.assert_allclose(np.diff(events["t"][order])[np.diff(pixel[order]) == 0], 200 * MS, rtol=0, atol=480)
         counts = np.bincount(pixel, minlength=600)
         assert (events["p"] == 1).all() and set(counts.tolist()) == {5, 6}
         assert abs(counts.mean() - 5.5) < 5 * 0.5 / math.sqrt(600)
         events["t"] = events["t"][order]
     for other in runs[1:]:
-        np.testing.assert_allclose(other["t"], runs[0]["t"], rtol=0, atol=120)
+        np.testing.assert_allclose(other["t"], runs[0]["t"], rtol=0, atol=480)
 
 
 @pytest.mark.parametrize("fps,count,size", [(100, 100, 50), (10_000, 10_000, 15), (100, 200, 50)])

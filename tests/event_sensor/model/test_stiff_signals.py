@@ -123,9 +123,12 @@ def test_signals_that_return_give_as_many_off_as_on(crossing, threshold):
 
 
 def test_a_slow_signal_is_not_lost_at_a_high_frame_rate():
-    """Steps of 8e-7 in L, below the 1e-6 that ESIM passes over: two events of 0.002 in 6000 frames, not none."""
+    """Steps of 8e-7 in L, below the 1e-6 that ESIM passes over: two events of 0.002 in 6000 frames, not none.
+
+    A level is reached from within 2^-21 of it: 0.6 of a step.
+    """
     level = np.float32(1) + np.arange(6001) * np.float32(2**-20)
     events, _ = run(level, np.arange(6001) * MS, threshold=0.002)
     k = np.arange(1, int(math.log(float(level[-1])) / 0.002) + 1)
-    np.testing.assert_allclose(events["t"], np.expm1(0.002 * k) * 2**20 * MS, atol=0.2 * MS)
+    np.testing.assert_allclose(events["t"], np.expm1(0.002 * k) * 2**20 * MS, atol=0.6 * MS)
     assert len(k) == 2
