@@ -129,6 +129,14 @@ def crossing() -> Scene:
     return scene_of([wall(), left, right])
 
 
+def turned_over() -> Scene:
+    """A plate under a lamp that turns by 340 degrees: both keyframes show its front, the middle of the gap its back."""
+    turn, middle = turning(340, (0, 1, 0)), (START + GAP // 2) * 1e-9
+    start = se3.exp(turn.axis * (np.pi - turn.rate * middle))
+    plate = (square(0.5), plain(0.7), Prescribed(se3.make_pose(np.array([0.0, 0.0, 2.0]), start), (turn,)))
+    return scene_of([wall(), plate], lights=[lamp()])
+
+
 def leap() -> Scene:
     """A square that moves by 500 pixels within a gap."""
     return scene_of([wall(), (square(0.3), plain(0.9), moving((0, 0, 2.0), along(500 * 2.0 / FOCAL, 0, 0)))])
@@ -172,6 +180,7 @@ CASES: dict[str, Callable[[], Scene]] = {
     "wire, 2 px wide, 10 px per gap": lambda: wire(2.0),
     "two things that cross": crossing,
     "500 px per gap": leap,
+    "plate that turns over and back": turned_over,
     "sky, camera turns by 10 deg": turned_sky,
     "moving shadow": shadow,
     "running highlight": highlight,

@@ -29,7 +29,7 @@ RIGHT = [
 ]
 
 
-@pytest.mark.parametrize("name", RIGHT)
+@pytest.mark.parametrize("name", [*RIGHT, "plate that turns over and back"])
 def test_rigid_is_dense_rendering_where_geometry_alone_changes(name):
     """No pixel off by half a threshold; cubic convolution of a smooth picture leaves hundredths."""
     found = frames_of(cases.CASES[name](), "rigid")

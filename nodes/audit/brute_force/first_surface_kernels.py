@@ -11,6 +11,7 @@ import warp as wp
 
 from nodes.renderer.paths.trace_kernels import make_first_hit
 from nodes.renderer.raster.bounds_kernels import facing
+from nodes.renderer.raster.depth_kernels import MISS, face_from
 from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.raster.surface_kernels import listed_pixel
 from nodes.renderer.raster.triangle_kernels import corners_of
@@ -55,6 +56,7 @@ def make_first_surface(trees: bool) -> wp.Kernel:
         d = view.rays[pixel.y, pixel.x]
         length = wp.length(d)
         found = wp.int32(-1)
+        face = wp.int32(MISS)
         z = float(0.0)
         if length > 0.0:
             direction = d / length
@@ -74,6 +76,7 @@ def make_first_surface(trees: bool) -> wp.Kernel:
                     if facing(a, b, c, two_sided[i]):
                         found = t
                         normal = wp.cross(b - a, c - a)
+                        face = face_from(t, wp.dot(normal, a))
                         z = wp.dot(normal, a) / (normal[0] * d[0] + (normal[1] * d[1] + normal[2] * d[2]))
                         low = wp.min(a[2], wp.min(b[2], c[2]))
                         high = wp.max(a[2], wp.max(b[2], c[2]))
@@ -89,7 +92,7 @@ def make_first_surface(trees: bool) -> wp.Kernel:
         triangle[j] = found
         entry = wp.uint64(0xFFFFFFFFFFFFFFFF)
         if found >= 0:
-            entry = (wp.uint64(wp.cast(z, wp.uint32)) << wp.uint64(32)) | wp.uint64(found)
+            entry = (wp.uint64(wp.cast(z, wp.uint32)) << wp.uint64(32)) | wp.uint64(face)
         packed[env, pixel.y, pixel.x] = entry
 
     return first_surface

@@ -11,8 +11,9 @@ import warp as wp
 wp.set_module_options({"enable_backward": False})
 
 TOLERANCE = wp.constant(wp.float64(2.0**-21))
-"""A crossing missed by less than this in ln I counts as reached: which is what four roundings of a float32 luminance
-come to (interpolated light is off by up to three). A square wave begins at one of its two values, so that each return to it ends exactly at a threshold."""
+"""A crossing missed by less than this in ln I counts as reached: what four roundings of a float32 luminance come to,
+for interpolated light is off by up to three. A square wave begins at one of its two values, so that each return to it
+ends exactly at a threshold."""
 GUARD = wp.constant(1.0e-5)
 """Relative width by which the inactive range is narrowed, above all float32 errors in it (exp of |L| < 90: 8e-6)."""
 LARGEST = wp.constant(3.4028235e38)

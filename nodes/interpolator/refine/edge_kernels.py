@@ -27,7 +27,7 @@ def weights_then(view: CameraView, targets: Targets, rows: wp.vec2i, t: int, d: 
     single = k == 1
     while k < 2:
         row = wp.where(k == 1, rows[0], rows[1])
-        depth, found = weights_of(view, targets, row, t, d)
+        depth, found, _face = weights_of(view, targets, row, t, d)
         seen = seen and wp.min(found) > OUTSIDE
         share = wp.where(single, 1.0, wp.where(k == 1, 2.0, -1.0))
         z += share / depth

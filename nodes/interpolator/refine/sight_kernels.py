@@ -4,7 +4,7 @@ from functools import cache
 
 import warp as wp
 
-from nodes.renderer.raster.depth_kernels import MISS, triangle_of
+from nodes.renderer.raster.depth_kernels import MISS, face_from, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.raster.triangle_kernels import corners_of, edge_normal, edge_slack
 from nodes.renderer.shadows.ray_kernels import Casters, sphere_met
@@ -44,16 +44,17 @@ class Targets:
 
 
 @wp.func
-def entry_of(z: float, t: int):
-    """Packs depth z [m] and triangle t into a z-buffer entry."""
-    return (wp.uint64(wp.cast(z, wp.uint32)) << wp.uint64(32)) | wp.uint64(t)
+def entry_of(z: float, face: int):
+    """Packs depth z [m] and a face into a z-buffer entry."""
+    return (wp.uint64(wp.cast(z, wp.uint32)) << wp.uint64(32)) | wp.uint64(face)
 
 
 @wp.func
 def weights_of(view: CameraView, targets: Targets, row: int, t: int, d: wp.vec3):
-    """Computes the depth [m] at which a ray meets the plane of a triangle, and the weights of the corners there.
+    """Computes the depth [m] at which a ray meets the plane of a triangle, the weights of the corners there, and which
+    face of it that is.
 
-    They are 0 or more inside the triangle, by the raster's rule, and OUTSIDE where its front is not seen.
+    The weights are 0 or more inside the triangle, by the raster's rule, and OUTSIDE where its front is not seen.
     """
     nowhere = wp.vec3(OUTSIDE, OUTSIDE, OUTSIDE)
     i = targets.instance[t]
@@ -63,29 +64,29 @@ def weights_of(view: CameraView, targets: Targets, row: int, t: int, d: wp.vec3)
     normal = wp.cross(b - a, c - a)
     offset = wp.dot(normal, a)
     if not (offset < 0.0 or (offset > 0.0 and targets.two_sided[i] == 1)):
-        return FAR, nowhere
+        return FAR, nowhere, t
     slope = wp.dot(normal, d)
     z = offset / slope
     if slope == 0.0 or z < view.near:
-        return FAR, nowhere
+        return FAR, nowhere, t
     sign = wp.where(offset > 0.0, 1.0, -1.0)
     w0 = sign * wp.dot(edge_normal(b, c), d) + edge_slack(view, b, c)
     w1 = sign * wp.dot(edge_normal(c, a), d) + edge_slack(view, c, a)
     w2 = sign * wp.dot(edge_normal(a, b), d) + edge_slack(view, a, b)
-    return z, wp.vec3(w0, w1, w2) / wp.abs(slope)
+    return z, wp.vec3(w0, w1, w2) / wp.abs(slope), face_from(t, offset)
 
 
 @wp.func
 def met(view: CameraView, targets: Targets, row: int, t: int, d: wp.vec3):
-    """Computes the depth [m] at which a ray meets the plane of a triangle, and the least weight of a corner there, as
-    of `weights_of`."""
-    z, weights = weights_of(view, targets, row, t, d)
-    return z, wp.min(weights)
+    """Computes the depth [m] at which a ray meets the plane of a triangle, the least weight of a corner there, and the
+    face, as of `weights_of`."""
+    z, weights, face = weights_of(view, targets, row, t, d)
+    return z, wp.min(weights), face
 
 
 @wp.func
 def traced(view: CameraView, targets: Targets, row: int, i: int, d: wp.vec3, until: float):
-    """Casts a ray at instance i: gives depth [m] and triangle, or `until` and MISS if it meets none before that."""
+    """Casts a ray at instance i: gives depth [m] and face, or `until` and MISS if it meets none before that."""
     casters = targets.casters
     centre = casters.translation[row, i]
     length = wp.length(d)
@@ -101,18 +102,19 @@ def traced(view: CameraView, targets: Targets, row: int, i: int, d: wp.vec3, unt
         q = wp.mesh_query_ray(casters.mesh[i], origin + start * u, u, far - start)
         if not q.result:
             return until, MISS
-        if targets.two_sided[i] == 1 or wp.dot(q.normal, u) < 0.0:
-            return (start + q.t) / length, targets.first[i] + q.face
+        slope = wp.dot(q.normal, u)
+        if targets.two_sided[i] == 1 or slope < 0.0:
+            return (start + q.t) / length, face_from(targets.first[i] + q.face, slope)
         start += q.t + 1.0e-5 * casters.radius[i]
     return until, MISS
 
 
 @wp.func
-def nearest(view: CameraView, targets: Targets, row: int, i: int, d: wp.vec3, z: float, t: int):
-    """Gives depth [m] and triangle where a ray meets instance i, or z and t if it meets none of it before that."""
+def nearest(view: CameraView, targets: Targets, row: int, i: int, d: wp.vec3, z: float, face: int):
+    """Gives depth [m] and face where a ray meets instance i, or z and `face` if it meets none of it before that."""
     nearer, hit = traced(view, targets, row, i, d, z)
     if hit == MISS:
-        return z, t
+        return z, face
     return nearer, hit
 
 
@@ -122,11 +124,11 @@ def make_seen_of_all(trees: bool) -> wp.Function:
 
     @wp.func
     def seen_of_all(view: CameraView, targets: Targets, row: int, d: wp.vec3, behind: float, backdrop: int):
-        """Casts a ray at all instances before a depth [m], where a triangle or nothing (MISS) is met in any case, and
+        """Casts a ray at all instances before a depth [m], where a face or nothing (MISS) is met in any case, and
         gives its z-buffer entry."""
         casters = targets.casters
         z = behind
-        t = backdrop
+        face = backdrop
         begin = wp.int32(0)
         end = casters.order.shape[0]
         # A ray is long code, and is written once in a kernel: it takes a GPU's compiler seconds.
@@ -169,15 +171,15 @@ def make_seen_of_all(trees: bool) -> wp.Function:
                         i = casters.order[n]
                         n += 1
                     if i >= 0:
-                        z, t = nearest(view, targets, row, i, d, z, t)
+                        z, face = nearest(view, targets, row, i, d, z, face)
                     going = i >= 0
                 kind += 1
         else:
             for n in range(begin, end):
-                z, t = nearest(view, targets, row, casters.order[n], d, z, t)
-        if t == MISS:
+                z, face = nearest(view, targets, row, casters.order[n], d, z, face)
+        if face == MISS:
             return SKY
-        return entry_of(z, t)
+        return entry_of(z, face)
 
     return seen_of_all
 
@@ -207,16 +209,18 @@ def make_seen_between(trees: bool) -> wp.Function:
         z_u = float(FAR)
         in_t = float(OUTSIDE)
         in_u = float(OUTSIDE)
+        face_t = wp.int32(MISS)
+        face_u = wp.int32(MISS)
         if t != MISS:
-            z_t, in_t = met(view, targets, row, t, d)
+            z_t, in_t, face_t = met(view, targets, row, t, d)
             if in_t >= 0.0:
                 z = z_t
-                hit = t
+                hit = face_t
         if u != MISS and u != t:
-            z_u, in_u = met(view, targets, row, u, d)
+            z_u, in_u, face_u = met(view, targets, row, u, d)
             if in_u >= 0.0 and z_u < z:
                 z = z_u
-                hit = u
+                hit = face_u
         anything = wholly
         alike = t == u
         if t != MISS and u != MISS and not alike:
@@ -235,7 +239,7 @@ def make_seen_between(trees: bool) -> wp.Function:
                     i = wp.where(i == last, -1, last)
                 if alike and hit == MISS and wp.max(in_t, in_u) >= BESIDE:
                     # The patch goes on between the two, although a ray just misses it.
-                    hit = wp.where(in_t >= in_u, t, u)
+                    hit = wp.where(in_t >= in_u, face_t, face_u)
                     z = wp.where(in_t >= in_u, z_t, z_u)
                 if hit == MISS and t != MISS and u != MISS:
                     anything = True

@@ -5,6 +5,7 @@ from typing import Any
 import warp as wp
 
 from nodes.interpolator.rigid.look_up.log_kernels import SIX, apart, fused_luminance
+from nodes.interpolator.rigid.patch_kernels import patch_of
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 
 wp.set_module_options({"enable_backward": False})
@@ -69,7 +70,7 @@ def patch_at(hit: wp.uint64, pieces: wp.array(dtype=wp.vec2i)):
     t = triangle_of(hit)
     if t == MISS:
         return 0, 0.0
-    return pieces[t][1], 1.0 / depth_of(hit)
+    return patch_of(hit, pieces[t]), 1.0 / depth_of(hit)
 
 
 @wp.kernel

@@ -41,7 +41,7 @@ from nodes.interpolator.rigid import keyframe_kernels
 from nodes.interpolator.rigid.keyframes import Pair
 from nodes.interpolator.rigid.layout import RigidOptions, layout_of
 from nodes.interpolator.rigid.look_up.look_up_kernels import FINE
-from nodes.interpolator.rigid.patches import pieces_of
+from nodes.interpolator.rigid.patches import SIDES, pieces_of
 from nodes.interpolator.rigid.placement import Placement
 from nodes.interpolator.rigid.reprojection import Reprojection, textured_in
 from nodes.interpolator.rigid.sampling import Sampling, SubframeRange
@@ -274,7 +274,9 @@ class Rigid:
         if not is_static(v.scene, v.camera_body):
             return np.ones(count, bool)
         moving = np.zeros(count, bool)
-        moving[patch[~v.geometry.static[v.geometry.triangle_instance]]] = True
+        fronts = patch[~v.geometry.static[v.geometry.triangle_instance]]
+        for side in range(SIDES):
+            moving[fronts + side] = True
         return moving
 
     def _take(self, b: KeyframeView, held: np.ndarray) -> None:

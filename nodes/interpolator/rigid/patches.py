@@ -1,7 +1,7 @@
-"""Pieces of surface whose shading has no step inside: triangles that meet without a crease.
+"""Pieces of surface whose shading has no step inside: triangles that meet without a crease, seen from one side.
 
 What is fetched from a keyframe must not mix two such pieces: neither two bodies at a silhouette nor two sides of a box
-at an edge.
+at an edge, nor the front and the back of a blade that has turned over.
 """
 
 from __future__ import annotations
@@ -10,6 +10,8 @@ import numpy as np
 
 from evis.scene.model import Mesh, Scene
 
+SIDES = 2
+"""Patches of a piece of surface: its front and its back."""
 CREASE = np.cos(np.deg2rad(15.0))
 """Cosine of the angle between shading normals from which on an edge is a crease; a sphere of 24 segments has none."""
 
@@ -32,9 +34,10 @@ def patches_of(scene: Scene) -> tuple[np.ndarray, int]:
 
 
 def pieces_of(scene: Scene, triangle_instance: np.ndarray) -> tuple[np.ndarray, int]:
-    """Finds of every triangle its body, the world's index being their number, and its patch, int32 [T, 2]; gives also
-    the count of patches. triangle_instance: int [T]."""
+    """Finds of every triangle its body, the world's index being their number, and the patch of its front, int32 [T, 2];
+    that of its back is the next one. Gives also the count of patches. triangle_instance: int [T]."""
     patch, count = patches_of(scene)
+    patch, count = SIDES * patch, SIDES * count
     bodies = len(scene.bodies)
     on = np.array([i.body if i.body >= 0 else bodies for i in scene.instances], np.int32)
     return np.stack([on[triangle_instance], patch], axis=-1).reshape(-1, 2), count

@@ -16,8 +16,9 @@ from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.relight.line_kernels import Lit, make_light_in
 from nodes.interpolator.rigid.look_up.look_up_kernels import SAME_SHEET
+from nodes.interpolator.rigid.patch_kernels import patch_of
 from nodes.interpolator.rigid.walk_kernels import Walk
-from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, face_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
 
 wp.set_module_options({"enable_backward": False})
@@ -68,12 +69,12 @@ class Stretch:
 
 @wp.func
 def joined(a: wp.uint64, b: wp.uint64, pieces: wp.array(dtype=wp.vec2i)):
-    """Tells whether two hits of a pixel are on one piece of surface."""
+    """Tells whether two hits of a pixel are on one side of one piece of surface."""
+    if face_of(a) == face_of(b):
+        return True
     t = triangle_of(a)
     u = triangle_of(b)
-    if t == u:
-        return True
-    if t == MISS or u == MISS or pieces[t][1] != pieces[u][1]:
+    if t == MISS or u == MISS or patch_of(a, pieces[t]) != patch_of(b, pieces[u]):
         return False
     return wp.abs(depth_of(a) - depth_of(b)) <= SAME_SHEET * depth_of(b)
 

@@ -1,4 +1,6 @@
-"""The z-buffer: depth and triangle of a pixel in one uint64, so that the nearest of all threads wins by its value."""
+"""The z-buffer: depth, triangle and which side of it a pixel sees in one uint64, so that the nearest of all threads
+wins by its value: depth's float32 above, BACK where the triangle's back is seen, and the triangle below.
+"""
 
 import warp as wp
 
@@ -8,12 +10,35 @@ MISS = wp.constant(-1)
 """Triangle index of a pixel that sees no triangle."""
 NO_ENTRY = wp.constant(wp.uint64(0))
 """Stands for no z-buffer entry at all: at depth 0 nothing is seen."""
+BACK = wp.constant(1 << 30)
+"""Bit of the back of a triangle, of which there are fewer."""
+
+
+@wp.func
+def face_of(packed: wp.uint64):
+    """Unpacks the face of a z-buffer entry, a triangle with BACK or without, or MISS."""
+    return int(wp.uint32(packed & wp.uint64(0xFFFFFFFF)))
 
 
 @wp.func
 def triangle_of(packed: wp.uint64):
     """Unpacks the triangle of a z-buffer entry, or MISS."""
-    return int(wp.uint32(packed & wp.uint64(0xFFFFFFFF)))
+    face = face_of(packed)
+    return wp.where(face < 0, face, face & (BACK - 1))
+
+
+@wp.func
+def back_of(packed: wp.uint64):
+    """Tells whether a z-buffer entry is of a triangle's back, as 0 or 1."""
+    face = face_of(packed)
+    return wp.where(face < 0, 0, face >> 30)
+
+
+@wp.func
+def face_from(triangle: int, offset: float):
+    """Gives the face of a triangle that is seen; offset: its normal, (b - a) x (c - a), times a corner seen from the
+    eye."""
+    return wp.where(offset > 0.0, triangle | BACK, triangle)
 
 
 @wp.func
@@ -39,8 +64,8 @@ def lower(packed: wp.array3d(dtype=wp.uint64), at: wp.int64, entry: wp.uint64):
 
 
 @wp.func
-def put_depth(packed: wp.array3d(dtype=wp.uint64), env: int, y: int, x: int, z: float, triangle: int):
-    """Writes a triangle at depth z >= 0 [m] into a pixel of the z-buffer, unless a nearer one is there."""
+def put_depth(packed: wp.array3d(dtype=wp.uint64), env: int, y: int, x: int, z: float, face: int):
+    """Writes a face at depth z >= 0 [m] into a pixel of the z-buffer, unless a nearer one is there."""
     bits = wp.uint64(wp.cast(z, wp.uint32)) << wp.uint64(32)
     row = wp.int64(env * packed.shape[1] + y)
-    lower(packed, row * wp.int64(packed.shape[2]) + wp.int64(x), bits | wp.uint64(triangle))
+    lower(packed, row * wp.int64(packed.shape[2]) + wp.int64(x), bits | wp.uint64(face))

@@ -8,6 +8,7 @@ import warp as wp
 
 from evis.gpu.bits_kernels import lowest
 from nodes.renderer.raster.bounds_kernels import bounds, facing, outside, turned_away
+from nodes.renderer.raster.depth_kernels import face_from
 from nodes.renderer.raster.lens.distortion_kernels import make_bounds, walk_rays
 from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.raster.triangle_kernels import corners_of, set_up
@@ -106,7 +107,8 @@ def make_raster(lens: str) -> wp.Kernel:
         a, b, c = corners_of(view, vertices, triangles, turn, place, env, t)
         if facing(a, b, c, sides) and before_near(view, a, b, c):
             s = set_up(view, a, b, c, bounds_of(view, a, b, c))
-            walk_over(view, s, s.x0, s.x1, wp.max(s.y0, row0), wp.min(s.y1, row1 - 1), env, t, packed)
+            face = face_from(t, s.offset)
+            walk_over(view, s, s.x0, s.x1, wp.max(s.y0, row0), wp.min(s.y1, row1 - 1), env, face, packed)
 
     @wp.kernel(module="unique", enable_backward=False)
     def raster(

@@ -13,6 +13,7 @@ import warp as wp
 
 from evis.gpu.reading_kernels import matrix_at, number, vector_at, whole_four
 from nodes.renderer.raster.bounds_kernels import bounds, facing, holds_pixel
+from nodes.renderer.raster.depth_kernels import face_from
 from nodes.renderer.raster.lens.distortion_kernels import make_bounds, walk_rays
 from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.raster.raster_kernels import Blocks, before_near, unseen
@@ -164,6 +165,7 @@ def make_steps(lens: str, area: int, rows: int) -> tuple[wp.Function, wp.Functio
     ):
         """Draws a small triangle, lists the tiles of a large one; box: its bounds, which hold a pixel's centre."""
         s = set_up(view, a, b, c, box)
+        face = face_from(t, s.offset)
         mine = wp.bool(True)
         if (s.x1 - s.x0 + 1) * (s.y1 - s.y0 + 1) > wp.static(area):
             tiles = ((s.x1 - s.x0) // WIDE + 1) * ((s.y1 - s.y0) // wp.static(rows) + 1)
@@ -177,10 +179,10 @@ def make_steps(lens: str, area: int, rows: int) -> tuple[wp.Function, wp.Functio
             for row in range((s.y1 - s.y0) // wp.static(rows) + 1):
                 for column in range((s.x1 - s.x0) // WIDE + 1):
                     if n < large.shape[1]:
-                        large[there, n] = wp.vec4i(env, wp.where(mine, -1, t), column | (row << TILE_BITS), first)
+                        large[there, n] = wp.vec4i(env, wp.where(mine, -1, face), column | (row << TILE_BITS), first)
                     n += 1
         if mine:
-            walk_over(view, s, s.x0, s.x1, s.y0, s.y1, env, t, packed)
+            walk_over(view, s, s.x0, s.x1, s.y0, s.y1, env, face, packed)
 
     return shows, draw
 
@@ -345,7 +347,7 @@ def make_walk_tile(rows: int) -> wp.Function:
         y1: int,
         lane: int,
         env: int,
-        t: int,
+        face: int,
         packed: wp.array3d(dtype=wp.uint64),
     ):
         """Walks a tile by a group of threads: each finds the columns of its row, then all share the pixels of all
@@ -364,7 +366,7 @@ def make_walk_tile(rows: int) -> wp.Function:
             row = first_above(pixel, end, wp.static(rows))
             x = pixel + shuffle_from(origin, row, wp.static(rows))
             if pixel < total:
-                cover(view, s, row_share(view, s, y0 + row), x, y0 + row, env, t, packed)
+                cover(view, s, row_share(view, s, y0 + row), x, y0 + row, env, face, packed)
 
     return walk_tile
 
@@ -402,8 +404,8 @@ def make_tiles(lens: str, rows: int, together: bool) -> wp.Kernel:
         while at < count:
             tile = large[region, at]
             env = tile[0]
-            t = tile[1]
-            if t >= 0:
+            face = tile[1]
+            if face >= 0:
                 s = setups[region, tile[3]]
                 x0 = s.x0 + (tile[2] & ((1 << TILE_BITS) - 1)) * WIDE
                 x1 = wp.min(x0 + WIDE - 1, s.x1)
@@ -412,9 +414,9 @@ def make_tiles(lens: str, rows: int, together: bool) -> wp.Kernel:
                 y = y0 + tid % wp.static(rows)
                 if wp.static(together):
                     if not missed(view, s, x0, x1, y0, y1):
-                        walk_tile(view, s, x0, x1, y0, y1, tid % wp.static(rows), env, t, packed)
+                        walk_tile(view, s, x0, x1, y0, y1, tid % wp.static(rows), env, face, packed)
                 elif y <= y1:
-                    walk_row(view, s, x0, x1, y, y, env, t, packed)
+                    walk_row(view, s, x0, x1, y, y, env, face, packed)
             at += workers // (wp.static(rows) * LARGE_REGIONS)
 
     return raster_tiles

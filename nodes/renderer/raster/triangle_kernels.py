@@ -134,7 +134,7 @@ def cover(
     x: int,
     y: int,
     env: int,
-    triangle: int,
+    face: int,
     packed: wp.array3d(dtype=wp.uint64),
 ):
     """Writes a pixel of a triangle into the z-buffer if it covers it; r: the row's share of edges and plane."""
@@ -143,7 +143,7 @@ def cover(
         z = s.offset / (s.normal[0] * dx + r[3])
         # The depth range bounds what rounding can do to a triangle seen almost edge-on.
         if z >= view.near:
-            put_depth(packed, env, y, x, wp.clamp(z, s.z_min, s.z_max), triangle)
+            put_depth(packed, env, y, x, wp.clamp(z, s.z_min, s.z_max), face)
 
 
 @wp.func
@@ -190,7 +190,7 @@ def walk(
     y0: int,
     y1: int,
     env: int,
-    triangle: int,
+    face: int,
     packed: wp.array3d(dtype=wp.uint64),
 ):
     """Writes the pixels of a triangle inside x0..x1, y0..y1 into the z-buffer."""
@@ -200,7 +200,7 @@ def walk(
         r = row_share(view, s, y)
         span = columns_of(run, r, centre, x0, x1)
         for x in range(span[0], span[1] + 1):
-            cover(view, s, r, x, y, env, triangle, packed)
+            cover(view, s, r, x, y, env, face, packed)
 
 
 @wp.func
@@ -212,11 +212,11 @@ def walk_all(
     y0: int,
     y1: int,
     env: int,
-    triangle: int,
+    face: int,
     packed: wp.array3d(dtype=wp.uint64),
 ):
     """Does the same where there are few pixels."""
     for y in range(y0, y1 + 1):
         r = row_share(view, s, y)
         for x in range(x0, x1 + 1):
-            cover(view, s, r, x, y, env, triangle, packed)
+            cover(view, s, r, x, y, env, face, packed)

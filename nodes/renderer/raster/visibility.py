@@ -31,10 +31,10 @@ wp.config.log_level = wp.LOG_WARNING
 class Visibility(SceneArrays):
     """Finds which triangle every pixel sees, for E environments: `update(poses)`, then `packed` or `hits()`.
 
-    packed: Warp uint64 [E, H, W] on the device, float32 z-depth bits << 32 | triangle index, all ones where nothing is
-    hit; for a distorted camera, the distance along the pixel's ray in place of the depth. H and W include `margin`
-    pixels on every side. threads: share the rows on a CPU; the result does not depend on it. tiled: None has a GPU's
-    threads share all triangles (TiledRaster) and a CPU's own their rows (RowRaster, which is for a CPU alone).
+    packed: Warp uint64 [E, H, W] on the device, entries of depth_kernels, all ones where nothing is hit; for a
+    distorted camera, the distance along the pixel's ray in place of the depth. H and W include `margin` pixels on every
+    side. threads: share the rows on a CPU; the result does not depend on it. tiled: None has a GPU's threads share all
+    triangles (TiledRaster) and a CPU's own their rows (RowRaster, which is for a CPU alone).
 
     While a still camera sees still instances where they were, these are kept as a layer and only the others are drawn
     over it; the z-buffer is the same, bit for bit. layered=False draws everything anew.

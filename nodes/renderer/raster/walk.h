@@ -6,7 +6,7 @@
 // so wide, and those beside x0 .. x1 stay as they are. plane: the triangle's offset, least and greatest depth.
 static const auto cover_box = [](const auto& columns, const auto& rows, const auto& packed, int env, int x0, int x1,
     int y0, int y1, const auto& e0, const auto& e1, const auto& e2, const auto& slack, const auto& normal,
-    const auto& plane, float near_z, int triangle) {
+    const auto& plane, float near_z, int face) {
     constexpr int RUN = 8;
     typedef float floats __attribute__((ext_vector_type(RUN), aligned(4)));
     typedef int ints __attribute__((ext_vector_type(RUN), aligned(4)));
@@ -17,7 +17,7 @@ static const auto cover_box = [](const auto& columns, const auto& rows, const au
     for (int n = 0; n < RUN; ++n)
         step[n] = n;
     const int last = packed.shape[2] - RUN;
-    const wp::uint64 below = (wp::uint32)triangle;
+    const wp::uint64 below = (wp::uint32)face;
     for (int y = y0; y <= y1; ++y) {
         const float dy = rows.data[y];
         const float s0 = e0[1] * dy + e0[2] + slack[0];

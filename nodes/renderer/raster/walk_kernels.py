@@ -18,7 +18,7 @@ RUN = wp.constant(8)
 NARROW = wp.constant(24)
 """Columns from which on each row of a triangle is narrowed to what its edges leave."""
 WALK, DRAWABLE = (Path(__file__).with_name(name) for name in ("walk.h", "drawable.h"))
-COVER = "cover_box(columns, rows, packed, env, x0, x1, y0, y1, e0, e1, e2, slack, normal, plane, near, triangle);"
+COVER = "cover_box(columns, rows, packed, env, x0, x1, y0, y1, e0, e1, e2, slack, normal, plane, near, face);"
 CHOOSE = "return drawable(view, row0, row1, vertices, triangles, env, first, last, two_sided);"
 
 
@@ -56,7 +56,7 @@ def cover_box(
     normal: wp.vec3,
     plane: wp.vec3,
     near: float,
-    triangle: int,
+    face: int,
 ):
     """Writes the pixels of a triangle inside a box into the z-buffer."""
     ...
@@ -71,17 +71,17 @@ def walk_own(
     y0: int,
     y1: int,
     env: int,
-    triangle: int,
+    face: int,
     packed: wp.array3d(dtype=wp.uint64),
 ):
     """Does as triangle_kernels.walk, where no other thread writes to these rows."""
     plane = wp.vec3(s.offset, s.z_min, s.z_max)
     if view.width < RUN:
-        walk_all(view, s, x0, x1, y0, y1, env, triangle, packed)
+        walk_all(view, s, x0, x1, y0, y1, env, face, packed)
     elif x1 - x0 < NARROW:
         cover_box(
             view.columns, view.rows, packed, env, x0, x1, y0, y1, s.e0, s.e1, s.e2, s.slack, s.normal, plane,
-            view.near, triangle,
+            view.near, face,
         )  # fmt: skip
     else:
         centre = view.cx + float(view.margin)
@@ -90,5 +90,5 @@ def walk_own(
             span = columns_of(run, row_share(view, s, y), centre, x0, x1)
             cover_box(
                 view.columns, view.rows, packed, env, span[0], span[1], y, y, s.e0, s.e1, s.e2, s.slack, s.normal,
-                plane, view.near, triangle,
+                plane, view.near, face,
             )  # fmt: skip

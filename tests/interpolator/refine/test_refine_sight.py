@@ -82,7 +82,7 @@ def test_rays_among_many_things(trees_from, device, monkeypatch):
     np.testing.assert_array_equal(entries, seen(evaluator, False))
     drawn = Visibility(scene, scene.cameras[0], len(stamps))
     drawn.update(closed_form(scene, stamps).pose[0])
-    triangles, expected = entries & 0xFFFFFFFF, drawn.packed.numpy() & 0xFFFFFFFF
+    faces, expected = entries & 0xFFFFFFFF, drawn.packed.numpy() & 0xFFFFFFFF
     assert len(np.unique(expected)) > 40
     # A ray rounds otherwise than the raster, at edges.
-    assert (triangles == expected).mean() > 0.995
+    assert (faces == expected).mean() > 0.995

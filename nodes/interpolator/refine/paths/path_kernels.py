@@ -11,6 +11,7 @@ from nodes.interpolator.refine.paths.way_kernels import motion_since, stride_of
 from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, entry_at, slot_row
 from nodes.interpolator.rigid.look_up.log_kernels import LOGS, apart
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_displacement, make_keyframes
+from nodes.interpolator.rigid.patch_kernels import patch_of
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView
 
@@ -227,7 +228,7 @@ def make_walk(lens: str, channels: int, flicker: bool) -> Any:
         from_here = wp.float32(1.0)
         t = triangle_of(before)
         if t != MISS:
-            patch = stage.targets.pieces[t][1]
+            patch = patch_of(before, stage.targets.pieces[t])
             body = stage.targets.pieces[t][0]
             from_here = depth_of(before)
         base = keys.first[which] + spot.env * view.width * view.height

@@ -6,6 +6,7 @@ import warp as wp
 
 from evis.gpu.division_kernels import Divisor, divided, divisor
 from nodes.interpolator.rigid.look_up.look_up_kernels import Sight
+from nodes.interpolator.rigid.patch_kernels import patch_of
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
 
@@ -121,5 +122,5 @@ def sight_of(view: CameraView, hit: wp.uint64, y: int, x: int, pieces: wp.array(
         s.point = depth_of(hit) * s.d
         piece = pieces[t]
         body = piece[0]
-        s.patch = piece[1]
+        s.patch = patch_of(hit, piece)
     return s, body

@@ -146,7 +146,7 @@ def walk_bundle(
     y0: int,
     y1: int,
     env: int,
-    triangle: int,
+    face: int,
     packed: wp.array3d(dtype=wp.uint64),
 ):
     """Does as `walk_rays`, pixel by pixel."""
@@ -159,7 +159,7 @@ def walk_bundle(
                     if along != 0.0:
                         z = s.offset / along
                         if z >= view.near:
-                            put_depth(packed, env, y, x, wp.clamp(z, s.z_min, s.z_max), triangle)
+                            put_depth(packed, env, y, x, wp.clamp(z, s.z_min, s.z_max), face)
 
 
 @wp.func
@@ -177,7 +177,7 @@ def walk_rays(
     y0: int,
     y1: int,
     env: int,
-    triangle: int,
+    face: int,
     packed: wp.array3d(dtype=wp.uint64),
 ):
     """Writes the same pixels as `walk` by the rays of the table: distance along the ray in place of depth.
@@ -186,7 +186,7 @@ def walk_rays(
     lie beyond one of its edges.
     """
     if x1 - x0 < BUNDLE:
-        walk_bundle(view, s, x0, x1, y0, y1, env, triangle, packed)
+        walk_bundle(view, s, x0, x1, y0, y1, env, face, packed)
     else:
         l0 = wp.length(s.e0)
         l1 = wp.length(s.e1)
@@ -200,4 +200,4 @@ def walk_rays(
                     if reached(s.e2, s.slack[2], l2, cone):
                         left = wp.max(u * BUNDLE, x0)
                         right = wp.min(u * BUNDLE + BUNDLE - 1, x1)
-                        walk_bundle(view, s, left, right, top, bottom, env, triangle, packed)
+                        walk_bundle(view, s, left, right, top, bottom, env, face, packed)
