@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from evis.scene.model import Scene
 from nodes.renderer.geometry.triangles import is_static
 from nodes.renderer.materials.ggx import is_plain
@@ -46,11 +48,13 @@ def light_changes(scene: Scene, camera_body: int, paths: bool) -> LightChanges:
     mapped = scene.environment_map is not None
     gloss = any(not is_plain(scene.materials[i.material]) for i in scene.instances)
     lit = bool(scene.lights) or mapped
+    # Even of an even sky a glossy surface shows more or less by the angle.
+    mirrored = lit or bool(np.any(scene.environment))
     kinds = {light.kind for light in scene.lights}
     return LightChanges(
         relative=lit and (instances or lamps),
         shadows=any(light.shadows for light in scene.lights) and (instances or lamps),
-        view=lit and gloss and (instances or lamps or not is_static(scene, camera_body)),
+        view=mirrored and gloss and (instances or lamps or not is_static(scene, camera_body)),
         indirect=paths and (instances or lamps),
         directional="directional" in kinds,
         point="point" in kinds,

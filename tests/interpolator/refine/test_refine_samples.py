@@ -85,11 +85,14 @@ BESIDE = [replace(PULSES, frequency=hz, phase=0.2 * n) for n, hz in enumerate((5
 
 
 @pytest.mark.parametrize(
-    "waves", [[PULSES, None], [PULSES, Waveform("sine", 330.0, 0.6)], [PULSES, *BESIDE]], ids=["one", "two", "four"]
+    ("waves", "most"),
+    [([PULSES, None], 0.03), ([PULSES, Waveform("sine", 330.0, 0.6)], 0.07), ([PULSES, *BESIDE], 0.03)],
+    ids=["one", "two", "four"],
 )
-def test_lamps_that_are_switched_many_times_between_frames(waves):
+def test_lamps_that_are_switched_many_times_between_frames(waves, most):
     """ln I is a line between a pixel's samples: against dense rendering at times of its own, beside a disc that turns.
-    Of several lamps each flickers in its own way; four of them are switched after one another within 0.2 ms."""
+    Of several lamps each flickers in its own way; four of them are switched after one another within 0.2 ms. A sine is
+    followed to 0.8 of the tolerance, here of 0.1."""
     lights = [replace(lamp(waveform=w), name=f"lamp{n}") for n, w in enumerate(waves)]
     turn = Spin(np.array([0.0, 0.0, 1.0]), 20.0)
     things = [(quad(4.0), painted(), Prescribed(pose(z=3.0))), (disc(0.4), plain(0.7), Prescribed(pose(z=2.5), [turn]))]
@@ -115,7 +118,7 @@ def test_lamps_that_are_switched_many_times_between_frames(waves):
             found = np.interp(t, times[order], np.log(lit[order]))
             errors.append(max(near[:, q].min() - found, found - near[:, q].max(), 0.0))
     assert len(errors) > 5000
-    assert np.quantile(errors, 0.98) < 0.03
+    assert np.quantile(errors, 0.98) < most
 
 
 @pytest.mark.parametrize("speed", [10.0, 20.0, -8.0])

@@ -244,8 +244,19 @@ def test_what_a_scene_cannot_change_is_not_compiled():
     assert not alone.any
     turned = light_changes(world([WALL, (disc(0.2), plain(1), turning(1, (0, 0, 1)))], sky=1.0), 1, False)
     assert not turned.any, "a uniform sky lights a matte surface alike however it turns"
+    mirror = light_changes(world([WALL, (disc(0.2), METAL, turning(1, (0, 0, 1)))], sky=1.0), 1, False)
+    assert mirror.view and not mirror.relative and not mirror.shadows, "of a glossy one it shows more by the angle"
     lit = light_changes(world([WALL, (disc(0.2), plain(1), turning(1, (0, 0, 1)))], lights=[lamp()]), 1, False)
     assert lit.relative and lit.shadows and not lit.view and not lit.indirect
+
+
+@pytest.mark.parametrize(("angle", "metallic"), [(1.75, 1.0), (2.1, 1.0), (1.75, 0.0)])
+def test_a_glossy_plate_that_turns_away_under_an_even_sky(angle, metallic):
+    """Only one keyframe shows it. While its light was taken from that, it was off by 0.25 in ln I, by 0.015 r.m.s."""
+    gloss = Material("gloss", np.full(3, 0.7), roughness=0.1, metallic=metallic, two_sided=True)
+    plate = (quad(0.5), gloss, turning(angle, (0, 1, 0), start=np.pi / 3 - angle / 2))
+    error = cross(world([WALL, plate], sky=0.3), 16).error()
+    assert error.max() < 0.2 and np.sqrt(np.mean(error**2)) < 0.006
 
 
 def test_lines_and_samples_of_every_frame_agree():

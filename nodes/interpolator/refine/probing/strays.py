@@ -16,7 +16,7 @@ from nodes.interpolator.rigid.slots import Poses
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.shadows.boxes import half_extents
 
-EVEN = 0.25
+EVEN = 0.1
 """Distance [px] from a straight way up to which a thing counts as on it."""
 LATE = 0.5
 """Tolerances of time by which it may be early or late on it."""
