@@ -166,7 +166,8 @@ class LightChange:
         # Also while a lamp on something that may move rests: sweeps are told for those alone that never move.
         if len(self._lamps):
             relative[anything] = True
-        flags = np.where(relative, MOVED, 0) if self.features.relative else np.zeros(relative.shape, np.int64)
+        tells = self.features.relative or self.features.view
+        flags = np.where(relative, MOVED, 0) if tells else np.zeros(relative.shape, np.int64)
         if self.features.shadows:
             flags = np.where(relative, flags, np.where(anything[:, None], SHADED, 0))
         if self.features.indirect:

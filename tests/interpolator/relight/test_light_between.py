@@ -256,7 +256,7 @@ def test_a_glossy_plate_that_turns_away_under_an_even_sky(angle, metallic):
     gloss = Material("gloss", np.full(3, 0.7), roughness=0.1, metallic=metallic, two_sided=True)
     plate = (quad(0.5), gloss, turning(angle, (0, 1, 0), start=np.pi / 3 - angle / 2))
     error = cross(world([WALL, plate], sky=0.3), 16).error()
-    assert error.max() < 0.2 and np.sqrt(np.mean(error**2)) < 0.006
+    assert error.max() < 0.05 and np.sqrt(np.mean(error**2)) < 0.002
 
 
 def test_lines_and_samples_of_every_frame_agree():
