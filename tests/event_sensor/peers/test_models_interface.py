@@ -103,7 +103,7 @@ def test_models_take_the_sensors_defaults_and_refuse_what_they_lack(name):
     given = resolve_sensor("event_sensor", "ideal", {"model": name})
     assert set(given) == set(SENSOR)
     make_model(name, 2, 2, **given)
-    with pytest.raises(ValueError, match=f"event model {name} has no hot_pixel_rate; it has"):
+    with pytest.raises(ValueError, match=f"event model {name} has no hot_pixel_rate, which is"):
         make_model(name, 2, 2, **{**given, "hot_pixel_rate": 3.0})
     with pytest.raises(ValueError, match="did you mean 'threshold_on'"):
         make_model(name, 2, 2, threshold_onn=0.1)
