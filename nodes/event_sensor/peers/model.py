@@ -69,8 +69,8 @@ class Model:
         for name in sorted(set(given) & set(SENSOR) - set(declared) - {"model"}):
             if given[name] is not None and SENSOR[name].convert(self.NAME, name, given[name]) != SENSOR[name].default:
                 raise ParamError(
-                    f"event model {self.NAME} has no {name}, which is {given[name]} here; leave it out, and a preset that "
-                    f"sets it. The model has {', '.join(sorted(declared))}"
+                    f"event model {self.NAME} has no {name}, which is {given[name]} here; leave it out, and a preset "
+                    f"that sets it. The model has {', '.join(sorted(declared))}"
                 )
         kept = {name: value for name, value in given.items() if name in declared or name not in SENSOR}
         kept = {name: value for name, value in kept.items() if value is not None}
