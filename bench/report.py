@@ -73,6 +73,7 @@ SUBJECTS = {
 
 BY_THEMSELVES = {
     "bench.interpolation.extremes": "motion too fast for frames, with samples of single pixels between them",
+    "bench.interpolation.random_scenes": "samples between frames on scenes drawn at random",
     "bench.event_sensor.further": "cost of further samples of single pixels between frames",
     "bench.graph.recording": "events per second that a bag takes, by threads and by the size of the messages",
     "bench.graph.frame_camera": "what images of a frame sensor cost beside the events",

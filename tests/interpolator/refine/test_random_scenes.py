@@ -1,0 +1,77 @@
+"""Scenes drawn at random from all a scene may have: the same bytes however gaps are made, and near dense rendering.
+
+`pytest -m slow tests/interpolator/refine/test_random_scenes.py` draws more of them.
+"""
+
+import numpy as np
+import pytest
+
+from bench.interpolation.pipeline import reference, simulate
+from bench.interpolation.random_scenes import RATE, random_scene
+from evis.events.measure.distance import victor_purpura
+from evis.runtime.clock import NS, keyframe_stamp
+from nodes.interpolator.auto.setting import LIGHT
+from nodes.interpolator.auto.world import World
+from nodes.interpolator.interpolator import Interpolator
+from nodes.interpolator.keyframe import States
+from nodes.interpolator.many_gaps import Arrived, ManyGaps
+from nodes.renderer.renderer import Renderer
+
+COUNT = 5
+
+
+def keyframes(scene):
+    """The first keyframes of a scene."""
+    camera, world = scene.camera("cam0"), World(scene, round(COUNT * NS / RATE))
+    renderer = Renderer(scene, camera)
+    stamps = [keyframe_stamp(k, RATE) for k in range(COUNT)]
+    made = []
+    for k, stamp in enumerate(stamps):
+        image = renderer.render(world.poses(stamp), None, {LIGHT}, {}, stamp)[LIGHT].copy()
+        made.append(Arrived(stamp, np.zeros(1, np.int32), image, States(*world.states(stamps[max(k - 1, 0)], stamp))))
+    return made
+
+
+def own(frames, further):
+    """Copies frames, and samples between them if there are any."""
+    samples = [] if further is None or not further.offset.size else [a.copy() for a in further.arrays(False)]
+    return [np.array(frames), *samples]
+
+
+@pytest.mark.parametrize(("seed", "tolerance"), [(3, 0.0), (3, 3e-4), (11, 3e-4), (20, 0.0)])
+def test_threads_and_gaps_at_once_change_no_bit(seed, tolerance):
+    scene = random_scene(seed)
+    how = {"scene": scene, "camera": scene.camera("cam0"), "time_tolerance": tolerance}
+    made, want = keyframes(scene), []
+    alone = Interpolator("rigid", 4, **how)
+    for one in made:
+        _, frames = alone.push(one.stamp_ns, one.episodes, one.image, None, None, states=one.states)
+        want.append(own(frames, alone.further))
+    many, found = ManyGaps("rigid", 4, 4, threads=2, **how), []
+    many.warm_up_for(1, *made[0].image.shape[1:3])
+    for start in range(0, len(made), 4):
+        many.push_all(
+            made[start : start + 4],
+            lambda some: found.extend(own(f, further) for (_, f), further in zip(some.frames, some.further)),
+        )
+    assert any(len(parts) > 1 for parts in want) == (tolerance > 0)
+    for mine, true in zip(found, want, strict=True):
+        assert len(mine) == len(true) and all(np.array_equal(a, b) for a, b in zip(mine, true))
+
+
+def errors(seed, truth_hz):
+    """Of 31x32 frames and of samples within 0.1 ms: error, and events too many."""
+    duration = round(3 * NS / RATE)
+    world = World(random_scene(seed), duration)
+    truth = reference(world, truth_hz, duration, NS)[0]
+    for upsampling, tolerance in ((32, 0.0), (8, 1e-4)):
+        warp = {"time_tolerance": tolerance} if tolerance else {}
+        events = simulate(world, "rigid", RATE, upsampling, duration, warp=warp).streams["linear"]
+        yield victor_purpura(events, truth, 1.0), len(events.t) / len(truth.t) - 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(100, 112))
+def test_samples_between_frames_are_near_dense_rendering(seed):
+    (frames, _), (samples, change) = errors(seed, 16_000.0)
+    assert samples < max(0.05, 0.5 * frames) and abs(change) < 0.1
