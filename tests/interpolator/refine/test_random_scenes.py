@@ -74,4 +74,4 @@ def errors(seed, truth_hz):
 @pytest.mark.parametrize("seed", range(100, 112))
 def test_samples_between_frames_are_near_dense_rendering(seed):
     (frames, _), (samples, change) = errors(seed, 16_000.0)
-    assert samples < max(0.05, 0.5 * frames) and abs(change) < 0.1
+    assert samples < max(0.05, 0.5 * frames) and abs(change) < 0.2
