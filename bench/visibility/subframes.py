@@ -30,6 +30,7 @@ from nodes.interpolator.keyframe import KeyframeView
 from nodes.interpolator.luminance import luminance_of
 from nodes.interpolator.rigid import Rigid, RigidOptions
 from nodes.interpolator.rigid.look_up.look_up_kernels import SAME_POINT
+from nodes.renderer.raster.entries import triangles_of
 from nodes.renderer.renderer import Renderer
 
 SCENES: dict[str, dict[str, object]] = {
@@ -57,7 +58,7 @@ def compared(seen: np.ndarray, exact: np.ndarray, instance: np.ndarray) -> dict[
     hole = seen == np.uint64(HOLE)
     if not hole.any() or (exact[hole] == np.uint64(HOLE)).all():
         hole[...] = False
-    mine, true = (ids[(packed & np.uint64(0xFFFFFFFF)).astype(np.uint32).view(np.int32)] for packed in (seen, exact))
+    mine, true = (ids[triangles_of(packed)] for packed in (seen, exact))
     wrong = (mine != true) & ~hole
     right = (mine == true) & ~hole & (true >= 0)
     far = [

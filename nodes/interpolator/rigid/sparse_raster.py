@@ -18,7 +18,7 @@ import warp as wp
 from evis.geometry import se3
 from nodes.interpolator.rigid.sampling import pixels_per_radian
 from nodes.renderer.raster import raster_kernels
-from nodes.renderer.raster.depth_kernels import BACK, MISS
+from nodes.renderer.raster.entries import triangles_of
 from nodes.renderer.raster.raster import RowRaster, make_raster
 from nodes.renderer.raster.visibility import Visibility
 
@@ -84,9 +84,8 @@ class SparseRaster:
 
     def look(self, env: int, packed: np.ndarray) -> None:
         """Remembers what is seen in an environment's z-buffer uint64 [H, W]."""
-        faces = (packed & np.uint64(0xFFFFFFFF)).astype(np.uint32).view(np.int32)
-        triangles = faces[faces != MISS] & (BACK - 1)
-        seen = np.unique(self._block[triangles])
+        triangles = triangles_of(packed)
+        seen = np.unique(self._block[triangles[triangles >= 0]])
         self._seen[env, seen] = np.maximum(self._seen[env, seen], self._full[env])
         self._full[env] += 1
 
