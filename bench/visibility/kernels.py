@@ -4,7 +4,7 @@ from functools import cache
 
 import warp as wp
 
-from nodes.renderer.raster.depth_kernels import MISS, depth_of, face_of, triangle_of
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, entry_of, face_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
 
 wp.set_module_options({"enable_backward": False})
@@ -72,7 +72,7 @@ def make_project(reach: int, behind: bool) -> wp.Kernel:
                     line = int(wp.floor(v + 0.5))
                     entry = SKY
                     if t != MISS:
-                        entry = wp.uint64(wp.cast(z, wp.uint32)) << wp.uint64(32) | wp.uint64(face_of(hit))
+                        entry = entry_of(z, face_of(hit))
                     for j in range(-wp.static(reach), wp.static(reach) + 1):
                         for i in range(-wp.static(reach), wp.static(reach) + 1):
                             to_y = line + j

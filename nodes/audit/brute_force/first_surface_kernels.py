@@ -11,7 +11,7 @@ import warp as wp
 
 from nodes.renderer.paths.trace_kernels import make_first_hit
 from nodes.renderer.raster.bounds_kernels import facing
-from nodes.renderer.raster.depth_kernels import MISS, face_from
+from nodes.renderer.raster.depth_kernels import MISS, entry_of, face_from
 from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.raster.surface_kernels import listed_pixel
 from nodes.renderer.raster.triangle_kernels import corners_of
@@ -92,7 +92,7 @@ def make_first_surface(trees: bool) -> wp.Kernel:
         triangle[j] = found
         entry = wp.uint64(0xFFFFFFFFFFFFFFFF)
         if found >= 0:
-            entry = (wp.uint64(wp.cast(z, wp.uint32)) << wp.uint64(32)) | wp.uint64(face)
+            entry = entry_of(z, face)
         packed[env, pixel.y, pixel.x] = entry
 
     return first_surface

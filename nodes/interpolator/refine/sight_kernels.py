@@ -4,7 +4,7 @@ from functools import cache
 
 import warp as wp
 
-from nodes.renderer.raster.depth_kernels import MISS, face_from, triangle_of
+from nodes.renderer.raster.depth_kernels import MISS, entry_of, face_from, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.raster.triangle_kernels import corners_of, edge_normal, edge_slack
 from nodes.renderer.shadows.ray_kernels import Casters, sphere_met
@@ -27,8 +27,8 @@ class Targets:
     """Holds what rays can meet.
 
     vertices: as of triangle_kernels.corner. triangles: corners of each triangle. instance: of each triangle. two_sided:
-    of each instance, 0 or 1. first: first triangle of each instance. pieces: body and patch of each triangle. grain,
-    neighbours: of each triangle, as of grain_of and neighbours_of. casters: poses [R, I] of the instances in the
+    of each instance, 0 or 1. first: first triangle of each instance. pieces: body and front's patch of each triangle.
+    grain, neighbours: of each triangle, as of grain_of and neighbours_of. casters: poses [R, I] of the instances in the
     camera's frame, with an acceleration structure for each mesh.
     """
 
@@ -41,12 +41,6 @@ class Targets:
     grain: wp.array(dtype=float)
     neighbours: wp.array(dtype=wp.vec3i)
     casters: Casters
-
-
-@wp.func
-def entry_of(z: float, face: int):
-    """Packs depth z [m] and a face into a z-buffer entry."""
-    return (wp.uint64(wp.cast(z, wp.uint32)) << wp.uint64(32)) | wp.uint64(face)
 
 
 @wp.func

@@ -46,8 +46,8 @@ class Stretch:
 
     before [E, H, W]: z-buffer of sub-frame start0; after: that of B, with which the portion ends where closed = 1.
     quiet [E, H, W]: entries with which nothing has changed. row_b: first row of B among the keyframes. step: path [px]
-    up to which samples are spared; 0 = none. gain: pixels per radian of a lens, at most. pieces: body and patch of each
-    triangle.
+    up to which samples are spared; 0 = none. gain: pixels per radian of a lens, at most. pieces: body and front's patch
+    of each triangle.
     """
 
     count: int

@@ -35,6 +35,12 @@ def back_of(packed: wp.uint64):
 
 
 @wp.func
+def entry_of(z: float, face: int):
+    """Packs depth z >= 0 [m] and a face into a z-buffer entry."""
+    return (wp.uint64(wp.cast(z, wp.uint32)) << wp.uint64(32)) | wp.uint64(face)
+
+
+@wp.func
 def face_from(triangle: int, offset: float):
     """Gives the face of a triangle that is seen; offset: its normal, (b - a) x (c - a), times a corner seen from the
     eye."""
@@ -66,6 +72,5 @@ def lower(packed: wp.array3d(dtype=wp.uint64), at: wp.int64, entry: wp.uint64):
 @wp.func
 def put_depth(packed: wp.array3d(dtype=wp.uint64), env: int, y: int, x: int, z: float, face: int):
     """Writes a face at depth z >= 0 [m] into a pixel of the z-buffer, unless a nearer one is there."""
-    bits = wp.uint64(wp.cast(z, wp.uint32)) << wp.uint64(32)
     row = wp.int64(env * packed.shape[1] + y)
-    lower(packed, row * wp.int64(packed.shape[2]) + wp.int64(x), bits | wp.uint64(face))
+    lower(packed, row * wp.int64(packed.shape[2]) + wp.int64(x), entry_of(z, face))

@@ -19,11 +19,12 @@ class Portion:
     s is at index[s] / upsampling of the gap and frame[s] of `frames` in each environment's output, and lights that
     flicker have that `strength` then, [P E].
 
-    quiet [E, H, W]: z-buffer entries with which nothing has changed. pieces: of each triangle, its body (the world's
-    index being their number) and its patch. tolerance: difference of the keyframes' log radiance up to which it is
-    blended; pace: path [px] per unit of `index` from which on what is finer than a keyframe's pixels does not matter;
-    relight: 1 where all but the sky is to be shaded anew. keyframes: first rows of A and B in their pair. by_width,
-    by_height [px], by_count, by_envs: what indices of pixels of frames are divided by, see `cut`.
+    quiet [E, H, W]: z-buffer entries with which nothing has changed. pieces: of each triangle, its body (the
+    world's index being their number) and its front's patch. tolerance: difference of the keyframes' log radiance up
+    to which it is blended; pace: path [px] per unit of `index` from which on what is finer than a keyframe's pixels
+    does not matter; relight: 1 where all but the sky is to be shaded anew. keyframes: first rows of A and B in
+    their pair. by_width, by_height [px], by_count, by_envs: what indices of pixels of frames are divided by, see
+    `cut`.
     """
 
     slot0: int
