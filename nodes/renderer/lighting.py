@@ -108,6 +108,10 @@ class Shading:
         # Pixels that were not finite, and that were clipped, of each thread that shares the rows.
         self._host_counts: HostCopies | None = None
         self._counts = wp.zeros((2, len(visibility.row_tiles.parts)), dtype=wp.int32, device=self.device)
+        self._each_count = self._counts[0], self._counts[1]
+        self._written: tuple[Any, ...] = ()
+        """What was written to last, and the struct that kernels have of it."""
+        self._no_grid = Grid()
         # In a GPU's way: rays in a pass of their own, and neighbouring threads on a tile of pixels.
         self._tiled = on_gpu if options.split is None else options.split
         self.shadow_pass: ShadowPass | None = None
@@ -269,19 +273,22 @@ class Shading:
 
     def _image(self, half: bool, radiance: wp.array | None, luminance: wp.array | None) -> Any:
         """What kernels write light to."""
+        if self._written and all(a is b for a, b in zip(self._written, (half, radiance, luminance))):
+            return self._written[3]
         image = make_image(half)()
         if radiance is not None:
             image.radiance = radiance
         if luminance is not None:
             image.luminance = luminance
-        image.not_finite, image.clipped = self._counts[0], self._counts[1]
+        image.not_finite, image.clipped = self._each_count
+        self._written = half, radiance, luminance, image
         return image
 
     def _run(self, launch: Callable[[wp.Kernel, list[Any]], None], image: Any, listed: bool) -> None:
         """Launch what shades a whole image, or a list of its pixels."""
         light = [self.seen, self.surfaces, self.lights.kernel, self.sky, self.occluders.casters]
         kernel = self._list_kernel if listed else self._kernel
-        grid = Grid() if self._grid is None else self._grid.kernel
+        grid = self._no_grid if self._grid is None else self._grid.kernel
         launch(kernel, [*light, grid, self._kept, image if self.paths is None else self._direct])
         if self.paths is not None:
             launch(self.paths.kernel(listed), self.paths.arguments(light, image))

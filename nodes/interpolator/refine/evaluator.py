@@ -75,7 +75,7 @@ class Evaluator:
             self._index: wp.array = wp.zeros(slots, dtype=wp.int32)
             self.strength = wp.zeros(v.envs if layout.exact_flicker else 0, dtype=wp.float32)
         self._gather, self._place = looks_of(rigid)
-        self._targets = self._make_targets()
+        self._targets, self._portion = self._make_targets(), self._make_portion()
         self._at: list[int] = []
         """The instants that `_index` has."""
         self.reserve(1)
@@ -158,11 +158,13 @@ class Evaluator:
         """
         v, rigid = self.visibility, self._rigid
         values = self.values.reshape((1, 1, -1))
-        keys = rigid.pair.kernel()
-        keys.turn, keys.shift = self._turn, self._shift
+        keys = rigid.pair.kernel(self.moved)
         # Nothing is flagged here: a list of that is not read.
         lists = [listed, count, listed, count]
-        how = [self._portion(), keys, self.change, self.shading.seen, self.shading.surfaces, *lists]
+        portion = self._portion
+        portion.upsampling, portion.packed = self._upsampling, self.hits.reshape((1, 1, -1))
+        portion.keyframes = wp.vec2i(rigid.pair.a.first, rigid.pair.b.first)
+        how = [portion, keys, self.change, self.shading.seen, self.shading.surfaces, *lists]
         workers = self.workers(number)
         launches: list[tuple[wp.Kernel, int, list[Any]]] = []
         for k in bands:
@@ -178,16 +180,14 @@ class Evaluator:
         given = [self._envs, 1, v.margin, self._frame, self._anew, self._places, unseen, self._radiance, values]
         rigid.sampling.launch([(self._place, workers, [workers, first, k, *given]) for k, first in enumerate(firsts)])
 
-    def _portion(self) -> Any:
-        """Fills in the struct that the gather kernel reads of the slots and of the scene."""
+    def _make_portion(self) -> Any:
+        """Fills in what does not change of the struct that the gather kernel reads of the slots and of the scene."""
         portion: Any = Portion()
         layout, rigid = self._rigid.layout, self._rigid
         portion.slot0, portion.count, portion.envs, portion.frames = 0, self._slots, self._envs, 1
         cut(portion, self.size[1], self.size[0])
-        portion.upsampling, portion.tolerance, portion.relight = self._upsampling, layout.tolerance, int(layout.relight)
+        portion.tolerance, portion.relight = layout.tolerance, int(layout.relight)
         portion.pace = layout.pace
-        portion.keyframes = wp.vec2i(rigid.pair.a.first, rigid.pair.b.first)
         portion.index, portion.frame, portion.strength = self._index, self._frame, self.strength
-        portion.packed = self.hits.reshape((1, 1, -1))
         portion.quiet, portion.pieces = rigid.quiet, rigid.pieces
         return portion

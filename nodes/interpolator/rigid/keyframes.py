@@ -58,6 +58,8 @@ class Pair:
             self.shift = wp.empty((rows, bodies + 2), dtype=wp.vec3)
         self._struct, self._flicker = make_keyframes(channels, flicker), flicker
         self.a, self.b = (Prepared(self, first, shape, device, flicker) for first in (0, 1 if in_a_row else envs))
+        self._kernels: dict[tuple[int, int], Any] = {}
+        """The structs that `kernel` has made, by the first row of A and where the motion is."""
 
     def swap(self, graphs: CudaGraphs) -> None:
         """Begins a gap: B becomes A, and the other keyframe is to be filled. Of gaps in a row the last B becomes the
@@ -99,12 +101,22 @@ class Pair:
             out = [array[k * rows : (k + 1) * rows] for array in (turn, shift)]
             wp.launch(displace, out[0].shape, [camera, poses, then.poses], out, device=poses.device)
 
-    def kernel(self) -> Any:
-        """Makes the struct that the gather reads."""
+    def kernel(self, moved: tuple[wp.array, wp.array] | None = None) -> Any:
+        """Gives the struct that the gather reads, which is made once. moved: turn and shift at other instants than the
+        sub-frames."""
+        turn, shift = moved or (self.turn, self.shift)
+        which = self.a.first, turn.ptr
+        if which not in self._kernels:
+            # Those of motion that is not asked for any more would keep its memory.
+            self._kernels = {k: keys for k, keys in self._kernels.items() if k[1] in (turn.ptr, self.turn.ptr)}
+            self._kernels[which] = self._made(turn, shift)
+        return self._kernels[which]
+
+    def _made(self, turn: wp.array, shift: wp.array) -> Any:
         keys: Any = self._struct()
         size = self.a.patch.size
         keys.first = wp.vec2i(*(size // len(self.a.patch) * prepared.first for prepared in (self.a, self.b)))
-        keys.image, keys.turn, keys.shift = self.b.image, self.turn, self.shift
+        keys.image, keys.turn, keys.shift = self.b.image, turn, shift
         for name in ("patch", "support", "inverse", "logs", "bare", "texels"):
             setattr(keys, name, getattr(self, name).flatten())
         return keys

@@ -24,6 +24,7 @@ from nodes.interpolator.rigid.keyframes import Prepared
 from nodes.interpolator.rigid.layout import Layout
 from nodes.interpolator.rigid.plan_kernels import make_plan, make_refine
 from nodes.interpolator.rigid.walk_kernels import Walk, walk_bodies
+from nodes.renderer.raster.row_tiles import launch_in_threads
 from nodes.renderer.raster.visibility import Visibility
 
 SHORT = int(plan_kernels.SHORT)
@@ -182,10 +183,7 @@ class Sampling:
             for kernel, dim, given in launches:
                 wp.launch(kernel, dim, given, device=self._v.device, block_dim=block)
             return
-        # A band may have nothing to do, and a launch of no threads cannot be recorded.
-        some = [one for one in launches if one[1]]
-        recorded = [wp.launch(kernel, dim, given, device="cpu", record_cmd=True) for kernel, dim, given in some]
-        list(self._pool.map(lambda command: command.launch(), recorded))
+        launch_in_threads(self._pool, launches)
 
     def _join(self, pieces: wp.array, counts: wp.array, at: int, starts: list[int]) -> wp.array:
         """What the bands have listed from their `starts` on as one list."""

@@ -98,7 +98,7 @@ class LightSet:
 
     def launch(self) -> None:
         """Writes where the lights are, for the poses that the visibility has on the device: a launch only."""
-        self.place(self._visibility.poses, self.kernel, slice(None))
+        self.place(self._visibility.poses, self.kernel)
 
     def elsewhere(self, rows: int) -> Any:
         """Makes the kernels' struct of the same lights with places of their own, [rows, L], for `place`."""
@@ -109,13 +109,16 @@ class LightSet:
             setattr(other, name, self._visibility.empty((rows, len(self.lights)), wp.vec3))
         return other
 
-    def place(self, poses: wp.array, kernel: Any, rows: slice) -> None:
-        """Writes where the lights are into rows of a struct, for poses transformd [rows, N]: a launch only."""
+    def place(self, poses: wp.array, kernel: Any, rows: slice | None = None) -> None:
+        """Writes where the lights are into rows of a struct, or all of it, for poses transformd [rows, N]: a launch
+        only."""
         if not self.lights:
             return
         v = self._visibility
         inputs = [poses, v.camera_body, *self._fixed]
-        outputs = [getattr(kernel, name)[rows] for name in PLACED]
+        outputs = [getattr(kernel, name) for name in PLACED]
+        if rows is not None:
+            outputs = [array[rows] for array in outputs]
         dim = (poses.shape[0], len(self.lights))
         wp.launch(place_kernels.place_lights, dim=dim, inputs=inputs, outputs=outputs, device=v.device)
 

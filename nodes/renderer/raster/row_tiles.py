@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -29,15 +32,30 @@ class RowTiles:
     def launch(self, kernel: wp.Kernel, arguments: Any, device: Any, block: int = 256, in_parts: bool = False) -> None:
         """Runs `kernel` once for each of `rows` or of `parts`; arguments(row0, row1) gives its launch dimensions and
         inputs."""
-        commands = []
-        for row0, row1 in self.parts if in_parts else self.rows:
-            dim, inputs = arguments(row0, row1)
-            if self._pool is None:
-                wp.launch(kernel, dim=dim, inputs=inputs, device=device, block_dim=block)
-            else:
-                commands.append(wp.launch(kernel, dim=dim, inputs=inputs, device=device, record_cmd=True))
+        rows = self.parts if in_parts else self.rows
         if self._pool is not None:
-            list(self._pool.map(lambda command: command.launch(), commands))
+            launch_in_threads(self._pool, [(kernel, *arguments(*ends)) for ends in rows])
+            return
+        for ends in rows:
+            dim, inputs = arguments(*ends)
+            wp.launch(kernel, dim=dim, inputs=inputs, device=device, block_dim=block)
+
+
+def launch_in_threads(pool: ThreadPoolExecutor, launches: Sequence[tuple[wp.Kernel, Any, list[Any]]]) -> None:
+    """Runs kernels, (kernel, dimensions, arguments), on a CPU side by side in the threads of a pool, and waits."""
+    calls: list[Callable[[], Any]] = []
+    loaded = set[int]()
+    for kernel, dim, given in launches:
+        if not dim:
+            continue
+        if id(kernel) in loaded:
+            # Its arguments are packed in its thread, meanwhile others compute.
+            calls.append(partial(wp.launch, kernel, dim, given, device="cpu"))
+        else:
+            # What compiles and loads a kernel is not for several threads at once.
+            calls.append(wp.launch(kernel, dim, given, device="cpu", record_cmd=True).launch)
+            loaded.add(id(kernel))
+    list(pool.map(lambda call: call(), calls))
 
 
 def _split(height: int, count: int) -> list[tuple[int, int]]:
