@@ -78,6 +78,7 @@ class WorldState(Message):
     acceleration: np.ndarray | None = array(
         "float64", "E N 6", "linear [m/s^2] and angular [rad/s^2] acceleration at t[-1], world", optional=True
     )
+    gravity: np.ndarray | None = array("float64", "E 3", "of the model that moves bodies [m/s^2], world", optional=True)
     contact_env: np.ndarray | None = array("int32", "M", "environment of each contact at t[-1]", optional=True)
     contact_body: np.ndarray | None = array("int32", "M 2", "body indices, -1 = world", optional=True)
     contact_position: np.ndarray | None = array("float64", "M 3", "world position [m]", optional=True)

@@ -31,7 +31,7 @@ a sub-step."""
 
 @dataclass(frozen=True)
 class ImuModel:
-    """Describes an inertial unit. rate [Hz]; gravity [m/s^2], downwards along the world's -z.
+    """Describes an inertial unit. rate [Hz]; gravity [m/s^2], downwards along the world's -z where nobody tells another.
 
     accel_noise [m/s^2/sqrt(Hz)], gyro_noise [rad/s/sqrt(Hz)]: densities of the white noise. accel_bias
     [m/s^3/sqrt(Hz)], gyro_bias [rad/s^2/sqrt(Hz)]: those of the biases' random walk, which starts from 0 in every
@@ -90,12 +90,14 @@ class InertialUnit:
         self._times, self._twists = np.zeros(0, np.int64), np.zeros((0, 6))
         self._end = -1
 
-    def advance(self, t: np.ndarray, pose: np.ndarray, twist: np.ndarray, episode: int = 0) -> Readings:
+    def advance(
+        self, t: np.ndarray, pose: np.ndarray, twist: np.ndarray, episode: int = 0, gravity: np.ndarray | None = None
+    ) -> Readings:
         """Computes the readings in (t[0], t[-1]], at round(k 1e9 / rate) ns; none for a single instant.
 
         t: int64 [S] ns, ascending, starting where the last call's ended. pose float64 [S, 7], twist float64 [S, 6] of
         the body at these times, world frame (position and quaternion x y z w; velocity of the origin and angular
-        velocity). A new episode starts with zero bias and other noise.
+        velocity). A new episode starts with zero bias and other noise. gravity [3] m/s^2, world: None = the unit's.
         """
         t, pose, twist = np.asarray(t, np.int64), np.asarray(pose, np.float64), np.asarray(twist, np.float64)
         if episode != self._episode:
@@ -114,7 +116,7 @@ class InertialUnit:
         at = np.array([self._stamp(k) for k in counters], np.int64)
         value, slope = polynomial(at, times, twists)
         inverse = se3.conjugate(pose_at(at, t, pose[:, None], twist[:, None])[:, 0, 3:])
-        up = np.array([0.0, 0.0, self.model.gravity])
+        up = np.array([0.0, 0.0, self.model.gravity]) if gravity is None else -gravity
         ideal = np.concatenate((se3.rotate(inverse, slope[:, :3] + up), se3.rotate(inverse, value[:, 3:])), axis=1)
         return self._measure(at, ideal, np.array(counters, np.int64))
 

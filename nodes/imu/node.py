@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+
 from evis.config.params import Param
 from evis.config.suggestions import nearest
 from evis.runtime.node import Input, Node, Output
@@ -33,7 +35,9 @@ class ImuNode(Node):
     PARAMS: ClassVar[Mapping[str, Param]] = {
         "camera": Param(str, "cam0", "camera that carries the unit"),
         "rate": Param(float, 1000.0, "samples per second", "Hz", 0.001, LARGEST),
-        "gravity": Param(float, 9.81, "of the scene, along the world's -z", "m/s^2", 0, LARGEST),
+        "gravity": Param(
+            float, 9.81, "where no model moves bodies and has its own, along the world's -z", "m/s^2", 0, LARGEST
+        ),
         "accel_noise": Param(
             float, 0.0, "white noise of the accelerometer (consumer MEMS: 0.002)", "m/s^2/sqrt(Hz)", 0, LARGEST
         ),
@@ -79,7 +83,8 @@ class ImuNode(Node):
         if state.own is not None and state.own_t is not None:
             t, number, origin = state.own_t[0], int(state.own[0, NUMBER]), int(state.own[0, ORIGIN])
             self._begin(origin, int(state.own[0, SEED]))
-        read = self._unit.advance(t, pose[0, :, 0], twist[0, :, 0], number)
+        gravity = None if state.gravity is None else np.asarray(state.gravity)[0]
+        read = self._unit.advance(t, pose[0, :, 0], twist[0, :, 0], number, gravity)
         self.count_total("clipped_samples", self._unit.clipped)
         self.count_total("nonfinite_samples", self._unit.nonfinite)
         header = Header(state.header.stamp_ns, clock=state.header.clock, episode=state.header.episode)

@@ -10,10 +10,17 @@ import numpy as np
 from evis.scene.digest import appearance
 from evis.scene.model import Scene
 from evis.scene.worlds import Worlds
+from msgs.world import WorldState
 from nodes.labeler.event_labels import EventLabeler, EventLabels
 from nodes.labeler.interval_flow import IntervalFlow
 from nodes.labeler.oriented_boxes import Boxes3D, OrientedBoxes
-from nodes.labeler.sight import Histories, History, Sight
+from nodes.labeler.sight import Histories, Sight
+
+
+def instant_in(times: np.ndarray, share: float) -> int:
+    """Computes the instant [ns] at a share of the way from the first of some times int64 [S] to the last."""
+    first, last = int(times[0]), int(times[-1])
+    return first + round(share * (last - first))
 
 
 @dataclass
@@ -61,13 +68,21 @@ class Geometry:
         order = np.argsort(joined["env"], kind="stable")
         return Boxes3D(**{name: values[order] for name, values in joined.items()})
 
-    def flow(self, history: History, start: int, end: int) -> tuple[np.ndarray, np.ndarray]:
-        """Gives the flow of all environments from `start` to `end` [ns] and whether it is valid, as IntervalFlow."""
+    def flow(self, histories: Histories, state: WorldState, start: float, end: float) -> tuple[np.ndarray, np.ndarray]:
+        """Gives the flow of all environments and whether it is valid, as IntervalFlow.
+
+        state: the one that `histories` took last. start, end: shares of its interval, of each environment in its own
+        time.
+        """
         found: dict[int, tuple[np.ndarray, np.ndarray]] = {}
-        for looks, envs in self._groups:
-            assert looks.between is not None and looks.sight is not None
-            flow, valid = looks.between(looks.sight.motion(history), envs, start, end)
-            found |= {env: (flow[k], valid[k]) for k, env in enumerate(envs.tolist())}
+        for _, together, history in histories:
+            times = state.t if state.own_t is None else state.own_t[together[0]]
+            t = [instant_in(times, share) for share in (start, end)]
+            for looks, envs in self._groups:
+                assert looks.between is not None and looks.sight is not None
+                if len(mine := np.intersect1d(together, envs)):
+                    flow, valid = looks.between(looks.sight.motion(history), mine, *t)
+                    found |= {env: (flow[k], valid[k]) for k, env in enumerate(mine.tolist())}
         rows = [found[env] for env in sorted(found)]
         return np.stack([flow for flow, _ in rows]), np.stack([valid for _, valid in rows])
 

@@ -122,9 +122,9 @@ class LabelerNode(Node):
 
         self.geometry = Geometry(worlds_of(self.name, p, textures=False), self._looks)
         if set(GEOMETRIC[:3]) & set(self.kinds):
-            from nodes.labeler.sight import Histories, History
+            from nodes.labeler.sight import Histories
 
-            self.histories, self.now = Histories(), History()
+            self.histories, self.now = Histories(), Histories()
         if "events" in self.kinds:
             from nodes.labeler.packets import Pairing
 
@@ -344,12 +344,13 @@ class LabelerNode(Node):
         if not asked:
             return
         self.now.add(state)
-        first, last = int(state.t[0]), int(state.t[-1])
-        t = [first + round(self.params[name] * (last - first)) for name in ("flow_from", "flow_to")]
-        out.flow_t = np.array(t, np.int64)
+        from nodes.labeler.geometry import instant_in
+
+        shares = [self.params[name] for name in ("flow_from", "flow_to")]
+        out.flow_t = np.array([instant_in(state.t, share) for share in shares], np.int64)
         for name in asked:
-            start, end = t if name == "forward" else t[::-1]
-            flow, valid = self.geometry.flow(self.now, start, end)
+            start, end = shares if name == "forward" else shares[::-1]
+            flow, valid = self.geometry.flow(self.now, state, start, end)
             setattr(out, f"{name}_flow", flow)
             setattr(out, f"{name}_valid", valid)
 

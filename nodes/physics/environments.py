@@ -17,6 +17,10 @@ from msgs.own_time import CONFIGURED, NUMBER, ORIGIN, SEED, STAMP
 from nodes.physics.interval import Contacts, Engine, Interval, check_controls, prepares
 
 
+EACH_ONE = ("acceleration", "gravity")
+"""What an environment has once in an interval, if it has it."""
+
+
 @dataclass
 class Group:
     """Holds environments that were reset together.
@@ -154,8 +158,9 @@ class Environments:
         shapes |= {"moving_pose": (steps, len(moving), 7), "moving_twist": (steps, len(moving), 6)}
         if first.qpos is not None and first.qvel is not None:
             shapes |= {"qpos": (steps, first.qpos.shape[-1]), "qvel": (steps, first.qvel.shape[-1])}
-        if first.acceleration is not None:
-            shapes["acceleration"] = first.acceleration.shape[1:]
+        for name in EACH_ONE:
+            if (of_first := getattr(first, name)) is not None:
+                shapes[name] = of_first.shape[1:]
         arrays = {name: np.zeros((self._envs, *shape)) for name, shape in shapes.items()}
         own_t = np.zeros((self._envs, steps), np.int64)
         for group, interval in parts:
@@ -170,14 +175,14 @@ class Environments:
             }
             if interval.qpos is not None and interval.qvel is not None:
                 given |= {"qpos": interval.qpos[:, rows], "qvel": interval.qvel[:, rows]}
-            if interval.acceleration is not None:
-                given["acceleration"] = interval.acceleration
+            given |= {name: values for name in EACH_ONE if (values := getattr(interval, name)) is not None}
             for name, values in given.items():
                 arrays[name][mine] = values[group.live]
         t = self._shared(parts, steps, previous)
         result = Interval(t, arrays["end_pose"], moving, arrays["moving_pose"], arrays["moving_twist"], own_t=own_t)
         result.lasting = True
-        result.qpos, result.qvel, result.acceleration = (arrays.get(n) for n in ("qpos", "qvel", "acceleration"))
+        for name in ("qpos", "qvel", *EACH_ONE):
+            setattr(result, name, arrays.get(name))
         result.contacts = self._contacts(parts)
         for group, interval in parts:
             result.again += interval.again

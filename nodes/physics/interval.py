@@ -30,6 +30,7 @@ class Interval:
 
     t int64 [S] ns; end_pose float64 [E, N, 7]; moving int32 [B], moving_pose float64 [E, S, B, 7] and moving_twist
     [E, S, B, 6] as in WorldState; qpos [E, S, nq], qvel [E, S, nv] and acceleration [E, N, 6] where asked for.
+    gravity [E, 3] where a model moves bodies.
     faults: (environment, text) of each environment that diverged and was put back to its start. warnings: the same of
     what may be wrong without having diverged. own, own_t: as in WorldState, where environments were reset by
     themselves. lasting: whether nobody writes to these arrays any more, so that they are published as they are; of
@@ -46,6 +47,7 @@ class Interval:
     qvel: np.ndarray | None = None
     contacts: Contacts | None = None
     acceleration: np.ndarray | None = None
+    gravity: np.ndarray | None = None
     faults: list[tuple[int, str]] = field(default_factory=list)
     warnings: list[tuple[int, str]] = field(default_factory=list)
     own: np.ndarray | None = None

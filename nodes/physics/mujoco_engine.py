@@ -1,9 +1,9 @@
 """Dynamics with MuJoCo in float64: E environments of one model, each with its own state.
 
 Steps lie on one grid of fixed length (at most 1 ms) that knows nothing of keyframes, so that a world takes the same
-course whatever the keyframe rate; a stamp between two grid points is interpolated (`evis.geometry.interpolate`, exact
-to fourth order), and a later message goes on along the very same curve. An action takes effect at the first grid
-point at or after its stamp: at once where the keyframe interval is a multiple of the step.
+course whatever the keyframe rate. At a stamp between two grid points a pose is that of `evis.geometry.interpolate`, a
+velocity lies on a straight line, and a later message goes on from there. An action takes effect at the first grid point
+at or after its stamp: at once where the keyframe interval is a multiple of the step.
 """
 
 from __future__ import annotations
@@ -415,6 +415,7 @@ class MujocoEngine:
 
     def _told(self, interval: Interval) -> Interval:
         """Adds to an interval what else is to be told of its end."""
+        interval.gravity = np.tile(self.model.opt.gravity, (self.envs, 1))
         interval.warnings, self._warnings = self._warnings, []
         if self._contacts:
             interval.contacts = gather([contacts_of(self.model, data, self._scratch) for data in self.data])

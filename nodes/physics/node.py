@@ -414,8 +414,9 @@ class PhysicsNode(Node):
         given["episodes"] = self.episodes.copy()
         if interval.own_t is not None:
             given |= {"own": self.environments.own(self.episodes - self._seeded), "own_t": interval.own_t}
-        asked = {"qpos": interval.qpos, "qvel": interval.qvel, "acceleration": interval.acceleration}
-        given |= {name: array for name, array in asked.items() if array is not None}
+        for name in ("qpos", "qvel", "acceleration", "gravity"):
+            if (values := getattr(interval, name)) is not None:
+                given[name] = values
         if interval.contacts is not None:
             given |= {f"contact_{n}": a for n, a in vars(interval.contacts).items()}
         if not interval.lasting:

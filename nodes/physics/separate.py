@@ -90,9 +90,9 @@ def merged(parts: Sequence[Interval]) -> Interval:
     for env, part in enumerate(parts):
         result.faults += [(env, text) for _, text in part.faults]
         result.warnings += [(env, text) for _, text in part.warnings]
-    for name in ("qpos", "qvel", "acceleration"):
+    for name in ("qpos", "qvel", "acceleration", "gravity"):
         rows = [value for part in parts if (value := getattr(part, name)) is not None]
-        if name != "acceleration":  # where nothing moves there may be no sub-steps
+        if name in ("qpos", "qvel"):  # where nothing moves there may be no sub-steps
             rows = [row if row.shape[1] == len(t) else np.repeat(row[:, -1:], len(t), axis=1) for row in rows]
         if len(rows) == len(parts):
             setattr(result, name, np.concatenate(rows))

@@ -43,13 +43,13 @@ def snapshot(model: Any, datas: Sequence[Any], followers: Followers) -> State:
 def between(model: Any, before: State, now: State, times: np.ndarray, t: int, joints: bool = True) -> State:
     """Computes the state at t [ns] between `before` and `now`, which are at times int64 [2] ns.
 
-    joints: whether with qpos and qvel.
+    joints: whether with qpos and qvel. Velocities lie on a straight line. The derivative of the poses' cubic would not
+    do: most integrators move a body by the velocity after the step, p1 = p0 + h v1, and it overshoots v1 then.
     """
+    u = (t - times[0]) / (times[1] - times[0])
     poses, twists = (np.stack((before[n], now[n]), axis=1) for n in ("pose", "twist"))
-    pose, twist = interpolate.state_at(t, times, poses, twists)
-    state = {"pose": pose, "twist": twist}
+    state = {"pose": interpolate.pose_at(t, times, poses, twists), "twist": (1 - u) * twists[:, 0] + u * twists[:, 1]}
     if joints:
-        u = (t - times[0]) / (times[1] - times[0])
         qpos = np.empty_like(now["qpos"])
         for k, (a, b) in enumerate(zip(before["qpos"], now["qpos"])):
             rate = np.empty(model.nv)
