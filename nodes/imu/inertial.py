@@ -31,7 +31,7 @@ a sub-step."""
 
 @dataclass(frozen=True)
 class ImuModel:
-    """Describes an inertial unit. rate [Hz]; gravity [m/s^2], downwards along the world's -z where nobody tells another.
+    """Describes an inertial unit. rate [Hz]; gravity [m/s^2], along the world's -z where nobody tells another.
 
     accel_noise [m/s^2/sqrt(Hz)], gyro_noise [rad/s/sqrt(Hz)]: densities of the white noise. accel_bias
     [m/s^3/sqrt(Hz)], gyro_bias [rad/s^2/sqrt(Hz)]: those of the biases' random walk, which starts from 0 in every

@@ -16,7 +16,6 @@ from evis.runtime.clock import keyframe_stamp
 from msgs.own_time import CONFIGURED, NUMBER, ORIGIN, SEED, STAMP
 from nodes.physics.interval import Contacts, Engine, Interval, check_controls, prepares
 
-
 EACH_ONE = ("acceleration", "gravity")
 """What an environment has once in an interval, if it has it."""
 
