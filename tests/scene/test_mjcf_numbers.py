@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evis.scene import load_scene
+from evis.scene import SceneError, load_scene
 
-pytest.importorskip("mujoco")
+mujoco = pytest.importorskip("mujoco")
 
 CORNERS = [(-1.0, -1.0, 0.0), (1.0, -1.0, 0.0), (1.0, 1.0, 0.0), (-1.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
 TEXCOORDS = [(0.1, 0.2), (0.9, 0.25), (0.8, 0.7), (0.15, 0.6), (0.5, 0.9)]
@@ -50,6 +50,45 @@ def test_a_sensors_size_and_focal_length_make_the_intrinsics(tmp_path: Path) -> 
     k = scene.cameras[0].k
     assert k[0, 0] == pytest.approx(0.006 / (0.008 / 400), rel=1e-6)
     assert k[1, 1] == pytest.approx(0.004 / (0.003 / 200), rel=1e-6)
+
+
+@pytest.mark.parametrize("principal", ['principal=".001 .0005"', 'principalpixel="-7 12"'])
+def test_a_principal_point_is_where_mujocos_own_pictures_have_it(principal: str, tmp_path: Path) -> None:
+    """Against the frustum that MuJoCo gives to OpenGL: its edges lie half a pixel beyond the outermost centres."""
+    eye = f'<camera name="eye" pos="0 0 1" resolution="64 48" focal=".004 .005" sensorsize=".0064 .0048" {principal}/>'
+    scene = load(tmp_path, f'<worldbody>{eye}<geom size="0.1"/></worldbody>', width=64, height=48)
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    data, seen, view = mujoco.MjData(model), mujoco.MjvScene(model, 10), mujoco.MjvCamera()
+    mujoco.mj_forward(model, data)
+    view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, 0
+    mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, view, mujoco.mjtCatBit.mjCAT_ALL, seen)
+    edges, k = seen.camera[0], scene.cameras[0].k
+    left = (edges.frustum_center - edges.frustum_width) / edges.frustum_near
+    right = (edges.frustum_center + edges.frustum_width) / edges.frustum_near
+    top, bottom = -edges.frustum_top / edges.frustum_near, -edges.frustum_bottom / edges.frustum_near
+    found = [k[0, 0] * left + k[0, 2], k[0, 0] * right + k[0, 2], k[1, 1] * top + k[1, 2], k[1, 1] * bottom + k[1, 2]]
+    # The frustum is in float32.
+    np.testing.assert_allclose(found, [-0.5, 63.5, -0.5, 47.5], atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ('<worldbody><camera name="eye" fovy="0"/></worldbody>', "camera 'eye' has fovy 0; it must be"),
+        ('<worldbody><camera name="eye" fovy="-20"/></worldbody>', "camera 'eye' has fovy -20; it must be"),
+        ('<worldbody><camera fovy="nan"/></worldbody>', "camera 'camera0' has fovy nan; it must be"),
+        ('<visual><global fovy="0"/></visual><worldbody/>', "<visual><global> has fovy 0; it must be"),
+        (
+            '<worldbody><camera name="eye" resolution="4 4" sensorsize=".01 .01"/></worldbody>',
+            "camera 'eye' has focal lengths 0 and 0 px",
+        ),
+    ],
+)
+def test_a_field_of_view_that_no_camera_has_is_refused(text: str, says: str, tmp_path: Path) -> None:
+    """In one line with file, camera and value."""
+    with pytest.raises(SceneError, match=f"^model.xml: {says}") as caught:
+        load(tmp_path, text)
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("height", [1.0, 3.0])
