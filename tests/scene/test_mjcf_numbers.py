@@ -104,3 +104,14 @@ def test_a_point_light_makes_a_white_surface_at_the_centre_as_bright_as_its_diff
     light = next(one for one in scene.lights if one.name == "bulb")
     assert light.kind == "point"
     np.testing.assert_allclose(light.colour / np.pi / (height - 0.5) ** 2, [0.8, 0.6, 0.4], rtol=1e-6)
+
+
+@pytest.mark.parametrize("timestep", ["0", "-0.001", "9e-8", "nan", "1e300"])
+def test_a_timestep_that_nothing_can_be_stepped_with_is_refused(timestep: str, tmp_path: Path) -> None:
+    """In one line with file and value, when the scene is loaded."""
+    with pytest.raises(SceneError, match=f"^model.xml: <option> has timestep {float(timestep):g}".replace("+", r"\+")):
+        load(tmp_path, f'<option timestep="{timestep}"/><worldbody><geom size="1"/></worldbody>')
+
+
+def test_the_shortest_timestep_is_taken(tmp_path: Path) -> None:
+    load(tmp_path, '<option timestep="1e-7"/><worldbody><geom size="1"/></worldbody>')

@@ -11,6 +11,7 @@ import mujoco
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
 from evis.scene.mjcf.check import check_model
+from evis.scene.mjcf.numbers import check_numbers
 
 
 def compile_mjcf(path: Path, folders: Folders, deepest: bool = False) -> Any:
@@ -34,10 +35,10 @@ def with_deepest(spec: Any) -> Any:
 
 def compiled(path: Path, compile_it: Callable[[], Any]) -> Any:
     """Returns what `compile_it` returns, and turns what MuJoCo raises into a SceneError of one line that names the
-    file.
+    file; as it does for numbers that MuJoCo lets pass and that nothing can be simulated with.
     """
     try:
-        return compile_it()
+        model = compile_it()
     except (ValueError, RuntimeError, MemoryError) as error:
         if isinstance(error, SceneError):
             raise
@@ -45,3 +46,5 @@ def compiled(path: Path, compile_it: Callable[[], Any]) -> Any:
         if "unknown exception" in str(error) or not lines:
             lines = ["MuJoCo cannot read it; most likely it needs more memory than there is"]
         raise SceneError(f"{path.name}: {'; '.join(lines)}") from None
+    check_numbers(path.name, model)
+    return model
