@@ -44,13 +44,23 @@ def test_home_is_the_start_and_its_servo_holds_it(model):
     assert abs(angle(later) - 0.8) < np.radians(1) and engine.data[0].ctrl.tolist() == [0.8]
 
 
-@pytest.mark.parametrize(("wanted", "expected"), [("down", 0.0), ("none", 0.0), ("2", 0.3), ("auto", 0.8)])
+@pytest.mark.parametrize(("wanted", "expected"), [("down", 0.0), ("none", 0.0), ("1", 0.8), (2, 0.3), ("auto", 0.8)])
 def test_an_argument_chooses_the_keyframe(model, wanted, expected):
     """By name or number; `none` is the reference pose, where the mocap body is where the model puts it."""
     interval = MujocoEngine(load_scene(model(), {"keyframe": wanted})).start()
     assert np.isclose(angle(interval), expected)
     if wanted == "none":
         assert interval.pose[0, 0, 0, :3].tolist() == [0, 1, 0]
+
+
+def test_a_keyframe_whose_name_is_a_number_goes_by_its_name(model):
+    assert np.isclose(angle(MujocoEngine(load_scene(model("0"), {"keyframe": "0"})).start()), 0.8)
+
+
+@pytest.mark.parametrize("wanted", [3, "-1"])
+def test_a_number_of_no_keyframe_is_told_with_those_there_are(model, wanted):
+    with pytest.raises(SceneError, match=f"keyframe is '{wanted}'; its keyframes are numbered 0 to 2"):
+        load_scene(model(), {"keyframe": wanted})
 
 
 def test_other_keyframes_are_not_the_start(model):

@@ -85,17 +85,26 @@ def complete(
 
 
 def keyframe_of(model: Any, wanted: str) -> int:
-    """Returns the number of the keyframe with this name or number; of `home`, if there is one, for `auto`; -1 for
-    `none`.
+    """Returns the number of the keyframe with this name, or else with this number; of `home`, if there is one, for
+    `auto`; -1 for `none`.
 
     Raises ValueError with what there is.
     """
-    names = [name_of(model, mujoco.mjtObj.mjOBJ_KEY, i, "") for i in range(model.nkey)]
+    names = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_KEY, i) for i in range(model.nkey)]
     if wanted in names:
         return names.index(wanted)
     if wanted in ("auto", "none"):
         return names.index(HOME) if wanted == "auto" and HOME in names else -1
-    hint = nearest(wanted, [*names, "auto", "none"]) if names else "the model has no keyframe"
+    numbers = [str(i) for i in range(model.nkey)]
+    if wanted in numbers:
+        return int(wanted)
+    known = [name or number for name, number in zip(names, numbers)]
+    if not names:
+        hint = "the model has no keyframe"
+    elif wanted.removeprefix("-").isdecimal():
+        hint = f"its keyframes are numbered 0 to {model.nkey - 1}"
+    else:
+        hint = nearest(wanted, [*known, "auto", "none"])
     raise ValueError(f"is '{wanted}'; {hint}")
 
 
