@@ -195,9 +195,11 @@ def _apply(model: Any, change: ModelChange) -> None:
         count = {_JOINT.mjJNT_FREE: 6, _JOINT.mjJNT_BALL: 3}.get(_JOINT(int(model.jnt_type[n])), 1)
         getattr(model, _DOFS[key])[first : first + count] = values[0]
     elif key == "gain":
-        old = model.actuator_gainprm[n, 0]
-        feedback = model.actuator_biasprm[n, 1:3] == -old
-        model.actuator_biasprm[n, 1:3][feedback & (old != 0)] = -values[0]
+        old, feedback = model.actuator_gainprm[n, 0], model.actuator_biasprm[n, 1:3]
+        # That of position where there is any: what is of velocity then is damping, whose number is its own.
+        which = 0 if feedback[0] else 1
+        if old and feedback[which] == -old:
+            feedback[which] = -values[0]
         model.actuator_gainprm[n, 0] = values[0]
 
 

@@ -68,6 +68,31 @@ def test_numbers_by_name_and_by_pattern(tmp_path: Path) -> None:
     assert model.actuator_gainprm[0, 0] == 6 and model.actuator_biasprm[0, :3] == pytest.approx([0, -6, -0.5])
 
 
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ('position kp="3" kv="3"', 'position kp="6" kv="3"'),
+        ('position kp="3" kv="0.5"', 'position kp="6" kv="0.5"'),
+        ('velocity kv="3"', 'velocity kv="6"'),
+    ],
+)
+def test_a_gain_goes_with_its_own_feedback_alone(before: str, after: str, tmp_path: Path) -> None:
+    """As MuJoCo compiles the actuator that has the gain: a servo keeps its damping, also where that is equal."""
+    text = """<mujoco><worldbody><body><joint name="j" type="hinge"/><geom size="1"/></body></worldbody>
+    <actuator><{} name="servo" joint="j" ctrlrange="0 1"/></actuator></mujoco>"""
+    (tmp_path / "m.xml").write_text(text.format(before))
+    (tmp_path / "s.yaml").write_text(
+        "mjcf: m.xml\nmodel: {actuators: {servo: {gain_scale: 2}}}\ncameras: {cam0: {fov: 1}}\n"
+    )
+    model = compile_model(load_scene(str(tmp_path / "s.yaml")))
+    own = mujoco.MjModel.from_xml_string(text.format(after))
+    for found, expected in (
+        (model.actuator_gainprm, own.actuator_gainprm),
+        (model.actuator_biasprm, own.actuator_biasprm),
+    ):
+        np.testing.assert_array_equal(found, expected)
+
+
 def test_the_start_is_drawn(tmp_path: Path) -> None:
     """A hinge's angle and rate, and place and rotation of a free body, at the first state."""
     name = written(
