@@ -248,7 +248,7 @@ class MujocoEngine:
 
     def _watch_rest(self, start_ns: int) -> None:
         """Puts environments to rest that do not move any more, each by itself, at their last step."""
-        if self.model.na or self.model.nplugin:  # these may be about to move something
+        if self.model.na or self.model.nplugin or self.model.nhistory:  # these may be about to move something
             return
         fallen: list[int] = []
         for k, (rest, fastest) in enumerate(zip(self._rests, self._course.fastest.tolist())):

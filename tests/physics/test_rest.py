@@ -67,6 +67,23 @@ def test_a_change_of_the_controls_wakes_it(tmp_path):
     assert interval.twist[0, -1, 0, 0] == pytest.approx(0.2 * (1 - np.exp(-2.5)), rel=1e-3)
 
 
+@pytest.mark.parametrize("envs", [1, 2])
+def test_a_control_that_is_still_under_way_finds_it_awake(tmp_path, envs):
+    """Of a motor whose delay is longer than it takes to come to rest, as MuJoCo has it."""
+    motor = "<actuator><motor joint='rail' delay='.8' nsample='801'/></actuator>"
+    engine = engine_of(tmp_path, CART, motor, envs=envs)
+    model, data = engine.model, mujoco.MjData(engine.model)
+    for k in range(1, 61):
+        interval = engine.advance(round(k * 1e9 / 30), np.full((envs, 1), float(k > 10)))
+    data.ctrl[0] = 0.0
+    mujoco.mj_step(model, data, 334)
+    data.ctrl[0] = 1.0
+    mujoco.mj_step(model, data, 2000 - 334)
+    mujoco.mj_forward(model, data)
+    assert data.qvel[0] > 0.1
+    np.testing.assert_allclose(interval.twist[:, -1, 0, 0], data.qvel[0], rtol=1e-9)
+
+
 def test_what_is_about_to_fall_does_not_rest(tmp_path):
     """A pole upright but for 1e-9 rad: slower than what rests for a second, but faster and faster."""
     engine = engine_of(tmp_path, POLE)
