@@ -16,6 +16,8 @@ import mujoco
 import numpy as np
 
 from evis.runtime.workers import Workers
+from evis.scene.errors import SceneError
+from evis.scene.mjcf.delays import delayed
 from evis.scene.mjcf.dynamics import compile_model
 from evis.scene.model import Scene
 from nodes.physics.dynamics.actuators import actuators_of
@@ -90,7 +92,8 @@ class MujocoEngine:
             threads: that share the environments; their number changes no bit.
             warp: device on which MuJoCo Warp takes the steps; None = MuJoCo does.
 
-        Raises Unsupported for what MuJoCo Warp cannot take.
+        Raises Unsupported for what MuJoCo Warp cannot take, SceneError for a model that cannot be compiled or whose
+        controls are delayed beside a tolerance.
         """
         # Without a handler MuJoCo writes a log file into the working directory; the watchdog reads the counters.
         mujoco.set_mju_user_warning(lambda text: None)
@@ -99,7 +102,14 @@ class MujocoEngine:
         if unbatched and warp is not None:
             raise Unsupported(unbatched)
         batched = not unbatched and (envs > 1 or warp is not None)
-        self.model = compile_model(scene, deepest=batched and warp is None)
+        step_of = lambda own: step_length(own, timestep) * 1e-9
+        self.model = compile_model(scene, deepest=batched and warp is None, step_of=step_of)
+        if tolerance is not None and (name := delayed(self.model)) is not None:
+            assert scene.mjcf is not None
+            raise SceneError(
+                f"{scene.mjcf.name}: actuator '{name}' has a delay, which is not kept in steps of different "
+                "lengths; leave physics_tolerance out"
+            )
         # MuJoCo would put a diverged state back to its start and go on as if nothing had happened.
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.step_ns = step_length(self.model.opt.timestep, timestep)

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from evis.geometry import interpolate, se3
-from evis.scene import load_scene
+from evis.scene import SceneError, load_scene
 
 mujoco = pytest.importorskip("mujoco")
 from nodes.physics.mujoco_engine import MujocoEngine, step_length  # noqa: E402
+from nodes.physics.precision.errors import Errors  # noqa: E402
+from nodes.physics.precision.tolerance import Tolerance  # noqa: E402
 
 MS = 1_000_000
 
@@ -47,6 +49,40 @@ def test_projectile(scene_of, integrator, bias, dt):
         expected = np.stack((3 * t, 0 * t, 5 * t - 4.905 * t**2 + bias * 9.81 * dt * t), axis=-1)
         assert np.abs(interval.pose[0, :, 0, :3] - expected).max() < 1e-11
         assert np.abs(interval.twist[0, :, 0, 2] - (5 - 9.81 * t)).max() < 1e-11
+
+
+def delayed_slider(scene_of, samples, option, **given):
+    """An engine of a slider of 1 kg on which a motor acts 99.5 ms late."""
+    slider = "<body><joint name='x' type='slide' axis='1 0 0'/><geom size='0.1' mass='1'/></body>"
+    motor = f"<actuator><motor joint='x' delay='0.0995' nsample='{samples}'/></actuator>"
+    return MujocoEngine(scene_of(slider, f"gravity='0 0 0' {option}", motor), **given)
+
+
+@pytest.mark.parametrize(("samples", "delay"), [(50, 0.0995), (25, 0.05)])
+@pytest.mark.parametrize("envs", [1, 2])
+@pytest.mark.parametrize("given", [{}, {"timestep": 0.0005}, {"timestep": 0.0003}, {"timestep": 0.001}])
+def test_a_delay_of_an_actuator_is_kept_in_shorter_steps(scene_of, samples, delay, envs, given):
+    """Up to one step: v = t - delay. It is as long as `nsample` of the model's own steps where those are shorter."""
+    engine = delayed_slider(scene_of, samples, "timestep='0.002'", envs=envs, **given)
+    found = 0.3 - engine.advance(300 * MS, np.ones((envs, 1))).twist[:, -1, 0, 0]
+    assert (found > delay - 1e-9).all() and (found < delay + 1.01e-9 * engine.step_ns).all()
+
+
+def test_a_delay_is_kept_in_the_half_steps_that_tell_the_error(scene_of):
+    """Those of Euler are off by v dt / 2 at most, and by a step of the delay."""
+    engine = delayed_slider(scene_of, 100, "timestep='0.001'", errors=(errors := Errors()))
+    engine._shadow._halved = True
+    for k in range(1, 10):
+        engine.advance(k * 33 * MS, np.ones((1, 1)))
+    assert 0 < errors.worst().position < 0.2 * 0.001
+
+
+def test_what_a_delay_cannot_be_kept_in_is_refused(scene_of):
+    """In one line with the file and the actuator."""
+    with pytest.raises(SceneError, match=r"^m\.xml: actuator 'actuator0' has a delay, .*leave physics_tolerance out"):
+        delayed_slider(scene_of, 50, "timestep='0.002'", tolerance=Tolerance(1e-3, 1e-3))
+    with pytest.raises(SceneError, match=r"^m\.xml: actuator 'actuator0' has a delay of .* longer steps"):
+        delayed_slider(scene_of, 9_000_000, "timestep='0.002'")
 
 
 @pytest.mark.parametrize("omega", [50.0, 1000.0])

@@ -69,8 +69,8 @@ def test_a_change_of_the_controls_wakes_it(tmp_path):
 
 @pytest.mark.parametrize("envs", [1, 2])
 def test_a_control_that_is_still_under_way_finds_it_awake(tmp_path, envs):
-    """Of a motor whose delay is longer than it takes to come to rest, as MuJoCo has it."""
-    motor = "<actuator><motor joint='rail' delay='.8' nsample='801'/></actuator>"
+    """Of a motor whose delay is longer than it takes to come to rest, and no whole steps: MuJoCo adds up its time."""
+    motor = "<actuator><motor joint='rail' delay='.7995' nsample='801'/></actuator>"
     engine = engine_of(tmp_path, CART, motor, envs=envs)
     model, data = engine.model, mujoco.MjData(engine.model)
     for k in range(1, 61):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,23 +13,22 @@ from evis.scene.folders import Folders
 from evis.scene.mjcf.check import check_model
 from evis.scene.mjcf.numbers import check_numbers
 
+Edit = Callable[[Any], None]
+"""Changes an MjSpec before it is compiled."""
 
-def compile_mjcf(path: Path, folders: Folders, deepest: bool = False) -> Any:
-    """Compiles an MJCF file to its MjModel. Raises SceneError in one line that names the file.
 
-    deepest: with a sensor of the least distance of its contacts, as the last.
-    """
+def compile_mjcf(path: Path, folders: Folders, edits: Sequence[Edit] = ()) -> Any:
+    """Compiles an MJCF file to its MjModel, with some edits. Raises SceneError in one line that names the file."""
     check_model(path, folders)
-    if deepest:
-        return compiled(path, lambda: with_deepest(mujoco.MjSpec.from_file(str(path))))
+    if edits:
+        return compiled(path, lambda: edited(mujoco.MjSpec.from_file(str(path)), edits))
     return compiled(path, lambda: mujoco.MjModel.from_xml_path(str(path)))
 
 
-def with_deepest(spec: Any) -> Any:
-    """Compiles an MjSpec with a sensor of the least distance of all contacts [m], 0 while there are none."""
-    distance = 1 << int(mujoco.mjtConDataField.mjCONDATA_DIST)
-    # the last two: reduced to the least distance, of one contact
-    spec.add_sensor(type=mujoco.mjtSensor.mjSENS_CONTACT, intprm=[distance, 1, 1])
+def edited(spec: Any, edits: Sequence[Edit]) -> Any:
+    """Compiles an MjSpec after some edits."""
+    for edit in edits:
+        edit(spec)
     return spec.compile()
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -15,7 +15,7 @@ import numpy as np
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
 from evis.scene.mjcf.check import check_model
-from evis.scene.mjcf.compile import compiled, with_deepest
+from evis.scene.mjcf.compile import Edit, compiled, edited
 from evis.scene.sources import note
 
 VISUAL_GROUP = 1
@@ -41,18 +41,17 @@ def compile_urdf(path: Path, folders: Folders) -> tuple[Any, Any, str | None]:
         return model, model, note
 
 
-def mujoco_model(path: Path, folders: Folders, deepest: bool = False) -> Any:
-    """Compiles the MjModel of a URDF without its visual geometry. Raises SceneError in one line that names the file.
-
-    deepest: as of compile_mjcf.
+def mujoco_model(path: Path, folders: Folders, edits: Sequence[Edit] = ()) -> Any:
+    """Compiles the MjModel of a URDF without its visual geometry, with some edits. Raises SceneError in one line that
+    names the file.
     """
     check_model(path, folders.also(*_own_package(path)))
     try:
         text = _text(path, folders, visuals=False)
     except (ET.ParseError, OSError):
         return compiled(path, lambda: mujoco.MjModel.from_xml_path(str(path)))  # which says what is wrong
-    if deepest:
-        return compiled(path, lambda: with_deepest(mujoco.MjSpec.from_string(text)))
+    if edits:
+        return compiled(path, lambda: edited(mujoco.MjSpec.from_string(text), edits))
     return compiled(path, lambda: mujoco.MjModel.from_xml_string(text))
 
 

@@ -65,7 +65,7 @@ class _Taken:
 
 
 class MujocoThreads:
-    """Steps environments of one model, whose last sensor is that of `with_deepest`."""
+    """Steps environments of one model, whose last sensor is that of `add_deepest`."""
 
     def __init__(self, model: Any, count: int, threads: int) -> None:
         """count: of environments. threads: how many share them."""
