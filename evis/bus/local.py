@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import zmq
 
-from evis.bus.memory.device import Asked, DevicePool, DeviceSlot, check, on_host_too
+from evis.bus.memory.device import Asked, DevicePool, DeviceSlot, check, device_of, on_host_too
 from evis.bus.memory.slots import Slot, SlotPool
 from evis.bus.publisher import check_sent
 from msgs.codec import checked
@@ -102,6 +102,12 @@ class LocalPublisher:
         """Lets the messages sent within the block lie in the loans made before it, several in one."""
         with self._pool.sharing_loans(), self._on_device.sharing_loans():
             yield
+
+    def lend(self, message: Message) -> Slot | DeviceSlot | None:
+        """Returns the loan that another topic's message lies in, pinned once for the caller; within `sharing_loans`."""
+        if device_of(message) is not None:
+            return self._on_device.claim(message)
+        return self._pool.claim(message.arrays())
 
     def passed(self, message: Message) -> None:
         """Counts a message whose arrays stay on their device."""

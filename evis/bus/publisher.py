@@ -14,7 +14,7 @@ from evis.bus import pipes, wire
 from evis.bus.consumers import Consumer, Consumers
 from evis.bus.endpoints import Endpoints, bind, check_bind, unlink
 from evis.bus.errors import BusError, PeerLost
-from evis.bus.memory.device import Asked, DevicePool, DeviceSlot, check, on_host_too
+from evis.bus.memory.device import Asked, DevicePool, DeviceSlot, check, device_of, on_host_too
 from evis.bus.memory.placing import describe, place
 from evis.bus.memory.slots import Pinned, Slot, SlotPool
 from evis.bus.tap import TapSender, queue_length
@@ -199,6 +199,12 @@ class Publisher:
         """Lets the messages sent within the block lie in the loans made before it, several in one."""
         with self._pool.sharing_loans(), self._on_device.sharing_loans():
             yield
+
+    def lend(self, message: Message) -> Slot | DeviceSlot | None:
+        """Returns the loan that another topic's message lies in, pinned once for the caller; within `sharing_loans`."""
+        if device_of(message) is not None:
+            return self._on_device.claim(message)
+        return self._pool.claim(message.arrays())
 
     def passed(self, message: Message) -> None:
         """Counts a message whose arrays stay on their device, for nobody outside this process gets it."""

@@ -27,15 +27,18 @@ class Delivery:
         publisher: AnyPublisher,
         consumers: Sequence[tuple[Host, str]],
         unread: Collection[str] = (),
+        lender: AnyPublisher | None = None,
     ) -> Delivery:
         """Sends a message to other processes and viewers, and says what the consumers here get: its arrays as they are
         on a device where all who read them take them there, else numpy's.
 
-        unread: consumers, here or elsewhere, as `node:port`, that read no arrays of it.
+        unread: consumers, here or elsewhere, as `node:port`, that read no arrays of it. lender: of the topic in
+        whose loans the arrays may lie where they lie in none of their own (`Node.lending`).
         """
         device = device_of(message)
         if device is None:
-            return Delivery([message] * len(consumers), [publisher.send(message)])
+            slot = publisher.send(message) or _lent(message, lender)
+            return Delivery([message] * len(consumers), [slot])
         there = [consumer.takes(port, device) or f"{consumer.name}:{port}" in unread for consumer, port in consumers]
         slot, host, sent = publisher.claim_on(message), message, None
         in_place = all(there) and publisher.reads_on(device, unread) and publisher.send_on(message, slot)
@@ -46,6 +49,8 @@ class Delivery:
             sent = publisher.send(without_arrays(message))
         elif not in_place:
             publisher.passed(message)
+        if slot is None:
+            slot = _lent(message, lender)
         message._slot = slot  # type: ignore[misc]
         return Delivery([message if takes else host for takes in there], [sent, slot])
 
@@ -54,6 +59,13 @@ class Delivery:
         for slot in self.slots:
             if slot is not None:
                 slot.unpin()
+
+
+def _lent(message: Message, lender: AnyPublisher | None) -> Any:
+    """The loan of another topic that the arrays lie in, pinned once: who keeps this message holds that."""
+    slot = None if lender is None else lender.lend(message)
+    message._slot = slot  # type: ignore[misc]
+    return slot
 
 
 def read_on_host(publisher: AnyPublisher, consumers: Sequence[tuple[Host, str]], device: Any) -> bool:

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -402,6 +403,18 @@ class Executor:
             return publisher.loan_from(device, arrays)
         return publisher.loan_on(device, arrays)
 
+    @contextmanager
+    def lending(self, node: Node, port: str) -> Iterator[None]:
+        """Implements Node.lending."""
+        host = self._hosts[node.name]
+        lender = host.publishers[host.plan.outputs[port]]
+        with lender.sharing_loans():
+            host.lender = lender
+            try:
+                yield
+            finally:
+                host.lender = None
+
     def publish(self, node: Node, port: str, message: Message) -> None:
         """Implements Node.publish."""
         host = self._hosts[node.name]
@@ -414,7 +427,7 @@ class Executor:
         with self.profile.inside("bus"):
             consumers = [(c, port) for c, port, consumed in host.downstream if consumed == topic]
             unread = host.unread_by(topic, message.header)
-            delivery = Delivery.of(message, host.publishers[topic], consumers, unread)
+            delivery = Delivery.of(message, host.publishers[topic], consumers, unread, host.lender)
         try:
             for (consumer, consumer_port), given in zip(consumers, delivery.given):
                 given.keep()
@@ -439,7 +452,8 @@ class Executor:
         with publisher.sharing_loans(), self.profile.inside("bus"):
             for message in messages:
                 profile.saw(topic, message)
-                delivery = Delivery.of(message, publisher, consumers, host.unread_by(topic, message.header))
+                unread = host.unread_by(topic, message.header)
+                delivery = Delivery.of(message, publisher, consumers, unread, host.lender)
                 try:
                     for (consumer, consumer_port), given in zip(consumers, delivery.given):
                         given.keep()

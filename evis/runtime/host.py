@@ -86,6 +86,8 @@ class Host:
     """Topic -> consumers, as `node:port`, that read only some of its messages' arrays: how often, and which are due."""
     gates: list[AnyPublisher] = field(default_factory=list)
     """Publishers that must have credit before this node is called."""
+    lender: AnyPublisher | None = None
+    """The one whose loans the messages of its other topics may lie in, within `Node.lending`."""
     singles: set[str] = field(default_factory=set)
     """Topics of declared inputs that are not joined."""
     single_open: set[str] = field(default_factory=set)

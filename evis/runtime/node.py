@@ -7,6 +7,7 @@ carries away what it publishes, whether the other end is in this process, anothe
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
@@ -76,6 +77,9 @@ class Runtime(Protocol):
 
     def loan_for_readers(self, node: Node, port: str, device: Any, arrays: Arrays) -> dict[str, Any]:
         """Gives arrays to write an output's next message into, on the host where it is read there alone."""
+
+    def lending(self, node: Node, port: str) -> AbstractContextManager[None]:
+        """Lets messages of all outputs lie in the loans of one."""
 
     def publish(self, node: Node, port: str, message: Message) -> None:
         """Sends a message on an output."""
@@ -308,6 +312,12 @@ class Node:
         readers and all of them read on the host. What writes numpy's must be done before `publish`.
         """
         return self.runtime.loan_for_readers(self, port, device, arrays)
+
+    def lending(self, port: str) -> AbstractContextManager[None]:
+        """Lets the messages published within the block, on any output, lie in the loans made of this one before it: who
+        keeps one of them holds the loan.
+        """
+        return self.runtime.lending(self, port)
 
     def tell(self, text: str) -> None:
         """Says one line to the user alone: it goes to no log, no topic and no bag."""

@@ -302,9 +302,10 @@ class InterpolatorNode(Node):
             made["samples"] = samples_of(key, t, frames, self.interpolator.further, colour, own_t)
         if not self._sampled or self.wants("frames"):
             made["frames"] = frames_of(key, t, frames, colour, own_t)
-        for port, message in made.items():
-            message.filled, message.reshaded = report.filled, report.reshaded
-            self.publish(port, message)
+        with self.lending(self._port):
+            for port, message in made.items():
+                message.filled, message.reshaded = report.filled, report.reshaded
+                self.publish(port, message)
 
     def update_all(self, inputs: Sequence[Mapping[str, Message]]) -> None:
         """Makes the frames of several gaps at once, until an environment was reset by itself, and unless somebody reads
@@ -328,11 +329,13 @@ class InterpolatorNode(Node):
             if self._frames_alone:
                 pixels = sum(frames.shape[2] * frames.shape[3] for t, frames in made.frames if len(t) > 1)
                 self.count("pixels_by_frames_alone", pixels)
-            if self._sampled:
-                each = zip(of_these, made.frames, made.further)
-                self.publish_all("samples", [samples_of(key, *one, found, colour) for key, one, found in each])
-            if not self._sampled or self.wants("frames"):
-                self.publish_all("frames", [frames_of(key, *one, colour) for key, one in zip(of_these, made.frames)])
+            with self.lending(self._port):
+                if self._sampled:
+                    each = zip(of_these, made.frames, made.further)
+                    self.publish_all("samples", [samples_of(key, *one, found, colour) for key, one, found in each])
+                if not self._sampled or self.wants("frames"):
+                    pairs = zip(of_these, made.frames)
+                    self.publish_all("frames", [frames_of(key, *one, colour) for key, one in pairs])
 
         many.push_all(arrived, deliver, keys[0].margin, self._allocate)
         self._hold(inputs[-1])

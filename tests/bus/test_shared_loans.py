@@ -1,10 +1,12 @@
 """Messages that lie in one loan: it is free when the last of them is let go."""
 
 import numpy as np
+import pytest
 import warp as wp
 
 from evis.bus.local import LocalPublisher
 from evis.bus.memory.device import DevicePool
+from evis.runtime.delivery import Delivery
 from msgs.camera import Depth
 from msgs.header import Header
 
@@ -49,3 +51,56 @@ def test_messages_on_a_device_share_a_loan_too():
     for slot in slots:
         slot.unpin()
     assert pool.loan(device, {"depth": ((2, 4, 5), wp.float32)})["depth"].ptr == loan.ptr
+
+
+class Consumer:
+    """Stands for a node of this process that takes arrays where they are."""
+
+    name = "reader"
+
+    def __init__(self, device):
+        self.device = device
+
+    def takes(self, port, device):
+        return self.device is not None
+
+
+@pytest.mark.parametrize("device", [None, "cpu"])
+def test_a_message_in_the_loan_of_another_topic_holds_it(device):
+    """The two topics have one memory: it is given out again when both messages were let go."""
+    lender, other = LocalPublisher("/cam0/depth", "painter", Depth), LocalPublisher("/cam0/far", "painter", Depth)
+    ask = ((2, 4, 5), wp.float32 if device else np.float32)
+
+    def loan():
+        if device:
+            return lender.loan_on(wp.get_device(device), {"depth": ask})["depth"]
+        return lender.loan(depth=ask)["depth"]
+
+    array, consumers = loan(), [(Consumer(device), "in")]
+    messages = [Depth(Header(0), array), Depth(Header(0), array), Depth(Header(0), np.zeros((1, 4, 5), np.float32))]
+    with lender.sharing_loans():
+        Delivery.of(messages[0], lender, consumers).over()
+        for message in messages[1:]:
+            delivery = Delivery.of(message, other, consumers, (), lender)
+            message.keep()
+            delivery.over()
+    assert messages[2]._slot is None  # it lies in no loan
+    place = lambda array: array.ptr if device else array.ctypes.data
+    taken = [loan() for _ in range(3)]
+    assert place(array) not in [place(one) for one in taken]
+    messages[1].release()
+    assert place(loan()) == place(array)
+    for publisher in (lender, other):
+        publisher.close()
+
+
+def test_blocks_of_shared_loans_are_nested():
+    publisher = LocalPublisher("/cam0/depth", "painter", Depth)
+    loan = publisher.loan(depth=((2, 4, 5), np.float32))["depth"]
+    with publisher.sharing_loans():
+        with publisher.sharing_loans():
+            slot = publisher.send(Depth(Header(0), loan[:1]))
+            slot.unpin()
+        assert slot.pins == 1
+        assert publisher.send(Depth(Header(1), loan[1:])) is slot
+    assert slot.pins == 1

@@ -154,6 +154,21 @@ def test_what_a_step_gave_stays_as_it_was() -> None:
         now.keyframe[:] = 0.0  # which is the caller's own
 
 
+def test_frames_beside_samples_stay_as_they_were() -> None:
+    """Where there are samples between them, frames lie in the samples' memory: who keeps frames keeps that."""
+    sampled = {"time_tolerance": 0.0003, "upsampling": 8, "omega": 20, **SIZE}
+    with evis.Simulation("spinning_disk", outputs=["events", "frames"], **sampled) as simulation:
+        simulation.reset(seed=0)
+        frames = [simulation.step().frames for _ in range(6)]
+        copies = [one.luminance.copy() for one in frames]
+        for _ in range(6):
+            simulation.step()
+        assert [one.luminance.tobytes() for one in frames] == [one.tobytes() for one in copies]
+        # The same frames, of which nobody had to wait for a later step.
+        simulation.reset(seed=0)
+        assert [simulation.step().frames.luminance.tobytes() for _ in range(6)] == [one.tobytes() for one in copies]
+
+
 def test_what_a_sensor_holds_back_comes_at_the_end(tmp_path: Path) -> None:
     with evis.Simulation("spinning_disk", crossing="monotone", **SIZE) as sim:
         steps = [*sim.run(0.2), sim.finish()]

@@ -79,13 +79,14 @@ class Loans(Generic[S]):
 
     @contextmanager
     def sharing_loans(self) -> Iterator[None]:
-        """Lets any number of messages sent within the block claim the loans made before it."""
-        self._shared, self._loans = self._loans, []
+        """Lets any number of messages sent within the block claim the loans made before it. Blocks may be nested."""
+        loans, self._loans = self._loans, []
+        outer, self._shared = self._shared, self._shared + loans
         try:
             yield
         finally:
-            shared, self._shared = self._shared, []
-            for slot in shared:
+            self._shared = outer
+            for slot in loans:
                 slot.unpin()
 
     def part_with(self, slot: S) -> None:
