@@ -93,9 +93,9 @@ def _rigid(gap: Gap) -> Method:
 
 
 def _splat(gap: Gap) -> Method:
-    from nodes.interpolator.splat.splat import make_splat
+    from nodes.interpolator.splat.splat import Splat, make_splat
 
-    return make_splat(*gap.images)
+    return Splat(make_splat(*gap.images), gap.envs)
 
 
 def _splat_quadratic(gap: Gap) -> Method:

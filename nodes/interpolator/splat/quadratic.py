@@ -26,6 +26,7 @@ import warp as wp
 
 from nodes.interpolator.keyframe import KeyframeView, Report
 from nodes.interpolator.splat import bend_kernels
+from nodes.interpolator.splat.gap_before import GapBefore
 from nodes.interpolator.splat.splat import make_splat
 
 
@@ -39,27 +40,18 @@ class Bends:
         with wp.ScopedDevice(device):
             self._at_a, self._at_b = (wp.zeros((envs, height * width), dtype=wp.vec2) for _ in "AB")
             self._onward = wp.empty((*shape, 2), dtype=wp.float32)
-        self._last: KeyframeView | None = None
-        self._gap = np.ones(envs, np.int64)
-        self._first = np.ones(envs, bool)
+        self._before = GapBefore(envs)
 
     def of(self, a: KeyframeView, b: KeyframeView, held: np.ndarray) -> tuple[wp.array, tuple[wp.array, wp.array]]:
         """Gives A's motion on to B, negated, and the bends of A's and of B's paths, wp.vec2 [E, H W] px."""
-        known = a is self._last or (a.replaces is not None and a.replaces is self._last)
-        # A keyframe that did not end a gap began an episode.
-        first = self._first if known else np.ones(len(held), bool)
-        if a.begun is not None:
-            first = first | a.begun
-        gap = np.where(held, 1, b.times(len(held)) - a.times(len(held)))
+        before, gap, first = self._before.of(a, b, held)
         straight: wp.array = wp.array((first | held).astype(np.int32), device=self._device)
-        ratio = self._gap / gap if known else np.ones(len(held))
-        given: list[Any] = [wp.array(ratio.astype(np.float32), device=self._device), straight]
+        given: list[Any] = [wp.array((before / gap).astype(np.float32), device=self._device), straight]
         self._at_a, self._at_b = self._at_b, self._at_a
         made = [self._at_a, self._onward]
         wp.launch(bend_kernels.carry_on, self._shape, [*given, a.motion], made, device=self._device)
         given += [b.depth, a.depth, b.motion, a.motion]
         wp.launch(bend_kernels.find_bends, self._shape, given, [self._at_b], device=self._device)
-        self._last, self._gap, self._first = b, gap, held
         return self._onward, (self._at_a, self._at_b)
 
 

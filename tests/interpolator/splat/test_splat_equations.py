@@ -9,6 +9,7 @@ import warp as wp
 from nodes.interpolator.keyframe import KeyframeView
 from nodes.interpolator.splat.cpu import SplatCpu
 from nodes.interpolator.splat.cuda import SplatCuda
+from nodes.interpolator.splat.splat import Splat
 
 H, W = 11, 14
 RTOL = 2e-6
@@ -177,3 +178,50 @@ def test_the_kernels_of_a_gpu_give_the_frames_of_a_cpu(device):
         # A dark pixel beside a bright one is a sum of both in float32 on the CPU.
         finite = np.isfinite(out[0])
         np.testing.assert_allclose(out[1][finite], out[0][finite], rtol=RTOL, atol=2.0**-50 * np.exp(12))
+
+
+def ramps(where, stamps):
+    """Frames [4, H, W] of each gap of a ramp that moves by 4 px in 20 ms, and what they should be."""
+    device = "cuda" if where == "cuda" else "cpu"
+    method = Splat(make(where, 4), 1)
+    flat, columns = np.ones((H, W), np.float32), np.broadcast_to(np.arange(W, dtype=np.float64), (H, W))
+    path = np.asarray(stamps) * 4 / 20_000_000
+    views = []
+    for k, at in enumerate(path):
+        motion = np.zeros((H, W, 2), np.float32)
+        motion[..., 0] = path[max(k - 1, 0)] - at
+        views.append(view({"image": (100 + columns - at).astype(np.float32), "depth": flat, "motion": motion}, device))
+        views[-1].stamp_ns = int(stamps[k])
+    made = []
+    for k in range(1, len(views)):
+        out = np.empty((1, 4, H, W), np.float32)
+        method.between(views[k - 1], views[k], [False], out)
+        made.append(out[0])
+    places = [path[k - 1] + (path[k] - path[k - 1]) * np.arange(1, 5) / 4 for k in range(1, len(views))]
+    return made, [100 + columns - place[:, None, None] for place in places]
+
+
+@pytest.mark.parametrize("where", ["cpu", "gpu kernels", CUDA])
+def test_what_a_fills_goes_on_at_its_speed_whatever_the_gap_before(where):
+    """What comes in from the right is A's alone, and goes as far as in the gap's own time."""
+    made, expected = ramps(where, np.array([0, 20, 40, 80, 120, 140, 160]) * 1_000_000)
+    for frames, truth in list(zip(made, expected))[1:]:
+        # Positions lie on a grid of 1/4096 px.
+        np.testing.assert_allclose(frames[:, :, 8:], truth[:, :, 8:], atol=1e-3)
+
+
+@pytest.mark.parametrize("where", ["cpu", "gpu kernels", CUDA])
+def test_gaps_that_differ_by_rounding_are_equal_and_an_episode_has_none_before(where):
+    """Frames are those of A's motion as it is, bit for bit."""
+    method, plain = Splat(make(where, 4), 1), make(where, 4)
+    device = "cuda" if where == "cuda" else "cpu"
+    rng = np.random.default_rng(5)
+    # The third keyframe begins an episode, the gap after which is longer than that before it.
+    views = [view(keyframe(rng, "relief"), device) for _ in range(5)]
+    for one, stamp in zip(views, (0, 33_333_333, 66_666_667, 130_000_000, 193_333_334)):
+        one.stamp_ns = stamp
+    for k in range(1, 5):
+        outs = [np.empty((1, 4, H, W), np.float32) for _ in range(2)]
+        for made_by, out in zip((method, plain), outs):
+            made_by.between(views[k - 1], views[k], [k == 2], out)
+        assert outs[0].tobytes() == outs[1].tobytes(), k
