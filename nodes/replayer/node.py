@@ -78,6 +78,7 @@ class ReplayerNode(Node):
         self.pacer = Pacer(factor) if factor is not None else None
         self.first_episode = self.last_episode = 0
         self.rest_until = 0.0
+        self.told = False
         ports = list(self.dynamic_outputs(self.params))
         self.reader: BagReader = BagReader(self.params["bag"])
         if self.reader.problem:
@@ -88,6 +89,7 @@ class ReplayerNode(Node):
             if info is not None:
                 self.publish(topic, info)
                 self.latched[topic] = info
+        self.skipped_before = self.reader.skipped
         start = self.reader.start_ns + round(self.params["start"] * 1e9)
         length = self.params["duration"]
         end = None if length is None else start + round(length * 1e9)
@@ -108,6 +110,7 @@ class ReplayerNode(Node):
             time.sleep(MAX_SLEEP_S)
             return True
         if self.next is None:
+            self._tell_of_damage()
             return False
         key = _key(self.next[1])
         if self.pacer is not None:
@@ -124,13 +127,20 @@ class ReplayerNode(Node):
             sent.add(topic)
             self.publish(topic, self._of_this_round(message))
             self.next = self._take()
+        self._tell_of_damage()
         if self.params["again"]:
             self._begin_again()
             return True
-        if self.reader.skipped:
-            self.count("damaged", self.reader.skipped)
-            self.warn(f"{self.reader.path}: {self.reader.skipped} damaged parts left out: {self.reader.first_problem}")
         return False
+
+    def _tell_of_damage(self) -> None:
+        """Says once, when the bag was read to its end, what was left out of it."""
+        # What is damaged beside the descriptions is met again, unless it is of another time than what is played.
+        skipped = self.reader.skipped - self.skipped_before or self.skipped_before
+        if skipped and not self.told:
+            self.told = True
+            self.count("damaged", skipped)
+            self.warn(f"{self.reader.path}: {skipped} damaged parts left out: {self.reader.first_problem}")
 
     def _begin_again(self) -> None:
         self.first_episode = self.last_episode + 1

@@ -300,6 +300,23 @@ def test_replaying_a_torn_bag(tmp_path):
     assert len(node.runtime.published) < whole
 
 
+@pytest.mark.parametrize("again", [False, True])
+def test_replaying_a_wholly_damaged_bag(tmp_path, again):
+    """Not a message can be read, and that is said and counted once, as where some can."""
+    path = tmp_path / "a.mcap"
+    record(path, keyframes=6, topics=ALL)
+    data = bytearray(path.read_bytes())
+    with BagReader(path) as reader:
+        chunks = reader.scanner.layout.chunks
+    for chunk in chunks:
+        data[chunk.at + chunk.size // 2] ^= 0xFF
+    path.write_bytes(data)
+    node, steps = replay(path, again=again)
+    assert steps == [[]] and node.runtime.counters["damaged"] == len(chunks)
+    ((level, text),) = node.runtime.said
+    assert level == "warning" and f"{len(chunks)} damaged parts left out: a chunk" in text
+
+
 def test_several_messages_of_a_topic_at_one_stamp(tmp_path):
     """Each step publishes a topic once at the most: more could wait for credit inside the step."""
     with BagWriter(tmp_path / "a.mcap") as writer:

@@ -1,8 +1,8 @@
 """`splat`: the paper's bidirectional motion-vector warp, equations (5) to (7), with a hard z-buffer.
 
 At fraction f = i/K of the gap, of length g, B's pixels go back along their motion and A's forward along their own of
-the gap before, of length g', at the same speed: q_B = p + (1 - f) m_B(p), q_A = p - f (g / g') m_A(p), at the depth (1
-- f) Z_A + f Z_B along the correspondence, Z of the other keyframe being its nearest pixel there, or the source's own
+the gap before, of length g', at the same speed: q_B = p + (1 - f) m_B(p), q_A = p - f (g / g') m_A(p), at the depth
+(1 - f) Z_A + f Z_B along the correspondence, Z of the other keyframe being its nearest pixel there, or the source's own
 where that is outside or sky. Of B's sources whose bilinear footprint covers a pixel, those within 1 % of the smallest
 depth are averaged by their weights; A's fill only where B has none; a pixel that neither saw takes its nearest
 background. Frame K is B itself.
