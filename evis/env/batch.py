@@ -116,11 +116,14 @@ class Batch:
         self._rest = np.clip(np.zeros_like(self.action_space.low), self.action_space.low, self.action_space.high)
         self._actions = np.tile(self._rest, (self.envs, 1))
         """Last action of each environment."""
+        self._seen: dict[str, np.ndarray] = {}
+        """What was observed last, by part: what environments go on to observe when others are put back."""
 
     def reset(self, envs: np.ndarray, seeds: np.ndarray | None = None) -> Observed:
         """Puts environments back to their start, and returns what all of them observe.
 
-        envs: their numbers. seeds: of each, or None: their seeds stay, and another episode of each begins.
+        The first reset is of all; later, those that go on observe what they did before. envs: their numbers. seeds: of
+        each, or None: their seeds stay, and another episode of each begins.
         """
         if seeds is not None:
             self._seeds[envs], self._episodes[envs] = seeds, 0
@@ -133,7 +136,9 @@ class Batch:
         self._actions[envs] = self._rest
         for part in self._parts.values():
             part.forget(envs)
-        return self._observed(step)
+        fresh = np.zeros(self.envs, bool)
+        fresh[envs] = True
+        return self._observed(step, fresh)
 
     def step(self, actions: Any) -> Outcome:
         """Acts on all environments up to the next keyframe. Raises ValueError for an action that is none."""
@@ -154,17 +159,23 @@ class Batch:
         truncated = ~terminated & (self._last_step is not None) & (self.steps >= (self._last_step or 0))
         info = {name: np.asarray(value) for name, value in self.task.info(state).items()}
         info["diverged"] = diverged
-        return Outcome(self._observed(step), reward, terminated, truncated, info)
+        observed = self._observed(step, np.ones(self.envs, bool))
+        return Outcome(observed, reward, terminated, truncated, info)
 
-    def _observed(self, step: Any) -> Observed:
+    def _observed(self, step: Any, fresh: np.ndarray) -> Observed:
         while len(self._stamps) <= self.steps.max():
             self._stamps.append(keyframe_stamp(len(self._stamps), self.rate))
         stamps = np.array(self._stamps)
         ends, starts = (self._begun + stamps[steps] for steps in (self.steps, np.maximum(self.steps - 1, 0)))
         if self._painter:
-            self._painter.take(step)
-        moment = Moment(step, starts, ends, self._actions)
+            self._painter.take(step, fresh)
+        moment = Moment(step, starts, ends, self._actions, fresh)
         made = {name: part.values(moment) for name, part in self._parts.items()}
+        # The step of a reset has nothing of those that go on: their events came with the step before it.
+        for name, before in self._seen.items():
+            made[name][~fresh] = before[~fresh]
+        # Copies, as the arrays are the caller's from here on.
+        self._seen = {name: values.copy() for name, values in made.items()}
         return made[""] if "" in made else made
 
     def paint(self, env: int) -> np.ndarray:

@@ -36,13 +36,15 @@ class Setting:
 class Moment:
     """Holds what a step gave, for all environments. start_ns, stamp_ns: int64 [E], the interval of each.
 
-    actions: float32 [E, nu] of the step as the agent gave them; after a reset those nearest to zero.
+    actions: float32 [E, nu] of the step as the agent gave them; after a reset those nearest to zero. fresh: bool [E],
+    environments that the step is of: all, but after a reset of some only these.
     """
 
     step: Any
     start_ns: np.ndarray
     stamp_ns: np.ndarray
     actions: np.ndarray
+    fresh: np.ndarray
 
     def camera(self, name: str) -> Any:
         """Returns the outputs of a camera, the first one if it has no name."""
@@ -71,7 +73,10 @@ class Observation:
         """Drops what was kept of environments that start anew; envs: their numbers."""
 
     def values(self, moment: Moment) -> np.ndarray:
-        """Returns the values after a step, [E, ...] of the space's dtype, an array of its own."""
+        """Returns the values after a step, [E, ...] of the space's dtype, an array of its own.
+
+        Rows of environments that are not `moment.fresh` are not used; what is kept of them has to stay as it is.
+        """
         raise NotImplementedError
 
 

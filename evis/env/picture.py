@@ -18,19 +18,21 @@ class Painter:
     """Paints the last step of any environment."""
 
     def __init__(self) -> None:
-        self._step: Any = None
+        self._steps: dict[int, Any] = {}
+        """Environment -> the last step that has something of it."""
 
-    def take(self, step: Any) -> None:
-        """Keeps a step, which is painted only when somebody looks."""
-        self._step = step
+    def take(self, step: Any, fresh: np.ndarray) -> None:
+        """Keeps a step of the environments bool [E] `fresh`, which is painted only when somebody looks."""
+        self._steps.update(dict.fromkeys(np.flatnonzero(fresh).tolist(), step))
 
     def picture(self, env: int) -> np.ndarray:
         """Returns the picture uint8 [H, W, 3]. Raises ValueError before the first reset."""
-        if self._step is None:
+        if env not in self._steps:
             raise ValueError("there is nothing to render before reset")
-        light = host(self._step.keyframe)[env]
+        step = self._steps[env]
+        light = host(step.keyframe)[env]
         image = display(light if light.ndim == 3 else np.repeat(light[..., None], 3, axis=-1), EXPOSURE)
-        events = self._step.events
+        events = step.events
         if events is not None:
             x, y, p, offsets = (host(a) for a in (events.x, events.y, events.p, events.env_offsets))
             own = slice(int(offsets[env]), int(offsets[env + 1]))

@@ -38,7 +38,7 @@ class Centroids(evis.env.Observation):
         column = 2.0 * events.x / (width - 1) - 1
         fresh = np.stack([np.bincount(cell, w, self.sums.size // 2) for w in (None, column)], axis=-1)
         fresh = fresh.reshape(self.sums.shape)
-        self.sums = self.sums * self.keep + fresh
+        self.sums = np.where(moment.fresh[:, None, None, None], self.sums * self.keep + fresh, self.sums)
         mean = self.sums[..., 1] / np.maximum(self.sums[..., 0], 1e-9)
         count = np.log1p(fresh[..., 0].sum(axis=-1, keepdims=True))
         return np.concatenate((mean, count), axis=-1).astype(np.float32)

@@ -35,7 +35,7 @@ def moment(*envs: np.ndarray) -> Moment:
     offsets = np.cumsum([0, *(e.shape[1] for e in envs)])
     events = SimpleNamespace(x=x.astype(np.uint16), y=y.astype(np.uint16), p=p.astype(np.uint8), env_offsets=offsets)
     none = np.zeros(len(envs), np.int64)
-    return Moment(SimpleNamespace(events=events), none, none, none[:, None])
+    return Moment(SimpleNamespace(events=events), none, none, none[:, None], np.ones(len(envs), bool))
 
 
 def test_a_mover_is_where_the_controllers_find_it(examples) -> None:

@@ -8,6 +8,8 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import evis.env
+from evis.env import CountImage, Frames, Joints, LastAction, RawEvents, TimeSurface, VoxelGrid
+from evis.env.observations import Moment, Setting
 
 SIZE = {"width": 32, "height": 32, "seconds": 0.3}
 N = 3
@@ -17,8 +19,36 @@ def vector(mode: str, **options: Any) -> evis.env.EventVectorEnv:
     return gymnasium.make_vec("evis/CartPole-v0", num_envs=N, autoreset_mode=mode, **SIZE, **options)
 
 
-def singles(mode: str) -> SyncVectorEnv:
-    return SyncVectorEnv([lambda: evis.env.EventEnv("CartPole", **SIZE)] * N, autoreset_mode=mode)
+def singles(mode: str, **options: Any) -> SyncVectorEnv:
+    return SyncVectorEnv([lambda: evis.env.EventEnv("CartPole", **SIZE, **options)] * N, autoreset_mode=mode)
+
+
+class Steps(evis.env.Observation):
+    """Counts steps in which there were events: an observation that keeps something that each step changes."""
+
+    def begin(self, setting: Setting) -> gymnasium.spaces.Box:
+        self.kept = np.zeros((setting.envs, 2), np.float32)
+        return gymnasium.spaces.Box(0, np.inf, (2,), np.float32)
+
+    def forget(self, envs: np.ndarray) -> None:
+        self.kept[envs] = 0
+
+    def values(self, moment: Moment) -> np.ndarray:
+        events = np.diff(moment.step.events.env_offsets)
+        self.kept[moment.fresh] += np.stack((np.ones(len(events)), events > 0), axis=1)[moment.fresh]
+        return self.kept.copy()
+
+
+SEEN = {
+    "counts": CountImage(),
+    "voxels": VoxelGrid(3),
+    "raw": RawEvents(200),
+    "surface": TimeSurface(pool=2),
+    "frame": Frames(),
+    "joints": Joints(),
+    "did": LastAction(),
+    "steps": Steps(),
+}
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
@@ -47,6 +77,44 @@ def test_it_does_what_single_environments_do(mode: str) -> None:
         if there.any():
             np.testing.assert_array_equal(got[4]["angle"][there], want[4]["angle"][there])
     assert (ends >= 2).all(), ends
+    one.close()
+    many.close()
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
+def test_others_see_the_same_when_one_is_reset(mode: str) -> None:
+    """To the bit, of all that can be seen and of pictures: the events of a step in which another one ends, too.
+
+    A time surface alone does not show it, which outlasts the step.
+    """
+    options: dict[str, Any] = {"observation": SEEN, "render_mode": "rgb_array"}
+    one, many = vector(mode, **options), singles(mode, **options)
+
+    def compare(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> None:
+        for name in SEEN:
+            np.testing.assert_array_equal(a[name], b[name], name)
+        np.testing.assert_array_equal(one.render(), many.render())
+
+    compare(one.reset(seed=3)[0], many.reset(seed=3)[0])
+    one.action_space.seed(1)
+    alone = 0
+    for _ in range(30):
+        action = np.clip(one.action_space.sample() + np.array([[1], [0], [-1]], np.float32), -1, 1)
+        got, want = one.step(action), many.step(action)
+        compare(got[0], want[0])
+        ended = got[2] | got[3]
+        alone += ended.any() and not ended.all() and bool(got[0]["counts"][~ended].any())
+        if mode == "SameStep":
+            for env in np.flatnonzero(ended):
+                for name in SEEN:
+                    np.testing.assert_array_equal(got[4]["final_obs"][env][name], want[4]["final_obs"][env][name], name)
+        if mode == "Disabled" and ended.any():
+            # One after the other, and what the caller does with the arrays it was given is its own affair.
+            for env in np.flatnonzero(ended):
+                got[0]["counts"][:] = 9
+                mask = {"reset_mask": np.arange(N) == env}
+                compare((got := one.reset(options=dict(mask)))[0], many.reset(options=dict(mask))[0])
+    assert alone >= 2
     one.close()
     many.close()
 
