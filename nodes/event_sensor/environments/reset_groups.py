@@ -196,12 +196,19 @@ class ResetGroups:
         group.leaving = np.zeros_like(group.live)
 
     def _flush(self, group: ResetGroup, found: list[list[tuple[Columns, int]]]) -> None:
-        """Adds the events that a sensor holds back to `found`, before it begins again or ends."""
+        """Adds the events that a sensor holds back to `found`, before it begins again or ends.
+
+        What has still to leave the readout of an environment that was reset is cut, and counted, as a sensor does that
+        goes on: its stamp would lie in the next episode.
+        """
         if not hasattr(group.sensor, "finish"):
             return
         columns, offsets = _read(group.sensor, group.sensor.finish())
         for n in np.flatnonzero(group.live | group.leaving).tolist():
             mine = {name: values[offsets[n] : offsets[n + 1]] for name, values in columns.items()}
+            if group.leaving[n] and (late := mine["t"] > group.stamp).any():
+                self._past = _sum([self._past, {"readout_cut": int(late.sum())}])
+                mine = {name: values[~late] for name, values in mine.items()}
             found[group.span.start + n].append((mine, group.origin))
 
     def _joined(self, found: Sequence[Sequence[tuple[Columns, int]]]) -> tuple[Columns, np.ndarray]:
