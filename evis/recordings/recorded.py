@@ -7,13 +7,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from evis.bag import BagError
 from evis.events.arrays import Events
 from evis.events.recording import Recording, RecordingError, RecordingInfo, open_recording
+from evis.recordings.whole_ns import whole_ns
 from evis.recordings.windows import EventWindow, by_count, by_time, check_length, columns
 
 if TYPE_CHECKING:
@@ -176,7 +177,7 @@ class Recorded:
             raise TypeError(f"a recording is sliced by time, rec[start_ns:stop_ns], not by {part!r}")
         if part.step is not None:
             raise ValueError("a slice of a recording has no step; windows(dt=...) goes in steps")
-        start, stop = (_whole_ns(limit) for limit in (part.start, part.stop))
+        start, stop = (whole_ns(limit) for limit in (part.start, part.stop))
         starts = [limit for limit in (self._start, start) if limit is not None]
         stops = [limit for limit in (self._stop, stop) if limit is not None]
         inner = Recorded(
@@ -264,14 +265,6 @@ class Recorded:
     def __repr__(self) -> str:
         part = "" if self._start is None and self._stop is None else f"[{self._start}:{self._stop}]"
         return f"evis.open({str(self.path)!r}{f', topic={self._topic!r}' if self._topic else ''}){part}"
-
-
-def _whole_ns(limit: Any) -> int | None:
-    if limit is None:
-        return None
-    if isinstance(limit, bool) or not isinstance(limit, int | np.integer):
-        raise TypeError(f"times are whole ns, not {limit!r}: rec[100_000_000:200_000_000] is from 0.1 s to 0.2 s")
-    return int(limit)
 
 
 def _before(block: Events, stop: int, n: int) -> Events:

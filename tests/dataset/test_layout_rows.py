@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sequences import events_of, labels_of, simulated, written
+from sequences import DURATION_NS, events_of, labels_of, simulated, written
 
 import evis
 from evis.dataset.layouts import LAYOUTS, LayoutError, reader_of
@@ -14,16 +14,20 @@ from evis.dataset.layouts import LAYOUTS, LayoutError, reader_of
 US = ("dsec",)
 
 
+@pytest.mark.parametrize("jitter_us", [0.0, 200.0])
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_rows_stamps_and_the_folder_by_itself(layout: str, tmp_path: Path) -> None:
-    """Layouts that keep rows, and those that have to count them; a folder says itself which layout it is in."""
+def test_rows_stamps_and_the_folder_by_itself(layout: str, jitter_us: float, tmp_path: Path) -> None:
+    """Layouts that keep rows, and those that have to count them, also where a readout delays events past the end; a
+    folder says itself which layout it is in.
+    """
     if layout == "zarr":
         pytest.importorskip("zarr", reason="zarr is not installed: make test-extras")
-    about, steps = simulated()
+    about, steps = simulated(**({"timestamp_jitter_us": jitter_us} if jitter_us else {}))
     written(layout, tmp_path / "s", about, steps)
     reader = reader_of(layout)(tmp_path / "s")
     whole, truth = reader.events(0, 10**12), events_of(steps, "cam0")
     count = len(truth["t"])
+    assert (truth["t"][-1] > DURATION_NS) == (jitter_us > 0)
     for first, end in ((0, count), (0, 1), (count - 1, count), (137, 2500), (2500, 2500), (count // 2, count)):
         got = reader.rows(first, end)
         for name in "txyp":

@@ -205,6 +205,21 @@ def test_an_argument_that_only_the_graph_refuses_is_told_with_its_scene(tmp_path
     assert not (tmp_path / "d").exists()
 
 
+def test_events_that_the_readout_delays_past_the_end_are_found(tmp_path: Path) -> None:
+    """By `verify`, and by a sequence that is read to its end, in a layout that is read by time alone."""
+    changes = ("layout: npz", "layout: mcap"), ("shot_rate: 3.0", "timestamp_jitter_us: 200")
+    made = make(read_recipe(write(tmp_path, *changes)), str(tmp_path / "d"), InThisProcess, count=2)
+    found = verify(str(tmp_path / "d"))
+    assert found["wrong"] == [] and found["events"] == made.events > 0
+    for sequence in public.dataset.open(tmp_path / "d"):
+        events = sequence.events()
+        assert len(events.t) == sequence.count() and events.t[-1] > sequence.duration_ns
+        with pytest.raises(TypeError, match=r"times are whole ns, not 0.0: .* is from 0.1 s to 0.2 s"):
+            sequence.events(0.0, 0.1)  # type: ignore[arg-type]
+        with pytest.raises(TypeError, match=r"times are whole ns, not 0.1"):
+            sequence.labels("flow", 0, 0.1)  # type: ignore[arg-type]
+
+
 def test_damage_is_found(serial: tuple[Path, dict[str, str]], tmp_path: Path) -> None:
     """One bit of one file, a file that lacks, and one that nobody wrote."""
     out = tmp_path / "d"

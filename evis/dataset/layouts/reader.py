@@ -20,6 +20,8 @@ ANEW = "fetch its files again, or make the sequence anew"
 """What helps where a file is damaged."""
 BLOCK_NS = 20_000_000
 """Where a layout has no rows of events, they are counted by blocks so long, of which one is read for a row."""
+UNBOUNDED_NS = 2**63 - 1
+"""End of an interval that takes all events: the readout may delay some past the end of the sequence."""
 LABELS_NS = 500_000_000
 """Labels are gone over so much at a time, so that memory does not grow with length."""
 
@@ -166,8 +168,8 @@ class SequenceReader(ABC):
     def _edges(self, camera: str) -> tuple[np.ndarray, np.ndarray]:
         """Borders of blocks of BLOCK_NS [ns], and the number of events before each; found in one pass, and kept."""
         if camera not in self._blocks:
-            start, end = self.about.start_ns, self.about.start_ns + self.duration_ns + 1  # an event may be at the end
-            edges = np.array([*range(start, end, BLOCK_NS), end])
+            start = self.about.start_ns
+            edges = np.array([*range(start, start + self.duration_ns + 1, BLOCK_NS), UNBOUNDED_NS])
             counts = [len(self._events(int(t0), int(t1), camera).t) for t0, t1 in itertools.pairwise(edges)]
             self._blocks[camera] = edges, np.concatenate([[0], np.cumsum(counts)])
         return self._blocks[camera]
@@ -175,10 +177,10 @@ class SequenceReader(ABC):
     def _intervals(self, kind: str, camera: str) -> np.ndarray:
         """As `stamps`; a layout that keeps them by themselves overrides it."""
         if (kind, camera) not in self._times:
-            start, end = self.about.start_ns, self.about.start_ns + self.duration_ns + 1
-            found = []
-            for t0 in range(start, end, LABELS_NS):
-                labels = self._labels(kind, t0, min(t0 + LABELS_NS, end), camera)
+            start, found = self.about.start_ns, []
+            edges = [*range(start, start + self.duration_ns + 1, LABELS_NS), UNBOUNDED_NS]
+            for t0, t1 in itertools.pairwise(edges):
+                labels = self._labels(kind, t0, t1, camera)
                 found.append(spans(labels["t"], labels.get("flow_t")))
             self._times[kind, camera] = np.concatenate(found)
         return self._times[kind, camera]

@@ -14,8 +14,9 @@ import numpy as np
 from evis.dataset.about import About
 from evis.dataset.errors import DatasetError
 from evis.dataset.layouts import LayoutError, reader_of
-from evis.dataset.layouts.reader import EventArrays, SequenceReader
+from evis.dataset.layouts.reader import UNBOUNDED_NS, EventArrays, SequenceReader
 from evis.dataset.loading.copies import local_folder
+from evis.recordings.whole_ns import whole_ns
 from msgs.camera import CameraInfo
 
 _UNREADABLE = (OSError, KeyError, IndexError, ValueError, EOFError, zipfile.BadZipFile)
@@ -95,10 +96,11 @@ class Sequence:
         """Reads events: t int64 [n] ns, x, y uint16, p uint8 (1 = ON), in order of time.
 
         Args:
-            t0_ns, t1_ns: those of [t0_ns, t1_ns); not given, from the start and to the end, which includes it.
+            t0_ns, t1_ns: those of [t0_ns, t1_ns); not given, from the start and to the last one, which a readout may
+                have delayed past the end.
             camera: not given, the first one.
 
-        Raises DatasetError, LayoutError.
+        Raises DatasetError, LayoutError; TypeError for times that are not whole.
         """
         start, end = self._limits(t0_ns, t1_ns)
         with self.readable():
@@ -109,15 +111,16 @@ class Sequence:
     ) -> dict[str, np.ndarray]:
         """Reads the labels of one kind with stamps in [t0_ns, t1_ns), as the layout's reader gives them.
 
-        The stamps are `t` int64 [T] ns; arrays have the names of docs/layouts.md. Raises DatasetError, LayoutError.
+        The stamps are `t` int64 [T] ns; arrays have the names of docs/layouts.md. Raises DatasetError, LayoutError;
+        TypeError for times that are not whole.
         """
         start, end = self._limits(t0_ns, t1_ns)
         with self.readable():
             return self.reader.labels(kind, start, end, self.camera(camera))
 
     def _limits(self, t0_ns: int | None, t1_ns: int | None) -> tuple[int, int]:
-        end = self.start_ns + self.duration_ns + 1
-        return self.start_ns if t0_ns is None else int(t0_ns), end if t1_ns is None else int(t1_ns)
+        start, end = whole_ns(t0_ns), whole_ns(t1_ns)
+        return self.start_ns if start is None else start, UNBOUNDED_NS if end is None else end
 
     @contextlib.contextmanager
     def readable(self) -> Iterator[None]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from evis.dataset.layouts import reader_of
+from evis.dataset.layouts.reader import UNBOUNDED_NS
 from evis.dataset.making.finished import ENTRY, sha256_of
 from evis.dataset.report.summary import opened
 
@@ -62,6 +63,6 @@ def _sequence(folder: Path, entry: dict[str, Any], layout: str) -> tuple[list[st
 
 def _count(reader: Any, camera: str) -> int:
     """Reads all events of a camera."""
-    start, end = reader.about.start_ns, reader.about.start_ns + reader.duration_ns + 1  # an event may be at the end
-    edges = [*range(start, end, BLOCK_NS), end]
+    start = reader.about.start_ns
+    edges = [*range(start, start + reader.duration_ns + 1, BLOCK_NS), UNBOUNDED_NS]
     return sum(len(reader.events(t0, t1, camera).t) for t0, t1 in itertools.pairwise(edges))
