@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from evis.client.requests import ACTION, RESET, Requests, controls_of, taker
+from evis.client.resets import environments_of, seeds_of
 from evis.client.running import choose, which_of_several
 from evis.client.topics import TopicReader
 from evis.runtime.outside import ANY_STAMP
@@ -149,25 +150,20 @@ class Run:
 
         Args:
             seed: of the first environment, the others have the following ones; or one for each. None: they keep theirs.
-            envs: which ones; None = all.
+            envs: which ones, by their numbers; None = all.
 
         Returns:
             The stamp [ns] of the last state before it.
 
         Raises:
-            ValueError: an environment that is not there, seeds that do not fit.
+            ValueError: an environment that is not there, seeds that do not fit, a mask in place of numbers.
             ConnectionError: the run has no physics to reset, or it has ended.
         """
-        chosen = np.asarray([] if envs is None else envs, np.int32)
+        chosen = np.empty(0, np.int64) if envs is None else environments_of(envs)
         if envs is not None and not chosen.size:
             raise ValueError("a reset of no environment; leave envs out to reset all")
-        if seed is None:
-            seeds = np.empty(0, np.int64)
-        elif isinstance(seed, (int, np.integer)):
-            seeds = int(seed) + np.arange(len(chosen) or self._count())
-        else:
-            seeds = np.asarray(seed, np.int64)
-        return self._to(RESET).give(RESET, Reset(Header(0), chosen, seeds))
+        seeds = [] if seed is None else seeds_of(seed, range(len(chosen) or self._count()))
+        return self._to(RESET).give(RESET, Reset(Header(0), chosen.astype(np.int32), np.array(seeds, np.int64)))
 
     def _count(self) -> int:
         """Environments of the run."""

@@ -9,6 +9,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from evis.client.resets import environments_of, seeds_of
 from evis.runtime.collection import uncollected
 from evis.scene.model import Scene
 from evis.scene.parameters import SCENE, scene_of
@@ -20,6 +21,7 @@ from evis.simulation.outputs import parse
 from evis.simulation.picture import Viewer, as_html, events_over_light
 from evis.simulation.run import AGAIN, Run
 from evis.simulation.step import Step, on_host
+from msgs.own_time import CONFIGURED
 
 
 class Simulation:
@@ -129,19 +131,16 @@ class Simulation:
         Args:
             seed: of the run, environment k having seed + k, or a seed for each environment that is reset. Not given:
                 the constructor's; of some environments, the one that each has.
-            envs: environments to put back; the others go on. Not given = all of them, and time starts at 0.
+            envs: numbers of those to put back; the others go on. Not given = all of them, and time starts at 0.
 
         Returns the step at keyframe 0, or, of some environments, at the present stamp. Raises SimulationError.
         """
         self._check_open()
-        if envs is not None:
-            order = np.asarray(envs, np.int64).reshape(-1)
-            if not np.array_equal(np.sort(order), np.arange(self.envs)):
-                return self._reset_some(envs, seed)
-            if seed is not None and np.shape(seed) == order.shape:  # all of them, each with its own seed
-                seed = np.asarray(seed)[np.argsort(order)].tolist()
+        chosen, seeds = self._named(envs, seed)
+        if len(chosen) < self.envs:
+            return self._reset_some(chosen, seeds)
         single = seed is None or np.ndim(seed) == 0
-        self._seed = self._own_seed if seed is None or not single else int(seed)  # type: ignore[arg-type]
+        self._seed = self._own_seed if seeds is None or not single else seeds[chosen.tolist().index(0)]
         if self._seed not in self._graphs:
             own = self._graphs[self._own_seed]
             self._graphs = {self._own_seed: own, self._seed: self._planner.plan(self._seed)}
@@ -152,28 +151,35 @@ class Simulation:
         elif self._run.k >= 0 or self._run.graph is not graph:
             self._run.rewind(graph)
         if not single:
-            return self._reset_some(range(self.envs), seed)
+            return self._reset_some(chosen, seeds)
         step = self._run.advance()
         self._run.warn()
         return step
 
-    def _reset_some(self, envs: Sequence[int], seed: int | Sequence[int] | None) -> Step:
-        """Puts some environments to their start at the present stamp."""
-        self._check_usable()
-        chosen = np.asarray(envs, np.int64).reshape(-1)
-        if (wrong := chosen[(chosen < 0) | (chosen >= self.envs)]).size:
+    def _named(
+        self, envs: Sequence[int] | None, seed: int | Sequence[int] | None
+    ) -> tuple[np.ndarray, list[int] | None]:
+        """The environments of a reset, int64 [R], and the seeds that it gives them, before anything has happened."""
+        try:
+            chosen = np.arange(self.envs) if envs is None else environments_of(envs)
+            seeds = None if seed is None else seeds_of(seed, chosen.tolist())
+        except ValueError as error:
+            raise SimulationError(str(error)) from None
+        if (wrong := chosen[chosen >= self.envs]).size:
             raise SimulationError(f"there is no environment {wrong[0]}; there are {self.envs}, 0 to {self.envs - 1}")
         if not chosen.size or len(np.unique(chosen)) < len(chosen):
             raise SimulationError("reset takes each environment once, and at least one; without envs it resets all")
-        seeds = np.full(len(chosen), -1, np.int64)
-        if seed is not None:
-            given = np.asarray(seed, np.int64)
-            seeds = given + chosen if given.ndim == 0 else given.reshape(-1)
-        if len(seeds) != len(chosen):
+        if seeds is not None and len(seeds) != len(chosen):
             raise SimulationError(f"reset has {len(seeds)} seeds for {len(chosen)} environments; it takes one for each")
+        return chosen, seeds
+
+    def _reset_some(self, chosen: np.ndarray, seeds: list[int] | None) -> Step:
+        """Puts environments int64 [R] to their start at the present stamp; seeds: of each, None = they keep theirs."""
+        self._check_usable()
         if self._run.k < 0 and len(chosen) < self.envs:
             self._run.advance()
-        step = self._run.restart(chosen, seeds)
+        given = np.full(len(chosen), CONFIGURED) if seeds is None else np.array(seeds, np.int64)
+        step = self._run.restart(chosen, given)
         self._run.warn()
         return step
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import evis
+from evis.client.resets import seeds_of
 
 SIZE = {"width": 32, "height": 24}
 
@@ -66,13 +67,41 @@ def test_a_wrong_action_changes_nothing(arm: evis.Simulation, action: Any, says:
 
 @pytest.mark.parametrize(
     ("envs", "seed", "says"),
-    [([2], None, "no environment 2; there are 2, 0 to 1"), ([], None, "at least one"), ([0], [1, 2], "2 seeds for 1")],
+    [
+        ([2], None, "no environment 2; there are 2, 0 to 1"),
+        ([], None, "at least one"),
+        ([0], [1, 2], "2 seeds for 1"),
+        ([1, 0], [1], "1 seeds for 2"),
+        ([True, False], None, r"no mask; np.flatnonzero\(mask\) gives them"),
+        (np.array([True, True]), None, "no mask"),
+        ([0.7], None, "0.7 for envs; it takes whole numbers"),
+        ([-1], None, "-1 for envs; it takes whole numbers"),
+        ("a", None, "'a' for envs"),
+        ([0], [-5], "-5 for seeds; it takes whole numbers"),
+        (None, [1, -5], "-5 for seeds; it takes whole numbers"),
+        ([1], 2**63 - 1, "9223372036854775807 for a seed"),
+        ([0], -1, "-1 for a seed"),
+        *(
+            (envs, seed, "for a seed; it takes whole")
+            for envs in (None, [0])
+            for seed in ("a", np.nan, 1.5, True, 2**64)
+        ),
+        (None, [[1], [2, 3]], "for seeds; it takes whole"),
+    ],
 )
-def test_a_reset_of_what_is_not_there(arm: evis.Simulation, envs: list[int], seed: Any, says: str) -> None:
+def test_a_reset_of_what_is_not_there(arm: evis.Simulation, envs: Any, seed: Any, says: str) -> None:
+    """The run goes on from where it was."""
     arm.reset()
-    with pytest.raises(evis.SimulationError, match=says):
+    before = arm.step().stamp_ns
+    with pytest.raises(evis.SimulationError, match=says) as caught:
         arm.reset(seed=seed, envs=envs)
-    arm.step()
+    assert "\n" not in str(caught.value)
+    assert arm.stamp_ns == before and arm.step().stamp_ns > before
+
+
+@pytest.mark.parametrize("seed", [7, np.int32(7), np.array(7), [7, 8], np.array([7, 8], np.uint8), (7, 8)])
+def test_seeds_of_any_whole_type_are_the_same(seed: Any) -> None:
+    assert seeds_of(seed, [0, 1]) == [7, 8]
 
 
 def test_a_reset_that_names_every_environment_is_one_of_all(arm: evis.Simulation) -> None:
