@@ -148,6 +148,8 @@ def controls_of(values: Any, envs: int, count: int) -> np.ndarray:
     Raises ValueError for what are no numbers; their shape is for the node to judge.
     """
     try:
+        if np.iscomplexobj(values):
+            raise TypeError
         controls = np.asarray(values, np.float64)
     except (TypeError, ValueError):
         raise ValueError(f"an action is {count} number(s), one per actuator, and not {values!r:.80}") from None

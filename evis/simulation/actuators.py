@@ -41,15 +41,19 @@ def actuators_of(scene: Scene) -> tuple[Actuators, np.ndarray]:
 
 
 def controls_of(action: Any, envs: int, actuators: Actuators) -> np.ndarray:
-    """Converts an action [nu] (of one environment) or [E, nu], wherever it is, to controls float64 [E, nu].
+    """Converts an action [nu] (of one environment) or [E, nu], wherever it is, to controls float64 [E, nu] within their
+    ranges.
 
-    Raises SimulationError for another shape, a value that is not finite, or one out of its actuator's range.
+    Raises SimulationError for another shape, a value that is not finite or complex, or one that is out of its
+    actuator's range by more than the rounding of a bound to float32.
     """
     try:
         if hasattr(action, "detach"):  # of torch, which converts neither what has a gradient nor what is on a GPU
             action = action.detach().cpu()
         elif hasattr(action, "numpy"):  # of Warp
             action = action.numpy()
+        if np.iscomplexobj(action):
+            raise TypeError("it has complex ones")
         values = np.array(action, np.float64)
     except (TypeError, ValueError) as error:
         raise SimulationError(f"the action is no array of numbers: {error}") from None
@@ -59,4 +63,4 @@ def controls_of(action: Any, envs: int, actuators: Actuators) -> np.ndarray:
         check_controls(values, envs, actuators)
     except ValueError as error:
         raise SimulationError(str(error)) from None
-    return values
+    return np.clip(values, actuators.low, actuators.high)

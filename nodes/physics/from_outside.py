@@ -28,7 +28,9 @@ def check_action(action: Action, envs: int, actuators: Actuators) -> None:
 
 
 def check_controls(controls: np.ndarray, envs: int, actuators: Actuators) -> None:
-    """Raises ValueError naming environment and actuator unless controls [E, nu] are finite and within their ranges."""
+    """Raises ValueError naming environment and actuator unless controls [E, nu] are finite and within their ranges, or
+    beyond them by no more than the rounding of a bound to float32, which networks give.
+    """
     count = len(actuators.names)
     if controls.shape != (envs, count):
         raise ValueError(
@@ -42,10 +44,19 @@ def check_controls(controls: np.ndarray, envs: int, actuators: Actuators) -> Non
             f"an action has {controls[env, u]} for actuator '{actuators.names[u]}' of environment {env}; it must be "
             "finite"
         )
-    wrong = (controls < actuators.low) | (controls > actuators.high)
+    wrong = (controls < np.minimum(actuators.low, _rounded(actuators.low))) | (
+        controls > np.maximum(actuators.high, _rounded(actuators.high))
+    )
     if wrong.any():
         env, u = np.argwhere(wrong)[0]
         raise ValueError(
             f"an action has {controls[env, u]:.6g} for actuator '{actuators.names[u]}' of environment {env}; its range "
             f"is {actuators.low[u]:.6g} to {actuators.high[u]:.6g}"
         )
+
+
+def _rounded(bounds: np.ndarray) -> np.ndarray:
+    """Bounds in float32, but those that are too large for it."""
+    with np.errstate(over="ignore"):
+        rounded = bounds.astype(np.float32).astype(np.float64)
+    return np.where(np.isfinite(rounded), rounded, bounds)

@@ -55,6 +55,7 @@ def test_a_live_graph_is_for_evis_launch(tmp_path: Path) -> None:
         (np.full((2, 6), np.nan), "nan for actuator 'yaw' of environment 0; it must be finite"),
         (np.array([[0.0] * 6, [0.0, 9.0, 0, 0, 0, 0]]), "9 for actuator 'shoulder' of environment 1; its range is"),
         ("left", "no array of numbers"),
+        (np.full((2, 6), 0.1 + 0.1j), "no array of numbers: it has complex ones"),
     ],
 )
 def test_a_wrong_action_changes_nothing(arm: evis.Simulation, action: Any, says: str) -> None:
@@ -134,6 +135,26 @@ def test_a_closed_simulation_says_so() -> None:
     for call in (sim.step, sim.reset, lambda: sim.run(1.0), lambda: sim.save("a.mcap"), sim.show, sim.finish):
         with pytest.raises(evis.SimulationError, match="is closed"):
             call()
+
+
+RANGED = """\
+<mujoco><worldbody><light pos="0 0 3"/><body><joint name="x" type="slide"/><geom size="0.2"/></body></worldbody>
+<actuator><motor joint="x" ctrllimited="true" ctrlrange="-0.62 0.62"/></actuator></mujoco>"""
+
+
+def test_a_bound_in_float32_is_within_the_range(tmp_path: Path) -> None:
+    """float32(0.62) is above 0.62, which is what acts then; the next one above it is refused."""
+    model, bound = tmp_path / "m.xml", np.float32(0.62)
+    model.write_text(RANGED)
+    assert float(bound) > 0.62
+    with evis.Simulation(model, outputs=["state"], **SIZE) as sim:
+        for sign in (np.float32(1), np.float32(-1)):
+            sim.reset()
+            by_rounded = sim.step([sign * bound]).state.end_pose
+            sim.reset()
+            np.testing.assert_array_equal(by_rounded, sim.step([float(sign) * 0.62]).state.end_pose)
+            with pytest.raises(evis.SimulationError, match=r"its range is -0\.62 to 0\.62"):
+                sim.step([sign * np.nextafter(bound, np.float32(1))])
 
 
 FALLING = """\
