@@ -115,3 +115,24 @@ def test_a_timestep_that_nothing_can_be_stepped_with_is_refused(timestep: str, t
 
 def test_the_shortest_timestep_is_taken(tmp_path: Path) -> None:
     load(tmp_path, '<option timestep="1e-7"/><worldbody><geom size="1"/></worldbody>')
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ('<body name="b" pos="0 0 0">|<body name="b" pos="nan 0 0">', "body 'b' has a pos"),
+        ('<camera name="c" pos="0 0 1"|<camera name="c" pos="0 nan 1"', "camera 'c' has a pos"),
+        ('<light name="l" pos="0 0 1"|<light name="l" pos="0 0 nan"', "light 'l' has a pos"),
+        ('qpos="0"|qpos="nan"', "key 'home' has a qpos"),
+        ('qvel="0"|qvel="inf"', "key 'home' has a qvel"),
+        ('ctrl="0"|ctrl="nan"', "key 'home' has a ctrl"),
+    ],
+)
+def test_a_number_that_is_none_is_refused_where_it_stands(change: str, says: str, tmp_path: Path) -> None:
+    """In one line with file and element, whatever would come of it."""
+    text = """<worldbody><light name="l" pos="0 0 1"/><camera name="c" pos="0 0 1"/><body name="b" pos="0 0 0">
+    <joint name="j"/><geom size="1"/></body></worldbody><actuator><motor joint="j"/></actuator>
+    <keyframe><key name="home" qpos="0" qvel="0" ctrl="0"/></keyframe>"""
+    load(tmp_path, text)
+    with pytest.raises(SceneError, match=f"^model.xml: {says} that is not finite"):
+        load(tmp_path, text.replace(*change.split("|")))
