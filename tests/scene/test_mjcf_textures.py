@@ -5,8 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
-from evis.scene import load_scene
+from evis.scene import SceneError, load_scene
+from evis.scene.folders import Folders
+from evis.scene.mjcf.compile import compile_drawn
 from evis.scene.model import Mesh, Scene
 
 mujoco = pytest.importorskip("mujoco")
@@ -18,6 +21,93 @@ def load(folder: Path, asset: str, body: str) -> Scene:
     path = folder / "m.xml"
     path.write_text(f"<mujoco><asset>{asset}</asset><worldbody>{body}</worldbody></mujoco>")
     return load_scene(str(path))
+
+
+def grey_picture(path: Path) -> None:
+    """A PNG of grey 128 without an sRGB chunk: MuJoCo's compiler calls what it decodes linear."""
+    Image.fromarray(np.full((4, 4, 3), 128, np.uint8)).save(path)
+    assert b"sRGB" not in path.read_bytes()
+
+
+GREY = ((128 / 255 + 0.055) / 1.055) ** 2.4
+"""The radiance of grey 128 (IEC 61966-2-1)."""
+
+
+@pytest.mark.parametrize(
+    ("how", "radiance"),
+    [("", GREY), ('embed="false"', GREY), ('colorspace="sRGB"', GREY), ('colorspace="linear"', 128 / 255)],
+)
+def test_a_picture_is_linear_only_where_the_file_says_so(tmp_path, how, radiance):
+    """MuJoCo's renderer shows grey 128 of a plain PNG as it shows rgba 128 / 255; by reference or not."""
+    grey_picture(tmp_path / "p.png")
+    texture = f'<texture name="t" type="2d" file="p.png" {how}/><material name="m" texture="t"/>'
+    materials = load(tmp_path, texture, '<geom size="1" material="m"/><geom size="1" rgba=".501961 0 0 1"/>').materials
+    assert materials[0].texture is not None and np.allclose(materials[0].texture, radiance, atol=1e-6)
+    assert np.isclose(materials[1].albedo[0], GREY, atol=1e-6)
+
+
+def test_parts_of_a_model_keep_the_colour_spaces_that_they_state(tmp_path):
+    """Textures that are attached twice and included: their numbers are others than in their own files."""
+    grey_picture(tmp_path / "p.png")
+    grey = '<texture name="{0}" type="2d" file="p.png" {1}/><material name="{0}" texture="{0}"/>'
+    linear, default = grey.format("l", 'colorspace="linear"'), grey.format("d", 'class="raw"')
+    body = '<body name="b"><geom size="1" material="l"/><geom size="1" material="d"/></body>'
+    (tmp_path / "part.xml").write_text(
+        '<mujoco><default><default class="raw"><texture colorspace="linear"/></default></default>'
+        f"<asset>{linear}{default}</asset><worldbody>{body}</worldbody></mujoco>"
+    )
+    (tmp_path / "more.xml").write_text(f"<mujoco><asset>{grey.format('i', '')}</asset></mujoco>")
+    asset = CHECKER + '<model name="part" file="part.xml"/></asset><include file="more.xml"/><asset>'
+    attached = "".join(f'<attach model="part" body="b" prefix="{k}"/>' for k in "xy")
+    scene = load(tmp_path, asset, f'<geom size="1" material="i"/>{attached}')
+    seen = {material.name: float(material.texture[0, 0, 0]) for material in scene.materials}
+    raw = dict.fromkeys(("xl", "xd", "yl", "yd"), 128 / 255)
+    assert seen == pytest.approx({"i": GREY, **raw})
+
+
+@pytest.mark.parametrize("compiler", ["", '<compiler passthrough="textures"/>'])
+@pytest.mark.parametrize("kind", ["2d", "cube", "skybox"])
+def test_a_texture_by_reference_is_drawn_as_one_within_the_model(tmp_path, compiler, kind):
+    """`embed="false"`, and `passthrough` for all; the model steps as it did."""
+    Image.fromarray(np.arange(48, dtype=np.uint8).reshape(4, 4, 3)).save(tmp_path / "p.png")
+    path = tmp_path / "m.xml"
+    scenes = {}
+    for embed in ("true", "false"):
+        stated = "" if compiler else f'embed="{embed}"'
+        texture = f'<texture name="t" type="{kind}" file="p.png" {stated}/>'
+        material = '<material name="m" texture="t"/>' if kind != "skybox" else '<material name="m"/>'
+        path.write_text(
+            f"<mujoco>{compiler if embed == 'false' else ''}<asset>{texture}{material}</asset><worldbody>"
+            '<geom type="plane" size="1 1 1" material="m"/><body pos="0 0 1" euler="10 20 30"><freejoint/>'
+            '<geom type="box" size=".1 .2 .3" material="m"/></body></worldbody></mujoco>'
+        )
+        scenes[embed] = load_scene(str(path))
+    inside, outside = (scenes[embed] for embed in ("true", "false"))
+    for a, b in [(inside.environment_map, outside.environment_map)] + [
+        (x.texture, y.texture) for x, y in zip(inside.materials, outside.materials, strict=True)
+    ]:
+        assert np.array_equal(a, b) if a is not None else b is None
+    assert (outside.environment_map if kind == "skybox" else outside.materials[0].texture) is not None
+    states = []
+    for model in (mujoco.MjModel.from_xml_path(str(path)), compile_drawn(path, Folders(tmp_path))):
+        data = mujoco.MjData(model)
+        mujoco.mj_step(model, data, 500)
+        states.append(data.qpos.copy())
+    assert np.array_equal(*states) and states[0][2] < 0.9
+
+
+def test_a_texture_by_reference_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(SceneError, match=r"^m\.xml: .*gone\.png"):
+        texture = '<texture name="t" type="2d" file="gone.png" embed="false"/><material name="m" texture="t"/>'
+        load(tmp_path, texture, '<geom size="1" material="m"/>')
+
+
+@pytest.mark.filterwarnings("error")
+def test_what_mujoco_warns_of_is_not_python_s_to_tell(tmp_path):
+    """Coordinates that an OBJ names and lacks; MuJoCo's compiler leaves them out."""
+    vertices = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0\n"
+    (tmp_path / "t.obj").write_text(vertices + "f 1/9 3/9 2/9\nf 1/9 2/9 4/9\nf 1/9 4/9 3/9\nf 2/9 3/9 4/9\n")
+    assert load(tmp_path, '<mesh name="t" file="t.obj"/>', '<geom type="mesh" mesh="t"/>').instances[0].mesh.uv is None
 
 
 def uv_at(mesh: Mesh, x: float, y: float, facing: int = 1) -> np.ndarray:
@@ -85,8 +175,6 @@ def test_coordinates_of_a_mesh_s_own_are_not_repeated(tmp_path):
 
 def test_one_picture_is_on_all_faces_of_a_cube(tmp_path):
     """A cube texture from a single square file: the whole picture on every side of a box."""
-    from PIL import Image
-
     rows = np.zeros((8, 8, 3), np.uint8)
     rows[:, :, 0], rows[:, :, 1] = np.arange(8) * 30, np.arange(8)[:, None] * 30
     Image.fromarray(rows).save(tmp_path / "p.png")
@@ -120,8 +208,6 @@ FACES = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (0, 1, 1), (1, 0, 1)]
 
 def test_the_skybox_is_seen_where_mujoco_draws_it_and_lights_nothing(tmp_path):
     """Right, left, up, down, front and back of the texture are +x, -x, +z, -z, -y and +y of the world."""
-    from PIL import Image
-
     names = ("right", "left", "up", "down", "front", "back")
     for name, colour in zip(names, FACES):
         Image.fromarray(np.full((16, 16, 3), np.array(colour) * 255, np.uint8)).save(tmp_path / f"{name}.png")

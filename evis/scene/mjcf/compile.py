@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import mujoco
+import numpy as np
 
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
@@ -29,7 +31,33 @@ def edited(spec: Any, edits: Sequence[Edit]) -> Any:
     """Compiles an MjSpec after some edits."""
     for edit in edits:
         edit(spec)
-    return spec.compile()
+    return _compile(spec)
+
+
+def compile_drawn(path: Path, folders: Folders) -> Any:
+    """Compiles an MJCF file to the MjModel that is drawn, as `with_textures`. Raises SceneError in one line that names
+    the file.
+    """
+    check_model(path, folders)
+    return compiled(path, lambda: with_textures(mujoco.MjSpec.from_file(str(path))))
+
+
+def with_textures(spec: Any) -> Any:
+    """Compiles an MjSpec with the pixels of all its textures, those by reference too, and with the colour spaces that
+    it states: MuJoCo's `auto` makes linear of a PNG without an sRGB chunk, whose values its renderer shows as they are.
+    """
+    model = _compile(spec)
+    if (np.asarray(model.tex_adr) < 0).any():
+        model = mujoco.mj_embedAssets(model)
+    for texture in spec.textures:
+        model.tex_colorspace[texture.id] = int(texture.colorspace)
+    return model
+
+
+def _compile(spec: Any) -> Any:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of an MjSpec they come as Python's, which a user would see
+        return spec.compile()
 
 
 def compiled(path: Path, compile_it: Callable[[], Any]) -> Any:

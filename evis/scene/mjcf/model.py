@@ -18,7 +18,7 @@ from evis.files.allowance import Allowance, AllowanceError
 from evis.geometry import se3
 from evis.scene.errors import SceneError
 from evis.scene.mjcf.cameras import add_cameras, add_default
-from evis.scene.mjcf.compile import compile_mjcf
+from evis.scene.mjcf.compile import compile_drawn, compile_mjcf
 from evis.scene.mjcf.dynamics import folders_of
 from evis.scene.mjcf.frames import at_rest, name_of
 from evis.scene.mjcf.geoms import GROUPS, add_geom
@@ -121,7 +121,7 @@ def _compile(scene: Scene, path: Path, visuals: bool) -> tuple[Any, np.ndarray]:
         if note:
             scene.notes.append(note)
         return (full, drawn(full)) if visuals else (bare, np.zeros(bare.ngeom, bool))
-    model = compile_mjcf(path, folders_of(scene))
+    model = (compile_drawn if visuals else compile_mjcf)(path, folders_of(scene))
     shown = np.isin(model.geom_group, GROUPS)
     return model, (shown | _under_skins(model, shown)) & visuals
 

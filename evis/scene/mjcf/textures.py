@@ -1,6 +1,6 @@
 """Textures of a MuJoCo model, and where they lie on its geoms, as MuJoCo's renderer lays them.
 
-Their values are sRGB (IEC 61966-2-1) and made linear, but those of a texture that is marked linear.
+Their values are sRGB (IEC 61966-2-1) and made linear, but those of a texture that the model's file states to be linear.
 
 A 2d texture is projected along z with its middle at the geom's origin, unless a mesh has coordinates of its own, which
 `texrepeat` leaves alone. It is repeated `texrepeat` times over the extent in x and y; where `texuniform`, and on a
