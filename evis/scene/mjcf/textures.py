@@ -2,10 +2,13 @@
 
 Their values are sRGB (IEC 61966-2-1) and made linear, but those of a texture that the model's file states to be linear.
 
-A 2d texture is projected along z with its middle at the geom's origin, unless a mesh has coordinates of its own, which
-`texrepeat` leaves alone. It is repeated `texrepeat` times over the extent in x and y; where `texuniform`, and on a
-plane without end, once in 2 m / texrepeat. A cube texture is looked up by direction from the geom's origin, with
-primitives taken as those of half-size 1 unless `texuniform`.
+A 2d texture lies by coordinates (s, t) from the upper left corner of its image, t downwards: those of a mesh's own, or
+of the shape. They are 0 to 1 over a plane and over each face of a box, over the square about a cylinder's end, and over
+the azimuth and the height or parametric latitude of what is round, on a capsule for the side and each cap; on a plane
+without end they count 2 m from the geom's origin, less a half. They are multiplied by `texrepeat`, and by the geom's
+half-size in x and y where `texuniform`. Meshes without coordinates and height fields have the texture projected along
+z. A cube texture is looked up by direction from the geom's origin, with primitives taken as those of half-size 1 unless
+`texuniform`.
 """
 
 from __future__ import annotations
@@ -56,13 +59,10 @@ def add_coordinates(model: Any, geom: int, mesh: Mesh) -> None:
         mesh.uv = None
     elif model.tex_type[texture] != mujoco.mjtTexture.mjTEXTURE_2D:
         mesh.uv = _cube(model, geom, mesh, int(model.tex_width[texture]))
-    elif not _has_own(model, geom):
+    elif _TYPE(model.geom_type[geom]) == _TYPE.mjGEOM_HFIELD or mesh.uv is None:
         mesh.uv = _planar(model, geom, mesh)
-
-
-def _has_own(model: Any, geom: int) -> bool:
-    meshed = _TYPE(model.geom_type[geom]) in (_TYPE.mjGEOM_MESH, _TYPE.mjGEOM_SDF)
-    return bool(meshed and model.mesh_texcoordadr[model.geom_dataid[geom]] >= 0)
+    else:
+        mesh.uv = _repeated(model, geom, _of_shape(model, geom, mesh))
 
 
 def half_size(model: Any, geom: int) -> np.ndarray:
@@ -81,6 +81,47 @@ def _planar(model: Any, geom: int, mesh: Mesh) -> np.ndarray:
     if not model.mat_texuniform[material]:
         rate = np.where(size > 0, rate / np.where(size > 0, size, 1.0), rate)
     return (0.5 + rate * mesh.vertices[mesh.faces][..., :2]).astype(np.float32)
+
+
+def _repeated(model: Any, geom: int, coordinates: np.ndarray) -> np.ndarray:
+    """uv of coordinates (s, t)."""
+    material, size = int(model.geom_matid[geom]), half_size(model, geom)[:2]
+    repeat = np.array(model.mat_texrepeat[material], np.float64)
+    repeat[repeat <= 0] = 1.0
+    if model.mat_texuniform[material]:
+        repeat *= np.where(size > 0, size, 1.0)
+    endless = _TYPE(model.geom_type[geom]) == _TYPE.mjGEOM_PLANE and (size <= 0).any()
+    s, t = np.moveaxis(repeat * coordinates - (0.5 if endless else 0.0), -1, 0)
+    return np.stack((s, 1.0 - t), axis=-1).astype(np.float32)
+
+
+def _of_shape(model: Any, geom: int, mesh: Mesh) -> np.ndarray:
+    """The coordinates (s, t) of a shape before they are repeated, float64 [F, 3, 2]."""
+    kind, size = _TYPE(model.geom_type[geom]), half_size(model, geom)
+    at = mesh.vertices[mesh.faces] / np.where(size > 0, size, 1.0)
+    middle = at.mean(axis=1)
+    if kind == _TYPE.mjGEOM_PLANE:
+        half = np.where(size[:2] > 0, 0.5, 0.0)  # finite: from the corner
+        return half + np.array([0.5, -0.5]) * at[..., :2]
+    if kind == _TYPE.mjGEOM_BOX:
+        axes = np.array([[1, 2], [0, 2], [0, 1]])[np.argmax(np.abs(middle), axis=-1)]
+        return 0.5 + np.array([0.5, -0.5]) * np.take_along_axis(at, axes[:, None], axis=-1)
+    assert mesh.uv is not None
+    s, t = mesh.uv[..., 0].astype(np.float64), 1.0 - mesh.uv[..., 1].astype(np.float64)
+    if kind == _TYPE.mjGEOM_CYLINDER:
+        end = np.ptp(at[..., 2], axis=-1) == 0
+        return np.where(end[:, None, None], 0.5 + 0.5 * at[..., :2], np.stack((s, t), axis=-1))
+    if kind in (_TYPE.mjGEOM_SPHERE, _TYPE.mjGEOM_ELLIPSOID, _TYPE.mjGEOM_CAPSULE):
+        # A pole has the azimuth of the middle of each triangle there.
+        pole = np.linalg.norm(at[..., :2], axis=-1) < 1e-6
+        beside = np.where(pole, 0.0, s).sum(axis=1, keepdims=True) / (~pole).sum(axis=1, keepdims=True)
+        s = np.where(pole, beside, s)
+    if kind == _TYPE.mjGEOM_CAPSULE:
+        beyond = (np.abs(at[..., 2]) - 1.0) * size[2] / size[0]
+        latitude = np.arcsin(np.clip(beyond, 0.0, 1.0)) / (0.5 * np.pi)
+        high = middle[:, 2:]
+        t = np.where(high > 1.0, 1.0 - latitude, np.where(high < -1.0, latitude, 0.5 - 0.5 * at[..., 2]))
+    return np.stack((s, t), axis=-1)
 
 
 def _cube(model: Any, geom: int, mesh: Mesh, width: int) -> np.ndarray:
