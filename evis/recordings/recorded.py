@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from evis.bag import BagError
+from evis.bag.environments import of_one
 from evis.events.arrays import Events
 from evis.events.recording import Recording, RecordingError, RecordingInfo, open_recording
 from evis.recordings.whole_ns import whole_ns
@@ -113,8 +115,8 @@ class Recorded:
     def topics(self) -> dict[str, str]:
         """Names of what a bag holds and the types of the messages; of other files with several streams their names.
 
-        `evis.open(path, topic=...)` takes those of type EventPacket, of a bag of several environments those of one
-        (/env3/cam0/events); `messages` takes the names without an environment.
+        `messages` takes all names of a bag, `evis.open(path, topic=...)` those of type EventPacket, of a bag of several
+        environments those of one (/env3/cam0/events).
         """
         streams = dict.fromkeys(self._event_streams(), "EventPacket")
         if not self._is_mcap:
@@ -226,9 +228,12 @@ class Recorded:
     def _messages(self, topic: str) -> Iterator[Message]:
         stop = None if self._stop is None else self._stop - 1
         with self._bag() as bag:
+            whole, env = (topic, None) if topic in bag.topics else _environment(topic, self._event_streams())
             try:
-                for _, message in bag.messages([topic], self._start, stop):
-                    yield message
+                for _, message in bag.messages([whole], self._start, stop):
+                    part = message if env is None else of_one(message, env)
+                    if part is not None:
+                        yield part
             except BagError as error:
                 raise RecordingError(str(error)) from None
 
@@ -265,6 +270,12 @@ class Recorded:
     def __repr__(self) -> str:
         part = "" if self._start is None and self._stop is None else f"[{self._start}:{self._stop}]"
         return f"evis.open({str(self.path)!r}{f', topic={self._topic!r}' if self._topic else ''}){part}"
+
+
+def _environment(topic: str, streams: Iterable[str]) -> tuple[str, int | None]:
+    """Splits the name of an environment's events, /env3/cam0/events, into the topic of all and its number."""
+    parts = re.fullmatch(r"/env(\d+)(/.*)", topic) if topic in streams else None
+    return (parts[2], int(parts[1])) if parts else (topic, None)
 
 
 def _before(block: Events, stop: int, n: int) -> Events:

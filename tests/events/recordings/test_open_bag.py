@@ -64,6 +64,12 @@ def test_environments_are_chosen_by_topic(tmp_path: Path) -> None:
     assert [len(p) for p in rec] == [4, 5, 6, 7] and set(rec.numpy()["y"]) == {2}
     assert {"/env0/cam0/events", "/env2/cam1/events", "/cam0/events", "/cam0/labels"} <= rec.topics.keys()
     assert [m.flow.shape[0] for m in rec.messages("/cam0/labels") if isinstance(m, Labels)] == [3] * 4
+    for topic in rec.topics:
+        assert len(list(rec.messages(topic))) == 4, topic
+    alone = [m for m in rec[STEP : 3 * STEP].messages("/env2/cam1/events") if isinstance(m, EventPacket)]
+    assert [(len(m.t), m.env_offsets.tolist(), set(m.y)) for m in alone] == [(4, [0, 4], {2}), (5, [0, 5], {2})]
+    with pytest.raises(RecordingError, match="no topic '/env3/cam1/events'"):
+        list(rec.messages("/env3/cam1/events"))
 
 
 def test_messages_of_every_topic(tmp_path: Path) -> None:
