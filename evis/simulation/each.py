@@ -14,7 +14,7 @@ from evis.scene.parameters import SCENE, camera_of, scene_of
 from evis.scene.stereo import baseline
 from evis.simulation.errors import SimulationError
 from evis.simulation.step import IMAGE, IMAGES, CameraOutputs, Step, on_host
-from msgs.camera import CameraInfo, EventPacket, Image
+from msgs.camera import CameraInfo, EventPacket, EventSignal, Image, Samples
 from msgs.fields import array_specs
 from msgs.header import Message
 from nodes.event_sensor.parameters import SENSOR
@@ -78,6 +78,10 @@ def _part(name: str, value: Any, env: int, info: CameraInfo | None) -> Any:
         return None if value is None else info
     if isinstance(value, EventPacket):
         return _events(value, env)
+    if isinstance(value, EventSignal):
+        return _signal(value, env)
+    if isinstance(value, Samples):
+        return on_host(value).of(slice(env, env + 1))
     if name == IMAGES:
         return tuple(_image(image) for image in value if image.env == env)
     return _message(value, env) if isinstance(value, Message) else value[env : env + 1]
@@ -91,13 +95,18 @@ def _image(image: Image) -> Image:
 
 
 def _events(packet: EventPacket, env: int) -> EventPacket:
-    packet = packet if isinstance(packet.t, np.ndarray) else on_host(packet)
+    packet = on_host(packet)
     first, end = packet.env_offsets[env : env + 2].tolist()
     columns: dict[str, Any] = {name: getattr(packet, name) for name in ("t", "x", "y", "p", "c")}
     columns = {name: column if column is None else column[first:end] for name, column in columns.items()}
     whole: Any = packet
     part: EventPacket = dataclasses.replace(whole, **columns, env_offsets=np.array([0, end - first]))
     return part
+
+
+def _signal(told: EventSignal, env: int) -> EventSignal:
+    first, end = told.env_offsets[env : env + 2].tolist()
+    return EventSignal(told.header, np.array([0, end - first]), on_host(told).signal[first:end])
 
 
 def _message(message: Message, env: int) -> Message:

@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 
 from evis.config.document import LaunchError
+from evis.config.params import ParamError
 from evis.launch import catalog
 from evis.launch.expand import Expanded, NodeSpec
 from evis.launch.planner import Options, plan_launch
 from evis.launch.target import read_target
 from evis.runtime.plan import COMPOSED, Plan
-from evis.scene.parameters import SCENE, scene_of
+from evis.scene.parameters import SCENE, SEED, scene_of
 from evis.simulation.actuators import actuators_of
 from evis.simulation.auto import Chosen, without_auto
 from evis.simulation.each import together
@@ -67,8 +68,8 @@ class Planner:
     ) -> None:
         self._target = target
         self._asked = asked
-        self._arguments = dict(arguments)
-        self._each = [dict(own) for own in each]
+        self._arguments = _plain(arguments)
+        self._each = _checked(each, arguments.get("envs"))
         self._found = Graph(Plan("", "", ""))
         self._chosen: Chosen | None = None
         """In place of auto; for every seed the same, as one interpolator stays from reset to reset."""
@@ -79,7 +80,7 @@ class Planner:
         """Makes the plan. record: path of a bag that is recorded. Raises SimulationError in one line."""
         if not self._each:
             return self._plan(seed, record, self._arguments)
-        seeds = [int(own.get("seed", seed + env)) for env, own in enumerate(self._each)]
+        seeds = [own.get("seed", seed + env) for env, own in enumerate(self._each)]
         shared = {**self._arguments, "envs": len(self._each)}
         others = [{**shared, **{name: value for name, value in own.items() if name != "seed"}} for own in self._each]
         graphs = [self._plan(own, record, arguments) for own, arguments in zip(seeds, others)]
@@ -116,7 +117,7 @@ class Planner:
     def _edit(self, expanded: Expanded) -> None:
         """Puts the caller into the graph. What it does not ask for is not made."""
         found = Graph(Plan("", "", ""))
-        device = "cpu"
+        device, asked = "cpu", {glob.rpartition("/")[2] for glob in self._asked.globs}
         for spec in expanded.nodes:
             if catalog.comes_with_evis(spec.type):
                 spec.keep = []
@@ -133,11 +134,42 @@ class Planner:
                     f"device is {device}: a simulation that is stepped is one process and has one device; make one for "
                     "each, with envs and seed of its share, or run it with `evis launch`"
                 )
+            if spec.type == "interpolator" and "samples" in asked and not spec.params.get("time_tolerance"):
+                raise SimulationError(
+                    "there are no samples between the frames without time_tolerance; give it, as "
+                    "time_tolerance=0.0003, or ask for frames"
+                )
+        for name, why in expanded.absent.items():
+            if name in asked:
+                raise SimulationError(f"the graph has no output {name}: {why}")
         acts = bool(found.physics and not found.controller and found.actuators.names)
         params = {"topics": list(self._asked.globs), "acts": acts, "device": device}
         where = "the simulation"
         expanded.nodes.append(NodeSpec(CALLER, "evis.simulation.caller:CallerNode", where, params, process=COMPOSED))
         self._found = found
+
+
+def _checked(each: Any, envs: Any) -> list[dict[str, Any]]:
+    """Copies the arguments of environments; envs: how many there are to be, None = as many. Raises SimulationError."""
+    if not isinstance(each, Sequence) or not all(isinstance(own, Mapping) for own in each):
+        raise SimulationError(
+            f"each is {each!r}; it must be a list with a mapping for each environment, as [{{'omega': 20}}, {{}}]"
+        )
+    if each and envs is not None and str(envs) != str(len(each)):
+        raise SimulationError(f"envs is {envs}, and each is of {len(each)} environments; leave envs out")
+    made = [_plain(own) for own in each]
+    for env, own in enumerate(made):
+        if "seed" in own:
+            try:
+                own["seed"] = SEED.convert(f"environment {env}", "seed", own["seed"])
+            except ParamError as error:
+                raise SimulationError(str(error)) from None
+    return made
+
+
+def _plain(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Copies arguments, in which an array of numbers stands for a list."""
+    return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in arguments.items()}
 
 
 def _unsaid(line: str) -> None:

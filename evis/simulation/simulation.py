@@ -54,7 +54,8 @@ class Simulation:
             scene_or_launch: what may stand after `evis launch`: a scene or launch file by name or path, an MJCF or URDF
                 file.
             outputs: what steps are to have: events, frames, keyframe, depth, ids, motion, normal, labels, imu, state,
-                of all cameras, or of one (`cam1.events`), or one kind of label (`labels.flow`).
+                of all cameras, or of one (`cam1.events`), or one kind of label (`labels.flow`); what `finish` is to
+                have: physics_error.
             seed: of what is random; environment k has seed + k.
             each: arguments that parallel environments have for themselves, a mapping for each of them: of the scene,
                 as far as they change values and not what there is, of the event sensor, and `seed`.

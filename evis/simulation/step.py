@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from msgs.camera import (
     Samples,
 )
 from msgs.header import Message
+from msgs.physics_error import PhysicsError
 from msgs.world import WorldState
 
 IMAGE, IMAGES = "image", "images"
@@ -44,7 +45,7 @@ class CameraOutputs:
     frames: Frames | None
     """luminance [E, K, H, W] at the K times `t`."""
     samples: Samples | None
-    """The same, and between these times further samples of single pixels."""
+    """The same, and between these times further samples of single pixels; with time_tolerance."""
     keyframe: Any
     """Linear radiance [E, H, W, 3]."""
     depth: Any
@@ -86,6 +87,8 @@ class Step(CameraOutputs):
 
     state: WorldState | None
     """Poses and twists of the bodies over the interval that ends here."""
+    physics_error: PhysicsError | None
+    """How far the bodies of an engine were off over the run, with `finish`; None in every step before."""
 
     def __init__(
         self,
@@ -118,9 +121,12 @@ def value_of(message: Message | None) -> Any:
     return image[:, margin : image.shape[1] - margin, margin : image.shape[2] - margin] if margin else image
 
 
-def on_host(packet: EventPacket) -> EventPacket:
-    """Gives a packet in numpy arrays, wherever its own are."""
-    given = {name: value if isinstance(value, np.ndarray) else value.numpy() for name, value in packet.arrays().items()}
-    whole: Any = packet
-    on_this: EventPacket = replace(whole, **given)
+M = TypeVar("M", bound=Message)
+
+
+def on_host(message: M) -> M:
+    """Gives a message in numpy arrays, wherever its own are."""
+    given = {name: value.numpy() for name, value in message.arrays().items() if not isinstance(value, np.ndarray)}
+    whole: Any = message
+    on_this: M = replace(whole, **given) if given else whole
     return on_this

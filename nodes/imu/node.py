@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -62,7 +62,7 @@ class ImuNode(Node):
         """Makes the unit."""
         from nodes.imu.inertial import ImuModel, InertialUnit
 
-        self._model: ImuModel = ImuModel(**{k: v for k, v in self.params.items() if k != "camera"})
+        self._model: ImuModel = ImuModel(**{field.name: self.params[field.name] for field in fields(ImuModel)})
         self._unit: InertialUnit = InertialUnit(self._model)
         self._begun: tuple[int, int] | None = None
         """Origin of the camera's own time [ns] and its seed, once it was reset."""

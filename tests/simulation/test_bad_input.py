@@ -33,6 +33,12 @@ def arm() -> Iterator[evis.Simulation]:
         ("spinning_disk", {"outputs": ["labels.flw"]}, "no label 'flw'"),
         ("spinning_disk", {"outputs": []}, "no output"),
         ("spinning_disk", {"outputs": ["frames"], "upsampling": 1}, "the graph has no output frames"),
+        ("spinning_disk", {"outputs": ["samples"]}, "no samples .* without time_tolerance; give it"),
+        ("spinning_disk", {"outputs": ["imu"], "envs": 2}, "no output imu: an Imu message holds one environment"),
+        ("spinning_disk", {"envs": 3, "each": [{}, {}]}, "envs is 3, and each is of 2 environments; leave envs out"),
+        ("spinning_disk", {"each": {"omega": 3}}, "each is {'omega': 3}; it must be a list with a mapping for each"),
+        ("spinning_disk", {"each": ["a"]}, r"each is \['a'\]; it must be a list with a mapping for each"),
+        ("spinning_disk", {"each": [{}, {"seed": 1.5}]}, "environment 1: seed is 1.5, must be a whole number"),
     ],
 )
 def test_what_cannot_be_made(target: str, arguments: dict[str, Any], says: str) -> None:

@@ -80,6 +80,47 @@ def test_environments_are_what_they_are_by_themselves(case: str) -> None:
         assert len({sim.alone(steps[2], env).events.t.tobytes() for env in range(len(each))}) == len(each)
 
 
+def test_samples_and_marks_of_events_are_taken_apart() -> None:
+    """Into whole messages, whose arrays are those that each gives by itself."""
+    outputs, shared = ["samples", "signal", "events"], {"time_tolerance": 3e-4, "shot_rate": 9.0, **SIZE}
+    each = [{"omega": 20.0, "seed": 5}, {"omega": 60.0, "seed": 8}]
+    with evis.Simulation("spinning_disk", outputs=outputs, each=each, **shared) as sim:
+        steps = [sim.reset(), sim.step(), sim.step()]
+        for env, own in enumerate(each):
+            with evis.Simulation("spinning_disk", outputs=outputs, **shared, **own) as single:
+                for step, expected in zip(steps, [single.reset(), single.step(), single.step()]):
+                    part = sim.alone(step, env)
+                    for name in outputs:
+                        mine, other = getattr(part, name), getattr(expected, name)
+                        if mine is None or other is None:
+                            assert mine is other is None
+                            continue
+                        mine.check()
+                        assert mine.arrays().keys() == other.arrays().keys()
+                        for field, array in mine.arrays().items():
+                            same(array, other.arrays()[field])
+                assert len(part.signal.signal) == len(part.events.t) > 0 and len(part.samples.further) > 0
+
+
+def test_a_single_environment_with_arguments_of_its_own_has_an_imu() -> None:
+    given = {"outputs": ["imu"], **SIZE}
+    with (
+        evis.Simulation("robot_arm", each=[{"seed": 3}], **given) as sim,
+        evis.Simulation("robot_arm", seed=3, **given) as single,
+    ):
+        for step, expected in zip([sim.reset(), sim.step()], [single.reset(), single.step()]):
+            same(step.imu, expected.imu)
+
+
+def test_an_array_of_numbers_is_an_argument_as_a_list_is() -> None:
+    events = []
+    for centre in (np.array([0.1, -0.1]), [0.1, -0.1]):
+        for given in ({"centre": centre}, {"each": [{"centre": centre}]}):
+            with evis.Simulation("spinning_disk", **SIZE, **given) as sim:
+                events.append([step.events.t.tobytes() for step in sim.run(0.07)])
+    assert events[0] == events[1] == events[2] == events[3]
+
+
 def test_environments_of_one_seed_after_the_other_can_be_taken_apart_too() -> None:
     with evis.Simulation("spinning_disk", envs=2, seed=6, outputs=["events", "info"], shot_rate=9.0, **SIZE) as sim:
         steps = [sim.reset(), sim.step()]
