@@ -77,12 +77,17 @@ class EventSensor:
         preset: str | os.PathLike[str] = "ideal",
         **parameters: Any,
     ) -> None:
-        self.height, self.width, self.envs, self.colour, self.seed = height, width, envs, colour, seed
+        self.height, self.width, self.envs = (
+            _at_least_one(name, value) for name, value in (("height", height), ("width", width), ("envs", envs))
+        )
+        self.colour, self.seed = colour, seed
         self.parameters = _resolved(preset, parameters)
         self._device = device
         self._sensor: Any = None
         self._until = 0
-        self._episodes = np.zeros(envs, np.int32)
+        self._episodes = np.zeros(self.envs, np.int32)
+        self._batched = self.envs > 1
+        """Whether the last frames had an axis E, which events of `flush` then have too."""
         if device is None:  # parameters that do not go together are told now, not at the first frame
             make_sensor(self.parameters, (1, 1), colour=colour, device="cpu", seed=seed)
         else:
@@ -109,12 +114,16 @@ class EventSensor:
         Returns:
             Events of the frames' kind, on their device: a tensor gives tensors. Raises ValueError.
         """
-        kind, images, batched = self._taken(frames, "frames")
+        kind, images, self._batched = self._taken(frames, "frames")
         slopes = None if dlog_dt is None else self._taken(dlog_dt, "dlog_dt")[1]
         device = images.device if isinstance(images, wp.array) else None
         if self._sensor is None:
             self._sensor = self._made("cpu" if device is None else str(device))
         stamps = _stamps(t)
+        if not len(stamps):
+            raise ValueError(
+                f"frames are {list(frames.shape)} with {len(stamps)} stamps; a call takes one frame or more"
+            )
         more: dict[str, Any] = {} if slopes is None else {"dlog_dt": slopes}
         if further is not None:
             more["further"] = Further(*(_in_place(a) for a in (further.first, further.offset, further.value)))
@@ -124,10 +133,10 @@ class EventSensor:
             on_host = images.numpy() if isinstance(images, wp.array) else images
             made = self._sensor.process(on_host, stamps, self._episodes, **more)
             self._until = int(stamps[-1])
-            return self._given(_columns(made), made.env_offsets, kind, device, batched)
+            return self._given(_columns(made), made.env_offsets, kind, device)
         count = self._sensor.advance(images, stamps, self._episodes, **more)
         self._until = self._sensor.stamp
-        return self._given(self._read(count), self._sensor.env_offsets(), kind, device, batched)
+        return self._given(self._read(count), self._sensor.env_offsets(), kind, device)
 
     def flush(self) -> SensorEvents:
         """Gives what look-ahead and the readout still hold back, at the end of a stream, as numpy arrays."""
@@ -135,10 +144,10 @@ class EventSensor:
             raise ValueError(f"{_OWNER}: there is nothing to flush; it has had no frame")
         if self._is_peer:
             made = self._sensor.flush()
-            return self._given(_columns(made), made.env_offsets, NUMPY, None, self.envs > 1)
+            return self._given(_columns(made), made.env_offsets, NUMPY, None)
         columns = self._read(self._sensor.finish())
         self._until = self._sensor.stamp
-        return self._given(columns, self._sensor.env_offsets(), NUMPY, None, self.envs > 1)
+        return self._given(columns, self._sensor.env_offsets(), NUMPY, None)
 
     def reset(self, seed: int | None = None, envs: Iterable[int] | None = None) -> None:
         """Begins anew: the next frame is the reference. What `flush` would have given is forgotten.
@@ -210,15 +219,19 @@ class EventSensor:
         self._sensor.read(out)
         return out
 
-    def _given(
-        self, columns: dict[str, Any], offsets: np.ndarray, kind: str, device: Any, batched: bool
-    ) -> SensorEvents:
+    def _given(self, columns: dict[str, Any], offsets: np.ndarray, kind: str, device: Any) -> SensorEvents:
         """Events as the caller's kind of array, on the frames' device; None = the host."""
         out = {name: _moved(column, kind, device) for name, column in columns.items()}
         return SensorEvents(
-            out["t"], out["x"], out["y"], out["p"], out.get("c"), np.asarray(offsets) if batched else None,
+            out["t"], out["x"], out["y"], out["p"], out.get("c"), np.asarray(offsets) if self._batched else None,
             int(self._sensor.t_base), self._until, self.height, self.width,
         )  # fmt: skip
+
+
+def _at_least_one(name: str, value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
+        raise ValueError(f"{_OWNER}: {name} is {value!r}; it must be a whole number, 1 or more")
+    return int(value)
 
 
 def _in_place(values: Any) -> Any:

@@ -174,6 +174,8 @@ class TimeSurface(Observation):
 
     def begin(self, setting: Setting) -> Box:
         """Implements Observation.begin."""
+        if not 0 < self.tau < np.inf:
+            raise ValueError(f"tau is {self.tau:g}; it must be a number of seconds above 0")
         self._surface = representations.TimeSurface(max(1, round(self.tau * 1e9)))
         return Box(0.0, 1.0, (2, *_pooled_size(self.pool, setting)), np.float32)
 

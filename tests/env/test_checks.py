@@ -52,6 +52,7 @@ def test_render_shows_the_camera_with_events() -> None:
         ({"task": "CartPool"}, "no task 'CartPool'; there are CartPole"),
         ({"observation": {}}, "nothing is observed"),
         ({"observation": evis.env.CountImage(pool=7)}, "pool=7 does not divide an image of 64 x 64"),
+        ({"observation": evis.env.TimeSurface(tau=-1)}, "tau is -1; it must be a number of seconds above 0"),
         ({"observation": evis.env.Poses(("cat",))}, "no body 'cat'; there are cart, pole"),
         ({"render_mode": "human"}, "rgb_array"),
         ({"widht": 3}, "widht"),

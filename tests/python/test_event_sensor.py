@@ -170,6 +170,17 @@ def test_one_environment_begins_anew() -> None:
     assert np.diff(events.env_offsets).tolist() == [144, 0, 144]  # ln 2 = 3.5 thresholds on 48 pixels
 
 
+@pytest.mark.parametrize("axis", [False, True])
+def test_a_flush_has_the_axes_of_the_frames(axis: bool) -> None:
+    """So that its events can be joined to those before."""
+    frames, t = (video() if axis else video()[0]), stamps()
+    sensor = evis.EventSensor(6, 8, crossing="cubic")
+    given, rest = sensor(frames, t), sensor.flush()
+    assert (given.env_offsets is None, rest.env_offsets is None) == (not axis, not axis)
+    if axis:
+        assert rest.env_offsets.tolist() == [0, len(rest)] and len(rest) > 0
+
+
 def test_look_ahead_is_flushed() -> None:
     frames, t = video(), stamps()
     sensor = evis.EventSensor(6, 8, crossing="cubic")
@@ -215,6 +226,14 @@ BAD: list[tuple[str, Any]] = [
     ("uint8; they must be linear", lambda: evis.EventSensor(6, 8)(np.ones((13, 6, 8), np.uint8), stamps())),
     ("whole nanoseconds", lambda: evis.EventSensor(6, 8)(video(), stamps() * 1e-9)),
     ("13 stamps|12 stamps", lambda: evis.EventSensor(6, 8)(video(), stamps()[:12])),
+    ("height is 0; it must be a whole number, 1 or more", lambda: evis.EventSensor(0, 8)),
+    ("height is 5.5; it must be", lambda: evis.EventSensor(5.5, 8)),  # type: ignore[arg-type]
+    ("width is '8'; it must be", lambda: evis.EventSensor(6, "8")),  # type: ignore[arg-type]
+    ("envs is 0; it must be", lambda: evis.EventSensor(6, 8, envs=0)),
+    (
+        r"frames are \[0, 6, 8\] with 0 stamps; a call takes one frame or more",
+        lambda: evis.EventSensor(6, 8)(video()[0, :0], stamps()[:0]),
+    ),
     ("had no frame", lambda: evis.EventSensor(6, 8).flush()),
     ("no environment 5", lambda: evis.EventSensor(6, 8).reset(envs=[5])),
     ("a seed is that of all", lambda: evis.EventSensor(6, 8).reset(seed=1, envs=[0])),

@@ -15,6 +15,12 @@ _OF_TABLES = {name: kind for kind, names in TABLES.items() for name in names} | 
 """Array with a row for each box or contact -> its kind of label."""
 
 
+def check_size(size: int) -> None:
+    """Raises DatasetError for a size of batches that is no number of windows."""
+    if isinstance(size, bool) or not isinstance(size, int | np.integer) or size < 1:
+        raise DatasetError(f"batches are of {size!r} windows; it must be a whole number, 1 or more")
+
+
 def collate(samples: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Joins samples of windows to a batch of B, for a DataLoader's collate_fn too.
 

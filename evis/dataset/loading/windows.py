@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from evis.dataset.errors import DatasetError
-from evis.dataset.loading.collate import collate
+from evis.dataset.loading.collate import check_size, collate
 from evis.dataset.loading.cut import Cut
 from evis.dataset.loading.order import order, share
 from evis.dataset.loading.sample import Sample, contiguous, sample_of
@@ -96,7 +96,10 @@ class Windows:
             size: windows of a batch. whole: leave out a last one that has fewer.
             shuffle: in an order of seed and epoch; else as they are.
             rank, ranks: take the part of one of several processes.
+
+        Raises DatasetError.
         """
+        check_size(size)
         numbers = self.order(shuffle, epoch, rank, ranks)
         for first in range(0, len(numbers), size):
             part = numbers[first : first + size]

@@ -14,7 +14,7 @@ from evis.config.suggestions import nearest
 from evis.dataset.draws import key_of, uniform
 from evis.dataset.errors import DatasetError
 from evis.dataset.layouts.sample import host
-from evis.dataset.loading.collate import collate
+from evis.dataset.loading.collate import check_size, collate
 from evis.dataset.loading.cut import Cut
 from evis.dataset.loading.sample import Sample, contiguous, sample_of
 from evis.dataset.loading.windows import torch_module
@@ -72,7 +72,8 @@ class Stream:
         return self.samples(0, 1)
 
     def batches(self, size: int) -> Iterator[dict[str, Any]]:
-        """Gives batches of windows, joined by `evis.dataset.collate`; the last may have fewer."""
+        """Gives batches of windows, joined by `evis.dataset.collate`; the last may have fewer. Raises DatasetError."""
+        check_size(size)
         samples = iter(self)
         while batch := list(itertools.islice(samples, size)):
             yield collate(batch)

@@ -69,6 +69,9 @@ def test_windows_that_cannot_be(small: Made) -> None:
     assert "no split 'trian'; did you mean 'train'?" in refusal(lambda: data.split("trian"))
     assert "has no camera 'cam1'" in refusal(lambda: data[0].events(camera="cam1"))
     assert "crops are smaller" in refusal(lambda: data.windows(seconds=0.1, augment=Augment(crop=(999, 9)))[0])
+    for size in (0, 2.5):
+        many = data.windows(seconds=0.1).batches(size)  # type: ignore[arg-type]
+        assert f"batches are of {size} windows; it must be a whole number, 1 or more" in refusal(next, many)
     wrong = data.windows(seconds=0.1, arguments=["omgea"])
     assert "has no argument 'omgea' in its recipe; it has width" in refusal(lambda: wrong[0])
 
