@@ -10,7 +10,7 @@ from mcap.opcode import Opcode
 from evis.bag import BagError
 from evis.bag.decoded import decoded_events
 from evis.bag.mcap import scan
-from evis.bag.reader import BagReader, BagTopic
+from evis.bag.reader import LATCHED, BagReader, BagTopic
 from evis.bag.ros import jsonform
 from evis.bag.ros import messages as ros
 
@@ -69,7 +69,7 @@ def describe(path: str | Path) -> dict[str, Any]:
         topics = _count(reader)
         _count_raw_events(reader, topics)
         # diagnostics alone carry the wall's time: they do not count beside the time of what was recorded
-        timed = [t for t in topics.values() if t.span and t.message != "Diagnostics"]
+        timed = [t for t in topics.values() if t.span and t.message not in (*LATCHED, "Diagnostics")]
         spans = [t.span for t in timed or topics.values() if t.span]
         start, end = min((s[0] for s in spans), default=0), max((s[1] for s in spans), default=0)
         problem = reader.problem or (f"damaged: {reader.first_problem}" if reader.skipped else "")

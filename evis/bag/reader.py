@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import heapq
 import os
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,8 @@ from evis.files.descriptor import DescriptorOwner
 from msgs.header import Message
 from msgs.topics import TOPICS
 
+LATCHED = frozenset(row.type.__name__ for row in TOPICS if row.latched)
+"""Messages that stay true: their times, of when they were said, tell nothing of when the others were."""
 RANKS = {row.type.__name__: i for i, row in enumerate(TOPICS)}
 """Order of data flow among messages of one stamp."""
 
@@ -87,15 +91,36 @@ class BagReader(DescriptorOwner):
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    @property
+    @cached_property
     def start_ns(self) -> int:
-        """Earliest log time [ns], 0 in an empty bag."""
-        return min((c.start_ns for c in self.scanner.layout.chunks), default=0)
+        """Earliest log time [ns], of LATCHED messages where there are no others; 0 in an empty bag."""
+        return self._outermost(min, [(c.start_ns, c) for c in self.scanner.layout.chunks])
 
-    @property
+    @cached_property
     def end_ns(self) -> int:
-        """Latest log time [ns], 0 in an empty bag."""
-        return max((c.end_ns for c in self.scanner.layout.chunks), default=0)
+        """Latest log time [ns], of LATCHED messages where there are no others; 0 in an empty bag."""
+        return self._outermost(max, [(c.end_ns, c) for c in self.scanner.layout.chunks])
+
+    def _outermost(self, least: Callable[..., int], edges: list[tuple[int, scan.Chunk]]) -> int:
+        """The earliest or latest log time, `least` being min or max; edges: that of each chunk.
+
+        Chunks with LATCHED messages are looked into, those first that may have it.
+        """
+        latched = frozenset(i for i, s in self.streams.items() if s.kind in LATCHED)
+        found: int | None = None
+        for edge, chunk in sorted(edges, key=lambda pair: pair[0], reverse=least is max):
+            if found is not None and least(found, edge) == found:
+                break
+            if latched and (chunk.channels is None or chunk.channels & latched):
+                times = [] if found is None else [found]
+                with suppress(BagError):  # counted when its messages are read
+                    for opcode, _, record in scan.records(self.scanner.chunk_data(chunk)):
+                        if opcode == Opcode.MESSAGE and (message := scan.message(record))[0] not in latched:
+                            times.append(message[2])
+                found = least(times, default=None)
+            else:
+                found = edge
+        return least((edge for edge, _ in edges), default=0) if found is None else found
 
     def _stream(self, channel: Channel) -> BagTopic:
         schema = self.scanner.layout.schemas.get(channel.schema_id)

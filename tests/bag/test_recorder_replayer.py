@@ -9,6 +9,7 @@ import pytest
 from bag_messages import copied, same, scene
 
 from evis.bag import BagError
+from evis.bag.info import describe
 from evis.bag.reader import BagReader
 from evis.bag.writer import BagWriter
 from evis.config.params import ParamError
@@ -254,6 +255,35 @@ def test_start_and_duration(tmp_path):
     node, _ = replay(tmp_path / "a.mcap", start=0.1, duration=0.1, topics=["/state"])
     stamps = [m.header.stamp_ns for _, m in node.runtime.published]
     assert stamps == [round(k * 1e9 / 30) for k in (3, 4, 5, 6)]
+
+
+@pytest.mark.parametrize("chunk_bytes", [1000, 1 << 20])
+@pytest.mark.parametrize("torn", [False, True])
+def test_start_and_duration_of_a_part_of_a_run(tmp_path, chunk_bytes, torn):
+    """As `evis bag record` makes it beside a running graph: what describes a camera is of the run's start."""
+    path = tmp_path / "a.mcap"
+    with BagWriter(path, chunk_bytes=chunk_bytes) as writer:
+        writer.write("/cam0/info", dataclasses.replace(scene(0)["/cam0/info"], header=Header(0)))
+        for k in range(90, 100):
+            writer.write("/state", scene(k)["/state"])
+    if torn:
+        path.write_bytes(path.read_bytes()[:-100])
+    stamps = [round(k * 1e9 / 30) for k in range(90, 100)]
+    about = describe(path)
+    assert (about["start_ns"], about["end_ns"]) == (stamps[0], stamps[-1])
+    with BagReader(path) as reader:
+        assert (reader.start_ns, reader.end_ns) == (stamps[0], stamps[-1])
+    node, _ = replay(path, start=0.1, duration=0.1)
+    played = [(topic, m.header.stamp_ns) for topic, m in node.runtime.published]
+    assert played == [("/cam0/info", 0), *(("/state", stamp) for stamp in stamps[3:7])]
+
+
+def test_a_bag_of_descriptions_alone_has_their_time(tmp_path):
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        for k in (3, 6):
+            writer.write("/cam0/info", dataclasses.replace(scene(0)["/cam0/info"], header=Header(k)))
+    with BagReader(tmp_path / "a.mcap") as reader:
+        assert (reader.start_ns, reader.end_ns) == (3, 6)
 
 
 def test_paced_replay_keeps_its_distances(tmp_path):
