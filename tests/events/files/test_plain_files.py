@@ -178,6 +178,40 @@ def test_bad_lines_are_counted(tmp_path):
     assert len(events) == 103 and counters == {"lines_left_out": 3} and len(info.warnings) == 2
 
 
+@pytest.mark.parametrize(
+    ("text", "t_ns", "left_out"),
+    [
+        ("t,x,y,p\nfoo\n2000,3,3,0\n3000,3,3,0\n", [2000, 3000], 1),
+        ("t,x,y,p\n1000,-1,3,1\n2000,3,3,0\n3000,3,3,0\n", [2000, 3000], 1),
+        ("1000 -1 3 1\n2000 3 3 0\n3000 3 3 0\n", [2_000_000, 3_000_000], 1),
+        ("5 3 1\n2000 3 3 0\n3000 3 3 0\n", [2_000_000, 3_000_000], 1),
+        ("0.01 7x 3 1\n0.02 3 3 0\n0.03 3 3 0\n", [20_000_000, 30_000_000], 1),
+        ("999999999999999999 99999 3 1\n2000 3 3 0\n3000 3 3 0\n", [2_000_000, 3_000_000], 1),
+    ],
+)
+def test_a_bad_first_line_is_left_out_and_counted(text, t_ns, left_out, tmp_path):
+    """As one in the middle is."""
+    events, _, counters = read(save(tmp_path / "a.txt", text.encode()))
+    assert events.t.tolist() == t_ns and counters == {"lines_left_out": left_out}
+
+
+@pytest.mark.parametrize(
+    "text", ["time,lat,lon,flag\n1,2,3,1\n2,3,4,0\n", "a title\n1 2 3 1\n", "1 2 3 5\n2 3 4 6\n3 4 5 1\n"]
+)
+def test_other_tables_are_not_taken_for_events(text, tmp_path):
+    with pytest.raises(RecordingError, match="not a recording"):
+        read(save(tmp_path / "a.txt", text.encode()))
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a.txt"])
+def test_text_of_no_event_is_read_back(name, tmp_path):
+    with open_writer(tmp_path / name, 64, 48) as writer:
+        writer.write(Events.empty())
+    events, info, counters = read(tmp_path / name)
+    assert not len(events) and info.format == "text" and not counters and not info.truncated
+    assert read(tmp_path / name, size=(64, 48))[1].width == 64
+
+
 def test_e2vid_zip(tmp_path):
     """Size on the first line, deflated; of a cut archive the lines before the cut."""
     events = small_events(3000, 640, 480)

@@ -20,6 +20,8 @@ _NAMED_UNIT = re.compile(r"([^,;]+?)[ \t]*[\[(]([^\])]{0,20})[\])]")
 _UNIT = re.compile(r"[ \t]*[\[(]([^\])]{0,20})[\])]")
 _TRUTH = re.compile(rb"\b(?:(true)|false)\b", re.I)
 _MOST_COLUMNS = 32
+_ORDERS = ("txyp", "xypt", "xytp", "ptxy", "pxyt")
+"""Of columns without names."""
 _SIZE = re.compile(rb"\s*(?:[#%]\s*)?(?:(?:geometry|width height|size)\s*:?\s*)?(\d{1,5})[ \t,x]+(\d{1,5})\s*", re.I)
 _LOOK = 64
 
@@ -55,6 +57,8 @@ def find_format(head: bytes) -> Format | None:
     `t_ns`, or where they can be nothing else (1e17 us are 3000 years). So are times whose fractions are all 0 where
     the coordinates are written with such too, as NumPy's `savetxt` writes an array. Orders of columns other than
     `t x y p` and `x y p t` are known by their times, which must go up.
+
+    A tenth of the lines, and of few one, may be damaged. One with a number in it, or behind names, may be the first.
     """
     if b"\0" in head:
         return None
@@ -62,6 +66,7 @@ def find_format(head: bytes) -> Format | None:
     lines, columns, unit, size = head[begin:].split(b"\n"), "", "", (0, 0)
     if len(lines) > 1 and len(head) >= 4096:
         lines.pop()  # may be cut
+    damaged: list[int] = []  # where lines begin
     while lines and (n := len(numbers_in(lines[0]))) != (len(columns) or 4):
         if n == 4 == len(columns.strip("_")):
             columns = columns.strip("_")  # a comment's words before or behind the names
@@ -73,17 +78,26 @@ def find_format(head: bytes) -> Format | None:
             size = int(found[1]), int(found[2])
         elif (named := _columns(line))[0] and not columns:
             (columns, unit), size = named, size if size != (0, 0) else _sides(line)
+            damaged.clear()
         elif line.strip() and not line.lstrip().startswith((b"#", b"%")):
-            return None
+            if not columns and not any(map(_NUMBER.fullmatch, re.split(rb"[ \t,;]+", line.strip()))):
+                return None
+            damaged.append(begin - len(line) - 1)
+    begin = min([*damaged, begin])
+    own = unit == "own"
+    if columns and not lines and len(head) < 4096:  # names, and no event
+        return Format(columns, {"own": 1, "ns": 1, "s": 10**9}.get(unit, 1000), min(begin, len(head)), size)
     width = len(columns) or 4
     rows = [words for line in lines[:_LOOK] if len(words := numbers_in(line)) == width]
-    if not rows or len(rows) < 0.9 * len([line for line in lines[:_LOOK] if line.strip()][:-1]):
+    looked = len(damaged) + len([line for line in lines[:_LOOK] if line.strip()])
+    if not rows or len(rows) < 0.9 * (looked - 1):
         return None
     values = [[float(v) for v in row] for row in rows]
-    own = unit == "own"
     columns = columns or _guess(values)
     if not columns:
         return None
+    good = [k for k, row in enumerate(values) if _fits(columns, row)] or range(len(rows))
+    rows, values = [rows[k] for k in good], [values[k] for k in good]
     place = columns.index("t")
     whole = all(re.fullmatch(rb"[+-]?\d+", row[place]) for row in rows)
     if unit == "s" or not (whole or _saved(columns, rows, values)):
@@ -135,15 +149,20 @@ def _saved(columns: str, rows: list[list[bytes]], values: list[list[float]]) -> 
 
 
 def _guess(values: list[list[float]]) -> str:
-    fits = [columns for columns in ("txyp", "xypt", "xytp", "ptxy", "pxyt") if _fits(columns, values)]
-    rising = [columns for columns in fits if _rises([row[columns.index("t")] for row in values])]
-    return next((columns for columns in (*rising, *fits) if columns in rising or columns in ("txyp", "xypt")), "")
+    fitting = {columns: [row for row in values if _fits(columns, row)] for columns in _ORDERS}
+    # an order that fits all lines before those that would leave some out
+    for enough in (len(values), max(0.9 * (len(values) - 1), 1)):
+        fits = [columns for columns, rows in fitting.items() if len(rows) >= enough]
+        rising = [columns for columns in fits if _rises([row[columns.index("t")] for row in fitting[columns]])]
+        for columns in (*rising, *fits):
+            if columns in rising or columns in ("txyp", "xypt"):
+                return columns
+    return ""
 
 
-def _fits(columns: str, values: list[list[float]]) -> bool:
-    place = columns.index("p")
-    others = [row[columns.index(n)] for row in values for n in "xy"]
-    return all(row[place] in (-1, 0, 1) for row in values) and all(0 <= v < 65536 and v == int(v) for v in others)
+def _fits(columns: str, row: list[float]) -> bool:
+    sides = [row[columns.index(n)] for n in "xy"]
+    return row[columns.index("p")] in (-1, 0, 1) and all(0 <= v < 65536 and v == int(v) for v in sides)
 
 
 def _rises(times: list[float]) -> bool:

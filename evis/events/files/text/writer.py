@@ -22,8 +22,10 @@ class TextWriter(FileWriter):
         self._file = self.partial.open("w", encoding="ascii", newline="\n")
         if self._csv:
             self._file.write("t,x,y,p\n")
+        self._empty = True
 
     def write(self, events: Events) -> None:
+        self._empty = self._empty and not len(events)
         for start in range(0, len(events), _ROWS):
             part = events[start : start + _ROWS]
             rows = zip(part.t.tolist(), part.x.tolist(), part.y.tolist(), part.p.tolist())
@@ -31,6 +33,11 @@ class TextWriter(FileWriter):
                 self._file.writelines(f"{t},{x},{y},{p}\n" for t, x, y, p in rows)
             else:
                 self._file.writelines(f"{_seconds(t)} {x} {y} {p}\n" for t, x, y, p in rows)
+
+    def _finish(self) -> None:
+        if self._empty and not self._csv:
+            self._file.write("# t x y p\n")  # or nothing would tell what it is
+        super()._finish()
 
 
 def _seconds(t: int) -> str:
