@@ -108,6 +108,24 @@ def test_a_cut_video_is_an_error_after_its_good_frames(av, tmp_path, name, codec
         np.testing.assert_array_equal(got, expected[: len(got)])
 
 
+@pytest.mark.parametrize(
+    ("name", "codec", "pixels"),
+    [("v.mkv", "ffv1", "bgr0"), ("v.avi", "mjpeg", "yuvj420p"), ("v.mp4", "mpeg4", "yuv420p")],
+)
+def test_a_video_that_is_cut_in_its_second_frame_is_an_error(av, tmp_path, name, codec, pixels):
+    """A single frame has no distance from another: the header's rate tells how long it is. One alone is whole."""
+    path = tmp_path / name
+    write(av, path, noise(1), codec=codec, pixels=pixels)
+    assert len(frames_of(path)[1]) == 1
+    write(av, path, noise(10), codec=codec, pixels=pixels)
+    with av.open(str(path)) as file:
+        packets = [(packet.pos, packet.size) for packet in file.demux(file.streams.video[0]) if packet.size]
+    begin, size = packets[1]
+    path.write_bytes(path.read_bytes()[: begin + size // 2])
+    with pytest.raises(FramesError, match=r"truncated.*frame [01]\b"):
+        frames_of(path)
+
+
 def test_no_video(av, tmp_path):
     """Text, and a header cut short."""
     (tmp_path / "v.mp4").write_text("no video at all, but a long enough text to look at")

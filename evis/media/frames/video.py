@@ -94,9 +94,14 @@ class VideoFrames(ImageSource):
         if not frames:
             raise FramesError(f"{self._path}: no frame can be decoded")
         told = self._told()
-        if told is None or frames < 2:
+        if told is None:
             return
-        period = end / (frames - 1)
+        if frames > 1:
+            period = end / (frames - 1)
+        elif self.count == 1 or not self._track.average_rate:
+            return
+        else:
+            period = 1 / Fraction(self._track.average_rate)
         if told - (end + period) > max(2 * period, told / 100):
             raise FramesError(
                 f"{self._path}: truncated: it ends after {float(end + period):.3f} s (frame {frames - 1}), "
