@@ -19,7 +19,8 @@ from evis.bag.writer import BagWriter
 from evis.cli import main
 from evis.media.frames.open import open_frames
 from evis.media.frames.source import FrameOptions
-from msgs.camera import Depth, EventPacket, Image, Keyframe
+from msgs.audit import Audit
+from msgs.camera import Depth, EventPacket, Image, Imu, Keyframe
 from msgs.header import Header
 
 
@@ -159,10 +160,39 @@ def test_other_topics(tmp_path):
     assert [line["acceleration"] for line in lines] == [
         scene(k)["/cam0/imu"].acceleration.tolist() for k in range(KEYFRAMES)
     ]
+    export(path, "/cam0/imu", tmp_path / "i.npz")
+    with np.load(tmp_path / "i.npz") as arrays:
+        samples = [scene(k)["/cam0/imu"] for k in range(KEYFRAMES)]
+        for name in ("t", "acceleration", "angular_velocity"):
+            assert np.array_equal(arrays[name], np.concatenate([getattr(one, name) for one in samples]))
     with pytest.raises(BagError, match=r"name it \.npz or \.jsonl"):
         export(path, "/state", tmp_path / "s.csv")
     with pytest.raises(BagError, match="no topic '/cam1/events'; it has"):
         export(path, "/cam1/events", tmp_path / "s.npz")
+
+
+def test_samples_of_which_each_message_has_as_many_as_it_has(tmp_path):
+    """One after another; `offsets` takes the messages apart again."""
+    rng = np.random.default_rng(3)
+    sent = []
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        for k, n in enumerate((3, 0, 5, 4)):
+            t = np.arange(n, dtype=np.int64) + 10 * k
+            sent.append(Imu(Header(10 * k), t, rng.normal(size=(n, 3)), rng.normal(size=(n, 3))))
+            writer.write("/cam0/imu", sent[-1])
+            worst = rng.integers(0, 9, (n, 3), dtype=np.int32)
+            writer.write("/cam0/audit", Audit(Header(10 * k), worst, np.arange(n, dtype=np.float64)))
+    told = export(tmp_path / "a.mcap", "/cam0/imu", tmp_path / "i.npz")
+    assert told["messages"] == 4 and told["arrays"]["acceleration"] == [12, 3]
+    with np.load(tmp_path / "i.npz") as arrays:
+        assert arrays["offsets"].tolist() == [0, 3, 3, 8, 12] and arrays["stamp_ns"].tolist() == [0, 10, 20, 30]
+        for k, message in enumerate(sent):
+            rows = slice(*arrays["offsets"][k : k + 2])
+            for name in ("t", "acceleration", "angular_velocity"):
+                assert np.array_equal(arrays[name][rows], getattr(message, name))
+    export(tmp_path / "a.mcap", "/cam0/audit", tmp_path / "u.npz")
+    with np.load(tmp_path / "u.npz") as arrays:
+        assert arrays["worst_distance"].tolist() == [0, 1, 2, 0, 1, 2, 3, 4, 0, 1, 2, 3]
 
 
 @pytest.mark.parametrize(

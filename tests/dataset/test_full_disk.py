@@ -8,10 +8,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from in_this_process import InThisProcess
 from small_recipe import checksums, write
 
+from evis.dataset.layouts.npz.growing_npy import GrowingNpy
 from evis.dataset.making.make import make
 from evis.dataset.recipe_file import read_recipe
 
@@ -48,3 +50,14 @@ def test_a_full_disk_ends_the_run_in_one_line(layout: str, batch: int, tmp_path:
     before = {name: digest for name, digest in checksums(kept).items() if name.count("/")}
     assert make(recipe, str(kept), InThisProcess, resume=True).there == 5
     assert before.items() <= checksums(kept).items() and checksums(kept) == checksums(whole)
+
+
+def test_an_array_that_the_disk_refuses_is_named(tmp_path: Path) -> None:
+    """While it grows, and at its end; /dev/full refuses all that is written to it."""
+    path = tmp_path / "t.npy"
+    path.symlink_to("/dev/full")
+    for rows in (np.zeros((1 << 20, 2)), np.zeros((1, 2))):
+        file = GrowingNpy(path, (2,), np.dtype(np.float64))
+        with pytest.raises(OSError, match=r"No space left on device: '.*/t\.npy'"):
+            file.append(rows)
+            file.close()

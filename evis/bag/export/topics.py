@@ -18,13 +18,15 @@ from evis.bag.reader import BagReader
 from evis.bag.ros import jsonform
 from evis.files.whole_file import whole_file
 from msgs.camera import Keyframe
+from msgs.fields import array_specs
 from msgs.header import Message
 
 _ENV = re.compile(r"/env(\d+)(/.*)")
 ENDINGS = (".npz", ".jsonl", ".csv", ".txt", ".raw", ".dat", ".es", ".aedat4", ".h5", ".hdf5")
 """Of files that a topic can be written to; events to all of them."""
 BESIDE_KEYFRAME = ("depth", "motion", "ids")
-
+SAMPLES = ("n", "w")
+"""Axes, as messages name them, of which each message has a length of its own."""
 
 FOLDERS = {"Keyframe": "EXR", "Image": "PNG", **dict.fromkeys(label_images.KINDS, "EXR")}
 """Messages that go to a folder, a file each, and its format."""
@@ -41,7 +43,7 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False, 
     one EXR each (half: R, G, B as 16-bit floats, clamped and counted). Images to a folder: one PNG each, and times.txt.
     Depth, ids, motion and labels to a folder: one EXR each, or (as_png) 16 bit PNG, see `label_pngs.write_folders`.
     Frames: .npz that `evis events simulate` takes. Labels: .npz, see `labels.write`. /state: .npz with every body at
-    every sub-step. Any other: .npz (arrays stacked over messages). All: .jsonl (a message per line).
+    every sub-step. Any other: .npz (arrays stacked over messages, samples joined). All: .jsonl (a message per line).
     Of a torn bag what is there is written, and `problem` says what is wrong with it. `other_files` counts the EXR or
     PNG files of another export that the folder still holds. Raises BagError.
     """
@@ -211,17 +213,25 @@ def _by_stamp(reader: BagReader, topics: list[str]) -> Iterator[dict[type[Messag
 
 def _arrays(messages: Iterator[Message], topic: str, out: Path) -> dict[str, Any]:
     columns: dict[str, list[np.ndarray]] = {"stamp_ns": [], "episode": []}
+    rows: dict[str, list[int]] = {}
     for i, message in enumerate(messages):
         columns["stamp_ns"].append(np.array(message.header.stamp_ns, np.int64))
         columns["episode"].append(np.array(message.header.episode, np.int64))
         for name, array in message.arrays().items():
             columns.setdefault(name, [])
-            if len(columns[name]) != i or (i and columns[name][0].shape != array.shape):
+            joined = array_specs(type(message))[name].dims[0] in SAMPLES
+            if joined:
+                rows.setdefault(name, []).append(len(array))
+            if len(columns[name]) != i or (i and columns[name][0].shape[joined:] != array.shape[joined:]):
                 raise BagError(f"{topic}: {name} has another shape in every message; export to .jsonl")
             columns[name].append(np.asarray(array))
-    stacked = {n: np.stack(v) if v else np.empty(0, np.int64) for n, v in columns.items()}
-    if len({len(v) for v in stacked.values()}) > 1:
+    if len({len(v) for v in columns.values()}) > 1:
         raise BagError(f"{topic}: not every message has the same arrays; export to .jsonl")
+    stacked = {
+        n: (np.concatenate if n in rows else np.stack)(v) if v else np.empty(0, np.int64) for n, v in columns.items()
+    }
+    if rows:  # of all arrays with such an axis alike
+        stacked["offsets"] = np.cumsum([0, *next(iter(rows.values()))], dtype=np.int64)
     with _whole(out) as file:
         np.savez(file, **stacked)  # type: ignore[arg-type]
     return {"messages": len(stacked["stamp_ns"]), "arrays": {n: list(v.shape) for n, v in stacked.items()}}

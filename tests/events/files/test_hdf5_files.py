@@ -372,3 +372,8 @@ def test_other_hdf5_files_are_named(tmp_path):
         open_recording(tmp_path / "a.h5")
     with pytest.raises(RecordingError, match="HDF5"):
         open_recording(save(tmp_path / "b.h5", b"\x89HDF\r\n\x1a\n" + bytes(200)))
+    with h5py.File(tmp_path / "c.h5", "w") as file:
+        for name in "txyp":
+            file[f"events/{name}"] = np.ones((5, 1), np.int64)
+    with pytest.raises(RecordingError, match="t in /events has 2 axes, not one"):
+        open_recording(tmp_path / "c.h5")

@@ -16,6 +16,7 @@ from file_cases import aedat3_packet, event_packet, mono, save, small_events
 from small_files import CASES, EVENTS
 from stream_cases import same
 
+import evis
 from evis.cli import main
 from evis.events import Events, RecordingError, open_recording
 
@@ -317,3 +318,14 @@ def test_whole_times_that_are_no_integers(tmp_path):
     got, info = read(tmp_path / "a.npz")
     same(got, WHOLE)
     assert "the times in timestamp are taken as us" in info.warnings
+
+
+def test_a_width_that_no_sensor_has_is_not_taken_from_an_archive(tmp_path):
+    """The limit is that of all formats, and what reads a recording in windows has the size that the events tell."""
+    np.savez(tmp_path / "a.npz", t=WHOLE.t, x=WHOLE.x, y=WHOLE.y, p=WHOLE.p, width=65536, height=34)
+    side = int(WHOLE.x.max()) + 1
+    with evis.open(tmp_path / "a.npz") as recording:
+        assert recording.width == side and sum(len(w) for w in recording.windows(10_000_000)) == len(WHOLE)
+    np.savez(tmp_path / "a.npz", t=WHOLE.t, x=WHOLE.x, y=WHOLE.y, p=WHOLE.p, width=65535, height=34)
+    with evis.open(tmp_path / "a.npz") as recording:
+        assert (recording.width, recording.height) == (65535, 34)

@@ -239,6 +239,9 @@ def _columns(file: h5py.File, group: h5py.Group, info: RecordingInfo) -> Layout:
     names = _named_in(_names(group))
     found = [member(group, names[c], info) for c in "txyp"]
     t, x, y, p = tables = [table for table in found if isinstance(table, Table)]
+    for name, table in zip("txyp", tables):
+        if table.ndim != 1:
+            raise RecordingError(f"{info.path}: {names[name]} in {group.name} has {table.ndim} axes, not one")
     offset_us = 0
     offset = member(file, "t_offset", info)
     shifted = "t_offset" in _names(file)
@@ -249,7 +252,7 @@ def _columns(file: h5py.File, group: h5py.Group, info: RecordingInfo) -> Layout:
     indexed = any({"ms_to_idx", "ms_map_idx"} & set(_names(g)) for g in (file, group))
     whole_file = group.name == "/"
     name = ("dsec" if shifted else "eds" if whole_file else "tum-vie") if indexed else "columns"
-    count = min(d.shape[0] if d.ndim == 1 else 0 for d in (x, y, t, p))
+    count = min(d.shape[0] for d in (x, y, t, p))
     _check_claim(info, count, tables)
 
     times = _Times(t, names["t"], info, offset_us).in_ns

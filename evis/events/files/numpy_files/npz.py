@@ -136,7 +136,7 @@ class NpzRecording(BlockRecording):
                 return 0
             data = self._bytes(file, name, dtype.itemsize)
             value = int(np.frombuffer(data, dtype)[0]) if len(data) == dtype.itemsize else 0
-            return value if 0 < value <= 65536 else 0
+            return value if 0 < value <= 65535 else 0
 
     def _column(self, name: str, allowance: Allowance) -> Iterator[np.ndarray]:
         with self._member(name) as (file, _, dtype):
