@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -77,6 +78,9 @@ class Bus:
 
     def loan(self, node: Node, port: str, arrays: Any) -> dict[str, np.ndarray]:
         return {name: np.empty(shape, dtype) for name, (shape, dtype) in arrays.items()}
+
+    def lending(self, node: Node, port: str) -> contextlib.AbstractContextManager[None]:
+        return contextlib.nullcontext()
 
     def publish(self, node: Node, port: str, message: Message) -> None:
         message.check()
