@@ -23,6 +23,8 @@ from msgs.header import Message
 
 INLINE_BELOW = 1 << 15
 """Messages with fewer bytes of arrays travel inside the socket: below this shared memory saves nothing."""
+LATCHED_QUEUE = 64
+"""Values of a latched topic that a tap may lag behind: the last one must arrive, and there are few."""
 POLL_MS = 100
 PUMP_EVERY_S = 0.005
 """A stream looks at its sockets this often; while credits come through the pipe nothing there is urgent."""
@@ -62,7 +64,8 @@ class Publisher:
         self._frame = topic.encode()
         # A latched message also reaches consumers that are half connected, which only the socket does.
         self._consumers = Consumers(topic, node, consumers, message_type, window, piped=not latched)
-        self._tap = TapSender(topic, tap_hz)
+        # The last value of a latched topic must arrive, however soon it follows another.
+        self._tap = TapSender(topic, 0.0 if latched else tap_hz)
         self._pool = SlotPool(topic, window + 1, shared=bool(consumers))
         self._on_device = DevicePool(topic)
         self._latch: list[Buffer] | None = None
@@ -78,7 +81,7 @@ class Publisher:
             check_bind(address)
         data = self._open(zmq.XPUB)
         router = self._open(zmq.ROUTER)
-        tap = self._open(zmq.XPUB, queue_length(self.topic))
+        tap = self._open(zmq.XPUB, LATCHED_QUEUE if self.latched else queue_length(self.topic))
         self._data = data
         self._consumers.attach(router)
         self._poller = wire.poller(self._consumers.inbox.fileno(), data, router, tap)

@@ -55,6 +55,9 @@ class Calls:
                 host.join.put(port, message)
         elif port in host.delayed:
             if message is not END:
+                # The last of a stamp counts, such as that which answers a reset.
+                if (replaced := host.delayed[port].get(message.header.stamp_ns)) is not None:
+                    replaced.release()
                 host.delayed[port][message.header.stamp_ns] = message
         elif message is END:
             host.single_open.discard(topic)

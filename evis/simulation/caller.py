@@ -77,7 +77,10 @@ class CallerNode(Node):
             return
         message.keep()
         before = self.taken.get(port, [])
-        if before and not isinstance(message, Image):
+        if isinstance(message, Image):
+            # There are any number of them in a step, and a topic lends a bounded number of slots.
+            message = owned(message)
+        elif before:
             before.pop().release()
         self.taken[port] = [*before, message]
 
@@ -113,7 +116,10 @@ def owned(message: Message) -> Message:
     """
     slot = message._slot
     if slot is None:
-        shared = {n: a for n, a in message.arrays().items() if isinstance(a, np.ndarray) and not a.flags.writeable}
+        # Physics goes on from states that it has published.
+        every = isinstance(message, WorldState)
+        arrays = {name: a for name, a in message.arrays().items() if isinstance(a, np.ndarray)}
+        shared = {name: a for name, a in arrays.items() if every or not a.flags.writeable}
         return _with(message, {name: array.copy() for name, array in shared.items()})
     pool = getattr(slot, "pool", None)
     if slot.pins == 1 and pool is not None:

@@ -137,10 +137,12 @@ class Run:
         controls = controls_of(action, self.envs, graph.actuators)
         rate = self.parameter("action_rate", None)
         held = 1 if rate is None else times_slower(self.parameter("keyframe_rate", 0.0), rate)
-        if self.k % held:
+        # They are counted from where physics began, at a divergence anew.
+        first = getattr(self._executor.node(self.graph.physics), "first", 0) if self.graph.physics else 0
+        if since := (self.k - first) % held:
             raise SimulationError(
                 f"an action is due at every {held}. keyframe (action_rate={rate:g}) and is held until the next; "
-                f"the next is due at keyframe {self.k - self.k % held + held}, this is keyframe {self.k}"
+                f"the next is due at keyframe {self.k - since + held}, this is keyframe {self.k}"
             )
         if not np.array_equal(controls, self._controls):
             self.history.add(self.k, controls)
@@ -182,7 +184,7 @@ class Run:
         self._controls = self._controls.copy()
         self._controls[list(envs)] = self.graph.start
         assert self.last is not None
-        self._episodes = self.last.episodes
+        self._episodes = self.last.episodes.copy()
 
     def replay(self, history: History, last: int) -> None:
         """Does once more what was done in another run, up to keyframe `last`."""
