@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -51,6 +52,11 @@ def _key(message: Message) -> tuple[int, int]:
     return message.header.episode, message.header.stamp_ns
 
 
+def _place(message: Message) -> tuple[int, int, int]:
+    """Where a message lies among those of its topic."""
+    return *_key(message), message.header.seq
+
+
 class ReplayerNode(Node):
     """Publishes what a bag holds; each topic is a port of its own name."""
 
@@ -83,26 +89,49 @@ class ReplayerNode(Node):
         self.reader: BagReader = BagReader(self.params["bag"])
         if self.reader.problem:
             self.warn(f"{self.reader.path} is torn: {self.reader.problem}; replaying what can be read")
-        self.latched: dict[str, Message] = {}
-        for topic in [p for p in ports if self.reader.topics[p] == "CameraInfo"]:
-            _, info = next(self.reader.messages([topic]), (topic, None))
-            if info is not None:
-                self.publish(topic, info)
-                self.latched[topic] = info
-        self.skipped_before = self.reader.skipped
         start = self.reader.start_ns + round(self.params["start"] * 1e9)
         length = self.params["duration"]
         end = None if length is None else start + round(length * 1e9)
         self.part = ports, start, end
         self.messages: Iterator[tuple[str, Message]] = self.reader.messages(*self.part) if ports else iter(())
-        self.next = self._take()
+        self.next = next(self.messages, None)
+        skipped = self.reader.skipped
+        self.described: dict[str, tuple[tuple[int, int, int], Message]] = {}
+        """Topic -> where in the bag the description lies that holds as a round begins, and the description."""
+        self.changed: set[str] = set()
+        """Topics of which another description was published since."""
+        self.outdated: list[str] = []
+        """Those of them whose description must be published again as the round begins."""
+        for topic in [p for p in ports if self.reader.topics[p] == "CameraInfo"]:
+            info = self._described_at(topic, start, self.next[1].header.episode if self.next else 0)
+            if info is not None:
+                self.described[topic] = _place(info), info
+        self.skipped_before = self.reader.skipped - skipped
+        self._describe(self.described)
+        if self.next is not None and self._is_old(*self.next):
+            self.next = self._take()
+
+    def _described_at(self, topic: str, start: int, episode: int) -> Message | None:
+        """The last description of a camera up to where the replay begins; the first of all where there is none."""
+        last = None
+        for _, info in self.reader.messages([topic], None, start):
+            if info.header.episode > episode:
+                break
+            last = info
+        return next(self.reader.messages([topic]), (topic, None))[1] if last is None else last
+
+    def _describe(self, topics: Iterable[str]) -> None:
+        """Publish the descriptions that hold as a round begins."""
+        for topic in topics:
+            info: Any = self.described[topic][1]
+            self.publish(topic, self._of_this_round(replace(info, header=replace(info.header))))
+
+    def _is_old(self, topic: str, message: Message) -> bool:
+        """Whether it is a description that held at the latest as the round began: of these the last was published."""
+        return topic in self.described and _place(message) <= self.described[topic][0]
 
     def _take(self) -> tuple[str, Message] | None:
-        for topic, message in self.messages:
-            first = self.latched.get(topic)
-            if first is None or _key(message) != _key(first):  # the first was published in setup
-                return topic, message
-        return None
+        return next((found for found in self.messages if not self._is_old(*found)), None)
 
     def step(self, inputs: Mapping[str, Message]) -> bool:
         """Publish the messages of one stamp, one of each topic at the most."""
@@ -119,12 +148,15 @@ class ReplayerNode(Node):
                 time.sleep(min(wait, MAX_SLEEP_S))
                 if wait > MAX_SLEEP_S:
                     return True
-        sent: set[str] = set()
+        self._describe(self.outdated)
+        sent, self.outdated = set(self.outdated), []
         while self.next is not None:
             topic, message = self.next
             if topic in sent or _key(message) != key:
                 return True
             sent.add(topic)
+            if topic in self.described:
+                self.changed.add(topic)
             self.publish(topic, self._of_this_round(message))
             self.next = self._take()
         self._tell_of_damage()
@@ -144,6 +176,7 @@ class ReplayerNode(Node):
 
     def _begin_again(self) -> None:
         self.first_episode = self.last_episode + 1
+        self.outdated, self.changed = sorted(self.changed), set()
         self.messages = self.reader.messages(*self.part)
         self.next = self._take()
         self.pacer = Pacer(self.pacer.speed) if self.pacer is not None else None

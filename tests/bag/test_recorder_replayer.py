@@ -320,6 +320,40 @@ def test_again_and_again_as_further_episodes(tmp_path, monkeypatch):
     node.close()
 
 
+@pytest.mark.parametrize(("start", "first"), [(0.0, "a"), (0.05, "b"), (0.1, "c")])
+def test_the_description_is_that_of_the_time_played(tmp_path, monkeypatch, start, first):
+    """A bag whose world changes twice: at each stamp of each round the last description written by then holds."""
+    monkeypatch.setattr("nodes.replayer.node.REST_S", 0.0)
+    worlds = {0: "a", 1: "b", 3: "c"}
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        for k in range(5):
+            messages = scene(k)
+            if k == 1:  # two resets at one stamp: the second is what holds
+                info = dataclasses.replace(messages["/cam0/info"], name="-", header=Header(round(1e9 / 30), 1))
+                writer.write("/cam0/info", info)
+            if k in worlds:
+                header = Header(round(k * 1e9 / 30), k + 1)
+                writer.write("/cam0/info", dataclasses.replace(messages["/cam0/info"], name=worlds[k], header=header))
+            writer.write("/cam0/events", messages["/cam0/events"])
+    node = make(ReplayerNode, bag=str(tmp_path / "a.mcap"), start=start, again=True)
+    node.setup()
+    assert [(topic, m.name) for topic, m in node.runtime.published] == [("/cam0/info", first)]
+    while sum(topic == "/cam0/events" for topic, _ in node.runtime.published) < 15:
+        assert node.step({})
+    name, seen = "", []
+    for topic, message in node.runtime.published:
+        if topic == "/cam0/info":
+            name = message.name
+        else:
+            k = round(message.header.stamp_ns * 30 / 1e9)
+            seen.append((k, name, message.header.episode))
+    ks = [k for k in range(5) if k / 30 >= start - 1e-9]
+    written = ["a", "b", "b", "c", "c"]
+    expected = [(k, written[k], episode) for episode in range(15) for k in ks]
+    assert seen == expected[: len(seen)] and seen[-1][2] >= 2
+    node.close()
+
+
 def test_replaying_a_torn_bag(tmp_path):
     record(tmp_path / "a.mcap", keyframes=6, topics=ALL)
     data = (tmp_path / "a.mcap").read_bytes()
