@@ -79,11 +79,11 @@ class Requests:
     def attach(self, topic: str, lockstep: bool | None, patience_s: float) -> dict[str, Any]:
         """Asks for control of a topic, and returns the welcome. Raises ConnectionRefusedError with the reason."""
         patience = None if math.isinf(patience_s) else patience_s
-        self.due_ns, self.lost = None, ""
         body = {"op": "attach", "topic": topic, "who": who_am_i(), "lockstep": lockstep, "patience_s": patience}
         answer = self._ask([msgpack.packb(body)])
         if answer["op"] == "refused":
             raise ConnectionRefusedError(f"{self._plan.name} takes no {topic} from outside: {answer['why']}")
+        self.due_ns, self.lost = None, ""  # what came before the welcome is of an earlier time in control
         return answer
 
     def give(self, topic: str, message: Message) -> int:

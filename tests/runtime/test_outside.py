@@ -177,6 +177,26 @@ def test_two_controllers(graph: Callable[[str], Graph]) -> None:
         program.close()
 
 
+@pytest.mark.parametrize("again", ["left", "lost"])
+def test_who_takes_control_again_is_told_of_the_present_step(graph: Callable[[str], Graph], again: str) -> None:
+    """And not of the one that waited as it left or lost control, which lay unread in its socket."""
+    run = graph("lockstep")
+    program = run.program()
+    take(program, patience_s=LIMIT_S if again == "left" else 0.5)
+    stamp = due(program)
+    program.give("/action", action(1.0, stamp=stamp))
+    until(lambda: run.node.now_ns > stamp and run.executor._hosts["machine"].door.holdings["action"]._due)
+    if again == "left":
+        program.leave()
+    until(lambda: run.node.now_ns > stamp + 10_000_000)
+    welcome = take(program)
+    assert program.lost == "" and (program.due_ns is None or program.due_ns >= welcome["stamp_ns"])
+    assert due(program) >= welcome["stamp_ns"] > stamp + 10_000_000
+    assert due(program) == run.node.now_ns
+    program.give("/action", action(2.0, stamp=due(program)))
+    program.close()
+
+
 def test_who_dies_hands_control_back(graph: Callable[[str], Graph]) -> None:
     run = graph("lockstep")
     program = run.program()
