@@ -57,6 +57,8 @@ class CallerNode(Node):
         """The latest stamp that arrived."""
         self.episodes: np.ndarray | None = None
         """Of the last state, int32 [E]."""
+        self.envs = 1
+        """How many environments the messages have, as states and events tell it."""
         self.poses: np.ndarray | None = None
         """Of its bodies, float64 [E, N, 7]."""
 
@@ -70,6 +72,9 @@ class CallerNode(Node):
         """Keeps a message of topic `port`; the arrays stay as they are until `take`."""
         if isinstance(message, WorldState):
             self.episodes, self.poses = np.array(message.episodes), message.kept_end_pose()
+            self.envs = len(self.episodes)
+        elif isinstance(message, EventPacket):
+            self.envs = len(message.env_offsets) - 1
         self.stamp_ns = max(self.stamp_ns, message.header.stamp_ns)
         if port not in self._asked_for:
             self._asked_for[port] = any(fnmatch.fnmatchcase(port, glob) for glob in self.params["topics"])

@@ -93,8 +93,8 @@ class Run:
 
     @property
     def envs(self) -> int:
-        """Number of environments."""
-        return int(self.parameter("envs", 1))
+        """Number of environments; without physics that of the messages, 1 before the first of them."""
+        return int(self.parameter("envs", 1)) if self.graph.physics else self._caller.envs
 
     @property
     def stamp_ns(self) -> int:
@@ -158,6 +158,8 @@ class Run:
         self.k += 1
         lines = [text for name, _, text in self._said if name == self.graph.physics]
         step = self._taken()
+        if not self.graph.physics:  # a reset in a bag is a recorded one, and nothing has diverged now
+            return step
         fallen = np.flatnonzero(step.episodes != self._episodes).tolist()
         if fallen:
             self._said = []

@@ -187,3 +187,28 @@ def test_a_picture_shows_where_events_are() -> None:
     drawn[step.events.y, step.events.x] = True
     assert (grey == ~drawn).all()
     assert page.count("<img") == 1 and "data:image/png;base64," in page
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_a_replay_has_the_environments_and_episodes_of_its_bag(which: int, tmp_path: Path) -> None:
+    """One of two was reset at 0.1 s: its episode is the next one from there on, and nothing has diverged."""
+    bag = tmp_path / "reset.mcap"
+    with evis.Simulation("spinning_disk", envs=2, keyframe_rate=20, upsampling=2, **SIZE) as sim:
+        sim.run(0.1)
+        sim.reset(envs=[which])
+        sim.run(0.1)
+        sim.save(bag)
+    with evis.Simulation("replay", bag=bag) as sim:
+        for _ in range(2):
+            steps = [sim.reset()]
+            while not steps[-1].over:
+                steps.append(sim.step())
+            assert sim.envs == 2
+            told = {(step.stamp_ns, step.episodes[which], step.episodes[1 - which]) for step in steps}
+            assert {(0, 0, 0), (50_000_000, 0, 0), (150_000_000, 1, 0), (200_000_000, 1, 0)} <= told
+            assert all((episode == 0 or at >= 100_000_000) and not other for at, episode, other in told)
+    with evis.Simulation("replay", bag=bag, exclude=["/state"]) as sim:
+        step = sim.reset()
+        while step.events is None:
+            step = sim.step()
+        assert sim.envs == 2 and len(sim.alone(step, 1).events.t) == np.diff(step.events.env_offsets)[1]
