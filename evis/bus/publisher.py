@@ -154,6 +154,14 @@ class Publisher:
         """Says whether a tap listens."""
         return self._tap.listeners > 0
 
+    def tapped_by_eager(self) -> bool:
+        """Says whether a tap listens that wants every message."""
+        return self._tap.eager > 0
+
+    def miss(self, count: int) -> None:
+        """Leaves out sequence numbers: readers count as lost what its node could not make. Not for a latched topic."""
+        self._seq += count
+
     def loan(self, **arrays: tuple[tuple[int, ...], Any]) -> dict[str, np.ndarray]:
         """Returns aligned arrays to write the next message into, name -> (shape, dtype); valid until `send`."""
         if not self._pool.ready():

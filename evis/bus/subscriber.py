@@ -138,6 +138,11 @@ class Subscriber:
             kind = wire.type_name(self.message_type)
             self._dealer.send(wire.pack_map(wire.HELLO, id=self.name, token=token, type=kind, window=self._window))
 
+    def want_every(self, every: bool) -> None:
+        """Asks for every message from now on, or for those that the publisher's rate lets through; of a tap."""
+        self.every = every
+        self._data.setsockopt(zmq.SUBSCRIBE if every else zmq.UNSUBSCRIBE, wire.EVERY)
+
     def _open(self, kind: int, high_water_mark: int = 0) -> zmq.Socket:
         sock = wire.open_socket(self._context, kind, high_water_mark)
         self._sockets.append(sock)

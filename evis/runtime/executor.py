@@ -78,6 +78,7 @@ class Executor:
         self._subscriptions: list[Subscription] = [s for h in self._hosts.values() for s in h.subscriptions]
         self._publishers: list[AnyPublisher] = [p for h in self._hosts.values() for p in h.publishers.values()]
         self._publishers += self._telemetry.publishers.values()
+        self._dormant = [host for host in self._hosts.values() if host.plan.dormant]
         self._declared = [publisher for publisher in self._publishers if publisher.declared]
         self._listen_at = 0.0
         self._doors = [self._door(host) for host in self._hosts.values() if host.plan.outside]
@@ -240,6 +241,8 @@ class Executor:
             publishers, self._listen_at = self._publishers, now + LISTEN_S
         for publisher in publishers:
             publisher.pump()
+        for host in self._dormant:
+            host.follow_readers()
 
     @property
     def stopping(self) -> bool:
@@ -312,6 +315,8 @@ class Executor:
                         s.subscriber.raise_if_publisher_lost()
                     continue
             progress = True
+            if s.host.every:
+                s.host.pass_on_losses()
             s.ended = s.declared and message is END
             if message is not END or s.declared:
                 self._calls.accept(s.host, s.port, s.topic, message)

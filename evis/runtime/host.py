@@ -104,6 +104,10 @@ class Host:
     pacer: Pacer | None = None
     door: Door | None = None
     """Where programs outside the graph give what nobody in it does."""
+    every: bool = False
+    """A dormant node of which somebody wants every message: so it does of what it reads."""
+    _missed: int = 0
+    """Messages that it has missed since, as far as its readers were told."""
     _devices: dict[str, Any] = field(default_factory=dict)
     """Port -> the Warp device on which the node takes arrays there, None = on the host."""
 
@@ -137,6 +141,25 @@ class Host:
         """Names the consumers, as `node:port`, that read no arrays of the next message of a topic; once for each."""
         slow = self.sampled.get(topic)
         return frozenset([name for name, (_, due) in slow.items() if not due.takes(header)]) if slow else ALL_READ
+
+    def follow_readers(self) -> None:
+        """Asks for every message of what a dormant node reads while somebody wants every one of what it makes."""
+        every = any(isinstance(p, Publisher) and p.tapped_by_eager() for p in self.publishers.values())
+        if every == self.every:
+            return
+        self.every, self._missed = every, 0
+        for s in self.subscriptions:
+            s.subscriber.want_every(every)
+            s.lost_before = s.subscriber.lost
+
+    def pass_on_losses(self) -> None:
+        """Lets the readers of a dormant node count what its taps have lost: it makes nothing of that."""
+        missed = max(s.subscriber.lost - s.lost_before for s in self.subscriptions)
+        if missed > self._missed:
+            for publisher in self.publishers.values():
+                if isinstance(publisher, Publisher) and not publisher.latched:
+                    publisher.miss(missed - self._missed)
+            self._missed = missed
 
     def takes(self, port: str, device: Any) -> bool:
         """Says whether the node takes Warp arrays of this device on a port as they are."""
@@ -224,6 +247,8 @@ class Subscription:
     declared: bool
     ended: bool = False
     """A declared topic is read to its end even when the node needs no more: its publisher waits for that."""
+    lost_before: int = 0
+    """What a tap had lost as it began to ask for every message."""
 
 
 class Wiring:

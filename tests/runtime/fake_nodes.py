@@ -84,6 +84,20 @@ class Adder(Node):
         self.publish("sum", Ids(Header(depth.header.stamp_ns, episode=depth.header.episode), total))
 
 
+class Doubler(Node):
+    """Publishes twice every depth."""
+
+    PARAMS = {"sleep": Param(float, 0.0, "per update", unit="s")}
+    INPUTS = {"depth": Input("/cam0/depth")}
+    OUTPUTS = {"double": Output("/cam1/depth")}
+
+    def update(self, inputs: Mapping[str, Message]) -> None:
+        depth = inputs["depth"]
+        assert isinstance(depth, Depth)
+        time.sleep(self.params["sleep"])
+        self.publish("double", Depth(Header(depth.header.stamp_ns), 2 * depth.depth))
+
+
 class Controller(Node):
     """Closes the loop: for every state an action whose control is the state's number."""
 

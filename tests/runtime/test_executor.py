@@ -5,14 +5,18 @@ from __future__ import annotations
 import json
 import sys
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
+import zmq
 
+from evis.bus import END, Subscriber, endpoints_for
 from evis.runtime.executor import Executor
 from evis.runtime.host import NodeFailed
 from evis.runtime.plan import Edge, NodePlan, Plan, TopicPlan
+from msgs.camera import Depth
 
 sys.path.insert(0, str(Path(__file__).parent))
 SPREADS = {
@@ -75,6 +79,53 @@ def run(plan: Plan, timeout: float = 120.0) -> dict[str, BaseException]:
         thread.join(timeout)
     assert not any(t.is_alive() for t in threads), "the graph hangs"
     return errors
+
+
+@pytest.mark.parametrize(("every", "slow"), [(True, 0.0), (True, 0.03), (False, 0.0)])
+def test_who_wants_every_message_of_a_dormant_node_misses_none_uncounted(
+    tmp_path: Path, every: bool, slow: float
+) -> None:
+    """It gets all that the counter has made, or counts the rest as lost; a viewer makes the node read as a viewer."""
+    count = 200
+    plan = make_plan(tmp_path, ["a", "b", "c"], counter={"count": count, "sleep": 0.005})
+    del plan.nodes["adder"], plan.nodes["checker"], plan.topics["/cam0/ids"], plan.topics["/cam1/ids"]
+    plan.nodes["counter"].outputs = {"depth": "/cam0/depth"}
+    plan.nodes["doubler"] = NodePlan(
+        "doubler", "fake_nodes:Doubler", {"sleep": slow}, "b", {"depth": ["/cam0/depth"]}, {"double": "/cam1/depth"},
+        dormant=True,
+    )  # fmt: skip
+    plan.topics["/cam0/depth"].edges = [Edge("doubler", "depth", "tap")]
+    plan.topics["/cam1/depth"] = TopicPlan("/cam1/depth", "Depth", "doubler", "double")
+    context = zmq.Context()
+    reader = Subscriber(
+        context, "/cam1/depth", "program", "tap", endpoints_for(str(tmp_path), "/cam1/depth"), message_type=Depth,
+        tap=True, every=every,
+    )  # fmt: skip
+    executors = [Executor(plan, process) for process in "ab"]
+    for executor in executors:
+        executor.setup()
+    threads = [threading.Thread(target=executor.run, daemon=True) for executor in executors]
+    reader.start()
+    threads[1].start()
+    time.sleep(0.3)  # the doubler hears of its reader, and asks
+    threads[0].start()
+    values = []
+    while (message := reader.receive(1000)) is not None and message is not END:
+        values.append(int(message.depth.flat[0]) // 2)
+    executors[1].stop()
+    for thread in threads:
+        thread.join(60.0)
+    assert not any(thread.is_alive() for thread in threads)
+    assert values == sorted(set(values)) and len(values) > 10
+    missing = values[-1] - values[0] + 1 - len(values)
+    if every:
+        assert reader.lost == missing and (missing > 0 if slow else len(values) > 0.9 * count)
+    else:
+        assert missing > count / 2
+    reader.close()
+    context.destroy(linger=0)
+    for executor in executors:
+        executor.close()
 
 
 def seen(directory: Path) -> dict[str, list[list[float]]]:
