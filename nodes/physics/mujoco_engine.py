@@ -17,7 +17,7 @@ import numpy as np
 
 from evis.runtime.workers import Workers
 from evis.scene.errors import SceneError
-from evis.scene.mjcf.delays import delayed
+from evis.scene.mjcf.compiling.delays import delayed
 from evis.scene.mjcf.dynamics import compile_model
 from evis.scene.model import Scene
 from nodes.physics.dynamics.actuators import actuators_of

@@ -116,7 +116,7 @@ def test_same_seed_same_bytes_with_contacts_and_joints():
 def test_nothing_is_extracted_unless_asked():
     """No contacts and no joints by default."""
     message = run(node_of(scene="falling_objects", duration=0.1))[-1]
-    assert set(message.arrays()) == {"t", "end_pose", "moving", "moving_pose", "moving_twist", "episodes"}
+    assert set(message.arrays()) == {"t", "end_pose", "moving", "moving_pose", "moving_twist", "episodes", "gravity"}
 
 
 CART = """<mujoco><option gravity="0 0 0"/><worldbody><body name="cart"><joint name="x" type="slide" axis="1 0 0"/>

@@ -10,7 +10,7 @@ from PIL import Image
 from evis.geometry import se3
 from evis.scene import SceneError, load_scene
 from evis.scene.folders import Folders
-from evis.scene.mjcf.compile import compile_drawn
+from evis.scene.mjcf.compiling.compile import compile_drawn
 from evis.scene.model import Mesh, Scene
 
 mujoco = pytest.importorskip("mujoco")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from evis.scene.errors import SceneError
-from evis.scene.mjcf.xml import read_xml
+from evis.scene.mjcf.compiling.xml import read_xml
 
 ELSEWHERE = frozenset({"include", "attach", "model", "plugin"})
 """Elements that bring what stands in other files, or is made by a program."""

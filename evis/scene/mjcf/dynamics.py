@@ -9,9 +9,9 @@ from typing import Any
 import mujoco
 
 from evis.scene.folders import Folders
-from evis.scene.mjcf.compile import Edit, compile_mjcf
-from evis.scene.mjcf.delays import keep_delays
-from evis.scene.mjcf.urdf import mujoco_model
+from evis.scene.mjcf.compiling.compile import Edit, compile_mjcf
+from evis.scene.mjcf.compiling.delays import keep_delays
+from evis.scene.mjcf.compiling.urdf import mujoco_model
 from evis.scene.model import Scene
 
 

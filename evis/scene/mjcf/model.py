@@ -18,13 +18,13 @@ from evis.files.allowance import Allowance, AllowanceError
 from evis.geometry import se3
 from evis.scene.errors import SceneError
 from evis.scene.mjcf.cameras import add_cameras, add_default
-from evis.scene.mjcf.compile import compile_drawn, compile_mjcf
+from evis.scene.mjcf.compiling.compile import compile_drawn, compile_mjcf
+from evis.scene.mjcf.compiling.urdf import compile_urdf, drawn
 from evis.scene.mjcf.dynamics import folders_of
 from evis.scene.mjcf.frames import at_rest, name_of
 from evis.scene.mjcf.geoms import GROUPS, add_geom
 from evis.scene.mjcf.lights import add_lights
 from evis.scene.mjcf.sky import skybox
-from evis.scene.mjcf.urdf import compile_urdf, drawn
 from evis.scene.model import Body, Scene
 from evis.scene.motion import Prescribed
 

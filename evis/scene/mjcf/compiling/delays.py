@@ -12,7 +12,7 @@ from typing import Any
 import mujoco
 
 from evis.scene.errors import SceneError
-from evis.scene.mjcf.check import MAX_NUMBER
+from evis.scene.mjcf.compiling.check import MAX_NUMBER
 from evis.scene.mjcf.frames import name_of
 
 FINER = 2

@@ -14,8 +14,8 @@ import numpy as np
 
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
-from evis.scene.mjcf.check import check_model
-from evis.scene.mjcf.compile import Edit, compiled, edited
+from evis.scene.mjcf.compiling.check import check_model
+from evis.scene.mjcf.compiling.compile import Edit, compiled, edited
 from evis.scene.sources import note
 
 VISUAL_GROUP = 1

@@ -16,7 +16,7 @@ from evis.files.allowance import Allowance, AllowanceError
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
 from evis.scene.images.pictures import TEXEL, check_picture, check_size
-from evis.scene.mjcf.xml import Element, read_xml
+from evis.scene.mjcf.compiling.xml import Element, read_xml
 from evis.scene.sources import note
 
 MAX_MADE = 30_000

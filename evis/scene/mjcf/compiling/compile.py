@@ -12,8 +12,8 @@ import numpy as np
 
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
-from evis.scene.mjcf.check import check_model
-from evis.scene.mjcf.numbers import check_numbers
+from evis.scene.mjcf.compiling.check import check_model
+from evis.scene.mjcf.compiling.numbers import check_numbers
 
 Edit = Callable[[Any], None]
 """Changes an MjSpec before it is compiled."""

@@ -1,0 +1,1 @@
+"""From a MuJoCo or URDF file to the compiled model, and what is wrong with one."""
