@@ -14,7 +14,7 @@ STEPS = ("moving_pose", "moving_twist", "qpos", "qvel")
 """Arrays [E, S, ...] with a row for each sub-step."""
 CONTACTS = ("env", "body", "position", "normal", "force", "distance")
 LAST = ("acceleration", "gravity", *(f"contact_{name}" for name in CONTACTS))
-"""Accelerations and contacts are those at the last stamp, so the last state's count."""
+"""Those of the last stamp: what the last state has counts."""
 
 Allocate = Callable[..., Mapping[str, np.ndarray]]
 """Arrays to write into, for name=(shape, dtype), ..."""
@@ -74,7 +74,7 @@ class Merger:
 def merged(parts: Sequence[WorldState], begun: np.ndarray, allocate: Allocate) -> WorldState:
     """Makes one state over the intervals of `parts`, each of which begins where the one before ends.
 
-    The time where two meet stands once. Stamp, episodes, contacts, accelerations and gravity are the last one's. begun: bool
+    The time where two meet stands once. What there is once in a state is the last one's. begun: bool
     [E], environments whose episode began within. They stand all along where they are at the end, for nothing may be
     interpolated across their restart.
     """
