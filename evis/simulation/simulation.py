@@ -65,8 +65,8 @@ class Simulation:
             SimulationError: in one line, for anything that `evis launch` would refuse.
         """
         self._closed = True
-        self._seeds: list[int] = []
-        """Of each environment, as it was reset last."""
+        self._seeds: dict[int, int] = {}
+        """Environment -> the seed that it was reset with, where that is not the run's and its number."""
         self._asked = parse(outputs)
         self._own_seed = self._seed = seed
         self._planner = Planner(str(scene_or_launch), self._asked, arguments, each)
@@ -153,7 +153,7 @@ class Simulation:
             self._run = Run(graph, self._asked)
         elif self._run.k >= 0 or self._run.graph is not graph:
             self._run.rewind(graph)
-        self._seeds = [self._seed + env for env in range(self.envs)]
+        self._seeds = {}
         if not single:
             return self._reset_some(chosen, seeds)
         step = self._run.advance()
@@ -181,12 +181,10 @@ class Simulation:
         """Puts environments int64 [R] to their start at the present stamp; seeds: of each, None = they keep theirs."""
         self._check_usable()
         if self._run.k < 0 and len(chosen) < self.envs:
-            self._begun()
+            self._run.advance()
         given = np.full(len(chosen), CONFIGURED) if seeds is None else np.array(seeds, np.int64)
         step = self._run.restart(chosen, given)
-        for env, value in zip(chosen.tolist(), given.tolist()):
-            if value != CONFIGURED:
-                self._seeds[env] = value
+        self._seeds |= {env: value for env, value in zip(chosen.tolist(), given.tolist()) if value != CONFIGURED}
         self._run.warn()
         return step
 
@@ -205,17 +203,12 @@ class Simulation:
         if self._run.over:
             raise SimulationError(f"{self._run.graph.plan.name} has ended{AGAIN}")
         if self._run.k < 0:
-            self._begun()
+            self._run.advance()
         if action is not None:
             self._run.act(action)
         step = self._run.advance()
         self._run.warn()
         return step
-
-    def _begun(self) -> None:
-        """Goes to keyframe 0 for who has not asked for it by a reset."""
-        self._seeds = [self._seed + env for env in range(self.envs)]
-        self._run.advance()
 
     def run(self, seconds: float, action: Any = None) -> list[Step]:
         """Goes on for so many simulated seconds, and returns every step; the first of a run is that at keyframe 0.
@@ -244,7 +237,7 @@ class Simulation:
         if not told:
             return alone(step, env, {})
         graph = self._run.graph
-        plan = graph.each[env] if graph.each else self._planner.plan(self._seeds[env]).plan
+        plan = graph.each[env] if graph.each else self._planner.plan(self._seeds.get(env, self._seed + env)).plan
         return alone(step, env, {name: info_of(info, env, plan, graph.physics) for name, info in told.items()})
 
     def finish(self) -> Step:
