@@ -32,7 +32,10 @@ def mujoco_accelerations(model: Any, data: Any, scratch: Any, qpos: np.ndarray, 
     """
     import mujoco
 
+    from nodes.physics.dynamics.sleep import wake
+
     mujoco.mj_copyData(scratch, model, data)
+    wake(model, scratch)
     scratch.qpos[:], scratch.qvel[:] = qpos, qvel
     mujoco.mj_forward(model, scratch)
     mujoco.mj_rnePostConstraint(model, scratch)

@@ -9,7 +9,7 @@ at or after its stamp: at once where the keyframe interval is a multiple of the 
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from typing import TYPE_CHECKING, Any
 
 import mujoco
@@ -29,6 +29,7 @@ from nodes.physics.dynamics.batch.unsupported import Unsupported
 from nodes.physics.dynamics.contacts import contacts_of, gather
 from nodes.physics.dynamics.course import JOINTS, Course
 from nodes.physics.dynamics.rest import Rest
+from nodes.physics.dynamics.sleep import keep_awake, start_awake, wake
 from nodes.physics.dynamics.start import put_to_start
 from nodes.physics.dynamics.states import State, snapshot
 from nodes.physics.dynamics.traced_steps import SavedState, Trace, take_steps
@@ -114,7 +115,9 @@ class MujocoEngine:
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.step_ns = step_length(self.model.opt.timestep, timestep)
         self.model.opt.timestep = self.step_ns * 1e-9
+        start_awake(self.model)
         if tolerance is not None:
+            keep_awake(self.model)
             take_best_integrator(self.model)
         self._sub_steps = [SubSteps(self.model, tolerance) for _ in range(envs)] if tolerance is not None else None
         self.controls: int = self.model.nu
@@ -209,20 +212,19 @@ class MujocoEngine:
             check_controls(controls, self.envs, self.controls)
             changed = np.flatnonzero((self._controls != controls).any(axis=1)).tolist()
             others = [k for k in changed if k not in self._left]
-        if self._prepared != to_ns or others:
-            if self._foreseen:
-                self.data.take_back(self._foreseen)
-            self._foreseen = []
+        wrong = self._foreseen if self._prepared != to_ns else [k for k in self._foreseen if k in others]
+        if wrong:
+            self.data.take_back(wrong)
+            self._foreseen = [k for k in self._foreseen if k not in wrong]
         for k in others:
-            assert controls is not None
             self._rests[k].wake()
-            self.data.control(k, controls[k])
         if controls is not None:
+            self.data.control(others, controls[others])
             self._controls = controls.copy()
         self._prepared = to_ns
         grid = range(self._course.grid, to_ns, self.step_ns)
-        if self._batch is not None and len(grid) and not self._foreseen:
-            self.data.request(self._awake(), grid)
+        if self._batch is not None and len(grid):
+            self.data.request([k for k in self._awake() if k not in self._foreseen], grid)
 
     def foresee(self, to_ns: int) -> None:
         """Asks for the steps up to a stamp that will come, as far as can be told now; `begin` then takes them."""
@@ -242,13 +244,13 @@ class MujocoEngine:
         """
         if self._prepared != to_ns or controls is not None:
             self.prepare(to_ns, controls)
-        self._prepared, self._foreseen = -1, []
+        ahead, self._prepared, self._foreseen = set(self._foreseen), -1, []
         if self.envs > len(self._left) and not self._awake():
             return self._told(self._course.rest(to_ns))
         grid = self._course.grid
         for parts in self._sub_steps or ():
             parts.taken.clear()
-        interval = self._step_to(to_ns)
+        interval = self._step_to(to_ns, ahead)
         self._measure((self._course.grid - grid) // self.step_ns, interval)
         return interval
 
@@ -280,15 +282,21 @@ class MujocoEngine:
             parts = self._sub_steps[env].taken if self._sub_steps is not None else None
             self._shadow.follow(self.data[env], steps, before, now, self._constrained, parts)
 
-    def _step_to(self, to_ns: int) -> Interval:
-        """Advances to a stamp by steps of the environments that do not rest."""
+    def _step_to(self, to_ns: int, ahead: Set[int]) -> Interval:
+        """Advances to a stamp by steps of the environments that do not rest. ahead: whose were foreseen."""
         course, awake, begun = self._course, self._awake(), self._course.stamp
         grid = course.open(to_ns)
         course.stay([k for k in range(self.envs) if k in self._left or self._rests[k].now] if len(grid) else [])
         faults: dict[int, str] = {}
         checked = self.checked
         if len(grid):
-            for k in self._together(awake, grid) if self._batch is not None else self._one_by_one(awake, grid):
+            # Those that were foreseen may have been taken in one call, and the others in another.
+            parts = [k for k in awake if k in ahead], [k for k in awake if k not in ahead]
+            if self._batch is not None:
+                odd = [k for part in parts for k in self._together(part, grid)]
+            else:
+                odd = self._one_by_one(awake, grid)
+            for k in sorted(odd):
                 course.write(np.array([k]), self._stepped_with_checks(k, grid, faults))
             for k in {*range(self.envs)} - self._left:
                 self._watch.dogs[k].passed((grid[-1] + self.step_ns) * 1e-9)
@@ -380,6 +388,7 @@ class MujocoEngine:
         """Does as `_stepped`, with a check of each state; adds to `faults` if the environment diverges."""
         data, states = self.data[k], list[State]()
         self.checked += 1
+        wake(self.model, data)
         for t in grid:
             # MuJoCo adds up its time in floating point; ours is exact.
             data.time = t * 1e-9
@@ -395,6 +404,7 @@ class MujocoEngine:
                 faults[k] = fault
                 break
             self._warnings += [(k, text) for text in self._watch.dogs[k].notices(data, pose, twist)]
+        wake(self.model, data)
         if k == self._shadowed:
             self._constrained = bool(data.nefc)
         states += states[-1:] * (len(grid) - len(states))

@@ -7,6 +7,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from nodes.physics.dynamics.sleep import wake
 from nodes.physics.interval import Contacts
 
 
@@ -14,9 +15,10 @@ def contacts_of(model: Any, data: Any, scratch: Any) -> Contacts:
     """Finds the contacts of `data` at its present state, env = 0 throughout.
 
     The forces are worked out on `scratch`, another MjData of the model: asking for contacts must not change the course
-    of the simulation (the solver starts from its last solution).
+    of the simulation (the solver starts from its last solution). Those of bodies that sleep are among them.
     """
     mujoco.mj_copyData(scratch, model, data)
+    wake(model, scratch)
     mujoco.mj_forward(model, scratch)
     active = [i for i in range(scratch.ncon) if scratch.contact[i].efc_address >= 0]
     force = np.zeros((len(active), 3))

@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 
 from evis.geometry import se3
+from nodes.physics.dynamics.sleep import fell_asleep, sleeps
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
@@ -83,6 +84,7 @@ def take_steps(
     xpos, xquat, cvel, com = data.xpos, data.xquat, data.cvel, data.subtree_com
     qpos, qvel = data.qpos, data.qvel
     kinematics, places, velocities = mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_comVel
+    asleep = np.array(data.tree_asleep) if sleeps(model) else None
     for i, t in enumerate(grid):
         # MuJoCo adds up its time in floating point; ours is exact.
         data.time = t * 1e-9
@@ -91,6 +93,10 @@ def take_steps(
         kinematics(model, data)
         places(model, data)
         velocities(model, data)
+        if asleep is not None and not np.array_equal(asleep, data.tree_asleep):
+            if i:
+                trace.cvel[i - 1][fell_asleep(model, asleep, data.tree_asleep)] = 0.0
+            asleep[:] = data.tree_asleep
         trace.xpos[i], trace.xquat[i], trace.cvel[i], trace.com[i] = xpos, xquat, cvel, com
         trace.qpos[i], trace.qvel[i] = qpos, qvel
         if data.ncon:

@@ -22,8 +22,9 @@ class BatchStepper(Protocol):
         data: MjData with the state from which they are taken, None = that after its last steps.
         """
 
-    def control(self, row: int, values: np.ndarray) -> None:
-        """Sets the controls of an environment whose next steps are taken from the state after its last ones."""
+    def control(self, rows: Sequence[int], values: np.ndarray) -> None:
+        """Sets the controls [n, nu] of environments whose next steps are taken from the state after their last ones,
+        and wakes their bodies."""
 
     def begin(self) -> None:
         """Begins to take the requested steps while others work; no other call needs to know of it."""

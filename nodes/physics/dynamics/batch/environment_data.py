@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import mujoco
+import numpy as np
 
 from nodes.physics.dynamics.batch.batch_stepper import BatchStepper
+from nodes.physics.dynamics.sleep import wake
 
 
 @dataclass
@@ -33,7 +35,7 @@ class EnvironmentData:
 
     def __init__(self, model: Any, envs: int, batch: BatchStepper | None) -> None:
         """batch: what steps them, None = each is stepped by itself."""
-        self._batch = batch
+        self._model, self._batch = model, batch
         self._all = [_Own(mujoco.MjData(model), row) for row in range(envs)]
 
     def __len__(self) -> int:
@@ -54,21 +56,27 @@ class EnvironmentData:
     def of(self, envs: Sequence[int]) -> EnvironmentData:
         """Gives those of some environments, in this order."""
         part = EnvironmentData.__new__(EnvironmentData)
-        part._batch, part._all = self._batch, [self._all[env] for env in envs]
+        part._model, part._batch, part._all = self._model, self._batch, [self._all[env] for env in envs]
         return part
 
     def row(self, env: int) -> int:
         """Gives the number of an environment in the batch."""
         return self._all[env].row
 
-    def control(self, env: int, values: Any) -> None:
-        """Sets the controls of an environment, for all steps from now on."""
-        own = self._all[env]
-        if own.given:
-            self[env].ctrl[:] = values
-        else:
+    def control(self, envs: Sequence[int], values: np.ndarray) -> None:
+        """Sets the controls [n, nu] of n environments, for all steps from now on, and wakes their bodies."""
+        rows, places = [], []
+        for place, env in enumerate(envs):
+            own = self._all[env]
+            if own.given:
+                wake(self._model, self[env])
+                self[env].ctrl[:] = values[place]
+            else:
+                rows.append(own.row)
+                places.append(place)
+        if rows:
             assert self._batch is not None
-            self._batch.control(own.row, values)
+            self._batch.control(rows, values[places])
 
     def request(self, envs: Iterable[int], grid: range) -> None:
         """Requests steps of environments of the batch, one from each time of `grid` [ns]."""

@@ -19,6 +19,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from nodes.physics.dynamics.batch.stepped_states import Records, SteppedStates
+from nodes.physics.dynamics.sleep import AWAKE, fell_asleep, sleeps
 from nodes.physics.dynamics.states import State
 from nodes.physics.dynamics.traced_steps import STATE, twist_and_pose
 
@@ -75,6 +76,7 @@ class MujocoThreads:
         plain = model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4 and not model.nhistory and not model.nplugin
         self._whole = plain
         """Whether all steps up to a stamp may be taken by one call; otherwise each by a call of its own."""
+        self._sleeps = sleeps(model)
         self._batch: Batch | None = None
         self._asked: dict[int, range] = {}
         self._taken: list[_Taken] = []
@@ -90,12 +92,16 @@ class MujocoThreads:
         self._forget([row])
         self._asked[row] = grid
         if data is not None:
+            if self._sleeps and not np.array_equal(data.tree_asleep, self._asleep[row]):
+                self._wake([row])
             mujoco.mj_getState(self._model, data, batch.state[row], STATE)
             batch.warning[row, :, 0], batch.warning[row, :, 1] = data.warning.lastinfo, data.warning.number
 
-    def control(self, row: int, values: np.ndarray) -> None:
+    def control(self, rows: Sequence[int], values: np.ndarray) -> None:
         """See BatchStepper."""
-        self._made().bind("ctrl")[row] = values
+        batch = self._made()
+        self._wake(rows)
+        batch.bind("ctrl")[list(rows)] = values
 
     def begin(self) -> None:
         """See BatchStepper."""
@@ -107,6 +113,7 @@ class MujocoThreads:
         batch = self._made()
         for row in rows:
             if self._asked.pop(row, None) is None:
+                self._wake([row])
                 batch.state[row], batch.warning[row] = self._before[row], self._warned[row]
         self._forget(rows)
 
@@ -132,6 +139,17 @@ class MujocoThreads:
         self._made()
         mujoco.mj_setState(self._model, data, self._before[row], STATE)
         data.warning.number[:] = self._warned[row, :, 1]
+
+    def _wake(self, rows: Sequence[int]) -> None:
+        """Does as `wake` to environments."""
+        if not self._sleeps:
+            return
+        batch, chosen = self._made(), np.array(rows, np.int32)
+        chosen = chosen[(self._asleep[chosen] != AWAKE).any(axis=1)]
+        if len(chosen):
+            state, warning = batch.state[chosen], batch.warning[chosen]
+            batch.reset(chosen, stage=mujoco.mjtStage.mjSTAGE_NONE)
+            batch.state[chosen], batch.warning[chosen] = state, warning
 
     def _forget(self, rows: Sequence[int]) -> None:
         """Drops results that nobody has fetched."""
@@ -162,7 +180,10 @@ class MujocoThreads:
         nearest, constrained = np.full(len(rows), np.inf), np.zeros(len(rows), bool)
         one = self._records(batch, -1, len(rows), 1)
         for n in range(count):
+            asleep = self._asleep[rows]
             self._roll(batch, rows, grids, n, one)
+            if self._sleeps and n:
+                records["cvel"][:, n - 1][fell_asleep(self._model, asleep, self._asleep[rows])] = 0.0
             nearest = np.minimum(nearest, one["sensordata"][:, 0, -1])
             constrained = one["nefc"].reshape(len(rows), -1)[:, -1] > 0
             for name in _PLACES:
@@ -198,4 +219,5 @@ class MujocoThreads:
         if self._batch is None:
             self._batch = Batch(self._model, self._count, self._threads, persistent=True)
             self._before, self._warned = self._batch.state.copy(), self._batch.warning.copy()
+            self._asleep = self._batch.bind("tree_asleep")
         return self._batch

@@ -20,6 +20,7 @@ from nodes.physics.dynamics.batch import warp_kernels as kernels
 from nodes.physics.dynamics.batch.stepped_states import SteppedStates
 from nodes.physics.dynamics.batch.unsupported import Unsupported
 from nodes.physics.dynamics.batch.warp_launches import launches
+from nodes.physics.dynamics.sleep import keep_awake
 from nodes.physics.dynamics.states import State
 
 _STATE = ("qpos", "qvel", "act", "qacc_warmstart")
@@ -90,9 +91,9 @@ class WarpWorlds:
             for name, values in self._staged.items():
                 values[row] = getattr(data, name)
 
-    def control(self, row: int, values: np.ndarray) -> None:
+    def control(self, rows: Sequence[int], values: np.ndarray) -> None:
         """See BatchStepper."""
-        self._staged["ctrl"][row] = values
+        self._staged["ctrl"][list(rows)] = values
 
     def begin(self) -> None:
         """Does nothing: the steps are taken when their result is asked for."""
@@ -209,8 +210,12 @@ class WarpWorlds:
 
 
 def _for_warp(model: Any) -> Any:
-    """Copies a model, without resets of diverged states, which MuJoCo Warp never does, and dense where it can be."""
+    """Copies a model, without resets of diverged states, which MuJoCo Warp never does, and dense where it can be.
+
+    Its bodies do not sleep: which do is no part of the states that are copied to the device.
+    """
     result = copy.copy(model)
+    keep_awake(result)
     result.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     if model.nv <= _DENSE:
         result.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
