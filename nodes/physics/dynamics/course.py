@@ -121,15 +121,18 @@ class Course:
         envs = len(self.poses)
         size = max(1, PART // max(self.poses[0].size, 1))
         parts = [slice(e, e + size) for e in range(0, envs, size)]
-        for _done in (map if self._pool is None or len(parts) == 1 else self._pool.map)(self._finish, parts):
-            pass
+        each = map if self._pool is None or len(parts) == 1 else self._pool.map
+        # Most bodies are elsewhere at the end.
+        moved = np.logical_or.reduce([*each(self._finish, parts)])
         self.stamp, self.grid = self._to, self.grid + self._steps * self._step_ns
         poses, twists = self.poses, self.twists
-        # Most bodies are elsewhere at the end.
-        moved = moves(poses[:, [0, -1]], twists[:, [0, -1]])
         still = np.flatnonzero(~moved)
         if len(still):
-            moved[still] = moves(poses[:, :, still], twists[:, :, still])
+            all_along = lambda part: moves(poses[part][:, :, still], twists[part][:, :, still])
+            moved[still] = np.logical_or.reduce([*each(all_along, parts)])
+        if len(parts) > 1 and 2 * moved.sum() > len(moved):
+            # To leave out a few of many would copy all others.
+            moved[:] = True
         ends = self._assembly.end_poses(poses[:, -1], self.now["pose"])
         if not moved.all():
             poses, twists = poses[:, :, moved], twists[:, :, moved]
@@ -139,8 +142,11 @@ class Course:
         del self.poses, self.twists, self.of_joints
         return result
 
-    def _finish(self, part: slice) -> None:
-        """Writes the end of the interval, and what is mounted on other bodies."""
+    def _finish(self, part: slice) -> np.ndarray:
+        """Writes the end of the interval, and what is mounted on other bodies, of some environments.
+
+        Returns which bodies are elsewhere at its end, or have a velocity at either end, bool [M].
+        """
         before, now = ({name: value[part] for name, value in state.items()} for state in (self.before, self.now))
         end = (
             now
@@ -157,6 +163,7 @@ class Course:
         at_ends = [np.abs(state["twist"]).max(axis=(1, 2), initial=0.0) for state in (end, now)]
         self.fastest[part] = np.maximum(self.fastest[part], np.maximum(*at_ends))
         self._assembly.put_mounted(poses, twists)
+        return moves(poses[:, [0, -1]], twists[:, [0, -1]])
 
     def rest(self, to_ns: int) -> Interval:
         """Goes on to a stamp without a step: all bodies of MuJoCo stay where they are."""

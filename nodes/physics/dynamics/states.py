@@ -12,7 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from evis.geometry import interpolate, se3
+from evis.geometry import se3
 from nodes.physics.dynamics.followers import Followers
 
 State = dict[str, np.ndarray]
@@ -46,9 +46,12 @@ def between(model: Any, before: State, now: State, times: np.ndarray, t: int, jo
     joints: whether with qpos and qvel. Velocities lie on a straight line. The derivative of the poses' cubic would not
     do: most integrators move a body by the velocity after the step, p1 = p0 + h v1, and it overshoots v1 then.
     """
+    # Warp takes a moment to load, and where stamps lie on the steps nobody needs it.
+    from nodes.physics.dynamics.poses_between import poses_between
+
     u = (t - times[0]) / (times[1] - times[0])
     poses, twists = (np.stack((before[n], now[n]), axis=1) for n in ("pose", "twist"))
-    state = {"pose": interpolate.pose_at(t, times, poses, twists), "twist": (1 - u) * twists[:, 0] + u * twists[:, 1]}
+    state = {"pose": poses_between(t, times, poses, twists), "twist": (1 - u) * before["twist"] + u * now["twist"]}
     if joints:
         qpos = np.empty_like(now["qpos"])
         for k, (a, b) in enumerate(zip(before["qpos"], now["qpos"])):
