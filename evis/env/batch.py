@@ -184,7 +184,9 @@ class Batch:
         """What a task says of every environment [E]. Raises ValueError for another shape, which numpy would spread."""
         found = np.asarray(values)
         if found.shape not in ((), (self.envs,)):
-            raise ValueError(f"{name} of the task has shape {list(found.shape)}; it must be [{self.envs}], one for each")
+            raise ValueError(
+                f"{name} of the task has shape {list(found.shape)}; it must be [{self.envs}], one for each"
+            )
         return found
 
     def _observed(self, step: Any, fresh: np.ndarray) -> Observed:
