@@ -68,7 +68,7 @@ class EventVectorEnv(VectorEnv):
         """
         chosen = self._chosen(options or {})
         seeds = self._seeds(seed, chosen)
-        single = None if seeds is None or np.ndim(seed) else operator.index(cast(Any, seed))
+        single = operator.index(cast(Any, seed)) if seed is not None and _is_single(seed) else None
         super().reset(seed=single)
         if seeds is None and not self._begun:
             seeds = self.np_random.integers(2**31, size=self.num_envs)
@@ -90,7 +90,7 @@ class EventVectorEnv(VectorEnv):
         """One for each environment that is reset, before anything has happened."""
         if seed is None:
             return None
-        if np.ndim(seed) == 0:
+        if _is_single(seed):
             return np.array(seeds_of(seed, range(self.num_envs)), np.int64)[chosen]
         given = list(cast(Sequence[Any], seed))
         if len(given) != self.num_envs:
@@ -140,3 +140,8 @@ class EventVectorEnv(VectorEnv):
     def close_extras(self, **kwargs: Any) -> None:
         """Ends the simulation."""
         self._batch.close()
+
+
+def _is_single(seed: Any) -> bool:
+    """Whether a seed is one for all; what is no number is judged as one."""
+    return np.ndim(seed) == 0
