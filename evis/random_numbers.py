@@ -19,6 +19,20 @@ def mix(z: np.ndarray) -> np.ndarray:
     return z ^ (z >> np.uint64(31))
 
 
+def seed_of_camera(seed: int, camera: str) -> int:
+    """Gives the seed of the sensors of a camera: no two of a rig have the same noise, as no two that are built have.
+
+    cam0, as a camera is called that is alone, has that of the run. The result goes up by one from environment to
+    environment as `seed` does.
+    """
+    if camera == "cam0":
+        return seed
+    key = np.zeros(1, np.uint64)
+    for byte in camera.encode():
+        key = mix((key ^ np.uint64(byte)) + GOLDEN)
+    return seed + (int(key[0]) >> 2)
+
+
 def open_uniform(bits: np.ndarray) -> np.ndarray:
     """Returns float64 in (0, 1) from the upper 53 of 64 bits."""
     return np.asarray(((bits >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53)

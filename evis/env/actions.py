@@ -33,12 +33,22 @@ class Actions:
             return Box(-1.0, 1.0, (len(self.low),), np.float32)
         return Box(self.low.astype(np.float32), self.high.astype(np.float32), dtype=np.float32)
 
-    def controls(self, actions: Any, envs: int) -> np.ndarray:
-        """Computes controls float64 [E, nu] of actions [E, nu]. Raises ValueError for what is not in the space."""
-        values = np.asarray(actions, np.float64)
+    def controls(self, actions: Any, envs: int, ignored: np.ndarray | None = None) -> np.ndarray:
+        """Computes controls float64 [E, nu] of actions [E, nu]. Raises ValueError for what is not in the space.
+
+        ignored: bool [E], environments whose rows may hold anything; their controls are those nearest to zero.
+        """
+        try:
+            if np.iscomplexobj(actions):
+                raise TypeError
+            values = np.array(actions, np.float64)
+        except (TypeError, ValueError, OverflowError):
+            raise ValueError(f"an action is {len(self.low)} real number(s), and not {actions!r:.60}") from None
         if values.shape != (envs, len(self.low)):
             raise ValueError(f"the action has shape {list(values.shape)}; it must be {[envs, len(self.low)]}")
         low, high = (np.full_like(self.low, -1.0), np.ones_like(self.high)) if self.normalise else (self.low, self.high)
+        if ignored is not None:
+            values[ignored] = np.clip(0.0, low, high)
         slack = SLACK * np.where(np.isfinite(high - low), high - low, 0.0)
         wrong = ~((values >= low - slack) & (values <= high + slack) & np.isfinite(values))
         if wrong.any():

@@ -18,6 +18,7 @@ from evis.env.tasks import TASKS
 from evis.runtime.clock import keyframe_stamp
 from evis.simulation.errors import Diverged
 from evis.simulation.simulation import Simulation
+from nodes.event_sensor.parameters import LOOK_AHEAD
 
 Observed = Any
 """An array [E, ...], or a dict of such."""
@@ -70,6 +71,8 @@ class Batch:
         if not self._parts:
             raise ValueError("nothing is observed; give one observation, or several by name")
         outputs = dict.fromkeys([*(part.output for part in self._parts.values()), "state"])
+        # Tells what the sensor is.
+        outputs |= dict.fromkeys(f"{part.camera}.info".lstrip(".") for part in self._parts.values() if _of_events(part))
         given = {**self.task.arguments, **arguments, "envs": envs}
         for part in self._parts.values():
             given.update(part.ARGUMENTS)
@@ -90,8 +93,16 @@ class Batch:
         simulation = self.simulation
         self.actions = Actions(simulation.actuators, normalise)
         self.action_space = self.actions.space()
-        state = simulation.reset().state
+        first = simulation.reset()
+        state = first.state
         assert state is not None
+        for camera in {part.camera or simulation.cameras[0] for part in self._parts.values() if _of_events(part)}:
+            info = first.cameras[camera].info
+            if info is not None and (crossing := info.sensor.get("crossing")) in LOOK_AHEAD:
+                raise ValueError(
+                    f"crossing={crossing} gives events one frame late, after the step whose end is observed; "
+                    "take crossing=linear"
+                )
         positions, velocities = (0 if a is None else a.shape[-1] for a in (state.qpos, state.qvel))
         self.rate = simulation.keyframe_rate
         spaces: dict[str, Space[Any]] = {}
@@ -105,6 +116,8 @@ class Batch:
         self.observation_space = spaces[""] if "" in spaces else Dict(spaces)
         self.steps = np.zeros(self.envs, np.int64)
         """Steps since each environment's reset."""
+        if not 0 <= seconds < np.inf:
+            raise ValueError(f"seconds is {seconds:g}; an episode takes some time, or has no end with 0")
         self._last_step = round(seconds * self.rate) if seconds else None
         self._stamps = [0]
         """Stamps of the keyframes since a reset, as far as they were needed [ns]."""
@@ -140,9 +153,12 @@ class Batch:
         fresh[envs] = True
         return self._observed(step, fresh)
 
-    def step(self, actions: Any) -> Outcome:
-        """Acts on all environments up to the next keyframe. Raises ValueError for an action that is none."""
-        controls = self.actions.controls(actions, self.envs)
+    def step(self, actions: Any, ignored: np.ndarray | None = None) -> Outcome:
+        """Acts on all environments up to the next keyframe. Raises ValueError for an action that is none.
+
+        ignored: bool [E], environments whose action nobody looks at.
+        """
+        controls = self.actions.controls(actions, self.envs, ignored)
         diverged = np.zeros(self.envs, bool)
         try:
             step = self.simulation.step(controls)
@@ -150,17 +166,28 @@ class Batch:
             step = error.step
             diverged[error.envs] = True
         assert step.state is not None
-        self._actions = np.asarray(actions, np.float32).copy()
+        self._actions = np.array(actions, np.float32)
+        if ignored is not None:
+            self._actions[ignored] = self._rest
         self.steps += 1
         state = State(step.state, self.steps / self.rate, controls)
         # One that has diverged is at its next start already, which is not to be judged.
-        reward = np.where(diverged, 0.0, self.task.reward(state))
-        terminated = self.task.terminated(state) | diverged
+        reward = np.where(diverged, 0.0, self._of_each("reward", self.task.reward(state)))
+        terminated = self._of_each("terminated", self.task.terminated(state)).astype(bool) | diverged
         truncated = ~terminated & (self._last_step is not None) & (self.steps >= (self._last_step or 0))
         info = {name: np.asarray(value) for name, value in self.task.info(state).items()}
         info["diverged"] = diverged
         observed = self._observed(step, np.ones(self.envs, bool))
         return Outcome(observed, reward, terminated, truncated, info)
+
+    def _of_each(self, name: str, values: Any) -> np.ndarray:
+        """What a task says of every environment [E]. Raises ValueError for another shape, which numpy would spread."""
+        found = np.asarray(values)
+        if found.shape not in ((), (self.envs,)):
+            raise ValueError(
+                f"{name} of the task has shape {list(found.shape)}; it must be [{self.envs}], one for each"
+            )
+        return found
 
     def _observed(self, step: Any, fresh: np.ndarray) -> Observed:
         while len(self._stamps) <= self.steps.max():
@@ -187,6 +214,11 @@ class Batch:
     def close(self) -> None:
         """Ends the simulation."""
         self.simulation.close()
+
+
+def _of_events(part: Observation) -> bool:
+    """Whether an observation is made of events."""
+    return part.OUTPUT == "events"
 
 
 def episode_seed(seed: int, episode: int) -> int:

@@ -7,6 +7,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from evis.client.resets import seeds_of
 from evis.env.batch import Batch, row
 from evis.env.task import Task
 from evis.simulation.simulation import Simulation
@@ -37,6 +38,8 @@ class EventEnv(gymnasium.Env):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begins an episode: that of the seed, or without one the next of the same seed."""
+        if seed is not None:
+            (seed,) = seeds_of(seed, [0])
         super().reset(seed=seed)
         if seed is None and not self._begun:
             seed = int(self.np_random.integers(2**31))
@@ -46,6 +49,9 @@ class EventEnv(gymnasium.Env):
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Acts up to the next keyframe. Raises ValueError for an action that is not in the space."""
+        given, expected = np.shape(action), self.action_space.shape
+        if given != expected:
+            raise ValueError(f"the action has shape {list(given)}; it must be {list(expected or ())}")
         observed, reward, terminated, truncated, info = self._batch.step(np.asarray(action)[None])
         about = {name: value[0] for name, value in info.items()}
         return row(observed, 0), float(reward[0]), bool(terminated[0]), bool(truncated[0]), about

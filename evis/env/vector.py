@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from evis.client.resets import seeds_of
 from evis.env.batch import Batch, Observed, row
 from evis.env.task import Task
 from evis.simulation.simulation import Simulation
@@ -65,9 +67,11 @@ class EventVectorEnv(VectorEnv):
         Raises ValueError.
         """
         chosen = self._chosen(options or {})
-        single = None if seed is None or not isinstance(seed, (int, np.integer)) else int(seed)
-        super().reset(seed=single)
         seeds = self._seeds(seed, chosen)
+        single = operator.index(cast(Any, seed)) if seed is not None and _is_single(seed) else None
+        super().reset(seed=single)
+        if seeds is None and not self._begun:
+            seeds = self.np_random.integers(2**31, size=self.num_envs)
         self._begun = True
         self._ended[chosen] = False
         return self._batch.reset(chosen, seeds), {}
@@ -83,26 +87,29 @@ class EventVectorEnv(VectorEnv):
         return np.flatnonzero(mask)
 
     def _seeds(self, seed: int | Sequence[int | None] | None, chosen: np.ndarray) -> np.ndarray | None:
-        """One for each environment that is reset."""
+        """One for each environment that is reset, before anything has happened."""
         if seed is None:
-            return None if self._begun else self.np_random.integers(2**31, size=self.num_envs)
-        if isinstance(seed, (int, np.integer)):
-            return int(seed) + chosen
-        if len(seed) != self.num_envs:
-            raise ValueError(f"there are {len(seed)} seeds for {self.num_envs} environments")
-        if any(one is None for one in seed):
+            return None
+        if _is_single(seed):
+            return np.array(seeds_of(seed, range(self.num_envs)), np.int64)[chosen]
+        given = list(cast(Sequence[Any], seed))
+        if len(given) != self.num_envs:
+            raise ValueError(f"there are {len(given)} seeds for {self.num_envs} environments")
+        if any(one is None for one in given):
             raise ValueError("seeds must be one number, one for each environment, or None for all")
-        return np.array(seed, np.int64)[chosen]
+        # In a list for a simulation -1 keeps a seed; here each has to be one.
+        return np.array([seeds_of(one, [0])[0] for one in given], np.int64)[chosen]
 
     def step(self, actions: Any) -> tuple[Observed, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Acts on all environments up to the next keyframe. Raises ValueError for an action outside the space."""
         if self.autoreset_mode is AutoresetMode.DISABLED and self._ended.any():
             env = int(np.argmax(self._ended))
             raise ValueError(f"environment {env} has ended; reset it with options={{'reset_mask': mask}} first")
-        observed, reward, terminated, truncated, values = self._batch.step(actions)
+        next_step = self.autoreset_mode is AutoresetMode.NEXT_STEP
+        observed, reward, terminated, truncated, values = self._batch.step(actions, self._ended if next_step else None)
         info = {name: value for name, value in values.items()}
         info |= {f"_{name}": np.ones(self.num_envs, bool) for name in values}
-        if self.autoreset_mode is AutoresetMode.NEXT_STEP and (over := self._ended.copy()).any():
+        if next_step and (over := self._ended.copy()).any():
             observed = self._batch.reset(np.flatnonzero(over))
             reward, terminated, truncated = (
                 np.where(over, 0, v).astype(v.dtype) for v in (reward, terminated, truncated)
@@ -133,3 +140,8 @@ class EventVectorEnv(VectorEnv):
     def close_extras(self, **kwargs: Any) -> None:
         """Ends the simulation."""
         self._batch.close()
+
+
+def _is_single(seed: Any) -> bool:
+    """Whether a seed is one for all; what is no number is judged as one."""
+    return np.ndim(seed) == 0

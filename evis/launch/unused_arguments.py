@@ -71,8 +71,8 @@ def _uses(
 
 def _differs(text: Any, name: str, launch: LaunchFile, expanded: Expanded) -> bool:
     """Whether what a parameter is made from is another value with an argument than without it, as far as can be
-    told."""
-    if name not in launch.arguments:
+    told: of one that is given its default nothing can."""
+    if name not in launch.arguments or expanded.values.get(name) == launch.arguments[name].param.default:
         return True
     left_out = {**expanded.values, name: launch.arguments[name].param.default}
     try:

@@ -16,6 +16,8 @@ from nodes.event_sensor.presets import PRESETS
 
 MODELS = ("evis", "evis-paper", "esim", "v2e", "dvs_voltmeter")
 CROSSINGS = ("frame", "linear", "monotone", "cubic", "hermite")
+LOOK_AHEAD = ("monotone", "cubic")
+"""Those whose curve needs the frame after the step."""
 NEED_SLOPES = ("hermite",)
 """Crossings for frames with dL/dt, which no node makes: `evis events simulate` takes them from a file."""
 

@@ -47,7 +47,7 @@ from nodes.event_sensor.model.features import marks
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS
 from nodes.event_sensor.optics.optics import Optics
-from nodes.event_sensor.parameters import frames_only, resolve_sensor
+from nodes.event_sensor.parameters import LOOK_AHEAD, frames_only, resolve_sensor
 from nodes.event_sensor.readout.device_events import CALLS, DeviceEvents, Pending, Ready
 from nodes.event_sensor.readout.packet import Events as Events
 from nodes.event_sensor.readout.packet import merged, parted
@@ -59,8 +59,6 @@ Frames = np.ndarray | wp.array | Any
 
 LATEST = 5 * 10**18
 """Stamps lie within this of 0 [ns], 158 years, so that waiting times can be added to them."""
-LOOK_AHEAD = ("monotone", "cubic")
-"""Crossing methods whose curve needs the frame after the step."""
 
 
 class EventSensor:

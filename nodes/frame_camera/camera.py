@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from evis.random_numbers import GOLDEN, mix
+from evis.random_numbers import GOLDEN, mix, seed_of_camera
 from msgs.own_time import CONFIGURED, NUMBER, ORIGIN, SEED
 from nodes.event_sensor.optics.defocus import Defocus
 from nodes.frame_camera import exposure_kernels as kernels
@@ -39,10 +39,10 @@ class FrameCamera:
 
     def __init__(
         self, settings: Settings, seeds: Sequence[int], shape: tuple[int, int, int], device: str = "cpu",
-        defocus_px: float = 0.0,
+        defocus_px: float = 0.0, name: str = "cam0",
     ) -> None:  # fmt: skip
-        """seeds: one of each environment. shape: height, width and channels of the frames."""
-        self._settings, self._seeds, self._shape = settings, tuple(seeds), shape
+        """seeds: one of each environment. shape: height, width and channels of the frames. name: of the camera."""
+        self._settings, self._seeds, self._shape, self._name = settings, tuple(seeds), shape, name
         envs = len(seeds)
         self._device = wp.get_device(device)
         self._size = int(np.prod(shape))
@@ -177,7 +177,7 @@ class FrameCamera:
     def _stream(self, env: int, row: np.ndarray) -> np.uint64:
         """The random stream of an environment's images since its reset."""
         seed = self._seeds[env] if row[SEED] == CONFIGURED else int(row[SEED])
-        first = mix(np.array([seed % 2**64], np.uint64) ^ SALT)
+        first = mix(np.array([seed_of_camera(seed, self._name) % 2**64], np.uint64) ^ SALT)
         again = np.array([int(row[NUMBER]) % 2**64], np.uint64)
         return np.uint64(mix(first ^ (again * GOLDEN + np.uint64(2)))[0])
 

@@ -60,10 +60,10 @@ class ImuNode(Node):
 
     def setup(self) -> None:
         """Makes the unit."""
-        from nodes.imu.inertial import ImuModel, InertialUnit
+        from nodes.imu.inertial import ImuModel
 
         self._model: ImuModel = ImuModel(**{field.name: self.params[field.name] for field in fields(ImuModel)})
-        self._unit: InertialUnit = InertialUnit(self._model)
+        self._unit: InertialUnit = self._made(self._model.seed)
         self._begun: tuple[int, int] | None = None
         """Origin of the camera's own time [ns] and its seed, once it was reset."""
 
@@ -92,13 +92,17 @@ class ImuNode(Node):
 
     def _begin(self, origin: int, seed: int) -> None:
         """Takes a unit whose time begins with a reset."""
-        from nodes.imu.inertial import InertialUnit
-
         if self._begun != (origin, seed):
             self._begun = origin, seed
-            model = self._model if seed == CONFIGURED else replace(self._model, seed=seed)
-            self._unit = InertialUnit(model)
+            self._unit = self._made(self._model.seed if seed == CONFIGURED else seed)
             self.restart_totals()
+
+    def _made(self, seed: int) -> InertialUnit:
+        """Makes the unit of a run with a seed."""
+        from evis.random_numbers import seed_of_camera
+        from nodes.imu.inertial import InertialUnit
+
+        return InertialUnit(replace(self._model, seed=seed_of_camera(seed, self.params["camera"])))
 
     def _body(self, state: WorldState) -> int:
         """Index of the camera in the state. Raises ValueError for several environments and for an unknown camera."""

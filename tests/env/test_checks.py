@@ -55,6 +55,9 @@ def test_render_shows_the_camera_with_events() -> None:
         ({"observation": evis.env.TimeSurface(tau=-1)}, "tau is -1; it must be a number of seconds above 0"),
         ({"observation": evis.env.Poses(("cat",))}, "no body 'cat'; there are cart, pole"),
         ({"render_mode": "human"}, "rgb_array"),
+        ({"seconds": -1}, "seconds is -1; an episode takes some time"),
+        ({"seconds": float("nan")}, "seconds is nan; an episode takes some time"),
+        ({"crossing": "cubic", "upsampling": 4, "interpolator": "rigid"}, "crossing=cubic gives events one frame late"),
         ({"widht": 3}, "widht"),
     ],
 )
@@ -69,9 +72,15 @@ def test_an_action_that_is_none_is_named_and_the_environment_goes_on() -> None:
     for action, message in (
         ([np.nan], "nan for actuator push"),
         ([1.5], "1.5 for actuator push of environment 0; it must be from -1 to 1"),
-        ([0.0, 0.0], r"shape \[1, 2\]; it must be \[1, 1\]"),
+        ([0.0, 0.0], r"shape \[2\]; it must be \[1\]"),
+        (0.0, r"shape \[\]; it must be \[1\]"),
+        ([1j], r"1 real number\(s\), and not"),
+        (["left"], r"1 real number\(s\), and not"),
     ):
         with pytest.raises(ValueError, match=message):
             env.step(np.array(action))
+    for seed in (-1, 1.0, 2**63):
+        with pytest.raises(ValueError, match="it takes whole numbers, 0 to"):
+            env.reset(seed=seed)
     assert env.step(np.zeros(1))[1] > 0
     env.close()

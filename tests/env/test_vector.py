@@ -11,16 +11,17 @@ import evis.env
 from evis.env import CountImage, Frames, Joints, LastAction, RawEvents, TimeSurface, VoxelGrid
 from evis.env.observations import Moment, Setting
 
-SIZE = {"width": 32, "height": 32, "seconds": 0.3}
+SMALL = {"width": 32, "height": 32}
+SIZE = {**SMALL, "seconds": 0.3}
 N = 3
 
 
 def vector(mode: str, **options: Any) -> evis.env.EventVectorEnv:
-    return gymnasium.make_vec("evis/CartPole-v0", num_envs=N, autoreset_mode=mode, **SIZE, **options)
+    return gymnasium.make_vec("evis/CartPole-v0", num_envs=N, autoreset_mode=mode, **{**SIZE, **options})
 
 
 def singles(mode: str, **options: Any) -> SyncVectorEnv:
-    return SyncVectorEnv([lambda: evis.env.EventEnv("CartPole", **SIZE, **options)] * N, autoreset_mode=mode)
+    return SyncVectorEnv([lambda: evis.env.EventEnv("CartPole", **{**SIZE, **options})] * N, autoreset_mode=mode)
 
 
 class Steps(evis.env.Observation):
@@ -125,9 +126,48 @@ def test_seeds_of_their_own() -> None:
     for _ in range(5):
         a, *_ = env.step(np.zeros((N, 1)))
     assert (a[0] == a[2]).all() and (a[0] != a[1]).any()
-    for seeds, message in (([1, 2], "2 seeds for 3"), ([1, None, 2], "None for all")):
+    env.reset(seed=4)
+    after = env.reset()[0]
+    env.reset(seed=4)
+    whole = "it takes whole numbers, 0 to"
+    for seeds, message in (
+        ([1, 2], "2 seeds for 3"),
+        ([1, None, 2], "None for all"),
+        ([1.5, 2, 3], f"1.5 for a seed; {whole}"),
+        ([-1, 2, 3], f"-1 for a seed; {whole}"),
+        ([2**64, 2, 3], whole),
+        (1.5, whole),
+        (-1, whole),
+        (2**63 - 1, whole),
+    ):
         with pytest.raises(ValueError, match=message):
             env.reset(seed=seeds)
+    assert (env.reset()[0] == after).all(), "a reset that is refused leaves the seeds as they were"
+    env.close()
+
+
+def test_the_action_of_one_that_has_ended_may_be_anything() -> None:
+    """With NextStep the step after the end ignores it; of one that goes on it is looked at."""
+    env = vector("NextStep", seconds=0.1)
+    env.reset(seed=3)
+    for _ in range(5):
+        *_, truncated, _ = env.step(np.zeros((N, 1)))
+    assert truncated.all()
+    seen, reward, *_ = env.step(np.full((N, 1), np.nan))
+    assert (reward == 0).all() and np.isfinite(seen).all()
+    with pytest.raises(ValueError, match="nan for actuator push"):
+        env.step(np.full((N, 1), np.nan))
+    env.close()
+
+
+@pytest.mark.parametrize("name", ["reward", "terminated"])
+def test_a_task_says_one_value_of_each_environment(name: str) -> None:
+    """[E, 1] beside [E] would become [E, E] by numpy's rules."""
+    task = evis.env.Task("cart_pole", Joints(), **{name: lambda state: state.pose("cart")[:, :1] > 0}, arguments=SMALL)
+    env = evis.env.EventVectorEnv(task, N)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=rf"{name} of the task has shape \[3, 1\]; it must be \[3\]"):
+        env.step(np.zeros((N, 1)))
     env.close()
 
 

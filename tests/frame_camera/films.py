@@ -24,7 +24,7 @@ def rows_of(envs: int, stamp: int, seed: int = -1, number: int = 0) -> np.ndarra
 
 def film(
     light: Callable[[float], np.ndarray], end_ms: int, step_ms: float, count: int, *, envs: int = 1, seed: int = 0,
-    device: str = "cpu", defocus_px: float = 0.0, **given: Any,
+    device: str = "cpu", defocus_px: float = 0.0, name: str = "cam0", **given: Any,
 ) -> tuple[list[Shot], FrameCamera]:  # fmt: skip
     """Exposes a film from 0 to `end_ms`, given as gaps of `step_ms` with `count` frames each.
 
@@ -32,7 +32,7 @@ def film(
     """
     settings = settings_of("camera", given.pop("preset", "ideal"), {**LINEAR, **given})
     first = np.asarray(light(0.0), np.float32)
-    camera = FrameCamera(settings, range(seed, seed + envs), (*first.shape, 1), device, defocus_px)
+    camera = FrameCamera(settings, range(seed, seed + envs), (*first.shape, 1), device, defocus_px, name)
     found, at = [], 0
     whole = np.broadcast_to(first, (envs, 1, *first.shape))
     found += camera.push(whole, np.zeros((envs, 1), np.int64), np.ones(envs, bool), rows_of(envs, 0))

@@ -76,6 +76,18 @@ def test_the_camera_of_a_scene_feels_gravity_along_its_own_axes():
         assert np.abs(m.angular_velocity).max() < 1e-12
 
 
+def test_units_of_a_rig_have_noise_of_their_own():
+    """Three units at rest in the same run: noise of 1000 samples, three axes each, correlates by 0.02 at random."""
+    nodes = [start(camera=name, accel_noise=0.1, gyro_noise=0.1) for name in ("cam0", "left", "right")]
+    for node in nodes:
+        for t in ([0], [0, 500 * MS, 1000 * MS]):
+            node.update({"state": state(t, names=("cam0", "left", "right"))})
+    read = [node.runtime.messages[1] for node in nodes]
+    for about in ("acceleration", "angular_velocity"):
+        noise = [(getattr(r, about) - getattr(r, about).mean(axis=0)).ravel() for r in read]
+        assert np.abs(np.corrcoef(noise) - np.eye(3)).max() < 0.1
+
+
 def test_what_was_clipped_is_counted_once():
     node = start(accel_range=5.0)
     for t in ([0], [0, 5 * MS], [5 * MS, 10 * MS]):

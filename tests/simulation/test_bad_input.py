@@ -124,6 +124,14 @@ def test_a_scene_without_actuators_takes_no_action() -> None:
         sim.step([0.0])
 
 
+@pytest.mark.parametrize("outputs", [["state"], ["imu", "state"]])
+def test_an_argument_that_is_given_its_default_counts_where_it_is_used(outputs: list[str]) -> None:
+    """Physics steps by keyframe_rate where nothing is rendered, too."""
+    for rate, stamp in ((30, 33_333_333), (60, 16_666_667)):
+        with evis.Simulation("spinning_disk", outputs=outputs, keyframe_rate=rate) as sim:
+            assert sim.step().stamp_ns == stamp
+
+
 def test_an_action_at_a_keyframe_where_none_is_due() -> None:
     with evis.Simulation("robot_arm", action_rate=15, **SIZE) as sim:
         sim.reset()

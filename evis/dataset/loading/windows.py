@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterator
 from importlib import import_module
 from typing import Any
@@ -74,8 +75,10 @@ class Windows:
         self._epoch = int(epoch)
 
     def sample(self, i: int, epoch: int) -> Sample:
-        """Reads the i-th window as it is in an epoch. Raises IndexError, DatasetError."""
-        at = int(i) + (len(self) if i < 0 else 0)
+        """Reads the i-th window as it is in an epoch. Raises TypeError, IndexError, DatasetError."""
+        if not hasattr(i, "__index__"):  # a fraction would be cut off
+            raise TypeError(f"a window is taken by its whole number, not by {i!r:.60}; several are by several calls")
+        at = operator.index(i) + (len(self) if i < 0 else 0)
         if not 0 <= at < len(self):
             raise IndexError(f"there is no window {i}; there are {len(self)}")
         n = int(np.searchsorted(self._ends, at, "right"))

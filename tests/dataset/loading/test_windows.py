@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -161,6 +162,15 @@ def test_they_may_be_pickled(small: Made) -> None:
     windows = evis.dataset.open(small[1]).windows(seconds=0.05, representation="voxel_grid", bins=3, labels=["depth"])
     first = windows[0]
     same(pickle.loads(pickle.dumps(windows))[0], first)
+
+
+@pytest.mark.parametrize("i", [1.5, slice(3), np.float64(2), "0"])
+def test_a_window_is_taken_by_its_whole_number(small: Made, i: Any) -> None:
+    """1.5 was the first window."""
+    windows = evis.dataset.open(small[1]).windows(seconds=1 / 30)
+    with pytest.raises(TypeError, match="by its whole number"):
+        windows[i]
+    same(windows[np.int64(1)], windows[1])
 
 
 @pytest.mark.parametrize("i", [-19, 18])
