@@ -245,3 +245,15 @@ def test_threads_change_nothing():
     assert drawn(one) == drawn(three) == [64]
     for a, b in zip(one.further.arrays(False), three.further.arrays(False)):
         assert len(a) > 1000 and (a == b).all()
+
+
+def test_what_passes_the_near_plane_is_seen_at_the_border_too():
+    """A plate of 20 x 20 cm comes from behind the camera at 200 m/s, just after a z-buffer: it fills the image, and is
+    gone from its four borders before the next of the 8 that there are in any case, 0.8 and 1.1 ms later."""
+    speed = 200.0
+    start = pose(0, 0, -speed * (START + 0.51 * GAP) * 1e-9)
+    plate = (quad(0.1), plain(0.9), Prescribed(start, [Linear(np.array([0.0, 0.0, speed]))]))
+    method = gap_of(world([(quad(30.0), plain(0.2), Prescribed(pose(z=9.0))), plate]))
+    first, _offset, value = method.further.arrays(False)
+    pixels = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    assert len(np.unique(pixels[value > 0.15])) > 0.98 * (len(first) - 1)

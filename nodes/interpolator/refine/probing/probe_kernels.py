@@ -1,4 +1,4 @@
-"""Counts how often thin things would pass a pixel between two z-buffers without being seen in either."""
+"""Counts how often things would pass a pixel between two z-buffers without being seen in either."""
 
 from functools import cache
 
@@ -189,3 +189,72 @@ def make_find_thin(lens: str) -> wp.Kernel:
                         count_passes(missed, row % envs, least, speed / width, 1)
 
     return find_thin
+
+
+@wp.func
+def shown_at(
+    coarse: int,
+    envs: int,
+    each: int,
+    env: int,
+    y: int,
+    x: int,
+    j: int,
+    pieces: wp.array(dtype=wp.vec2i),
+    start: wp.array3d(dtype=wp.uint64),
+    frames: wp.array3d(dtype=wp.uint64),
+    probed: wp.array3d(dtype=wp.uint64),
+):
+    """Gives the body that a pixel shows in z-buffer j of a gap, -1 = none; arguments as of find_brief."""
+    k = j // each
+    i = j % each
+    hit = wp.uint64(0)
+    if j == 0:
+        hit = start[env, y, x]
+    elif i == 0:
+        hit = frames[wp.where(k == coarse, 0, k) * envs + env, y, x]
+    else:
+        half = each >> 1
+        while (i & 1) == 0:
+            i = i >> 1
+            half = half >> 1
+        hit = probed[(coarse * (half - 1) + k * half + (i >> 1)) * envs + env, y, x]
+    t = triangle_of(hit)
+    if t == MISS:
+        return -1
+    return pieces[t][0]
+
+
+@wp.kernel
+def find_brief(
+    # in
+    coarse: int,
+    asked: wp.array(dtype=int),
+    each: wp.array(dtype=int),
+    pieces: wp.array(dtype=wp.vec2i),
+    start: wp.array3d(dtype=wp.uint64),
+    frames: wp.array3d(dtype=wp.uint64),
+    probed: wp.array3d(dtype=wp.uint64),
+    # out
+    brief: wp.array(dtype=int),
+):
+    """Counts how often a pixel shows a body in one z-buffer alone: brief [E], of environments that are asked.
+
+    each: z-buffers per coarse interval, `coarse` of which a gap has. start: z-buffer of keyframe A. frames: those of B
+    and of sub-frames 1 .. K - 1. probed: those in between, as of Probes.
+    """
+    env, y, x = wp.tid()
+    if asked[env] == 0:
+        return
+    envs = asked.shape[0]
+    count = wp.int32(0)
+    before = shown_at(coarse, envs, each[env], env, y, x, 0, pieces, start, frames, probed)
+    now = shown_at(coarse, envs, each[env], env, y, x, 1, pieces, start, frames, probed)
+    for j in range(2, coarse * each[env] + 1):
+        then = shown_at(coarse, envs, each[env], env, y, x, j, pieces, start, frames, probed)
+        if now != before and now != then:
+            count += 1
+        before = now
+        now = then
+    if count > 0:
+        wp.atomic_add(brief, env, count)

@@ -13,7 +13,7 @@ from evis.gpu.cuda_graph import CudaGraphs
 from nodes.interpolator.displacement_kernels import displace
 from nodes.interpolator.keyframe import Span
 from nodes.interpolator.refine.instants import Instants
-from nodes.interpolator.refine.probing.probe_kernels import make_find_thin
+from nodes.interpolator.refine.probing.probe_kernels import find_brief, make_find_thin
 from nodes.interpolator.refine.probing.strays import Strays
 from nodes.interpolator.refine.probing.visits import Visits
 from nodes.interpolator.rigid.method import Rigid
@@ -32,6 +32,9 @@ MISSED = 0.03
 MISSED_OF_ALL, OF_VISITS, FEW = 0.25, 0.1, 0.003
 """Part of what passes that may be unseen, and where something visits the image in between, unless that is few: so
 often a pixel, on the average."""
+BRIEF = 2
+"""How many times more often things are seen in one z-buffer alone than in none, where all times are as frequent for
+which they are on a pixel."""
 RECORDED = 128
 """Z-buffers of a gap up to which a GPU keeps the launches that draw them: more are rare."""
 SHORT_NS = 10_000
@@ -43,8 +46,9 @@ class Ahead:
     """Holds what is known of a gap's z-buffers before any is drawn.
 
     least, most: per coarse interval. begun [E]: how many are drawn at first. looked_at [E]: of the gap, those in which
-    it is found how many are needed. wanted [E]: how many visits to the image and what strays need. pairs: poses of all
-    bodies then and a short time before, float64 [n E, N, 7], of the frames and, where it is found there, between them.
+    it is found how many are needed. wanted [E]: how many visits to the image and what strays need. passing bool [E]:
+    whether something passes the near plane. pairs: poses of all bodies then and a short time before, float64
+    [n E, N, 7], of the frames and, where it is found there, between them.
     """
 
     least: int
@@ -52,6 +56,7 @@ class Ahead:
     begun: np.ndarray
     looked_at: np.ndarray
     wanted: np.ndarray
+    passing: np.ndarray
     pairs: list[tuple[np.ndarray, np.ndarray]]
 
 
@@ -115,7 +120,7 @@ class Probes:
         least = min(self._least, 1 << instants.depth)
         most = max(most, least)
         # So many that what comes and goes is in some of them, then as many as what is in them needs.
-        visits = self._visits.needed(instants, poses, least)
+        visits, passing = self._visits.needed(instants, poses, least)
         strays = self._strays.needed(instants, poses, shortest, least, most)
         begun = np.where(held, least, np.minimum(visits, most))
         # Coarse frames tell, but for what is in the image between them alone.
@@ -125,7 +130,7 @@ class Probes:
         frames = [coarse * length - 1, *range(length - 1, (coarse - 1) * length, length)]
         between = order_of(instants, int(looked_at.max()) // coarse)
         pairs = [self._shortly_before(which, stamps, poses, gap) for which in (frames, between) if which]
-        return Ahead(least, most, begun, looked_at, np.maximum(visits, strays), pairs)
+        return Ahead(least, most, begun, looked_at, np.maximum(visits, strays), passing & ~held, pairs)
 
     def draw(self, ahead: Ahead | None, instants: Instants, poses: Poses, gap: Span) -> None:
         """Draws what a gap needs, whose coarse frames are drawn. ahead: as of `foresee`."""
@@ -142,6 +147,7 @@ class Probes:
             self.unseen |= (ahead.wanted > ahead.most) & ~held
             each = np.where(held, each, np.maximum(each, np.minimum(ahead.wanted, ahead.most)))
             self._draw(instants, poses, begun, int(each.max()))
+            each = self._with_brief(ahead, instants, poses, each)
         self.each.assign(each.astype(np.int32))
         self.most = int(each.max())
 
@@ -168,6 +174,26 @@ class Probes:
             else:
                 v.draw()
             v.drawn()
+
+    def _with_brief(self, ahead: Ahead, instants: Instants, poses: Poses, each: np.ndarray) -> np.ndarray:
+        """Draws more where something passes the near plane, until little of it is seen in one alone: it has no edge
+        there whose speed would tell how long it is on a pixel. each: how many are drawn, int64 [E]; gives it anew."""
+        v, asked = self._v, ahead.passing
+        limit = BRIEF * MISSED * v.shape[1] * v.shape[2]
+        while asked.any():
+            with wp.ScopedDevice(v.device):
+                brief: wp.array = wp.zeros(self._envs, dtype=wp.int32)
+                given: list[wp.array] = [wp.array(a.astype(np.int32), dtype=wp.int32) for a in (asked, each)]
+            pair, frames = self._rigid.pair, self._rigid.visibility.packed
+            what = [self._coarse, *given, self._rigid.pieces, pair.a.packed, frames, self.packed]
+            wp.launch(find_brief, (self._envs, *v.shape[1:]), what, [brief], device=v.device)
+            asked = asked & (brief.numpy() > limit)
+            self.unseen |= asked & (each >= ahead.most)
+            asked = asked & (each < ahead.most)
+            drawn, each = int(each.max()), np.where(asked, 2 * each, each)
+            if each.max() > drawn:
+                self._draw(instants, poses, drawn, int(each.max()))
+        return each
 
     def _count(self, left: int) -> int:
         """Gives how many z-buffers are drawn next: all if they are the first ones, else some of few sizes."""

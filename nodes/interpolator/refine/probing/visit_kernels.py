@@ -6,6 +6,8 @@ wp.set_module_options({"enable_backward": False})
 
 PIECES = wp.constant(64)
 """Parts of the way from one instant to the next at which a thing is looked for that may pass the image on it."""
+QUICK = wp.constant(0.25)
+"""Part of its size by which a thing about the near plane moves in a gap, at least, if it is to count."""
 
 
 @wp.struct
@@ -79,9 +81,11 @@ def find_visits(
     poses: wp.array3d(dtype=wp.transformd),
     # out
     shortest: wp.array(dtype=int),
+    passing: wp.array(dtype=int),
 ):
     """Finds the shortest visit of a box to the image, in instants: one that begins and ends within the gap, and in
-    which it comes further in than `deep`; 0 for one that does so between two instants alone.
+    which it comes further in than `deep`; 0 for one that does so between two instants alone. passing [E]: 1 where one
+    is on both sides of the near plane for a while, which hides part of it from one instant to the next.
 
     camera: its place among what moves, -1 where it stands at eye [E]. sides: least and greatest x / z, then y / z, of
     the image; deep: in these. poses [n, E, M]: at the instants of a gap, one after the other.
@@ -93,6 +97,7 @@ def find_visits(
     far_in = wp.float64(0.0)
     zero = wp.float64(0.0)
     last = Way()
+    last.inside = -wp.float64(1.0)
     last_centre = wp.vec3d()
     last_axes = wp.mat33d()
     for n in range(poses.shape[0]):
@@ -117,10 +122,17 @@ def find_visits(
             before = wp.bool(False)
             stay = wp.int32(0)
             far_in = zero
+        gone = zero
+        if n > 0:
+            gone = wp.length(centre - last_centre) + wp.length((axes - last_axes) * half)
+        shows = way.inside >= zero or last.inside >= zero
+        if shows and gone * wp.float64(poses.shape[0]) > wp.float64(QUICK) * wp.length(half):
+            cuts = -reach(wp.vec3d(zero, zero, -wp.float64(1.0)), centre, axes, half) < near
+            if cuts or ((way.beyond ^ last.beyond) & 1) == 1:
+                passing[env] = 1
         # What stays beyond one side all along does not come in, and what hardly moves not far.
         most_in = wp.max(last.inside, way.inside)
         if n > 0 and most_in < deep and (way.beyond & last.beyond) == 0:
-            gone = wp.length(centre - last_centre) + wp.length((axes - last_axes) * half)
             if most_in + gone / wp.min(last.ahead, way.ahead) > deep:
                 for k in range(1, PIECES):
                     g = wp.float64(k) / wp.float64(PIECES)

@@ -36,24 +36,26 @@ class Visits:
         self._camera = int(camera[0]) if len(camera) else -1
         self._boxes = boxes_of(v, movers, which)[0]
 
-    def needed(self, instants: Instants, poses: Poses, least: int) -> np.ndarray:
+    def needed(self, instants: Instants, poses: Poses, least: int) -> tuple[np.ndarray, np.ndarray]:
         """Gives how many z-buffers per coarse interval each environment needs for them, int64 [E], powers of two, and
-        `least` at least; more than there are instants where one is too short. poses: at all instants of the gap."""
+        `least` at least; more than there are instants where one is too short. And bool [E], whether something passes
+        the near plane before the image. poses: at all instants of the gap."""
         envs, most = poses.rest.shape[0], 1 << instants.depth
         if not self._count or self._sides is None:
-            return np.full(envs, least)
+            return np.full(envs, least), np.zeros(envs, bool)
         sides = self._sides
         deep = DEEP * min(sides[1] - sides[0], sides[3] - sides[2])
         with wp.ScopedDevice("cpu"):
             shortest: wp.array = wp.full(envs, instants.count, dtype=wp.int32)
+            passing: wp.array = wp.zeros(envs, dtype=wp.int32)
             eye: wp.array = wp.array(np.ascontiguousarray(poses.rest[:, self._camera_body]), dtype=wp.transformd)
             moved: wp.array = wp.array(np.ascontiguousarray(poses.moved), dtype=wp.transformd)
             given = [self._boxes, self._camera, self._near, wp.vec4d(*sides), deep, eye, moved]
-            wp.launch(find_visits, (envs, self._count), given, [shortest])
+            wp.launch(find_visits, (envs, self._count), given, [shortest, passing])
         found = shortest.numpy()
         apart = np.maximum(found // TWICE, 1)
         needed = np.clip(most >> np.floor(np.log2(apart)).astype(np.int64), least, None)
-        return np.where(found > 0, needed, 2 * most)
+        return np.where(found > 0, needed, 2 * most), passing.numpy() > 0
 
 
 def boxes_of(
