@@ -10,6 +10,7 @@ import pytest
 
 from bench import command
 from bench.report import BY_THEMSELVES, SUBJECTS
+from evis.cli import main
 
 ROOT = Path(__file__).parents[2]
 RUN = sorted(
@@ -22,6 +23,14 @@ RUN = sorted(
 def test_there_are_benchmarks_to_look_at():
     """`evis bench --help` names each of them once: those that it runs, and those that run by themselves."""
     assert len(RUN) > 20 and sorted([*(module for module, _ in SUBJECTS.values()), *BY_THEMSELVES]) == RUN
+
+
+def test_names_and_what_they_measure_stand_apart(capsys):
+    """In the help of `evis bench`, the longest name too."""
+    main(["bench", "--help"])
+    written = [line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines()]
+    for name, what in [*((name, what) for name, (_, what) in SUBJECTS.items()), *BY_THEMSELVES.items()]:
+        assert [name, what] in written
 
 
 @pytest.mark.parametrize("module", RUN)

@@ -4,13 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from page_show import HEIGHT, MS, SHELVES, WIDTH, Show, camera_info, events, graph, labelled, show, warehouse, world
+from page_show import (
+    HEIGHT,
+    MS,
+    SHELVES,
+    WIDTH,
+    Show,
+    camera_info,
+    events,
+    graph,
+    labelled,
+    show,
+    warehouse,
+    with_topics,
+    world,
+)
 from test_browser_page import browser, pixels, playwright, wait_for_picture
 
-from msgs.camera import Image, Imu
+from msgs.camera import Image, Imu, Labels
 from msgs.diagnostics import Diagnostics
 from msgs.header import Header, Message
 from msgs.world import Clock
@@ -191,6 +206,36 @@ def many_nodes(k: int) -> dict[str, Message]:
     published = {f"/cam{i}/events": k for i in range(40)}
     values = {"updates": k, "published": published, "counters": {"late_ms": 58.590819999999994}}
     return {"/diagnostics": Diagnostics(Header(k), node=f"node_{k % 40}", values=values)}
+
+
+@pytest.mark.parametrize(
+    ("names", "opened"),
+    [
+        (["segmentation", "semantic", "flow", "depth", "boxes"], ["segmentation", "semantic", "flow"]),
+        (["depth"], ["depth"]),
+        (["boxes"], ["objects"]),
+    ],
+)
+def test_labels_of_a_bag_open_with_the_first(
+    show: Callable[..., Show], tmp_path: Path, names: list[str], opened: list[str]
+) -> None:
+    """What they are nobody was told: up to three pictures, else the table; before the rates, in the views' order."""
+    plan = graph(tmp_path, again=True)
+    plan.nodes["camera"].target, plan.nodes["camera"].params = "nodes.replayer.node:ReplayerNode", {"bag": "a.mcap"}
+    page = show(with_topics(plan, "camera", {"/cam0/labels": "Labels"}))
+    image, ids = np.ones((1, HEIGHT, WIDTH)), np.ones(1, np.int32)
+    flow, box = np.ones((1, HEIGHT, WIDTH, 2), np.float32), np.array([[5, 5, 60, 60]], np.float32)
+    dense = {"segmentation": image.astype(np.int32), "semantic": image.astype(np.int32), "flow": flow,
+             "depth": image.astype(np.float32), "boxes": box}  # fmt: skip
+    given: dict[str, Any] = {name.replace("boxes", "box"): dense[name] for name in names}
+    if "boxes" in names:
+        given |= {"box_env": 0 * ids, "box_id": ids}
+    wanted = ["/cam0/image", "/cam0/events", *(f"/cam0/labels {view}" for view in opened), "rates", "graph"]
+    labels = lambda k: {"/cam0/labels": Labels(Header(k * 33 * MS, k), **given)}
+    page.play(labels, lambda: page.panels() == wanted, "the panels of the labels")
+    for k in range(100, 110):
+        page.send(labels(k))
+    assert page.panels() == wanted  # and no more of them
 
 
 def test_list_of_instances_says_how_many_more(show: Callable[..., Show], tmp_path: Path) -> None:

@@ -154,6 +154,7 @@ def test_environment_and_reload_are_kept(page: Any) -> None:
     page.get_by_text("the scene has only prescribed motion").wait_for()
     wait_for_picture(page, "/cam0/events")
     playwright.expect(page.locator('[data-panel="/cam0/events"] select').first).to_have_value("1")
+    playwright.expect(page.locator("nav select")).to_have_value("1")  # for panels that are opened from now on
 
 
 def test_end_of_the_run_is_said(page: Any) -> None:

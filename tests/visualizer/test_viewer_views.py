@@ -28,6 +28,7 @@ from nodes.visualizer.views.part import PanelPart
 
 WORD = 6
 """Bytes of one event of a part: a word and an age."""
+MS = 1_000_000
 
 
 def unpack(payload: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -80,6 +81,25 @@ def test_huge_packets_are_thinned_and_counted() -> None:
     assert part is not None and len(part.payload) // WORD <= MAX_EVENTS
     assert part.meta["events"] == 6 * (MAX_EVENTS // 2)
     assert part.meta["undrawn"] == part.meta["events"] - len(part.payload) // WORD
+
+
+@pytest.mark.parametrize("per_pixel", [1, 3])
+def test_a_flash_of_all_pixels_is_thinned_without_stripes(per_pixel: int) -> None:
+    """Of 1280 x 720 pixels that fire at once as many are drawn in each column as in the others, and in each row."""
+    width, height = 1280, 720
+    y, x = (np.tile(part.astype(np.uint16), per_pixel) for part in np.divmod(np.arange(width * height), width))
+    t = np.repeat(np.arange(per_pixel, dtype=np.int64) * MS, width * height)
+    view = EventView("events", 0)
+    offsets = np.array([0, len(x)])
+    view.capture(
+        EventPacket(Header(33 * MS, 1), offsets, t, x, y, np.ones(len(x), np.uint8), width=width, height=height)
+    )
+    part = view.render(0)
+    assert part is not None
+    words = np.frombuffer(part.payload, "<u4", len(part.payload) // WORD)
+    for place, size in ((words & 0x3FFF, width), (words >> 14 & 0x3FFF, height)):
+        drawn = np.bincount(place, minlength=size) / (len(words) / size)
+        assert len(drawn) == size and drawn.min() > 0.5 and drawn.max() < 1.5
 
 
 def test_dense_packets_lose_only_what_is_painted_over() -> None:

@@ -19,14 +19,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     from bench.report import BY_THEMSELVES, SUBJECTS
 
-    subjects = (f"  {name:25}{what}" for name, (_, what) in SUBJECTS.items())
-    others = (f"  {module:25}{what}" for module, what in BY_THEMSELVES.items())
+    wide = 2 + max(map(len, [*SUBJECTS, *BY_THEMSELVES]))
+    subjects = (f"  {name:{wide}}{what}" for name, (_, what) in SUBJECTS.items())
+    others = (f"  {module:{wide}}{what}" for module, what in BY_THEMSELVES.items())
     alone = "run by themselves, `python -m bench.ROOM.NAME` (--help):"
     parser.epilog = "\n".join([EXAMPLE, "", "subjects:", *subjects, "", alone, *others])
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("what", nargs="*", metavar="WHAT", help="subjects; all when none is named")
     parser.add_argument("--quick", action="store_true", help="shorter runs: minutes instead of half an hour")
-    parser.add_argument("--out", default="report", metavar="DIR", help="where report.json and index.html go")
+    parser.add_argument("--out", default="report", metavar="DIR", help="where report.json and index.html go (report)")
     parser.add_argument("--docs", metavar="PAGE", help="write the report's figures into the tables of this page")
     parser.add_argument(
         "--from", nargs="+", dest="bags", metavar="BAG", help="measure nothing: error against run time from these bags"

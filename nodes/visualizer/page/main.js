@@ -49,23 +49,26 @@ class App {
     const title = graph.recording ? graph.recording.file : graph.name;
     document.title = `${title} \u00b7 EVIS`;
     byId("run").textContent = byId("run").title = title;
+    const before = this.recall();
+    this.env = Math.min(before?.env ?? 0, graph.envs - 1);
     this.list();
-    this.openAll(this.recall() || opening(graph.topics));
+    this.openAll(before?.specs || opening(graph.topics));
     this.changed();
   }
 
-  /** Open panels of an earlier visit in this tab, as far as this graph has their topics. */
+  /** What an earlier visit in this tab left: {env, specs} with the panels whose topics this graph has; null for none. */
   recall() {
     try {
-      const specs = JSON.parse(sessionStorage.getItem(this.memory())) || null;
-      return specs && specs.filter((s) => SYSTEM[s.id] || this.graph.topics.some((t) => t.name === s.topic && s.view in t.views));
+      const { env, specs } = JSON.parse(sessionStorage.getItem(this.memory()));
+      return { env, specs: specs.filter((s) => SYSTEM[s.id] || this.graph.topics.some((t) => t.name === s.topic && s.view in t.views)) };
     } catch {
       return null;
     }
   }
 
   remember() {
-    sessionStorage.setItem(this.memory(), JSON.stringify([...this.panels.map((p) => p.spec), ...this.pending]));
+    const specs = [...this.panels.map((p) => p.spec), ...this.pending];
+    sessionStorage.setItem(this.memory(), JSON.stringify({ env: this.env, specs }));
   }
 
   memory() {
@@ -76,17 +79,24 @@ class App {
     for (const panel of this.panels) panel.root.remove();
     this.panels = [];
     this.pending = specs.filter((spec) => spec.pending);
-    this.pending.forEach((spec) => (spec.before = specs[specs.indexOf(spec) + 1]?.id));
+    this.pending.forEach((spec) => (spec.before ||= specs.slice(specs.indexOf(spec) + 1).map((s) => s.id)));
     for (const spec of specs) if (!spec.pending) this.open(spec);
   }
 
-  /** The first picture of a panel that was to open only then. Returns the panel. */
+  /** The first part with something to show, of a panel that was to open only then. Returns the panel. */
   arrive(part) {
     const spec = this.pending.find((s) => wireId(s) === part.panel);
-    if (!spec || !part.bytes) return undefined; // a part without bytes says that the message has nothing of the kind
+    if (!spec || !(part.bytes || part.tables?.length)) return undefined; // the message has nothing of the kind
+    const beside = this.panels.filter((p) => p.spec.topic === spec.topic).length;
+    if (!part.bytes && !beside && !spec.late) {
+      spec.late = true; // pictures of the same message may come with the next bundle, and a table is for where none do
+      return undefined;
+    }
     this.pending = this.pending.filter((s) => s !== spec);
-    delete spec.pending;
-    this.open(spec, this.panels.find((p) => p.spec.id === spec.before));
+    if (beside < (spec.most ?? Infinity)) {
+      delete spec.pending;
+      this.open(spec, spec.before.map((id) => this.panels.find((p) => p.spec.id === id)).find(Boolean));
+    }
     this.changed();
     return this.panelOf(part);
   }

@@ -19,13 +19,14 @@ function ofCamera(mine) {
 }
 
 /** A panel for each of the first dense labels; the table where there are none and the boxes are not all. What a bag's
- * labels are shows with the first of them. */
+ * labels are shows with the first of them: all are waited for, and opened while less than `most` are open. */
 function ofLabels(topic) {
   const kind = (wanted) => Object.keys(topic.views).filter((view) => topic.views[view] === wanted);
-  const pictures = kind("image").slice(0, MOST_LABELS);
-  const tables = topic.asked.some((label) => label !== "boxes") ? kind("table") : [];
-  const pending = !topic.asked.length;
-  return (pictures.length ? pictures : tables).map((view) => ({ ...specOf(topic, view), id: `${topic.name} ${view}`, pending }));
+  const specs = (views, most) => views.map((view) => ({ ...specOf(topic, view), id: `${topic.name} ${view}`, pending: !topic.asked.length, most }));
+  const pictures = specs(kind("image"), MOST_LABELS), tables = specs(kind("table"), 1);
+  if (!topic.asked.length) return [...pictures, ...tables];
+  if (pictures.length) return pictures.slice(0, MOST_LABELS);
+  return topic.asked.some((label) => label !== "boxes") ? tables : [];
 }
 
 /** A panel of a topic, in its first view unless another is named. `pending`: it opens with the first thing to show. */

@@ -66,9 +66,13 @@ def newest_of_pixels(x: np.ndarray, y: np.ndarray, width: int, height: int) -> n
     return last[last >= 0]
 
 
-def thin(n: int, most: int) -> slice:
-    """Picks every k-th of n, so that at most `most` are left and all parts of the interval stay visible."""
-    return slice(None, None, max(1, -(-n // most)))
+def thin(n: int, most: int) -> Any:
+    """Picks at most `most` of n: evenly, and in no step of which a sensor's width could be a multiple."""
+    if n <= most:
+        return slice(None)
+    # Multiples of the golden ratio, modulo 1: a step of equal size would draw some columns and never the others.
+    place = np.arange(n, dtype=np.uint32) * np.uint32(2654435769)
+    return np.flatnonzero(place < np.uint32((most << 32) // n))[:most]
 
 
 def _select(which: Any, *columns: np.ndarray | None) -> list[Any]:
