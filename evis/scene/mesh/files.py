@@ -119,7 +119,7 @@ def _mesh(path: Path, geometry: Any, transform: np.ndarray, scale: np.ndarray, t
     points = points @ transform[:3, :3].T + transform[:3, 3]
     points = (points * scale) @ turn.T
     faces = np.asarray(geometry.faces, np.int64)
-    bad = ~np.isfinite(points).all(axis=-1)
+    bad = ~(np.abs(points) <= np.finfo(np.float32).max).all(axis=-1)
     if bad.any():
         count, first = int(bad.sum()), int(bad.argmax())
         raise SceneError(f"{path.name} has {count} vertices that are not finite, the first is number {first}")
