@@ -18,7 +18,8 @@ from evis.scene.mesh import gltf_header
 from evis.scene.mesh.gltf_plain import plain
 from evis.scene.mesh.materials import absent_pictures, is_stand_in, layout, read_material
 from evis.scene.mesh.normals import crease_normals
-from evis.scene.mesh.wavefront import in_utf8
+from evis.scene.mesh.polygons import cut_polygons
+from evis.scene.mesh.wavefront import absolute, in_utf8
 from evis.scene.model import Material, Mesh
 from evis.scene.sources import note
 
@@ -156,7 +157,8 @@ def _content(path: Path, assets: Any) -> tuple[bytes, str, list[dict[str, Any]]]
     if kind == "stl" and b"facet" not in content[:4096].lower():
         count = int.from_bytes(content[80:84], "little")
         raise ValueError(f"it has {len(content)} bytes, where {count} triangles have {84 + 50 * count}")
-    return in_utf8(content), kind, []
+    content = in_utf8(content)
+    return (cut_polygons(absolute(content)) if kind == "obj" else content), kind, []
 
 
 def _binary(content: bytes, kind: str) -> bool:

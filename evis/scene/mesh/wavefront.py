@@ -2,10 +2,50 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 
 _MOST = {"-s": 3, "-o": 3, "-t": 3, "-mm": 2}
 """Most words after an option; the others have one."""
+
+_BACK = re.compile(rb"^[ \t]*f[ \t][^\n]*-[^\n]*", re.MULTILINE)
+
+_REMARK = re.compile(rb"^([ \t]*f[ \t][^\n#]*)#[^\n]*", re.MULTILINE)
+
+
+def absolute(content: bytes) -> bytes:
+    """Returns an OBJ whose faces count vertices, texture coordinates and normals from the start of the file.
+
+    Numbers below 0 count back from the face, where trimesh counts from the end of the file. Nor does it read a face
+    with a remark behind it, which is left out.
+    """
+    content = _REMARK.sub(rb"\1", content.replace(b"\\\r\n", b"").replace(b"\\\n", b""))
+    faces = list(_BACK.finditer(content))
+    if not faces:
+        return content
+    at = [face.start() for face in faces]
+    before = [
+        np.searchsorted([match.start() for match in re.finditer(rb"^[ \t]*%s[ \t]" % kind, content, re.MULTILINE)], at)
+        for kind in (b"v", b"vt", b"vn")
+    ]
+    pieces, last = [], 0
+    for face, *counts in zip(faces, *before):
+        corners = [_counted(corner, counts) for corner in face[0].split()[1:]]
+        pieces += [content[last : face.start()], b" ".join((b"f", *corners))]
+        last = face.end()
+    return b"".join([*pieces, content[last:]])
+
+
+def _counted(corner: bytes, counts: list[int]) -> bytes:
+    """A corner of a face with numbers from the start. counts: how many there are before it."""
+    numbers = corner.split(b"/")
+    for k, (number, count) in enumerate(zip(numbers, counts)):
+        if number.startswith(b"-"):
+            numbers[k] = b"%d" % (count + 1 + int(number))
+            if count + int(number) < 0:
+                raise ValueError(f"a face counts back {-int(number)} places, where there are {count}")
+    return b"/".join(numbers)
 
 
 def file_of(text: str) -> str:
