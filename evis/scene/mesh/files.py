@@ -26,6 +26,8 @@ from evis.scene.sources import note
 SUFFIXES = (".obj", ".ply", ".stl", ".gltf", ".glb")
 Y_UP = gltf_header.SUFFIXES
 """Formats whose vertical axis is y by their own specification."""
+FAR = 1000.0
+"""Distance from the origin, as a multiple of its size, from where on a mesh has an origin of its own."""
 CREASE = float(np.radians(40.0))
 
 
@@ -38,6 +40,14 @@ class Part:
     file: str = ""
     lacks: tuple[str, ...] = ()
     """What the file names for its looks and is not there, or cannot be used."""
+    place: np.ndarray | None = None
+    """Where the mesh's origin is in the file's frame, float64 [3] m; None at its origin. One that is far off for its
+    size has an origin of its own, since float32 would lose its shape."""
+
+    def points(self) -> np.ndarray:
+        """Returns the vertices in the file's frame, float64 [V, 3]."""
+        points = self.mesh.vertices.astype(np.float64)
+        return points if self.place is None else points + self.place
 
 
 def load_parts(
@@ -86,10 +96,10 @@ def load_parts(
     for transform, geometry, name in nodes:
         if not isinstance(geometry, trimesh.Trimesh) or not len(geometry.faces):
             continue  # points and lines have no surface
-        mesh = _mesh(path, geometry, np.asarray(transform), scale, turn, crease)
+        mesh, place = _mesh(path, geometry, np.asarray(transform), scale, turn, crease)
         if textures:
             mesh.colours = _colours(path, geometry, stored.get(name, stored.get("", {})), mesh.faces)
-        parts.append(Part(mesh, None if mesh.colours is None else white, path.name))
+        parts.append(Part(mesh, None if mesh.colours is None else white, path.name, place=place))
         source = getattr(geometry.visual, "material", None) if _kind(geometry) == "texture" else None
         if source is not None and not is_stand_in(source):
             if mesh.uv is not None and (laid := layout(source, assets.parent)) is not None:
@@ -113,7 +123,8 @@ def _upright(path: Path, y_up: bool | None) -> np.ndarray:
     return np.eye(3)
 
 
-def _mesh(path: Path, geometry: Any, transform: np.ndarray, scale: np.ndarray, turn: np.ndarray, crease: float) -> Mesh:
+def _mesh(path: Path, geometry: Any, transform: np.ndarray, scale: np.ndarray, turn: np.ndarray, crease: float) -> Any:
+    """A mesh, and where its origin is if that is not the file's."""
     points = np.asarray(geometry.vertices, np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise SceneError(f"{path.name} has vertices of {points.shape[-1]} numbers; they must have three, x y z")
@@ -132,9 +143,17 @@ def _mesh(path: Path, geometry: Any, transform: np.ndarray, scale: np.ndarray, t
     corners = None
     if uv is not None and np.shape(uv) == (len(points), 2) and np.isfinite(uv).all():
         corners = np.asarray(uv, np.float32)[faces]
-    return Mesh(
-        points.astype(np.float32), np.ascontiguousarray(faces, np.int32), corners, crease_normals(points, faces, crease)
-    )
+    normals = crease_normals(points, faces, crease)
+    place = _place(points[faces.reshape(-1)])
+    points = points if place is None else points - place
+    return Mesh(points.astype(np.float32), np.ascontiguousarray(faces, np.int32), corners, normals), place
+
+
+def _place(used: np.ndarray) -> np.ndarray | None:
+    """The middle of points [N, 3] that are far off for their size, else None."""
+    low, high = used.min(axis=0), used.max(axis=0)
+    middle: np.ndarray = 0.5 * (low + high)
+    return middle if np.abs(middle).max() > FAR * (high - low).max() > 0.0 else None
 
 
 def _kind(geometry: Any) -> str | None:

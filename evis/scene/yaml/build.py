@@ -400,7 +400,8 @@ class _Builder:
                 chosen = self._material_of(part, fields)
             assert chosen is not None
             name = label if len(parts) == 1 else f"{label}_{i}"
-            self._add_instance(Instance(name, body, part.mesh, chosen, pose, semantic), fields)
+            at = pose if part.place is None else se3.compose(pose, se3.make_pose(part.place, se3.IDENTITY[3:]))
+            self._add_instance(Instance(name, body, part.mesh, chosen, at, semantic), fields)
 
     def _material_of(self, part: Any, fields: Fields) -> int:
         """The material that a file gives a part; files of one name in several folders have each their own."""
