@@ -184,7 +184,7 @@ def test_texture_coordinates_are_no_material(load, tmp_path, head):
     with pytest.raises(SceneError, match=rf"a\.obj, which has no material{told}; add 'material'"):
         load("  - {shape: mesh, file: a.obj}\n")
     scene = load("  - {shape: mesh, file: a.obj, material: m}\n", "materials: {m: {albedo: 0.25}}\n")
-    assert scene.materials[scene.instances[0].material].name == "m" and not scene.notes
+    assert scene.materials[scene.instances[0].material].name == "m" and not scene.left_out
 
 
 def test_pictures_that_are_not_there_are_told(load, tmp_path):
@@ -194,7 +194,7 @@ def test_pictures_that_are_not_there_are_told(load, tmp_path):
     texture = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}
     gltf(tmp_path / "b.gltf", {"POSITION": CORNERS, "TEXCOORD_0": UV}, [texture], ("away.png",))
     scene = load("  - {name: a, shape: mesh, file: a.obj}\n  - {name: b, shape: mesh, file: b.gltf}\n")
-    assert [note.partition(";")[0] for note in scene.notes] == [
+    assert [note.partition(";")[0] for note in scene.left_out] == [
         "a.obj names gone.png, which is not there",
         "b.gltf names away.png, which is not there",
     ]
@@ -218,7 +218,7 @@ def test_texts_may_be_latin_1(load, tmp_path):
     (tmp_path / "a.mtl").write_bytes("newmtl paint\nmap_Kd écorce.png\n".encode("latin-1"))
     (tmp_path / "a.obj").write_bytes(f"# modélisé\nmtllib a.mtl\nusemtl paint\n{SQUARE}{QUAD}".encode("latin-1"))
     scene = load("  - {shape: mesh, file: a.obj}\n")
-    assert scene.materials[0].texture.tolist() == [[[1, 0, 0]]] and not scene.notes
+    assert scene.materials[0].texture.tolist() == [[[1, 0, 0]]] and not scene.left_out
 
 
 def test_an_stl_that_is_cut_off_says_so(tmp_path):

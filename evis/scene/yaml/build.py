@@ -409,7 +409,7 @@ class _Builder:
         if id(material) not in self.of_files:
             for lack in part.lacks:
                 note = f"{part.file} {lack}; what it is for is drawn without"
-                self.scene.notes += [] if note in self.scene.notes else [note]
+                self.scene.left_out += [] if note in self.scene.left_out else [note]
             name, count = material.name, 2
             while name in self.materials:
                 name, count = f"{material.name}_{count}", count + 1
