@@ -202,7 +202,9 @@ class Scene:
     initial_joints: dict[str, JointStart] = field(default_factory=dict)
     """Dynamics: joints by name that the seed puts to their start."""
     notes: list[str] = field(default_factory=list)
-    """What of the scene's source is not simulated, one line each."""
+    """What of the scene's source is not simulated, one line each; who moves the bodies tells."""
+    left_out: list[str] = field(default_factory=list)
+    """What of its looks is not drawn, which is known where they are loaded, one line each; who draws tells."""
     environment_map: np.ndarray | None = None
     """Radiance of the sky by direction, in place of `environment`: float32 [h, w, 3], equirectangular, row 0 up (+z),
     column 0 at +x turning to +y."""

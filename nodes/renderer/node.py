@@ -128,6 +128,8 @@ class RendererNode(Node):
         p = self.params
         worlds = self.worlds = worlds_of(self.name, p)
         self.scene = worlds.scenes[0]
+        for note in self.scene.left_out:
+            self.warn(f"scene {self.scene.name}: {note}")
         samples = p["supersampling"] or camera_of(self.scene, p["camera"]).supersampling
         self._fineness = samples if p["samples_apart"] else 1
         self.gathers = self._at_once(samples)

@@ -97,3 +97,15 @@ def test_scene_arguments_and_cameras_are_checked():
         start(scene_args="omeg=20")
     with pytest.raises(ValueError, match="no camera 'cam7'; it has cam0"):
         start(camera="cam7")
+
+
+def test_what_is_not_drawn_is_told(tmp_path, monkeypatch):
+    """A picture that a mesh names and that is not there; only who draws reads the mesh."""
+    told = []
+    monkeypatch.setattr("nodes.renderer.node.RendererNode.warn", lambda node, text, *rest: told.append(text))
+    (tmp_path / "a.mtl").write_text("newmtl paint\nmap_Kd gone.png\n")
+    (tmp_path / "a.obj").write_text("mtllib a.mtl\nusemtl paint\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    head = "cameras: {cam0: {fov: 1}}\nenvironment: 1\n"
+    (tmp_path / "s.yaml").write_text(f"{head}world: [{{shape: mesh, file: a.obj}}]\n")
+    start("depth", scene=str(tmp_path / "s.yaml"))
+    assert told == ["scene s: a.obj names gone.png, which is not there; what it is for is drawn without"]

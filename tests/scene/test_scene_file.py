@@ -92,6 +92,8 @@ def test_everything_is_where_the_file_says(scene_file):
         ("albedo: 0.5", "albedo: 1.5", 9, "albedo is 1.5; the most is 1, since it is a reflectance"),
         ("albedo: 0.5", "albedo: -0.5", 9, "albedo is -0.5; the least is 0"),
         ("position: ${where}", "position: ${where}\n    parent: tip", 13, "parent is 'tip'; did you mean 'top'?"),
+        ("position: ${where}", "quaternion: [0, 0, 1]", 12, "quaternion is [0, 0, 1]; it must be a list of 4 numbers"),
+        ("position: ${where}", "quaternion: [0, 0, 0, 0]", 12, "quaternion is zero, so it is no rotation"),
         ("position: ${where}", "parent: top", 12, "leads back to the body itself"),
         ("position: ${where}", "view: {camera: cam1, depth: 1}", 12, "camera is 'cam1'; did you mean 'cam0'?"),
         ("environment: 0.1", "environmen: 0.1", 17, "environmen is not known here; did you mean 'environment'?"),
@@ -108,7 +110,7 @@ def test_a_mistake_names_file_line_key_and_remedy(scene_file, old, new, line, wo
     with pytest.raises(ValueError) as caught:
         load_scene(scene_file(GOOD, (old, new)))
     text = str(caught.value)
-    assert f"toy.yaml:{line}" in text and words in text and "\n" not in text, text
+    assert f"toy.yaml:{line}" in text and words in text and "\n" not in text and text.count("toy.yaml") == 1, text
 
 
 def test_wrong_arguments(scene_file):

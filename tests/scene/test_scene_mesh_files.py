@@ -196,3 +196,14 @@ def test_image_textures(tmp_path):
         (tmp_path / "s.yaml").write_text(text.replace("t.png", name))
         with pytest.raises(SceneError, match=rf"s\.yaml:2: .*file names {name}, {words}"):
             load_scene(str(tmp_path / "s.yaml"))
+
+
+def test_a_mesh_in_coordinates_of_a_map_keeps_its_shape(load, tmp_path):
+    """A decimetre in UTM, where float32 counts in half metres; its place is the instance's, which is float64."""
+    near = np.array([[0.1, 0.2, 100.3], [0.2, 0.2, 100.3], [0.1, 0.3, 100.3], [0.2, 0.3, 100.35]])
+    corners = near + np.array([5e5, 5.4e6, 0])
+    text = "".join("v {:.4f} {:.4f} {:.4f}\n".format(*corner) for corner in corners)
+    (tmp_path / "map.obj").write_text(text + "f 1 2 3\nf 2 4 3\n")
+    (instance,) = load("file: map.obj, material: m, position: [-5.0e+5, -5.4e+6, 0]").instances
+    vertices = instance.mesh.vertices[instance.mesh.faces].astype(np.float64) + instance.pose[:3]
+    assert np.abs(vertices - near[[[0, 1, 2], [1, 3, 2]]]).max() < 1e-7

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
+from evis.scene import SceneError, load_scene
 from evis.scene.mesh import shapes
 
 
@@ -126,3 +127,20 @@ def test_tiles_have_the_same_size_on_every_face():
     for triangle, uv in zip(corners(mesh), mesh.uv.astype(np.float64)):
         edges, turn = triangle[1:] - triangle[0], uv[1:] - uv[0]
         assert np.allclose(np.linalg.norm(edges, axis=-1), 0.5 * np.linalg.norm(turn, axis=-1))
+
+
+@pytest.mark.parametrize(
+    "old, new, words",
+    [
+        ("[1, 0, 0]", "[1.0e+39, 0, 0]", "vertices must be a list of [a, b, c] with finite numbers up to 1e+30"),
+        ("[0, 1, 2]", "[0, 1, 1.0e+30]", "faces must be whole numbers from 0 to 2"),
+    ],
+)
+def test_numbers_that_no_mesh_can_hold_name_their_place(tmp_path, recwarn, old, new, words):
+    """Beyond single precision and beyond whole numbers, in one line and without a warning of numpy's."""
+    mesh = "{shape: mesh, vertices: [[0, 0, 0], [1, 0, 0], [0, 1, 0]], faces: [[0, 1, 2]], material: m}"
+    text = f"cameras: {{cam0: {{fov: 1}}}}\nmaterials: {{m: {{}}}}\nworld:\n  - {mesh.replace(old, new)}\n"
+    (tmp_path / "s.yaml").write_text(text)
+    with pytest.raises(SceneError) as caught:
+        load_scene(str(tmp_path / "s.yaml"))
+    assert f"s.yaml:4: shape 1: {words}" in str(caught.value) and not len(recwarn)

@@ -75,6 +75,14 @@ def test_a_visual_that_cannot_be_read_leaves_the_collision_shape(robot):
     assert "\n" not in str(caught.value)
 
 
+def test_a_texture_that_is_not_drawn_is_told(robot):
+    """MuJoCo reads the colours of a URDF's materials and leaves out their pictures."""
+    assert not load_scene(str(robot)).notes
+    robot.write_text(URDF.replace('<color rgba="0.5 0 1 1"/>', '<texture filename="wood.png"/>'))
+    (note,) = load_scene(str(robot)).notes
+    assert "textures of URDF materials are not drawn: wood.png" in note
+
+
 def test_it_can_be_launched_by_its_path(robot):
     """A model in some folder is a scene for the simulator's graph, not a launch file."""
     from evis.config.paths import find_launch

@@ -11,6 +11,7 @@ from trimesh.resolvers import Resolver
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders, first_file
 from evis.scene.images.pictures import check_picture
+from evis.scene.mesh.wavefront import file_of, in_utf8
 from evis.scene.sources import note
 
 
@@ -23,16 +24,22 @@ class Assets(Resolver):  # type: ignore[misc]
     def __init__(self, path: Path, folders: Folders, buffers: set[str] | None = None) -> None:
         self.path, self.folders, self.buffers = path, folders, buffers or set()
         self.refusals: list[SceneError] = []
+        self.absent: list[str] = []
+        """What the file names and is not there, each once."""
         self.parent, self.file_name = str(path.parent), path.name
 
     def get(self, key: Any) -> bytes:
         """Returns the content of a file. Raises SceneError, or FileNotFoundError where there is none."""
-        name = str(key).strip()
+        name = file_of(str(key).strip())
         try:
             path = self.find(name)
             if path is None:
+                told = f"names {name}, which is not there"
+                self.absent += [] if told in self.absent else [told]
                 raise FileNotFoundError(name)
-            if name not in self.buffers and path.suffix.lower() != ".mtl":
+            if path.suffix.lower() == ".mtl":
+                return in_utf8(note(path).read_bytes())
+            if name not in self.buffers:
                 self._check_picture(path, name)
             return note(path).read_bytes()
         except SceneError as error:

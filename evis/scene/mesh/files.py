@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,24 +14,40 @@ from evis.files.allowance import AllowanceError
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
 from evis.scene.images.colour import linear_from_srgb
-from evis.scene.images.pictures import texels_of
 from evis.scene.mesh import gltf_header
+from evis.scene.mesh.gltf_plain import plain
+from evis.scene.mesh.materials import absent_pictures, is_stand_in, layout, read_material
 from evis.scene.mesh.normals import crease_normals
+from evis.scene.mesh.polygons import cut_polygons
+from evis.scene.mesh.wavefront import absolute, in_utf8
 from evis.scene.model import Material, Mesh
 from evis.scene.sources import note
 
 SUFFIXES = (".obj", ".ply", ".stl", ".gltf", ".glb")
 Y_UP = gltf_header.SUFFIXES
 """Formats whose vertical axis is y by their own specification."""
+FAR = 1000.0
+"""Distance from the origin, as a multiple of its size, from where on a mesh has an origin of its own."""
 CREASE = float(np.radians(40.0))
 
 
 @dataclass
 class Part:
-    """Holds one mesh of a file and its material, None where the file says nothing of it."""
+    """Holds one mesh of a file and its material, None where the file says nothing of it. file: its name."""
 
     mesh: Mesh
     material: Material | None
+    file: str = ""
+    lacks: tuple[str, ...] = ()
+    """What the file names for its looks and is not there, or cannot be used."""
+    place: np.ndarray | None = None
+    """Where the mesh's origin is in the file's frame, float64 [3] m; None at its origin. One that is far off for its
+    size has an origin of its own, since float32 would lose its shape."""
+
+    def points(self) -> np.ndarray:
+        """Returns the vertices in the file's frame, float64 [V, 3]."""
+        points = self.mesh.vertices.astype(np.float64)
+        return points if self.place is None else points + self.place
 
 
 def load_parts(
@@ -47,9 +64,8 @@ def load_parts(
     has it. crease: edges sharper than this [rad] stay sharp, the others are smoothed. textures=False leaves images out.
     Colours of vertices: glTF's COLOR_0 is linear; those of PLY (or of its faces) and OBJ are taken as sRGB, integers as
     parts of their type's largest; alpha is left out. A mesh that has them and no material gets a white one.
-    Materials: glTF's metallic-roughness ones (base colour factor linear, its texture sRGB, emission times
-    KHR_materials_emissive_strength), MTL's Kd and map_Kd taken as sRGB. folders: from which the files it names may
-    come, its own unless given. Raises SceneError naming the file.
+    Materials: as in `materials`. folders: from which the files it names may come, its own unless given. Raises
+    SceneError naming the file.
     """
     import trimesh
 
@@ -59,13 +75,13 @@ def load_parts(
         raise SceneError(f"{path.name} is of no kind that can be read; there are {', '.join(SUFFIXES)}")
     assets = Assets(note(path), folders or Folders(path.parent))
     try:
-        exact = _exact(path, assets) if path.suffix.lower() in Y_UP else {}
-        scene = trimesh.load_scene(str(path), process=False, resolver=assets)
+        content, kind, exact = _content(path, assets)
+        scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, process=False, resolver=assets)
         # Sorted, for the ids of a scene must not depend on the process that loads it.
         places = [scene.graph[node] for node in sorted(scene.graph.nodes_geometry)]
         nodes = [(transform, scene.geometry[name], str(name)) for transform, name in places]
         coloured = textures and any(_kind(geometry) in ("vertex", "face") for geometry in scene.geometry.values())
-        stored = _stored(path, assets) if coloured else {}
+        stored = _stored(content, kind, assets) if coloured else {}
     except (AllowanceError, SceneError) as error:
         raise SceneError(f"{path.name}: {error}") from None
     except Exception as error:  # the readers of trimesh raise whatever they stumble over
@@ -80,21 +96,24 @@ def load_parts(
     for transform, geometry, name in nodes:
         if not isinstance(geometry, trimesh.Trimesh) or not len(geometry.faces):
             continue  # points and lines have no surface
-        mesh = _mesh(path, geometry, np.asarray(transform), scale, turn, crease)
+        mesh, place = _mesh(path, geometry, np.asarray(transform), scale, turn, crease)
         if textures:
             mesh.colours = _colours(path, geometry, stored.get(name, stored.get("", {})), mesh.faces)
-        parts.append(Part(mesh, None if mesh.colours is None else white))
+        parts.append(Part(mesh, None if mesh.colours is None else white, path.name, place=place))
         source = getattr(geometry.visual, "material", None) if _kind(geometry) == "texture" else None
-        if source is not None:
+        if source is not None and not is_stand_in(source):
+            if mesh.uv is not None and (laid := layout(source, assets.parent)) is not None:
+                mesh.uv = (mesh.uv * laid[0] + laid[1]).astype(np.float32)
             if id(source) not in known:
-                known[id(source)] = made = _material(path, source, exact, textures)
+                known[id(source)] = made = read_material(path, source, exact, textures)
                 # Materials of a file may share a name; those of a scene may not.
                 taken = {other.name for other in (white, *known.values()) if other is not None and other is not made}
                 made.name += f"_{len(known)}" if made.name in taken else ""
             parts[-1].material = known[id(source)]
     if not parts:
         raise SceneError(f"{path.name} has no triangles")
-    return parts
+    lacks = tuple(assets.absent or absent_pictures(exact, scene))
+    return [replace(part, lacks=lacks) for part in parts] if lacks else parts
 
 
 def _upright(path: Path, y_up: bool | None) -> np.ndarray:
@@ -104,14 +123,15 @@ def _upright(path: Path, y_up: bool | None) -> np.ndarray:
     return np.eye(3)
 
 
-def _mesh(path: Path, geometry: Any, transform: np.ndarray, scale: np.ndarray, turn: np.ndarray, crease: float) -> Mesh:
+def _mesh(path: Path, geometry: Any, transform: np.ndarray, scale: np.ndarray, turn: np.ndarray, crease: float) -> Any:
+    """A mesh, and where its origin is if that is not the file's."""
     points = np.asarray(geometry.vertices, np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise SceneError(f"{path.name} has vertices of {points.shape[-1]} numbers; they must have three, x y z")
     points = points @ transform[:3, :3].T + transform[:3, 3]
     points = (points * scale) @ turn.T
     faces = np.asarray(geometry.faces, np.int64)
-    bad = ~np.isfinite(points).all(axis=-1)
+    bad = ~(np.abs(points) <= np.finfo(np.float32).max).all(axis=-1)
     if bad.any():
         count, first = int(bad.sum()), int(bad.argmax())
         raise SceneError(f"{path.name} has {count} vertices that are not finite, the first is number {first}")
@@ -123,9 +143,17 @@ def _mesh(path: Path, geometry: Any, transform: np.ndarray, scale: np.ndarray, t
     corners = None
     if uv is not None and np.shape(uv) == (len(points), 2) and np.isfinite(uv).all():
         corners = np.asarray(uv, np.float32)[faces]
-    return Mesh(
-        points.astype(np.float32), np.ascontiguousarray(faces, np.int32), corners, crease_normals(points, faces, crease)
-    )
+    normals = crease_normals(points, faces, crease)
+    place = _place(points[faces.reshape(-1)])
+    points = points if place is None else points - place
+    return Mesh(points.astype(np.float32), np.ascontiguousarray(faces, np.int32), corners, normals), place
+
+
+def _place(used: np.ndarray) -> np.ndarray | None:
+    """The middle of points [N, 3] that are far off for their size, else None."""
+    low, high = used.min(axis=0), used.max(axis=0)
+    middle: np.ndarray = 0.5 * (low + high)
+    return middle if np.abs(middle).max() > FAR * (high - low).max() > 0.0 else None
 
 
 def _kind(geometry: Any) -> str | None:
@@ -133,21 +161,37 @@ def _kind(geometry: Any) -> str | None:
     return getattr(getattr(geometry, "visual", None), "kind", None)
 
 
-def _exact(path: Path, assets: Any) -> dict[str, list[dict[str, Any]]]:
-    """The materials of a glTF file as its JSON has them, which is checked for what it asks for."""
-    tree, binary = gltf_header.read_header(path)
-    assets.buffers = gltf_header.buffer_names(tree)
-    gltf_header.check_header(tree, binary, assets.get, path.stat().st_size)
-    return gltf_header.materials_of(tree)
+def _content(path: Path, assets: Any) -> tuple[bytes, str, list[dict[str, Any]]]:
+    """What trimesh reads of a file, of which kind that is, and the materials of a glTF as its JSON has them."""
+    kind = path.suffix.lower()[1:]
+    if path.suffix.lower() in Y_UP:
+        tree, binary = gltf_header.read_header(path)
+        assets.buffers = gltf_header.buffer_names(tree)
+        buffers = gltf_header.buffers_of(tree, binary, assets.get)
+        gltf_header.check_header(tree, buffers, path.stat().st_size)
+        return plain(tree, buffers), "glb", tree.get("materials", [])
+    content = path.read_bytes()
+    if _binary(content, kind):
+        return content, kind, []
+    if kind == "stl" and b"facet" not in content[:4096].lower():
+        count = int.from_bytes(content[80:84], "little")
+        raise ValueError(f"it has {len(content)} bytes, where {count} triangles have {84 + 50 * count}")
+    content = in_utf8(content)
+    return (cut_polygons(absolute(content)) if kind == "obj" else content), kind, []
 
 
-def _stored(path: Path, assets: Any) -> dict[str, Mapping[str, Any]]:
+def _binary(content: bytes, kind: str) -> bool:
+    """Whether a file is not a text."""
+    if kind == "ply":
+        return b"binary_" in content[:512]
+    return kind == "stl" and len(content) >= 84 and len(content) == 84 + 50 * int.from_bytes(content[80:84], "little")
+
+
+def _stored(content: bytes, kind: str, assets: Any) -> dict[str, Mapping[str, Any]]:
     """What the file's reader says of each mesh, by name, before trimesh rounds colours to 8 bits; "" = the only one."""
     from trimesh.exchange.load import mesh_loaders
 
-    kind = path.suffix.lower()[1:]
-    with path.open("rb") as file:
-        said = mesh_loaders[kind](file, file_type=kind, resolver=assets)
+    said = mesh_loaders[kind](io.BytesIO(content), file_type=kind, resolver=assets)
     return dict(said["geometry"]) if "geometry" in said else {"": said}
 
 
@@ -175,48 +219,6 @@ def _colours(path: Path, geometry: Any, stored: Mapping[str, Any], faces: np.nda
     linear = colours if path.suffix.lower() in Y_UP else linear_from_srgb(colours)
     corners = linear[:, None].repeat(3, axis=1) if kind == "face" else linear[faces]
     return np.ascontiguousarray(corners, np.float32)
-
-
-def _material(path: Path, source: Any, exact: Mapping[str, Sequence[Mapping[str, Any]]], textures: bool) -> Material:
-    name = f"{path.stem}_{getattr(source, 'name', None) or 'material'}"
-    if not hasattr(source, "baseColorFactor"):  # MTL
-        diffuse = source.kwargs.get("kd") if isinstance(source.kwargs, dict) else None
-        if diffuse is None or len(diffuse) != 3:
-            diffuse = np.asarray(source.diffuse, np.float64)[:3] / 255
-        reflectance = linear_from_srgb(np.clip(np.asarray(diffuse, np.float64), 0.0, 1.0))
-        return Material(name, reflectance, _image(path, source.image) if textures else None)
-    stored = next((m for m in exact.get(str(source.name), ()) if _agree(m, source)), {})
-    pbr = stored.get("pbrMetallicRoughness", {})
-    factor = source.baseColorFactor
-    # trimesh rounds the factor to 8 bits, which is 7 % of a dark linear reflectance.
-    albedo = pbr.get("baseColorFactor") or ([1, 1, 1] if factor is None else np.asarray(factor, np.float64) / 255)
-    strength = stored.get("extensions", {}).get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0)
-    emission = np.zeros(3) if source.emissiveFactor is None else np.asarray(source.emissiveFactor, np.float64)
-    return Material(
-        name,
-        np.clip(np.asarray(albedo, np.float32)[:3], 0.0, 1.0),
-        _image(path, source.baseColorTexture) if textures else None,
-        (emission * float(strength)).astype(np.float32),
-        1.0 if source.roughnessFactor is None else float(source.roughnessFactor),
-        1.0 if source.metallicFactor is None else float(source.metallicFactor),
-        bool(source.doubleSided),
-    )
-
-
-def _image(path: Path, image: Any) -> np.ndarray | None:
-    """A Pillow image as linear float32 [h, w, 3]."""
-    try:
-        return None if image is None else texels_of(image)
-    except SceneError as error:
-        named = Path(image.info["file_path"]).name if "file_path" in image.info else "a texture"
-        raise SceneError(f"{path.name} names {named}, {error}") from None
-
-
-def _agree(stored: Mapping[str, Any], source: Any) -> bool:
-    """Whether a material of the file is the one that trimesh rounded to this."""
-    factor = stored.get("pbrMetallicRoughness", {}).get("baseColorFactor", [1, 1, 1, 1])
-    rounded = 255 if source.baseColorFactor is None else np.asarray(source.baseColorFactor, np.float64)
-    return bool(np.abs(255 * np.asarray(factor, np.float64) - rounded).max() <= 1)
 
 
 def _line(error: Exception) -> str:

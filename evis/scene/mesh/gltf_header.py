@@ -34,29 +34,24 @@ def read_header(path: Path) -> tuple[dict[str, Any], bytes]:
     return tree, binary
 
 
-def materials_of(tree: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
-    """Lists the materials as the JSON has them, by name, which several may share."""
-    found: dict[str, list[dict[str, Any]]] = {}
-    for material in tree.get("materials", []):
-        if "name" in material:
-            found.setdefault(str(material["name"]), []).append(material)
-    return found
-
-
 def buffer_names(tree: dict[str, Any]) -> set[str]:
     """Returns the URIs of a file's buffers, which are no pictures."""
     return {str(buffer["uri"]).strip() for buffer in tree.get("buffers", []) if "uri" in buffer}
 
 
-def check_header(tree: dict[str, Any], binary: bytes, read: Callable[[str], bytes], size: int) -> None:
+def buffers_of(tree: dict[str, Any], binary: bytes, read: Callable[[str], bytes]) -> list[bytes]:
+    """Returns the contents of a file's buffers. read: the content of a uri."""
+    return [_content(buffer, read, binary) for buffer in tree.get("buffers", [])]
+
+
+def check_header(tree: dict[str, Any], buffers: list[bytes], size: int) -> None:
     """Refuses a file that asks for more memory than its size allows, and pictures within it that are too large.
 
-    read: the content of a uri. size: of the file [bytes]. Accessors, views and meshes count as often as they are used:
+    buffers: as of `buffers_of`. size: of the file [bytes]. Accessors, views and meshes count as often as they are used:
     numbers in a few bytes of JSON can name the same bytes many times. Raises SceneError, AllowanceError (whose texts
     the caller puts the name before), or whatever else a damaged file leads to.
     """
     views = tree.get("bufferViews", [])
-    buffers = [_content(b, read, binary) for b in tree.get("buffers", [])]
     allowance = Allowance(size + sum(map(len, buffers)))
     for view in views:
         allowance.take(max(0, int(view["byteLength"])))
@@ -80,7 +75,7 @@ def check_header(tree: dict[str, Any], binary: bytes, read: Callable[[str], byte
             start = int(view.get("byteOffset", 0))
             packed = buffers[view["buffer"]][start : start + int(view["byteLength"])]
         elif str(image.get("uri", "")).find("base64,") >= 0:
-            packed = _content(image, read, binary)
+            packed = base64.b64decode(str(image["uri"]).partition("base64,")[2])
         else:
             continue  # a file, which is checked as it is read
         try:

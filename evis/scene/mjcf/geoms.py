@@ -30,7 +30,7 @@ def add_geom(scene: Scene, model: Any, geom: int, textures: dict[int, np.ndarray
     kind = _TYPE(model.geom_type[geom])
     mesh = _mesh(model, geom, kind)
     if mesh is None:
-        scene.notes.append(f"geom {geom} of type {kind.name.removeprefix('mjGEOM_').lower()} is not drawn")
+        scene.left_out.append(f"geom {geom} of type {kind.name.removeprefix('mjGEOM_').lower()} is not drawn")
         return 0
     add_coordinates(model, geom, mesh)
     owner = scene.bodies[body].name if body >= 0 else "world"

@@ -19,7 +19,7 @@ from evis.geometry import se3
 from evis.scene.errors import SceneError
 from evis.scene.mjcf.cameras import add_cameras, add_default
 from evis.scene.mjcf.compiling.compile import compile_drawn, compile_mjcf
-from evis.scene.mjcf.compiling.urdf import compile_urdf, drawn
+from evis.scene.mjcf.compiling.urdf import compile_urdf, drawn, unused_textures
 from evis.scene.mjcf.dynamics import folders_of
 from evis.scene.mjcf.frames import at_rest, name_of
 from evis.scene.mjcf.geoms import GROUPS, add_geom
@@ -118,8 +118,7 @@ def _compile(scene: Scene, path: Path, visuals: bool) -> tuple[Any, np.ndarray]:
     """The MjModel of an MJCF or URDF file, and which of its geoms are drawn, bool [ngeom]."""
     if path.suffix.lower() == ".urdf":
         bare, full, note = compile_urdf(path, folders_of(scene))
-        if note:
-            scene.notes.append(note)
+        scene.notes += [told for told in (note, unused_textures(path)) if told]
         return (full, drawn(full)) if visuals else (bare, np.zeros(bare.ngeom, bool))
     model = (compile_drawn if visuals else compile_mjcf)(path, folders_of(scene))
     shown = np.isin(model.geom_group, GROUPS)

@@ -22,7 +22,7 @@ def read_mesh(path: Path, textures: bool = True) -> list[Part]:
     if size > LARGEST:
         raise SceneError(f"{path.name} has {size >> 20} MiB; the most is {LARGEST >> 20} MiB, so simplify it")
     parts = load_parts(path, np.ones(3), textures=textures, folders=Folders(path.parent))
-    low, high = _bounds([part.mesh for part in parts])
+    low, high = _bounds([part.points()[part.mesh.faces.reshape(-1)] for part in parts])
     if not (high - low).max() > 0:
         raise SceneError(f"{path.name} has no extent: all of its vertices are one point")
     return parts
@@ -34,27 +34,25 @@ def fitted(parts: list[Part], shape: Mesh) -> list[Part]:
     What has no texture coordinates gets those of a projection along the axis that each triangle faces most, once over
     the longest side.
     """
-    low, high = _bounds([part.mesh for part in parts])
-    into_low, into_high = _bounds([shape])
+    low, high = _bounds([part.points()[part.mesh.faces.reshape(-1)] for part in parts])
+    into_low, into_high = _bounds([shape.vertices[shape.faces.reshape(-1)].astype(np.float64)])
     scale = float((into_high - into_low).max() / (high - low).max())
     shift = 0.5 * (into_low + into_high) - 0.5 * scale * (low + high)
     found = []
     for part in parts:
-        mesh = part.mesh
-        vertices = (mesh.vertices * scale + shift).astype(np.float32)
-        uv = _projected(mesh, low, float((high - low).max())) if mesh.uv is None else mesh.uv
-        found.append(replace(part, mesh=replace(mesh, vertices=vertices, uv=uv)))
+        mesh, points = part.mesh, part.points()
+        vertices = (points * scale + shift).astype(np.float32)
+        uv = _projected(points[mesh.faces], low, float((high - low).max())) if mesh.uv is None else mesh.uv
+        found.append(replace(part, mesh=replace(mesh, vertices=vertices, uv=uv), place=None))
     return found
 
 
-def _bounds(meshes: list[Mesh]) -> tuple[np.ndarray, np.ndarray]:
-    """Least and greatest coordinates of the vertices that faces use, float64 [3] each."""
-    used = [mesh.vertices[mesh.faces.reshape(-1)].astype(np.float64) for mesh in meshes]
+def _bounds(used: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest coordinates of points [N, 3], float64 [3] each."""
     return np.min([v.min(axis=0) for v in used], axis=0), np.max([v.max(axis=0) for v in used], axis=0)
 
 
-def _projected(mesh: Mesh, low: np.ndarray, longest: float) -> np.ndarray:
-    corners = mesh.vertices[mesh.faces].astype(np.float64)
+def _projected(corners: np.ndarray, low: np.ndarray, longest: float) -> np.ndarray:
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     axis = np.abs(normal).argmax(axis=-1)
     across = np.array([[1, 2], [0, 2], [0, 1]])[axis]

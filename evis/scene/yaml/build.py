@@ -126,6 +126,8 @@ class _Builder:
         self.scene = Scene(path.stem, [], [], [], [], [], np.zeros(3, np.float32))
         self.made = made
         self.counted: dict[int, Mesh] = {}
+        self.of_files: dict[int, int] = {}
+        """Materials of mesh files, by id; `made` keeps them."""
         self.pictures = MadePictures()
         try:
             self._read(path)
@@ -377,7 +379,8 @@ class _Builder:
         if material is not None:
             parts = [replace(part, material=None) for part in parts]
         elif any(part.material is None for part in parts):
-            raise fields.error("file", f"names {fields.text('file')}, which has no material; add 'material'")
+            why = f" (it {' and '.join(parts[0].lacks)})" if parts[0].lacks else ""
+            raise fields.error("file", f"names {fields.text('file')}, which has no material{why}; add 'material'")
         self._parts(label, body, fields, material, pose, semantic, parts)
 
     def _parts(
@@ -394,12 +397,25 @@ class _Builder:
         for i, part in enumerate(parts):
             chosen = material
             if part.material is not None:
-                if part.material.name not in self.materials:
-                    self._add_material(part.material, fields)
-                chosen = self.materials[part.material.name]
+                chosen = self._material_of(part, fields)
             assert chosen is not None
             name = label if len(parts) == 1 else f"{label}_{i}"
-            self._add_instance(Instance(name, body, part.mesh, chosen, pose, semantic), fields)
+            at = pose if part.place is None else se3.compose(pose, se3.make_pose(part.place, se3.IDENTITY[3:]))
+            self._add_instance(Instance(name, body, part.mesh, chosen, at, semantic), fields)
+
+    def _material_of(self, part: Any, fields: Fields) -> int:
+        """The material that a file gives a part; files of one name in several folders have each their own."""
+        material = part.material
+        if id(material) not in self.of_files:
+            for lack in part.lacks:
+                note = f"{part.file} {lack}; what it is for is drawn without"
+                self.scene.left_out += [] if note in self.scene.left_out else [note]
+            name, count = material.name, 2
+            while name in self.materials:
+                name, count = f"{material.name}_{count}", count + 1
+            self._add_material(replace(material, name=name), fields)
+            self.of_files[id(material)] = self.materials[name]
+        return self.of_files[id(material)]
 
     def _lights(self) -> None:
         for base, section in self.top.sections("lights", "light").items():

@@ -277,10 +277,11 @@ class Fields:
         Later entries of the list turn about axes of the frame that the earlier ones left.
         """
         if self.has("quaternion"):
+            quaternion = self.vector("quaternion", 4)
             try:
-                return se3.normalize(self.vector("quaternion", 4))
-            except ValueError as error:
-                raise self.error("quaternion", str(error)) from None
+                return se3.normalize(quaternion)
+            except ValueError:
+                raise self.error("quaternion", "is zero, so it is no rotation") from None
         result = se3.IDENTITY[3:]
         for entry in self.items("rotation", "rotation"):
             result = se3.multiply(result, se3.exp(entry.direction("axis") * entry.angle("angle")))

@@ -13,7 +13,7 @@ from evis.scene.folders import Folders
 from evis.scene.mesh import shapes, solids
 from evis.scene.model import Mesh
 from evis.scene.yaml.own_files import drawn_file
-from evis.scene.yaml.reader import Fields
+from evis.scene.yaml.reader import LARGEST, Fields
 
 KINDS = ("box", "sphere", "ellipsoid", "cylinder", "capsule", "torus", "rock", "plane", "disk", "mesh")
 Recipe = tuple[Callable[..., Mesh], tuple[Any, ...]]
@@ -72,7 +72,7 @@ def _triangles(fields: Fields) -> tuple[np.ndarray, np.ndarray]:
     vertices, faces = (_triples(fields, key) for key in ("vertices", "faces"))
     if len(vertices) < 3 or len(faces) < 1:
         raise fields.error("vertices", "must be at least three, with at least one face")
-    if not np.array_equal(faces, faces.astype(np.int64)) or faces.min() < 0 or faces.max() >= len(vertices):
+    if not np.array_equal(faces, np.floor(faces)) or faces.min() < 0 or faces.max() >= len(vertices):
         raise fields.error("faces", f"must be whole numbers from 0 to {len(vertices) - 1}, the indices of vertices")
     return vertices, faces
 
@@ -82,8 +82,8 @@ def _triples(fields: Fields, key: str) -> np.ndarray:
         value = np.array([[float(v) for v in row] for row in fields.raw(key)], np.float64)
     except (TypeError, ValueError):
         value = np.zeros(0)
-    if value.ndim != 2 or value.shape[1] != 3 or not np.isfinite(value).all():
-        raise fields.error(key, "must be a list of [a, b, c] with finite numbers")
+    if value.ndim != 2 or value.shape[1] != 3 or not (np.abs(value) <= LARGEST).all():
+        raise fields.error(key, f"must be a list of [a, b, c] with finite numbers up to {LARGEST:g}")
     return value
 
 

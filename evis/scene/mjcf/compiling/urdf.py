@@ -41,6 +41,16 @@ def compile_urdf(path: Path, folders: Folders) -> tuple[Any, Any, str | None]:
         return model, model, note
 
 
+def unused_textures(path: Path) -> str | None:
+    """Tells which pictures a URDF names for its materials, which MuJoCo does not read; None where there are none."""
+    try:
+        found = [texture.get("filename", "") for texture in ET.parse(path).getroot().iterfind(".//material/texture")]
+    except (ET.ParseError, OSError):
+        return None
+    named = ", ".join(dict.fromkeys(found))
+    return f"textures of URDF materials are not drawn: {named}" if found else None
+
+
 def mujoco_model(path: Path, folders: Folders, edits: Sequence[Edit] = ()) -> Any:
     """Compiles the MjModel of a URDF without its visual geometry, with some edits. Raises SceneError in one line that
     names the file.

@@ -1,0 +1,90 @@
+"""Texts of OBJ and MTL: their encoding, and what stands before a picture: `map_Kd -s 2 2 1 -o 0.5 0 0 wood.png`."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+_MOST = {"-s": 3, "-o": 3, "-t": 3, "-mm": 2}
+"""Most words after an option; the others have one."""
+
+_BACK = re.compile(rb"^[ \t]*f[ \t][^\n]*-[^\n]*", re.MULTILINE)
+
+_REMARK = re.compile(rb"^([ \t]*f[ \t][^\n#]*)#[^\n]*", re.MULTILINE)
+
+
+def absolute(content: bytes) -> bytes:
+    """Returns an OBJ whose faces count vertices, texture coordinates and normals from the start of the file.
+
+    Numbers below 0 count back from the face, where trimesh counts from the end of the file. Nor does it read a face
+    with a remark behind it, which is left out.
+    """
+    content = _REMARK.sub(rb"\1", content.replace(b"\\\r\n", b"").replace(b"\\\n", b""))
+    faces = list(_BACK.finditer(content))
+    if not faces:
+        return content
+    at = [face.start() for face in faces]
+    before = [
+        np.searchsorted([match.start() for match in re.finditer(rb"^[ \t]*%s[ \t]" % kind, content, re.MULTILINE)], at)
+        for kind in (b"v", b"vt", b"vn")
+    ]
+    pieces, last = [], 0
+    for face, *counts in zip(faces, *before):
+        corners = [_counted(corner, counts) for corner in face[0].split()[1:]]
+        pieces += [content[last : face.start()], b" ".join((b"f", *corners))]
+        last = face.end()
+    return b"".join([*pieces, content[last:]])
+
+
+def _counted(corner: bytes, counts: list[int]) -> bytes:
+    """A corner of a face with numbers from the start. counts: how many there are before it."""
+    numbers = corner.split(b"/")
+    for k, (number, count) in enumerate(zip(numbers, counts)):
+        if number.startswith(b"-"):
+            numbers[k] = b"%d" % (count + 1 + int(number))
+            if count + int(number) < 0:
+                raise ValueError(f"a face counts back {-int(number)} places, where there are {count}")
+    return b"/".join(numbers)
+
+
+def file_of(text: str) -> str:
+    """Returns the file's name of a text that may begin with options."""
+    return _taken_apart(text)[0]
+
+
+def layout_of(text: str) -> tuple[np.ndarray, np.ndarray]:
+    """Returns by what texture coordinates are multiplied, and what is added then, float64 [2] each."""
+    options = _taken_apart(text)[1]
+    found = []
+    for key, default in (("-s", 1.0), ("-o", 0.0)):
+        numbers = [float(word) for word in options.get(key, ())][:2]
+        found.append(np.array(numbers + [default] * (2 - len(numbers))))
+    return found[0], found[1]
+
+
+def in_utf8(content: bytes) -> bytes:
+    """Returns a text that is UTF-8, from one that is that or Latin-1."""
+    try:
+        content.decode()
+    except UnicodeDecodeError:
+        return content.decode("latin-1").encode()
+    return content
+
+
+def _taken_apart(text: str) -> tuple[str, dict[str, list[str]]]:
+    words, options = text.split(), dict[str, list[str]]()
+    while len(words) > 2 and words[0].startswith("-"):
+        key, count = words[0], 1
+        if key in _MOST:
+            count = next((n for n in range(_MOST[key]) if not _is_number(words[1 + n])), _MOST[key])
+        count = min(count, len(words) - 2)
+        options[key], words = words[1 : 1 + count], words[1 + count :]
+    return (" ".join(words) if options else text), options
+
+
+def _is_number(word: str) -> bool:
+    try:
+        return bool(np.isfinite(float(word)))
+    except ValueError:
+        return False
