@@ -14,6 +14,9 @@ from nodes.physics.dynamics.followers import Followers
 from nodes.physics.interval import Interval
 from nodes.physics.prescribed import PrescribedStates
 
+MANY = 8
+"""Environments from which on a kernel is faster than numpy."""
+
 
 class Assembly:
     """Makes intervals of the bodies of a scene from states of the model's.
@@ -71,6 +74,12 @@ class Assembly:
 
     def put_mounted(self, poses: np.ndarray, twists: np.ndarray) -> None:
         """Writes what is mounted on others into poses and twists of `may_move`, where all others are there."""
+        if len(poses) >= MANY and self._mounted:
+            # A single environment has no use for it, and Warp takes a moment to load.
+            from nodes.physics.dynamics.batch.mounted import put_mounted
+
+            put_mounted(self._mounted, poses, twists)
+            return
         for m, parent, offset in self._mounted:
             above, above_twist = poses[:, :, parent], twists[:, :, parent]
             poses[:, :, m] = se3.compose(above, offset)
