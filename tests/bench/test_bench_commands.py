@@ -1,6 +1,7 @@
 """Every benchmark answers --help, and writes a report that others read."""
 
 import json
+import re
 import runpy
 import subprocess
 import sys
@@ -10,6 +11,7 @@ import pytest
 
 from bench import command
 from bench.report import BY_THEMSELVES, SUBJECTS
+from evis.cli import main
 
 ROOT = Path(__file__).parents[2]
 RUN = sorted(
@@ -22,6 +24,14 @@ RUN = sorted(
 def test_there_are_benchmarks_to_look_at():
     """`evis bench --help` names each of them once: those that it runs, and those that run by themselves."""
     assert len(RUN) > 20 and sorted([*(module for module, _ in SUBJECTS.values()), *BY_THEMSELVES]) == RUN
+
+
+def test_the_help_text_keeps_names_and_sentences_apart(capsys):
+    """Also beside the longest name."""
+    assert main(["bench", "--help"]) == 0
+    told = capsys.readouterr().out.splitlines()
+    for name, what in [*((name, what) for name, (_, what) in SUBJECTS.items()), *BY_THEMSELVES.items()]:
+        assert any(re.fullmatch(rf"  {re.escape(name)} +{re.escape(what)}", line) for line in told), name
 
 
 @pytest.mark.parametrize("module", RUN)

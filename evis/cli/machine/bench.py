@@ -20,7 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     from bench.report import BY_THEMSELVES, SUBJECTS
 
     subjects = (f"  {name:25}{what}" for name, (_, what) in SUBJECTS.items())
-    others = (f"  {module:25}{what}" for module, what in BY_THEMSELVES.items())
+    wide = max(map(len, BY_THEMSELVES)) + 2
+    others = (f"  {module:{wide}}{what}" for module, what in BY_THEMSELVES.items())
     alone = "run by themselves, `python -m bench.ROOM.NAME` (--help):"
     parser.epilog = "\n".join([EXAMPLE, "", "subjects:", *subjects, "", alone, *others])
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
