@@ -1,5 +1,6 @@
 """The report's runner: what fails is listed and hides nothing else, and what cannot be drawn is there as figures."""
 
+import importlib
 import json
 import sys
 import types
@@ -52,3 +53,11 @@ def test_a_subject_that_fails_hides_no_other(subjects, monkeypatch, tmp_path, ca
     assert main(["bench", "drawn", "plain", "--out", str(tmp_path)]) == 1
     assert "drawn failed: ZeroDivisionError" in capsys.readouterr().err
     assert subjects == ["measured plain"] and "1 / 0" in (tmp_path / "drawn.traceback.txt").read_text()
+
+
+def test_a_package_of_the_extra_that_is_missing_is_named(subjects, monkeypatch, tmp_path, capsys):
+    """With what installs it."""
+    monkeypatch.setitem(sys.modules, "gymnasium", None)
+    monkeypatch.setattr(sys.modules["bench.plain"], "measure", lambda quick: importlib.import_module("gymnasium"))
+    assert main(["bench", "plain", "--out", str(tmp_path)]) == 1
+    assert "plain failed: gymnasium is not installed: pip install 'evis[bench]'" in capsys.readouterr().err
