@@ -14,10 +14,10 @@ import yaml
 
 import evis
 from evis.config import paths
+from evis.dataset.errors import DatasetError
 from evis.dataset.layouts import reader_of
 from evis.dataset.making.make import check
 from evis.dataset.making.worker import Maker
-from evis.dataset.errors import DatasetError
 from evis.dataset.recipe import Plan
 from evis.dataset.recipe_file import find_recipe, read_recipe
 from evis.dataset.report.tiles import tiles
@@ -77,9 +77,9 @@ def test_they_are_all_there() -> None:
 
 def test_an_unknown_recipe_is_refused_with_the_names_of_all() -> None:
     """Or with the nearest one."""
-    with pytest.raises(DatasetError, match="there is no recipe zzz; there are detection, flow, .*tracking"):
+    with pytest.raises(DatasetError, match=r"there is no recipe zzz; there are detection, flow, .*tracking"):
         find_recipe("zzz")
-    with pytest.raises(DatasetError, match="there is no recipe flov; did you mean 'flow'?"):
+    with pytest.raises(DatasetError, match=r"there is no recipe flov; did you mean 'flow'\?"):
         find_recipe("flov")
 
 
