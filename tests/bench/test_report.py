@@ -61,3 +61,16 @@ def test_a_package_of_the_extra_that_is_missing_is_named(subjects, monkeypatch, 
     monkeypatch.setattr(sys.modules["bench.plain"], "measure", lambda quick: importlib.import_module("gymnasium"))
     assert main(["bench", "plain", "--out", str(tmp_path)]) == 1
     assert "plain failed: gymnasium is not installed: pip install 'evis[bench]'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_own_runs_without_matplotlib_are_figures_and_no_plot(monkeypatch, tmp_path, capsys, there):
+    """The table is printed and kept, and one line says which package draws it."""
+    run = {"bag": "a.mcap", "scene": "s", "upsampling": "8", "error": 0.25, "run time": 2.0}
+    monkeypatch.setattr("bench.interpolation.own_runs.read", lambda bags: [run])
+    monkeypatch.setattr("bench.interpolation.own_runs.plot", lambda rows, path: path.write_bytes(b"drawn"))
+    monkeypatch.setattr(report.importlib.util, "find_spec", lambda name: object() if there else None)
+    assert main(["bench", "--from", "a.mcap", "--out", str(tmp_path)]) == 0
+    told = capsys.readouterr()
+    assert "a.mcap" in told.out and json.loads((tmp_path / "own_runs.json").read_text()) == [run]
+    assert ("evis[bench]" in told.err) != there and (tmp_path / "own_runs.png").exists() == there
