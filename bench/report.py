@@ -93,6 +93,8 @@ BY_THEMSELVES = {
 }
 """Module that `evis bench` does not run -> what it does; `python -m MODULE`."""
 
+EXTRA = ("gymnasium", "pygame", "matplotlib")
+"""Packages of the extra `bench`."""
 NO_PLOTS = "no plots, for matplotlib is not installed: pip install 'evis[bench]'"
 
 HEAD = """<!doctype html><meta charset=utf-8><title>EVIS report</title><style>
@@ -143,7 +145,10 @@ def run(subjects: Sequence[str], out: Path, quick: bool, say: Callable[[str], No
             if hasattr(module, "plot") and drawn:
                 report["plots"] += [path.name for path in module.plot(sections, out)]
         except Exception as error:  # one subject that fails must not hide the others; it is listed
-            report["failures"].append({"subject": subject, "error": f"{type(error).__name__}: {error}"})
+            what = f"{type(error).__name__}: {error}"
+            if isinstance(error, ModuleNotFoundError) and error.name in EXTRA:
+                what = f"{error.name} is not installed: pip install 'evis[bench]'"
+            report["failures"].append({"subject": subject, "error": what})
             (out / f"{subject}.traceback.txt").write_text(traceback.format_exc())
         say(f"{subject}: {time.monotonic() - started:.0f} s")
         (out / "report.json").write_text(json.dumps(report, indent=1, default=str))

@@ -7,7 +7,7 @@ import sys
 
 
 def start_warp() -> None:
-    """Start Warp. That a machine has no GPU driver is news only to who asks for a GPU, and is said then in our words.
+    """Starts Warp. That a machine has no GPU driver is news only to who asks for a GPU, and is said then in our words.
 
     Cheap when Warp runs already. Importing this module does not import Warp. Raises OSError, with the remedy, where the
     folder of compiled kernels cannot be made.

@@ -14,7 +14,7 @@ POLL_MS = 50
 
 
 class Taps:
-    """Lossy subscriptions to topics of one running graph."""
+    """Holds lossy subscriptions to topics of one running graph."""
 
     def __init__(self, plan: Plan, topics: list[str]) -> None:
         import zmq

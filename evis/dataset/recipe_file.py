@@ -13,7 +13,7 @@ from evis.config import paths
 from evis.config.document import LaunchError, Row, Table, read, submap
 from evis.config.params import Param, ParamError
 from evis.config.removed import instead
-from evis.config.suggestions import did_you_mean, nearest
+from evis.config.suggestions import nearest
 from evis.dataset.draws import SAMPLINGS, SCALES, Axis
 from evis.dataset.errors import DatasetError
 from evis.dataset.layouts import LAYOUTS
@@ -53,7 +53,7 @@ def find_recipe(name: str) -> Path:
     """Finds a recipe by path or by the name of one that comes with evis. Raises DatasetError."""
     if (path := paths.find("recipes", name)) is not None:
         return path
-    raise DatasetError(f"there is no recipe {name}{did_you_mean(Path(name).stem, paths.names('recipes'))}")
+    raise DatasetError(f"there is no recipe {name}; {nearest(Path(name).stem, paths.names('recipes'))}")
 
 
 def read_recipe(name: str | Path, duration_s: float | None = None) -> Recipe:

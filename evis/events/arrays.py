@@ -94,7 +94,7 @@ class Events:
 
     @staticmethod
     def empty() -> Events:
-        """No events."""
+        """Makes empty arrays: no events."""
         return Events(_NONE[np.int64], _NONE[np.uint16], _NONE[np.uint16], _NONE[np.uint8])
 
     @staticmethod

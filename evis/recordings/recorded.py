@@ -45,7 +45,7 @@ class Counts:
 
 
 class Recorded:
-    """One event stream of a recording, and of a bag all of its topics. Nothing is kept in memory but what is given.
+    """Reads one event stream of a recording, and of a bag all of its topics, and keeps no more of it than it gives.
 
     Going over it twice reads it twice; slicing gives the same for a part of the time: `rec[a:b]` is [a, b) in whole
     ns as the file has them, both ends may be left out. A context manager.
@@ -97,17 +97,17 @@ class Recorded:
 
     @property
     def start_ns(self) -> int | None:
-        """Time of the first event; from `counts`."""
+        """Returns the time of the first event [ns]; from `counts`."""
         return self.counts.start_ns
 
     @property
     def end_ns(self) -> int | None:
-        """Time of the last event; from `counts`."""
+        """Returns the time of the last event [ns]; from `counts`."""
         return self.counts.end_ns
 
     @property
     def duration_ns(self) -> int:
-        """From the first event to the last; from `counts`."""
+        """Returns the time [ns] from the first event to the last; from `counts`."""
         start, end = self.counts.start_ns, self.counts.end_ns
         return 0 if start is None or end is None else end - start
 

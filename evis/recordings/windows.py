@@ -46,12 +46,12 @@ class EventWindow:
 
     @property
     def p(self) -> np.ndarray:
-        """1 = ON, 0 = OFF."""
+        """Returns the polarities, uint8 [n]: 1 = ON, 0 = OFF."""
         return self.events.p
 
     @property
     def c(self) -> np.ndarray | None:
-        """Colour channels, None without colour."""
+        """Returns the colour channels, uint8 [n]; None without colour."""
         return self.events.c
 
     def __len__(self) -> int:

@@ -117,7 +117,7 @@ class Simulation:
 
     @property
     def stamp_ns(self) -> int:
-        """Simulated time [ns] of the last step."""
+        """Returns the simulated time [ns] of the last step."""
         return self._run.stamp_ns
 
     def summary(self) -> dict[str, Any]:

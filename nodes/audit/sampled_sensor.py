@@ -14,7 +14,7 @@ from nodes.event_sensor.model.keys import KeyLayout
 
 
 class SampledSensor:
-    """N pixels without noise, with linear crossings; `sense` takes what has been sampled since the last call."""
+    """Simulates N pixels without noise, with linear crossings; `sense` takes the samples since the last call."""
 
     def __init__(self, pixels: int, parameters: Mapping[str, Any]) -> None:
         """parameters: resolved ones of the event sensor, of which thresholds and dark level count."""

@@ -29,7 +29,7 @@ class FileSettings(Configuration):
 
 
 def parse_pace(text: str) -> float:
-    """`realtime` -> 1, `fast` -> 0 (no waiting), a number -> that speed. Raises ValueError."""
+    """Reads a pace as a speed: `realtime` is 1, `fast` is 0 (no waiting), a number is itself. Raises ValueError."""
     named = {"realtime": 1.0, "fast": 0.0}
     if text in named:
         return named[text]

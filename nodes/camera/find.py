@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def is_model(name: str | None) -> bool:
-    """The value of `emulate` names a camera model and not a recording. A path has a separator or a suffix."""
+    """Tells whether `emulate` names a camera model and not a recording, whose path has a separator or a suffix."""
     if not name:
         return False
     return name in MODELS or name in ALIASES or not (os.sep in name or "." in name or os.path.exists(name))
@@ -56,7 +56,7 @@ def on_usb(bus: Bus | None = None) -> list[UsbDriver]:
 
 
 def open_file(path: str) -> FileSource:
-    """A driver that plays a recording; not opened yet."""
+    """Makes a driver that plays a recording; it is not opened yet."""
     from nodes.camera.file_source import FileSource
 
     return FileSource(path)

@@ -156,7 +156,7 @@ class CameraNode(Node):
         return True
 
     def columns(self, n: int) -> Columns:
-        """Where the driver decodes the next packet of at most n events: into the message that will be sent."""
+        """Lends the columns [n] of the message to be sent, into which the driver decodes at most n events."""
         if not self.wants("events"):
             return plain(n)
         n = max(n, LEAST_EVENTS)
@@ -195,7 +195,7 @@ class CameraNode(Node):
 
 
 def configure_usb(driver: UsbDriver, params: Mapping[str, Any]) -> None:
-    """The node's parameters and the camera's own settings to an open driver. Raises ValueError."""
+    """Gives the node's parameters and the camera's own settings to an open driver. Raises ValueError."""
     from nodes.camera.interface.settings import parse_settings
 
     kind = driver.settings_type()

@@ -65,7 +65,7 @@ PRESET = Param(
 
 
 def resolve_sensor(owner: str, preset: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """All of SENSOR: given values over the preset's over the defaults; None counts as not given.
+    """Resolves all of SENSOR: given values over the preset's over the defaults; None counts as not given.
 
     preset: a name, or a YAML file of parameters. A `threshold` that is given is that of both sides, whatever the
     preset has for one of them. Raises ParamError naming `owner`, or the file, the key and the nearest valid one.

@@ -30,7 +30,10 @@ def corner_of(latency_us: float) -> float:
 
 @dataclass(frozen=True)
 class Preset:
-    """One sensor. values: parameters as in nodes.event_sensor.parameters. sources: where each value comes from."""
+    """Holds the parameters of one sensor.
+
+    values: parameters as in nodes.event_sensor.parameters. sources: where each value comes from.
+    """
 
     name: str
     width: int

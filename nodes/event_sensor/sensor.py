@@ -62,7 +62,7 @@ LATEST = 5 * 10**18
 
 
 class EventSensor:
-    """E event cameras of the same size.
+    """Simulates E event cameras of the same size.
 
     parameters: those of nodes.event_sensor.parameters.SENSOR, over those of `preset`. channels: 1 for luminance, 3 for
     colour, each channel an independent sensor. seed: environment e has the random numbers of a single sensor with seed
@@ -264,7 +264,7 @@ class EventSensor:
         dlog_dt: Frames | None = None,
         further: Further | None = None,
     ) -> int:
-        """Take K frames and return how many events they make; `read` gives them.
+        """Takes K frames and returns how many events they make; `read` gives them.
 
         luminance: float32 [E, K, H, W] or, with three channels, [E, K, H, W, 3], linear: numpy, Warp (colour as vec3f
         [E, K, H, W]) or whatever has __cuda_array_interface__, such as PyTorch. It is not copied where it is on the
@@ -347,7 +347,7 @@ class EventSensor:
         return lists if lists.offset.size else None
 
     def finish(self) -> int:
-        """Take no more frames; returns how many events were held back. `advance` may go on afterwards."""
+        """Takes no more frames; returns how many events were held back. `advance` may go on afterwards."""
         held = self._waiting.release()
         if held is None:
             self.t_base = self._settled
@@ -467,7 +467,7 @@ class EventSensor:
         return self._device if self._device.is_cuda and self._left is None else None
 
     def read(self, out: Any) -> None:
-        """Write the events of the last `advance` or `finish` to arrays of `columns()`, name -> array.
+        """Writes the events of the last `advance` or `finish` to arrays of `columns()`, name -> array.
 
         Of numpy or, where they are `on_gpu`, Warp's there.
         """

@@ -1,5 +1,6 @@
 """The report's runner: what fails is listed and hides nothing else, and what cannot be drawn is there as figures."""
 
+import importlib
 import json
 import sys
 import types
@@ -52,3 +53,24 @@ def test_a_subject_that_fails_hides_no_other(subjects, monkeypatch, tmp_path, ca
     assert main(["bench", "drawn", "plain", "--out", str(tmp_path)]) == 1
     assert "drawn failed: ZeroDivisionError" in capsys.readouterr().err
     assert subjects == ["measured plain"] and "1 / 0" in (tmp_path / "drawn.traceback.txt").read_text()
+
+
+def test_a_package_of_the_extra_that_is_missing_is_named(subjects, monkeypatch, tmp_path, capsys):
+    """With what installs it."""
+    monkeypatch.setitem(sys.modules, "gymnasium", None)
+    monkeypatch.setattr(sys.modules["bench.plain"], "measure", lambda quick: importlib.import_module("gymnasium"))
+    assert main(["bench", "plain", "--out", str(tmp_path)]) == 1
+    assert "plain failed: gymnasium is not installed: pip install 'evis[bench]'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_own_runs_without_matplotlib_are_figures_and_no_plot(monkeypatch, tmp_path, capsys, there):
+    """The table is printed and kept, and one line says which package draws it."""
+    run = {"bag": "a.mcap", "scene": "s", "upsampling": "8", "error": 0.25, "run time": 2.0}
+    monkeypatch.setattr("bench.interpolation.own_runs.read", lambda bags: [run])
+    monkeypatch.setattr("bench.interpolation.own_runs.plot", lambda rows, path: path.write_bytes(b"drawn"))
+    monkeypatch.setattr(report.importlib.util, "find_spec", lambda name: object() if there else None)
+    assert main(["bench", "--from", "a.mcap", "--out", str(tmp_path)]) == 0
+    told = capsys.readouterr()
+    assert "a.mcap" in told.out and json.loads((tmp_path / "own_runs.json").read_text()) == [run]
+    assert ("evis[bench]" in told.err) != there and (tmp_path / "own_runs.png").exists() == there

@@ -8,9 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from in_this_process import InThisProcess
 from sequences import EVERY, framed, simulated, written
+from small_recipe import write
 
 from evis.dataset.layouts import LayoutError, reader_of
+from evis.dataset.making.make import make
+from evis.dataset.recipe_file import read_recipe
 
 LABELS = ("forward_flow", "boxes", "depth", "segmentation")
 NOT_READ = ("rectify_map.h5", "cam_to_cam.yaml", "zarr.json")
@@ -90,13 +94,16 @@ def test_blosc_without_its_package(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_zarr_without_its_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Writing and reading."""
+    """Writing, making a data set, and reading."""
     about, steps = simulated("spinning_disk", *LABELS)
     monkeypatch.setitem(sys.modules, "zarr", None)
     line = r"the layout zarr needs the package zarr: pip install 'evis\[layouts\]'"
     with pytest.raises(LayoutError, match=line):
         written("zarr", tmp_path / "s", about, steps)
     assert not (tmp_path / "s").exists()
+    with pytest.raises(LayoutError, match=line):  # before a worker starts or a folder is made
+        make(read_recipe(write(tmp_path, ("layout: npz", "layout: zarr"))), str(tmp_path / "d"), InThisProcess)
+    assert not (tmp_path / "d").exists()
     folder: Any = tmp_path / "t"
     written("npz", folder, about, steps)
     text = (folder / "about.json").read_text()

@@ -14,6 +14,7 @@ import yaml
 
 import evis
 from evis.config import paths
+from evis.dataset.errors import DatasetError
 from evis.dataset.layouts import reader_of
 from evis.dataset.making.make import check
 from evis.dataset.making.worker import Maker
@@ -72,6 +73,14 @@ def world_of(plan: Plan) -> Any:
 def test_they_are_all_there() -> None:
     wanted = {"rotation", "flow", "detection", "stereo", "tracking", "hdr_tunnel"}
     assert wanted <= set(paths.names("recipes"))
+
+
+def test_an_unknown_recipe_is_refused_with_the_names_of_all() -> None:
+    """Or with the nearest one."""
+    with pytest.raises(DatasetError, match=r"there is no recipe zzz; there are detection, flow, .*tracking"):
+        find_recipe("zzz")
+    with pytest.raises(DatasetError, match=r"there is no recipe flov; did you mean 'flow'\?"):
+        find_recipe("flov")
 
 
 @pytest.mark.parametrize("name", paths.names("recipes"))

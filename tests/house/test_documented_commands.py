@@ -15,6 +15,7 @@ from evis.cli.parser import Parser
 from evis.config import paths
 from evis.launch.arguments import parse_pairs
 from evis.launch.files import load
+from evis.runtime.node import Node
 from evis.scene import load_scene
 from evis.scene.load import scene_args
 
@@ -151,3 +152,12 @@ def test_the_scene_on_the_page_of_scenes_loads(tmp_path: Path) -> None:
     (tmp_path / "ball.yaml").write_text(text)
     scene = load_scene(str(tmp_path / "ball.yaml"), {"radius": 0.2})
     assert [camera.name for camera in scene.cameras] == ["cam0"] and len(scene.instances) == 1
+
+
+def test_what_contributing_tells_of_nodes_exists() -> None:
+    """A class attribute as `NAME = True`, a method as `name(parameters)`, each of every node."""
+    text = (ROOT / "CONTRIBUTING.md").read_text().partition("## A new node")[2].partition("## ")[0]
+    told = re.findall(r"`(\w+)\([\w, ]+\)`|`(\w+) = \w+`", text)
+    assert len(told) >= 3
+    for name in {method or attribute for method, attribute in told}:
+        assert hasattr(Node, name), name

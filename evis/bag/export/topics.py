@@ -33,7 +33,7 @@ FOLDERS = {"Keyframe": "EXR", "Image": "PNG", **dict.fromkeys(label_images.KINDS
 
 
 class FormatError(BagError):
-    """The topic cannot be written in the format that the name of the output asks for."""
+    """Says that the topic cannot be written in the format that the name of the output asks for."""
 
 
 def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False, as_png: bool = False) -> dict[str, Any]:

@@ -61,7 +61,7 @@ class RosPart:
 
 
 def frame_of(topic: str) -> str:
-    """ROS frame of a camera's topic: the camera's name."""
+    """Names the ROS frame of a camera's topic: the camera's name."""
     segments = topic.strip("/").split("/")
     return segments[-2] if len(segments) > 1 else states.WORLD
 

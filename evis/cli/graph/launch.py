@@ -23,7 +23,7 @@ INTERMIXED = True
 
 
 def add_arguments(parser: Parser) -> None:
-    """Declare the command's arguments."""
+    """Declares the command's arguments."""
     parser.add_argument("target", nargs="?", metavar="FILE|NAME", help="launch file or scene, by name or path")
     parser.add_argument(
         "pairs",
@@ -105,7 +105,7 @@ def _line(key: str, param: Any, width: int, default: Any = None, required: bool 
 
 
 def run(args: argparse.Namespace) -> int:
-    """Plan, explain or run."""
+    """Plans, explains or runs the graph."""
     from evis.supervisor.early import early_start
 
     name = process_to_start_early(args)
@@ -168,7 +168,7 @@ def _run(args: argparse.Namespace, early: EarlyStart | None) -> int:
 
 
 def make_plan(args: argparse.Namespace) -> Any:
-    """The plan that the command line asks for."""
+    """Makes the plan that the command line asks for."""
     from evis.cli.graph.auto import told, warn
     from evis.config import paths
     from evis.launch.arguments import parse_pairs

@@ -17,7 +17,7 @@ EXAMPLE = "example: evis node info event_sensor"
 
 
 def add_arguments(parser: Parser) -> None:
-    """Declare the command's arguments."""
+    """Declares the command's arguments."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     listing, info = (
         actions.add_parser(name, help=text, description=text, epilog=f"example: evis node {example}")
@@ -33,14 +33,14 @@ def add_arguments(parser: Parser) -> None:
 
 
 def types() -> str:
-    """The node types that come with evis, for a help text."""
+    """Lists the node types that come with evis, for a help text."""
     from evis.launch import catalog
 
     return ", ".join(catalog.types())
 
 
 def run(args: argparse.Namespace) -> int:
-    """Dispatch."""
+    """Runs the action that was named."""
     if args.action == "list":
         return _list(args)
     try:

@@ -26,7 +26,7 @@ INTERMIXED = True
 
 
 def add_arguments(parser: Parser) -> None:
-    """Declare the command's arguments."""
+    """Declares the command's arguments."""
     parser.add_argument("node", metavar="NODE", help=f"package.module:Class, or a type: {types()}")
     parser.add_argument("pairs", nargs="*", metavar="key:=value", help="parameters; `evis node info NODE` lists them")
     parser.add_argument("--duration", type=float, metavar="S", help="stop after so many seconds")
@@ -35,7 +35,7 @@ def add_arguments(parser: Parser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Stand-alone or attached."""
+    """Runs one node by itself, or attached to a running graph."""
     from evis.config.document import LaunchError
     from evis.config.params import ParamError
     from evis.launch.arguments import ArgumentError, parse_pairs

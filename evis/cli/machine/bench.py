@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import json
 import sys
 from pathlib import Path
@@ -70,6 +71,7 @@ def run(args: argparse.Namespace) -> int:
 def _own_runs(args: argparse.Namespace) -> int:
     """Plots error against run time of recorded runs, from what their bags say."""
     from bench.interpolation.own_runs import plot, read
+    from bench.report import NO_PLOTS
     from bench.sections import as_text
 
     if args.what or args.docs:
@@ -77,9 +79,13 @@ def _own_runs(args: argparse.Namespace) -> int:
     rows = read(args.bags)
     out = Path(args.out)
     out.mkdir(parents=True, exist_ok=True)
-    plot(rows, out / "own_runs.png")
+    drawn = importlib.util.find_spec("matplotlib") is not None
+    if drawn:
+        plot(rows, out / "own_runs.png")
     (out / "own_runs.json").write_text(json.dumps(rows, indent=1) + "\n")
     print(json.dumps(rows) if args.json else as_text({"title": "error against run time", "rows": rows}))
-    if not args.json:
+    if not drawn:
+        print(f"evis bench: {NO_PLOTS}", file=sys.stderr)
+    elif not args.json:
         print(f"plot: {out / 'own_runs.png'}")
     return 0

@@ -65,7 +65,7 @@ class SequenceReader(ABC):
 
     @property
     def duration_ns(self) -> int:
-        """Length of the sequence."""
+        """Returns the length of the sequence [ns]."""
         return self.about.duration_ns
 
     @property

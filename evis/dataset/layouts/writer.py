@@ -23,6 +23,11 @@ class SequenceWriter(ABC):
 
     LAYOUT = ""
 
+    @classmethod
+    def check_installed(cls) -> None:
+        """Raises LayoutError where a package that this layout needs is not installed."""
+        return  # most layouts need what EVIS itself does, and no more
+
     def __init__(self, directory: Path, about: About) -> None:
         """Begins a sequence. Raises LayoutError for a folder that is not empty, and for what the layout cannot hold."""
         self.directory, self.about = Path(directory), about

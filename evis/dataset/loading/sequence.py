@@ -46,7 +46,7 @@ class Sequence:
 
     @property
     def folder(self) -> Path:
-        """Where it lies on this machine; what lies elsewhere is copied. Raises DatasetError, OSError."""
+        """Returns where it lies on this machine; what lies elsewhere is copied. Raises DatasetError, OSError."""
         return local_folder(self._out, self._path)
 
     @cached_property

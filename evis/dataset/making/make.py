@@ -43,8 +43,11 @@ class Made:
 
 
 def check(recipe: Recipe) -> None:
-    """Plans each scene with all arguments at the ends of their ranges. Raises DatasetError with file:line."""
-    writer_of(recipe.layout)  # which may need a package that is not installed
+    """Plans each scene with all arguments at the ends of their ranges.
+
+    Raises DatasetError with file:line, LayoutError where the layout's package is not installed.
+    """
+    writer_of(recipe.layout).check_installed()
     asked = parse([*recipe.outputs, *(f"labels.{kind}" for kind in recipe.labels)])
     for scene in recipe.scenes:
         for arguments in scene.corners():
@@ -93,7 +96,7 @@ def make(
         say: is told in one line of each sequence that has failed.
         batch: how many sequences a worker makes at once, as environments of one simulation, where they can be.
 
-    Raises DatasetError, OSError before anything is made.
+    Raises DatasetError, LayoutError, OSError before anything is made.
     """
     check(recipe)
     store = open_store(recipe, out, resume)

@@ -16,7 +16,7 @@ FALLEN = np.radians(15)
 
 
 class CartPole(Task):
-    """Keep the pole within 15 degrees of upright and the cart in view, for 10 s.
+    """Asks the agent to keep the pole within 15 degrees of upright and the cart in view, for 10 s.
 
     A step is worth 1 with the pole upright in the middle, and falls to 0 where both are at their limits.
     """

@@ -17,7 +17,7 @@ SERIAL = "0000e915"
 
 
 def emulated_device(model: Model, feed: Feed, faults: Faults | None = None) -> EmulatedDevice:
-    """The device of a model, fed by `feed`."""
+    """Makes the emulated device of a model, fed by `feed`."""
     result: EmulatedDevice = importlib.import_module(model.emulator).make_device(
         model, feed, faults or Faults(), SERIAL
     )
@@ -25,12 +25,12 @@ def emulated_device(model: Model, feed: Feed, faults: Faults | None = None) -> E
 
 
 def emulated_bus(device: EmulatedDevice) -> Bus:
-    """A bus with that device. The waits that real chips need are left out."""
+    """Makes a bus with that device. The waits that real chips need are left out."""
     return Bus(EmulatedBackend(device), sleep=lambda seconds: None, emulated=True)
 
 
 def driver_on(model: Model, feed: Feed, faults: Faults | None = None, live: bool = True) -> UsbDriver:
-    """The model's real driver on its emulated device. A device that is not there is an OSError, as on the real bus."""
+    """Makes the model's real driver on its emulated device. Raises OSError where the device is not there."""
     device = emulated_device(model, feed, faults)
     bus = emulated_bus(device)
     found = bus.devices(model.ids)

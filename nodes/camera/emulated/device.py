@@ -45,13 +45,16 @@ def stall() -> NoReturn:
 
 
 def timeout() -> NoReturn:
-    """Nothing came."""
+    """Raises what libusb raises when no data came in time."""
     raise usb.core.USBTimeoutError("Operation timed out", -7, errno.ETIMEDOUT)
 
 
 class EmulatedDevice(abc.ABC):
-    """A device on the emulated bus. Subclasses answer requests and say whether their registers let the sensor send, and
-    what of the events of a recording. HONOURED: settings of the driver that show in what it sends."""
+    """Stands for a device on the emulated bus.
+
+    Subclasses answer requests and say whether their registers let the sensor send, and what of the events of a
+    recording. HONOURED: settings of the driver that show in what it sends.
+    """
 
     DATA: int
     HONOURED: ClassVar[frozenset[str]] = frozenset()
@@ -75,11 +78,11 @@ class EmulatedDevice(abc.ABC):
 
     @abc.abstractmethod
     def vendor_in(self, request: int, value: int, index: int) -> bytes:
-        """Answer to a vendor request."""
+        """Answers a vendor request."""
 
     @abc.abstractmethod
     def vendor_out(self, request: int, value: int, index: int, data: bytes) -> None:
-        """A vendor request with data."""
+        """Takes a vendor request with data."""
 
     def command(self, data: bytes) -> None:
         """Bytes on the command endpoint, where the device has one."""
@@ -90,7 +93,7 @@ class EmulatedDevice(abc.ABC):
         return b""
 
     def readout(self) -> Readout:
-        """What its registers let through now."""
+        """Says what of the events the registers let through now."""
         return Readout(self.counts)
 
     def ignored(self, settings: UsbSettings) -> list[str]:
@@ -106,7 +109,10 @@ class EmulatedDevice(abc.ABC):
     # -- presence ------------------------------------------------------------------------------------------------------
 
     def present(self) -> bool:
-        """On the bus. An unplugged device that is to be plugged in again comes back with the next look."""
+        """Tells whether the device is on the bus.
+
+        An unplugged device that is to be plugged in again comes back with the next look.
+        """
         if self._unplugged and self.faults.replug:
             self._unplugged = False
             self.faults.unplug_after = 0
@@ -129,7 +135,7 @@ class EmulatedDevice(abc.ABC):
     # -- requests ------------------------------------------------------------------------------------------------------
 
     def request_in(self, kind: int, request: int, value: int, index: int) -> bytes:
-        """A control request from the device."""
+        """Answers a control request for data from the device."""
         if kind == 0x80 and request == 6 and value >> 8 == 3:
             return self._string(value & 0xFF)
         if kind & 0x60 != 0x40:
@@ -139,7 +145,7 @@ class EmulatedDevice(abc.ABC):
         return self.vendor_in(request, value, index)
 
     def request_out(self, kind: int, request: int, value: int, index: int, data: bytes) -> int:
-        """A control request to the device."""
+        """Takes a control request with data for the device; returns how many bytes it took."""
         if kind & 0x60 != 0x40:
             stall()
         if self.faults.control_timeout:
@@ -159,7 +165,7 @@ class EmulatedDevice(abc.ABC):
     # -- endpoints -----------------------------------------------------------------------------------------------------
 
     def bulk_out(self, endpoint: int, data: bytes) -> int:
-        """Command endpoint."""
+        """Takes bytes on the command endpoint; returns how many."""
         if self.faults.control_timeout:
             timeout()
         self.command(data)

@@ -39,7 +39,7 @@ class Dvs128Device(EmulatedDevice):
 
 
 def make_device(model: Model, feed: Feed, faults: Faults, serial: str) -> Dvs128Device:
-    """An emulated DVS128."""
+    """Makes an emulated DVS128."""
     vendor, product = model.ids[0]
     bcd = 0x0005 if faults.unknown_firmware else 0x000E
     identity = Identity(vendor, product, bcd, "DVS128", serial, (DATA_IN,), maker="iniVation (emulated)")

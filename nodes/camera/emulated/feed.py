@@ -42,7 +42,7 @@ class SideQueue:
         self._in_hand = False
 
     def expect(self, somebody: bool) -> None:
-        """Whether packets will be taken: the device was told to send them."""
+        """Notes whether packets will be taken, for the device was told to send them."""
         with self._changed:
             self._wanted = somebody
 
@@ -53,7 +53,7 @@ class SideQueue:
             self._changed.notify_all()
 
     def get(self, timeout_s: float) -> bytes:
-        """The next packet; nothing when none came in time."""
+        """Returns the next packet; no bytes when none came in time."""
         with self._changed:
             self._wanted, self._in_hand = True, False
             self._changed.notify_all()
@@ -75,7 +75,7 @@ class Feed(abc.ABC):
 
     @abc.abstractmethod
     def read(self, size: int, timeout_s: float) -> bytes | memoryview:
-        """At most `size` bytes; none when nothing came in time. Raises EOFError at the end."""
+        """Returns at most `size` bytes; none when nothing came in time. Raises EOFError at the end."""
 
     change: Callable[[Events], Events] | None = None
     """What the device's registers make of the events of a recording; None = nothing, its bytes can be sent as they are.
@@ -89,7 +89,7 @@ class Feed(abc.ABC):
         return None
 
     def counters(self) -> dict[str, int]:
-        """What the device cannot send, by kind."""
+        """Counts what the device cannot send, by kind."""
         return {}
 
     def close(self) -> None:  # noqa: B027 - most feeds hold nothing
@@ -231,7 +231,7 @@ class LiveFeed(Feed):
                 self._changed.notify_all()
 
     def end(self) -> None:
-        """Nothing more will come."""
+        """Ends the feed: nothing more will come."""
         with self._changed:
             self._ended = True
             self._changed.notify_all()

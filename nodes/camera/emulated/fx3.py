@@ -148,7 +148,7 @@ class Fx3Device(EmulatedDevice):
 
 
 def make_device(model: Model, feed: Feed, faults: Faults, serial: str) -> Fx3Device:
-    """An emulated iniVation FX3 camera."""
+    """Makes an emulated iniVation FX3 camera."""
     vendor, product = model.ids[0]
     bcd = 0x0001 if faults.unknown_firmware and model.name not in MODULES else FIRMWARE[model.name]
     maker, endpoints = "iniVation (emulated)", (DEBUG_IN, DATA_IN)

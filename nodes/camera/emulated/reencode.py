@@ -42,7 +42,7 @@ class Reencoder:
         self.counts: Counter[str] = Counter()
 
     def encode(self, events: Events) -> bytes:
-        """The words of a stretch of the stream. Raises ValueError for what cannot be put on the wire at all."""
+        """Returns the words of a stretch of the stream. Raises ValueError for what cannot be put on the wire at all."""
         return self._encoder.encode(self._fit(events))
 
     def take_beside(self) -> list[bytes]:
@@ -113,7 +113,7 @@ class Reencoder:
 
 
 def moved(events: Events, by_ns: int) -> Events:
-    """The same events, triggers, samples and frames at other times."""
+    """Returns the same events, triggers, samples and frames, `by_ns` later."""
     if not by_ns:
         return events
     frames = [

@@ -211,7 +211,7 @@ class TreuzellDevice(EmulatedDevice):
 
 
 def make_device(model: Model, feed: Feed, faults: Faults, serial: str) -> TreuzellDevice:
-    """An emulated camera of one of the Treuzell models."""
+    """Makes an emulated camera of one of the Treuzell models."""
     vendor, product = model.ids[0]
     names = {"silkyevcam": "SilkyEvCam Gen3.1 v03.09.00C", "silkyevcam_hd": "SilkyEvCam HD v03.09.00C"}
     name = names.get(model.name, model.title.removeprefix("Prophesee "))

@@ -49,12 +49,12 @@ BIASES = {
 
 
 def bias_word(coarse: int, fine: int, kind: int) -> int:
-    """The register value of a coarse-fine bias."""
+    """Returns the register value of a coarse-fine bias."""
     return kind | fine << 4 | coarse << 12
 
 
 def current_pa(coarse: int, fine: int) -> float:
-    """The current of a bias [pA]."""
+    """Returns the current of a bias [pA]."""
     return float(COARSE_PA[coarse] * fine / 255)
 
 
@@ -64,7 +64,7 @@ def _table() -> np.ndarray:
 
 
 def nearest_bias(picoampere: float) -> tuple[int, int]:
-    """(coarse, fine) of the current nearest to the given one [pA] in ratio."""
+    """Returns (coarse, fine) of the current nearest to the given one [pA] in ratio."""
     with np.errstate(divide="ignore"):
         distance = np.abs(np.log(_table()) - np.log(picoampere))
     coarse, fine = np.unravel_index(int(np.argmin(distance)), distance.shape)
@@ -72,7 +72,7 @@ def nearest_bias(picoampere: float) -> tuple[int, int]:
 
 
 def bias_setting(name: str, help: str) -> Any:
-    """A setting of a current with the camera's default."""
+    """Makes the setting of a bias current, with the camera's default."""
     _, coarse, fine, _ = BIASES[name]
     return setting(round(current_pa(coarse, fine), 6), help, "pA", 0.05, 24.8e6)
 

@@ -38,7 +38,7 @@ SIDE_PAUSE_S = 0.0005
 
 @dataclass
 class DvxplorerSettings(UsbSettings):
-    """The chip's own presets for the contrast thresholds."""
+    """Holds a DVXplorer's settings; contrast thresholds are presets of the chip."""
 
     sensitivity: str = setting("default", f"contrast sensitivity: {', '.join(SENSITIVITY)}")
     roi_x: int = setting(0, "left column of the region of interest", "px", 0, WIDTH - 1)

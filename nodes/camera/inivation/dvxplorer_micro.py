@@ -38,7 +38,10 @@ Writes = tuple[tuple[int, int, int], ...]
 
 
 def configuration(sensitivity: str, width: int, height: int, orientation: int) -> Writes:
-    """The camera's settings. orientation: register (DVS, 2), two letters: X and Y for axes that are to be flipped."""
+    """Returns the writes that set up the camera.
+
+    orientation: register (DVS, 2), two letters: X and Y for axes that are to be flipped.
+    """
     threshold = THRESHOLDS[sensitivity]
     flip_x, flip_y = (chr(orientation >> shift & 0xFF).upper() == letter for shift, letter in ((8, "X"), (0, "Y")))
     dvs = {
@@ -52,5 +55,5 @@ def configuration(sensitivity: str, width: int, height: int, orientation: int) -
 
 
 def running(events: bool, samples: bool) -> Writes:
-    """The sensor and its inertial chip on or off."""
+    """Returns the writes that switch the sensor and its inertial chip on or off."""
     return ((DVS, 3, int(events)), *((IMU, p, int(samples)) for p in (2, 3, 4)))

@@ -34,19 +34,22 @@ class Registers:
         self._device, self._sleep, self._size = device, sleep, size
 
     def read(self, module: int, parameter: int) -> int:
-        """One register. Raises usb.core.USBError, OSError for an answer that is too short."""
+        """Reads one register. Raises usb.core.USBError, OSError for an answer that is too short."""
         body = bytes(self._device.ctrl_transfer(IN, REGISTER, module, parameter, self._size, CONTROL_MS))
         if len(body) != self._size:
             raise OSError(f"register {module},{parameter}: an answer of {len(body)} bytes, not {self._size}")
         return int.from_bytes(body, "big")
 
     def write(self, module: int, parameter: int, value: int) -> None:
-        """One register."""
+        """Writes one register."""
         body = value.to_bytes(self._size, "big")
         self._device.ctrl_transfer(OUT, REGISTER, module, parameter, body, CONTROL_MS)
 
     def run(self, words: tuple[str, ...], values: Mapping[str, float], hooks: Mapping[str, Callable[[], None]]) -> None:
-        """A sequence: writes, waits, and named steps (`halt`, `configuration`). values: clocks in MHz (LC, UC), GS."""
+        """Runs a sequence of writes, waits and named steps (`halt`, `configuration`).
+
+        values: clocks in MHz (LC, UC), GS.
+        """
         for word in words:
             if word in hooks:
                 hooks[word]()
@@ -62,14 +65,14 @@ class Registers:
                 self.write(int(module), int(parameter), number)
 
     def clocks(self) -> dict[str, float]:
-        """Logic, ADC and USB clock [MHz]."""
+        """Returns the logic, ADC and USB clocks [MHz] by name."""
         deviation = self.read(SYSTEM, 6) / 1000
         return {name: self.read(SYSTEM, p) * deviation for name, p in (("LC", 3), ("AC", 4), ("UC", 5))}
 
 
 @cache
 def sequences(name: str) -> dict[str, tuple[str, ...]]:
-    """The phases of a camera from sequences/<name>.txt."""
+    """Reads the phases of a camera from sequences/<name>.txt."""
     sections = (Path(__file__).parent / "sequences" / f"{name}.txt").read_text().split("[")[1:]
     return {s.partition("]")[0]: tuple(s.partition("]")[2].split()) for s in sections}
 

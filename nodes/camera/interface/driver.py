@@ -61,44 +61,44 @@ class Driver(abc.ABC):
 
     @abc.abstractmethod
     def open(self) -> None:
-        """Get hold of the device and ask it who it is."""
+        """Takes hold of the device and asks it who it is."""
 
     @abc.abstractmethod
     def info(self) -> DeviceInfo:
-        """Who it is; only while open."""
+        """Says who the camera is; only while it is open."""
 
     def settings_type(self) -> type[Configuration]:
-        """The configuration that this camera takes; only while open."""
+        """Gives the configuration that this camera takes; only while it is open."""
         return self.SETTINGS
 
     @abc.abstractmethod
     def configure(self, configuration: Configuration) -> None:
-        """Apply settings (of type SETTINGS). Raises ValueError for one out of range."""
+        """Applies settings (of type SETTINGS). Raises ValueError for one out of range."""
 
     @abc.abstractmethod
     def start(self) -> None:
-        """Let the stream begin."""
+        """Starts the stream of the camera."""
 
     @abc.abstractmethod
     def read(self, timeout_s: float) -> Reading | None:
-        """The next interval; None when it is not there after timeout_s, and at the end (`ended`)."""
+        """Returns the next interval; None when it is not there after timeout_s, and at the end (`ended`)."""
 
     @property
     @abc.abstractmethod
     def ended(self) -> bool:
-        """True when nothing more will come: the end of a file; never for a device that is there."""
+        """Tells whether nothing more will come: at the end of a file, never from a device that is there."""
 
     def counters(self) -> dict[str, int]:
-        """What was dropped, skipped or out of order so far, by name; only what is not 0."""
+        """Counts what was dropped, skipped or out of order so far, by name; only what is not 0."""
         return {}
 
     @abc.abstractmethod
     def stop(self) -> None:
-        """End the stream; does nothing when it has not begun."""
+        """Ends the stream; does nothing when it has not begun."""
 
     @abc.abstractmethod
     def close(self) -> None:
-        """Give the device back; does nothing when it is not open."""
+        """Gives the device back; does nothing when it is not open."""
 
     def __enter__(self) -> Driver:
         self.open()

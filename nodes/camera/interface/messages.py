@@ -15,7 +15,7 @@ from nodes.camera.interface.driver import DeviceInfo, Reading
 def packets(
     reading: Reading, about: DeviceInfo, episode: int, wants: Callable[[str], bool]
 ) -> Iterator[tuple[str, Message]]:
-    """(port, message) of one reading: triggers, inertial samples and frames that somebody wants, then the events.
+    """Yields (port, message) of one reading: triggers, inertial samples and frames that somebody wants, then events.
 
     Every port has one message per reading but `image`: one per frame, stamped with the middle of its exposure.
     """
@@ -58,7 +58,7 @@ def packets(
 
 
 def camera_info(camera: str, about: Any, stamp_ns: int) -> CameraInfo:
-    """The latched description of a device; the intrinsics are zero: not calibrated."""
+    """Makes the latched description of a device; the intrinsics are zero: not calibrated."""
     sensor = {"name": about.name, "serial": about.serial, "sensor": about.sensor, "encoding": about.encoding}
     stamp_ns = max(stamp_ns, 0)  # the interval of an event at 0 begins before, where a bag has no times
     return CameraInfo(

@@ -12,7 +12,7 @@ from evis.config.suggestions import nearest
 
 
 def setting(default: Any, help: str, unit: str = "", minimum: float | None = None, maximum: float | None = None) -> Any:
-    """A field of a configuration: its default, what it is, its unit and its inclusive range."""
+    """Makes a field of a configuration: its default, what it is, its unit and its inclusive range."""
     facts = {"help": help, "unit": unit, "minimum": minimum, "maximum": maximum}
     return field(default=default, metadata=facts)
 
@@ -22,7 +22,7 @@ class Configuration:
     """Checks the settings of a camera family, which are a dataclass of `setting` fields."""
 
     def check(self) -> None:
-        """Raise ValueError that names the setting, its range and its unit."""
+        """Raises ValueError that names a setting out of range, its range and its unit."""
         for f in dataclasses.fields(self):
             value, unit = getattr(self, f.name), f.metadata["unit"]
             low, high = f.metadata["minimum"], f.metadata["maximum"]
@@ -36,7 +36,7 @@ class Configuration:
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Any:
-        """From names and values, checked. Raises ValueError with the nearest name for an unknown one."""
+        """Makes a checked configuration. Raises ValueError with the nearest name for an unknown one."""
         names = [f.name for f in dataclasses.fields(cls)]
         for name in values:
             if name not in names:
@@ -47,12 +47,12 @@ class Configuration:
 
 
 def describe(kind: type[Configuration]) -> dict[str, dict[str, Any]]:
-    """Default, help, unit and range of every setting, by name."""
+    """Returns default, help, unit and range of every setting, by name."""
     return {f.name: {"default": f.default, **f.metadata} for f in dataclasses.fields(kind)}
 
 
 def parse_settings(kind: type[Configuration], given: Sequence[str]) -> dict[str, Any]:
-    """`name=value` texts as the types of the configuration's fields. Raises ValueError that names the setting."""
+    """Reads `name=value` texts as the types of the configuration's fields. Raises ValueError that names the setting."""
     defaults = {f.name: f for f in dataclasses.fields(kind)}
     result: dict[str, Any] = {}
     for text in given:

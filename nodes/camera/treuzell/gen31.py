@@ -62,7 +62,7 @@ class Gen31Settings(UsbSettings):
 
 @cache
 def tables() -> dict[str, tuple[int, np.ndarray]]:
-    """Code tables: name -> first value [mV], codes of each mV from there."""
+    """Reads the code tables: name -> first value [mV], codes of each mV from there."""
     result = {}
     text = (Path(__file__).parent / "sequences" / "gen31_bias.txt").read_text()
     for section in text.split("[")[1:]:
@@ -75,7 +75,7 @@ def tables() -> dict[str, tuple[int, np.ndarray]]:
 
 
 def code_of(table: str, millivolt: int) -> int:
-    """The code of a bias [mV]."""
+    """Returns the code of a bias [mV]."""
     first, codes = tables()[table]
     return int(codes[millivolt - first])
 

@@ -69,7 +69,7 @@ def apply(registers: Registers, settings: Imx636Settings) -> None:
 
 
 def common(registers: Registers, settings: Imx636Settings | Gen41Settings) -> None:
-    """What IMX636 and Gen4.1 share."""
+    """Writes the settings that IMX636 and Gen4.1 share."""
     region = roi_span(settings, WIDTH, HEIGHT)
     if region is not None:
         x, y, w, h = region
@@ -83,7 +83,7 @@ def common(registers: Registers, settings: Imx636Settings | Gen41Settings) -> No
 
 
 def rate_control(registers: Registers, events_per_s: float) -> None:
-    """The event rate controller: at most so many events in each 200 us; what is above is dropped in the sensor."""
+    """Sets the event rate controller to at most so many events in each 200 us; the sensor drops what is above."""
     target = max(1, math.floor(events_per_s * ERC_PERIOD_US / 1e6))
     registers.write(0x6000, 0x155400)
     registers.write(0x6008, ERC_PERIOD_US)
@@ -103,7 +103,7 @@ def rate_control(registers: Registers, events_per_s: float) -> None:
 
 
 def temperature_c(registers: Registers) -> float | None:
-    """Die temperature [deg C]; None when the converter does not answer."""
+    """Reads the die temperature [deg C]; None when the converter does not answer."""
     registers.modify(0x4C, 1 << 2, 1 << 2)
     for _ in range(5):
         value = registers.read(0x50)

@@ -34,7 +34,7 @@ class Board:
         self._lock = threading.Lock()
 
     def command(self, code: int, payload: bytes = b"") -> bytes:
-        """The payload of the answer. Raises TreuzellError, usb.core.USBError."""
+        """Sends a command and returns the payload of the answer. Raises TreuzellError, usb.core.USBError."""
         with self._lock:
             self._device.write(CONTROL_OUT, struct.pack("<II", code, len(payload)) + payload, OUT_MS)
             answer = bytes(self._device.read(CONTROL_IN, MAX_ANSWER, IN_MS))
@@ -54,17 +54,17 @@ class Board:
     # -- identity ------------------------------------------------------------------------------------------------------
 
     def serial(self) -> str:
-        """As the maker's tools print it: eight hex digits, or more."""
+        """Reads the serial number as the maker's tools print it: eight hex digits, or more."""
         body = self.command(SERIAL)
         return f"{int.from_bytes(body[:8], 'little'):08x}"
 
     def release(self) -> tuple[int, int, int]:
-        """Firmware version."""
+        """Reads the firmware version."""
         (value,) = struct.unpack_from("<I", self.command(RELEASE).ljust(4, b"\0"))
         return value >> 16, value >> 8 & 0xFF, value & 0xFF
 
     def compatible(self) -> list[list[str]]:
-        """The compatible strings of each sub-device."""
+        """Reads the compatible strings of each sub-device."""
         (count,) = struct.unpack_from("<I", self.command(DEVICE_COUNT).ljust(4, b"\0"))
         if count > 16:
             raise TreuzellError(f"the board states {count} sub-devices")
@@ -77,16 +77,16 @@ class Board:
     # -- registers -----------------------------------------------------------------------------------------------------
 
     def read(self, sub_device: int, address: int) -> int:
-        """One 32-bit register."""
+        """Reads one 32-bit register."""
         body = self.command(REGISTERS, struct.pack("<III", sub_device, address, 1))
         if len(body) < 12:
             raise TreuzellError(f"register {address:#x}: the answer has no value")
         return int(struct.unpack_from("<I", body, 8)[0])
 
     def write(self, sub_device: int, address: int, *values: int) -> None:
-        """Consecutive 32-bit registers from an address."""
+        """Writes consecutive 32-bit registers from an address."""
         self.command(REGISTERS | WRITE, struct.pack(f"<{2 + len(values)}I", sub_device, address, *values))
 
     def write_legacy(self, address: int, value: int) -> None:
-        """One register by the older FPGA property (Gen3.1 boards take both)."""
+        """Writes one register by the older FPGA property (Gen3.1 boards take both)."""
         self.command(FPGA_WRITE | WRITE, struct.pack("<II", address, value))

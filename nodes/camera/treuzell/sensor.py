@@ -26,7 +26,7 @@ class Operation:
 
 @cache
 def sequences(name: str) -> dict[str, tuple[Operation, ...]]:
-    """The phases `init`, `start`, `stop`, `destroy` of a sensor from sequences/<name>.txt."""
+    """Reads the phases `init`, `start`, `stop`, `destroy` of a sensor from sequences/<name>.txt."""
     result: dict[str, tuple[Operation, ...]] = {}
     for section in (Path(__file__).parent / "sequences" / f"{name}.txt").read_text().split("[")[1:]:
         phase, _, body = section.partition("]")
@@ -52,11 +52,11 @@ class Registers:
         self.board, self.sub_device, self._sleep, self.legacy = board, sub_device, sleep, legacy
 
     def read(self, address: int) -> int:
-        """A register's value."""
+        """Reads a register."""
         return self.board.read(self.sub_device, address)
 
     def write(self, address: int, *values: int) -> None:
-        """Consecutive registers from an address."""
+        """Writes consecutive registers from an address."""
         if self.legacy:
             for i, value in enumerate(values):
                 self.board.write_legacy(address + 4 * i, value)
@@ -64,11 +64,11 @@ class Registers:
             self.board.write(self.sub_device, address, *values)
 
     def modify(self, address: int, mask: int, value: int) -> None:
-        """Set the bits of mask to those of value."""
+        """Sets the bits of mask to those of value."""
         self.write(address, self.read(address) & ~mask & 0xFFFF_FFFF | value & mask)
 
     def run(self, operations: tuple[Operation, ...]) -> None:
-        """A phase, in order."""
+        """Runs the operations of a phase, in order."""
         for o in operations:
             if o.kind == "write":
                 self.write(o.address, o.value)
@@ -80,7 +80,7 @@ class Registers:
                 self._sleep(o.value / 1e6)
 
     def wait(self, seconds: float) -> None:
-        """Let the sensor settle."""
+        """Waits until the sensor has settled."""
         self._sleep(seconds)
 
 
@@ -93,7 +93,7 @@ def expect(registers: Registers, sensor: str, address: int, mask: int, *values: 
 
 
 def roi_span(settings: Any, width: int, height: int) -> tuple[int, int, int, int] | None:
-    """(x, y, width, height) of the region of interest, None for the whole sensor. Raises ValueError."""
+    """Returns (x, y, width, height) of the region of interest, None for the whole sensor. Raises ValueError."""
     x, y = settings.roi_x, settings.roi_y
     w, h = settings.roi_width or width - x, settings.roi_height or height - y
     if x + w > width or y + h > height or w <= 0 or h <= 0:
@@ -102,6 +102,6 @@ def roi_span(settings: Any, width: int, height: int) -> tuple[int, int, int, int
 
 
 def span_words(start: int, size: int, words: int) -> list[int]:
-    """Bit masks of 32 columns (or rows) per word with the bits start .. start + size - 1 set."""
+    """Returns bit masks of 32 columns (or rows) per word with the bits start .. start + size - 1 set."""
     bits = ((1 << size) - 1) << start
     return [bits >> 32 * i & 0xFFFF_FFFF for i in range(words)]

@@ -39,7 +39,7 @@ class Bus:
     emulated: bool = False
 
     def devices(self, ids: Iterable[tuple[int, int]]) -> list[Any]:
-        """All usb.core.Device with one of these (vendor, product) pairs. Raises OSError."""
+        """Finds all usb.core.Device with one of these (vendor, product) pairs. Raises OSError."""
         wanted = set(ids)
         try:
             found = usb.core.find(
@@ -51,7 +51,7 @@ class Bus:
 
 
 def usb_bus() -> Bus:
-    """The machine's own USB, with libusb from the `libusb-package` wheel or from the system. Raises OSError."""
+    """Opens the machine's own USB, with libusb from the `libusb-package` wheel or from the system. Raises OSError."""
     try:
         import libusb_package
 
@@ -65,12 +65,12 @@ def usb_bus() -> Bus:
 
 
 def label(device: Any) -> str:
-    """`04b4:00f5 on bus 1 address 7`."""
+    """Names a device as `04b4:00f5 on bus 1 address 7`."""
     return f"{device.idVendor:04x}:{device.idProduct:04x} on bus {device.bus} address {device.address}"
 
 
 def explained(error: Exception, what: str) -> OSError:
-    """One line for a person from a USB error; `what` names the camera."""
+    """Makes one line for a person from a USB error; `what` names the camera."""
     code = getattr(error, "errno", None)
     if isinstance(error, usb.core.USBTimeoutError) or code == errno.ETIMEDOUT:
         return OSError(f"{what}: no answer in {CONTROL_MS / 1000:g} s; unplug it and plug it in again")
@@ -86,7 +86,7 @@ def explained(error: Exception, what: str) -> OSError:
 
 
 def claim(device: Any, interface: int, set_alternate: bool = True) -> None:
-    """Take an interface for this program, from a kernel driver too. Raises usb.core.USBError."""
+    """Takes an interface for this program, from a kernel driver too. Raises usb.core.USBError."""
     try:
         if device.is_kernel_driver_active(interface):
             device.detach_kernel_driver(interface)
@@ -102,7 +102,7 @@ def claim(device: Any, interface: int, set_alternate: bool = True) -> None:
 
 
 def release(device: Any) -> None:
-    """Give everything back; a device that is gone needs none of it."""
+    """Gives everything back; a device that is gone needs none of it."""
     try:
         usb.util.dispose_resources(device)
     except usb.core.USBError:

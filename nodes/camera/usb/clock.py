@@ -28,7 +28,7 @@ class ClockMap:
         self._slope = 0.0
 
     def add(self, host_ns: int, device_ns: int) -> None:
-        """Data of device time device_ns (the newest in a buffer) arrived at host_ns."""
+        """Notes that data of device time device_ns (the newest in a buffer) arrived at host_ns."""
         gap = host_ns - device_ns
         if self._best is None:
             self._window_end = host_ns + WINDOW_NS
@@ -68,5 +68,5 @@ class ClockMap:
         return min(gap + round(self._slope * (newest - device)) for device, gap in points)
 
     def to_device(self, host_ns: int) -> int:
-        """Device time [ns] of a host time (monotonic clock)."""
+        """Returns the device time [ns] of a host time (monotonic clock)."""
         return host_ns - self.offset_ns

@@ -113,7 +113,7 @@ ALIASES = {"evk3": "evk3_imx636", "silkyevcam_vga": "silkyevcam"}
 
 
 def model_named(name: str) -> Model:
-    """A model of the table. Raises ValueError with the nearest name."""
+    """Finds a model of the table. Raises ValueError with the nearest name."""
     key = name.strip().lower().replace("-", "_")
     key = ALIASES.get(key, key)
     if key not in MODELS:

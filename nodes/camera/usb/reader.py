@@ -84,7 +84,7 @@ class Reader:
         self._thread.start()
 
     def get(self, timeout_s: float) -> Chunk | None:
-        """The next filled buffer, None after the timeout. Raises what ended the stream, after its last buffer."""
+        """Returns the next filled buffer, None after timeout_s. Raises what ended the stream, after its last buffer."""
         with self._changed:
             if not self._full and self._failure is None:
                 self._changed.wait(timeout_s)
@@ -100,7 +100,7 @@ class Reader:
         return not self._full
 
     def give_back(self, chunk: Chunk) -> None:
-        """The chunk's memory may be written again."""
+        """Gives the chunk's memory back, to be written again."""
         with self._changed:
             if len(chunk.whole):
                 self._free.append(chunk)

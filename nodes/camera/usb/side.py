@@ -65,14 +65,17 @@ class SideReader:
         self._pairs.append((t_host_ns, t_ns))
 
     def rest(self) -> None:
-        """Wait until nothing more comes."""
+        """Waits until nothing more comes."""
         self._quiet.clear()
         if self._thread.is_alive():
             self._quiet.wait(REST_S)
 
     def take(self, until_ns: int | None, to_device: Callable[[int], int] | None) -> Imu:
-        """The samples up to a device time (None: all). to_device: the host's clock to the device's, where that is
-        known; without it a sample lies between the events that arrived before and after it."""
+        """Takes the samples up to a device time [ns] (None: all).
+
+        to_device: the host's clock to the device's, where that is known; without it a sample lies between the events
+        that arrived before and after it.
+        """
         times: list[int] = []
         values: list[np.ndarray] = []
         while self._samples and (to_device is not None or self._pairs):

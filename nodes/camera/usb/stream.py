@@ -99,7 +99,7 @@ class ReadingStream:
             self.side.close()
 
     def read(self, timeout_s: float) -> Reading | None:
-        """The next interval; None when it is not complete after timeout_s, and at the end. Raises OSError."""
+        """Returns the next interval; None when it is not complete after timeout_s, and at the end. Raises OSError."""
         deadline = time.monotonic() + timeout_s
         while not self.ended:
             reading = self._cut()

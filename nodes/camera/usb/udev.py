@@ -7,7 +7,7 @@ from nodes.camera.usb.models import MODELS
 
 
 def rules() -> str:
-    """The rules file: one line per (vendor, product), for the user at the seat and the group plugdev."""
+    """Makes the rules file: one line per (vendor, product), for the user at the seat and the group plugdev."""
     titles: dict[tuple[int, int], list[str]] = {}
     for model in MODELS.values():
         for ids in model.ids:

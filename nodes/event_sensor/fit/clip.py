@@ -36,7 +36,7 @@ class Light:
 
 @dataclass
 class Clip:
-    """A recording. name: of its file; t int64 [n, ns], x, y [n], p [n]: all of its events; real: their statistics."""
+    """Holds a recording. name: of its file; t int64 [n] ns, x, y, p [n]: all its events; real: their statistics."""
 
     name: str
     t: np.ndarray

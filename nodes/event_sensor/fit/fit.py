@@ -30,7 +30,7 @@ MANY_PIXELS = 4000
 
 @dataclass(frozen=True)
 class Compared:
-    """A recording beside its simulation with a fitted sensor. fitted: it was fitted to this one."""
+    """Holds a recording beside its simulation with a fitted sensor. fitted: it was fitted to this one."""
 
     clip: Clip
     fitted: bool
@@ -43,7 +43,7 @@ class Compared:
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted sensor. values: parameters; motion, noise: where they come from; compared: every recording.
+    """Holds a fitted sensor. values: parameters; motion, noise: where they come from; compared: every recording.
 
     laws: what is left, as MotionFit.cost, by how the corner goes with the light: constant, proportional, or a power of
     it that is fitted.

@@ -64,7 +64,7 @@ class Batch:
 
 @dataclass(frozen=True)
 class Size:
-    """Of all environments."""
+    """Says how large the images of all environments are."""
 
     height: int
     width: int

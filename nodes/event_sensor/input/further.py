@@ -21,7 +21,7 @@ MOST = LONGEST = (1 << 31) - 1
 
 @dataclass
 class Further:
-    """Further samples of E x H x W pixels: numpy, Warp, or what has __cuda_array_interface__ as `value`.
+    """Holds further samples of E x H x W pixels: numpy, Warp, or what has __cuda_array_interface__ as `value`.
 
     Pixel (y, x) of environment e, q = (e H + y) W + x, has the entries first[q] to first[q + 1] - 1, ascending in time.
 

@@ -20,7 +20,7 @@ def defocus_from_optics(
     pixel_pitch_m: float,
     depth_m: float | np.ndarray,
 ) -> float | np.ndarray:
-    """Standard deviation [px] of the blur of what lies at `depth_m` (a number, or an array for one value each).
+    """Returns the standard deviation [px] of the blur of what lies at `depth_m`, a number or an array of any shape.
 
     A thin lens of aperture f / N focused at s makes of a point at depth d a disc, the circle of confusion, of diameter
     c = f^2 / N |1/d - 1/s| / (1 - f / s) (Potmesil and Chakravarty, SIGGRAPH 1981). The Gaussian has the disc's second
@@ -47,7 +47,7 @@ def defocus_from_optics(
 
 
 class Defocus:
-    """Blur with standard deviation sigma [px]; edges are repeated, so a constant image stays as it is."""
+    """Blurs images with the standard deviation sigma [px]; edges are repeated, so a constant image stays as it is."""
 
     def __init__(self, sigma: float, device: str) -> None:
         radius = max(1, math.ceil(REACH * sigma))

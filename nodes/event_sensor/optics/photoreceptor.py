@@ -32,7 +32,7 @@ from nodes.event_sensor.optics.photoreceptor_simd_kernels import Receptor
 
 
 class Photoreceptor:
-    """Low pass of E cameras of height x width pixels and 1 or 3 channels.
+    """Filters the light of E cameras of height x width pixels and 1 or 3 channels.
 
     bandwidth_hz: corner of each pole [Hz], above 0, at intensities from bandwidth_level on; below, it goes with I +
     dark_level to the power of `exponent`. bandwidth_level or exponent 0: the same for every intensity. poles: 1 or 2.

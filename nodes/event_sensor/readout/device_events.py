@@ -51,7 +51,7 @@ class DeviceEvents:
         return self.count
 
     def column(self, name: str) -> wp.array:
-        """One of t, x, y, p and, with colour, c. Raises ValueError when the sensor has written over it."""
+        """Returns a column [count]: t, x, y, p or, with colour, c. Raises ValueError when it is written over."""
         if not self._alive():
             raise ValueError("these events are gone: their arrays hold a later call's; copy() keeps them")
         return self._columns[name][: self.count]
@@ -97,7 +97,7 @@ class DeviceEvents:
         return DeviceEvents(columns, self.count, self.env_offsets, (self.t_base, self.stamp))
 
     def read(self, out: Mapping[str, np.ndarray | wp.array]) -> None:
-        """Write the columns to arrays of their length and dtype: numpy's, or the device's, which nobody waits for."""
+        """Writes the columns to arrays of their length and dtype: numpy's, or the device's, which nobody waits for."""
         device: Any = wp.get_device(self._columns["t"].device)
         to_host = all(isinstance(values, np.ndarray) for values in out.values())
         stream = None
@@ -132,7 +132,7 @@ class Pending:
         self.wrong = ""
 
     def result(self) -> DeviceEvents:
-        """Its events, on the device. Raises ValueError where what it read was wrong."""
+        """Returns the events of the call, on the device. Raises ValueError where what it read was wrong."""
         if self.events is None:
             self._collect(self)
         assert self.events is not None
@@ -148,5 +148,5 @@ class Ready:
     events: DeviceEvents
 
     def result(self) -> DeviceEvents:
-        """Its events, on the device."""
+        """Returns the events of the call, on the device."""
         return self.events

@@ -18,6 +18,11 @@ class ZarrWriter(ColumnsWriter):
 
     LAYOUT = "zarr"
 
+    @classmethod
+    def check_installed(cls) -> None:
+        """Raises LayoutError without Zarr."""
+        zarr()
+
     def __init__(self, *args: Any) -> None:
         package = zarr()  # before a folder is made
         super().__init__(*args)

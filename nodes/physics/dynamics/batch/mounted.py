@@ -23,5 +23,5 @@ def put_mounted(mounted: Sequence[tuple[int, int, np.ndarray]], poses: np.ndarra
     below = np.array([m for m, _, _ in mounted], np.int32)
     above = np.array([parent for _, parent, _ in mounted], np.int32)
     offsets = np.array([offset for _, _, offset in mounted], np.float64)
-    arrays = [below, above, offsets, poses, twists]
-    wp.launch(place_mounted, len(poses), [0, *map(kernel_array, arrays)], device="cpu")
+    inputs = [0, *(kernel_array(values) for values in (below, above, offsets, poses, twists))]
+    wp.launch(place_mounted, len(poses), inputs, device="cpu")
