@@ -104,10 +104,24 @@ def test_times_that_step_back_are_kept(suffix, encoding, tmp_path):
 
 def test_es_refuses_what_it_cannot_hold(tmp_path):
     """Steps back and pauses of hours, with a remedy, and no file is left."""
-    for t, text in (([2000, 1000], "step back"), ([10**18, 10**18 + 1], "--rebase")):
+    for t, text in (
+        ([2000, 1000], "step back"),
+        ([10**18, 10**18 + 1], "--rebase"),
+        ([-2000, 1000], "-2000.*--rebase"),
+    ):
         with pytest.raises(RecordingError, match=text), open_writer(tmp_path / "a.es", 9, 9) as writer:
             writer.write(Events.of(t, [1, 2], [1, 2], [0, 1]))
     assert not list(tmp_path.iterdir())
+
+
+def test_dat_keeps_the_disorder_around_a_turn(tmp_path):
+    """Events of 4294.967296 s, where its 32 bits turn, that came some us late."""
+    turn = 1 << 32
+    t = np.array([*range(0, turn, turn // 8), turn - 20, turn + 2, turn - 3, turn + 5, turn - 1, turn + 9]) * 1000
+    with open_writer(tmp_path / "a.dat", 64, 48) as writer:
+        writer.write(Events.of(t, np.arange(len(t)), np.arange(len(t)), np.zeros(len(t), np.uint8)))
+    with open_recording(tmp_path / "a.dat") as recording:
+        np.testing.assert_array_equal(recording.read().t, t)
 
 
 def test_dat_refuses_what_it_cannot_hold(tmp_path):
