@@ -40,11 +40,9 @@ def add_input(parser: argparse.ArgumentParser, name: str = "recording", metavar:
 def add_part(parser: argparse.ArgumentParser) -> None:
     """Adds --from and --to."""
     parser.add_argument(
-        "--from", type=_seconds, default=0.0, dest="start", metavar="S", help="seconds after the first event"
+        "--from", type=_seconds, default=0.0, dest="start", metavar="S", help="seconds after the first event or sample"
     )
-    parser.add_argument(
-        "--to", type=_seconds, dest="stop", metavar="S", help="seconds after the first event; not included"
-    )
+    parser.add_argument("--to", type=_seconds, dest="stop", metavar="S", help="likewise; not included")
 
 
 def _seconds(text: str) -> float:
