@@ -92,6 +92,26 @@ class Events:
         c = None if self.c is None else self.c[part]
         return Events(self.t[part], self.x[part], self.y[part], self.p[part], c)
 
+    def aside(self, start_ns: int | None, stop_ns: int | None) -> Events:
+        """Returns the triggers, inertial samples and frames of a part [start, stop) of the time, without events; None
+        = no such end.
+        """
+        part = Events.empty()
+
+        def inside(t: Any) -> Any:
+            return (start_ns is None or t >= start_ns) & (stop_ns is None or t < stop_ns)
+
+        for name in ("triggers", "imu"):
+            samples = getattr(self, name)
+            keep = np.broadcast_to(inside(samples.t), len(samples))
+            setattr(part, name, type(samples)(*(getattr(samples, slot)[keep] for slot in samples.__slots__)))
+        part.frames = [frame for frame in self.frames if inside(frame.t_ns)]
+        return part
+
+    def beside(self, aside: Events) -> Events:
+        """Returns these events with the triggers, inertial samples and frames of others."""
+        return Events(self.t, self.x, self.y, self.p, self.c, aside.triggers, aside.imu, aside.frames)
+
     @staticmethod
     def empty() -> Events:
         """Makes empty arrays: no events."""

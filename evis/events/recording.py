@@ -21,6 +21,9 @@ from evis.files.named_pipe import with_reader
 from evis.files.whole_file import written_at
 
 _FILES = "evis.events.files"
+LATE_NS = 1_000_000_000
+"""How much later than the events of their time a file may have triggers, inertial samples and frames: a frame comes
+when it has been read out, a packet when it is full."""
 FORMATS = (
     f"{_FILES}.prophesee.dat", f"{_FILES}.prophesee.raw", f"{_FILES}.text.zipped", f"{_FILES}.packed_file",
     f"{_FILES}.numpy_files.npz", f"{_FILES}.numpy_files.npy", f"{_FILES}.hdf5.reader", f"{_FILES}.aedat.aedat2",
@@ -124,6 +127,13 @@ class Recording(abc.ABC):
     @abc.abstractmethod
     def read_until(self, t_ns: int) -> Events:
         """Reads the next events in file order, up to the first one later than t_ns."""
+
+    def read_aside(self, t_ns: int) -> Events:
+        """Reads on for triggers, inertial samples and frames up to t_ns that the file has behind later events.
+
+        Returns them without events; what else is read on the way, up to LATE_NS behind t_ns, is left out.
+        """
+        return Events.empty()
 
     @abc.abstractmethod
     def seek(self, t_ns: int) -> None:

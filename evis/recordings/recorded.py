@@ -159,11 +159,11 @@ class Recorded:
         return self._by_time(dt, overlap) if dt is not None else self._by_count(int(count or 0), overlap)
 
     def _by_time(self, dt: int, overlap: int) -> Iterator[EventWindow]:
-        for events, start, end in by_time(self._blocks({}), int(dt), int(overlap), self._start):
+        for events, start, end in by_time(self._blocks({}, False), int(dt), int(overlap), self._start):
             yield EventWindow(events, start, end, self.width, self.height)
 
     def _by_count(self, count: int, overlap: int) -> Iterator[EventWindow]:
-        for events in by_count(self._blocks({}), count, int(overlap)):
+        for events in by_count(self._blocks({}, False), count, int(overlap)):
             yield EventWindow(events, int(events.t.min()), int(events.t.max()) + 1, self.width, self.height)
 
     def read(self) -> Events:
@@ -172,7 +172,7 @@ class Recorded:
 
     def numpy(self) -> dict[str, np.ndarray]:
         """Reads all events into memory: t int64 [n, ns], x, y uint16, p uint8 (1 = ON), and c where there is colour."""
-        return columns(self.read())
+        return columns(Events.concatenate([Events.empty(), *self._blocks({}, False)]))
 
     def __getitem__(self, part: slice) -> Recorded:
         if not isinstance(part, slice):
@@ -193,8 +193,9 @@ class Recorded:
             raise RecordingError(f"{self.path}: it has been closed; evis.open gives it again")
         return open_recording(self.path, size=self._given_size, topic=self._topic)
 
-    def _blocks(self, dropped: dict[str, int]) -> Iterator[Events]:
-        """The events of the part in blocks; what was dropped is filled in at the end."""
+    def _blocks(self, dropped: dict[str, int], aside: bool = True) -> Iterator[Events]:
+        """The events of the part in blocks; what was dropped is filled in at the end. aside: triggers, inertial samples
+        and frames are wanted, also those that the file has behind later events."""
         if self._given_size is None and self.info.width:
             self._given_size = self.width, self.height  # which some formats find by reading all of the file
         with self._opened() as recording:
@@ -202,11 +203,13 @@ class Recorded:
                 recording.seek(self._start)
             for block in recording.blocks():
                 ended = False
-                if self._stop is not None:
-                    late = block.t >= self._stop
-                    ended = bool(late.any())
-                    block = _before(block, self._stop, int(np.argmax(late)) if ended else len(late))
-                yield block
+                late = block.t >= self._stop if self._stop is not None else np.zeros(0, bool)
+                if late.any():
+                    ended, events = True, block[: int(np.argmax(late))]
+                    if aside and self._stop is not None:
+                        block = Events.concatenate([block, recording.read_aside(self._stop - 1)])
+                    block = events.beside(block)
+                yield block.beside(block.aside(self._start, self._stop))
                 if ended:
                     break
             dropped.update(recording.counters())
@@ -276,17 +279,6 @@ def _environment(topic: str, streams: Iterable[str]) -> tuple[str, int | None]:
     """Splits the name of an environment's events, /env3/cam0/events, into the topic of all and its number."""
     parts = re.fullmatch(r"/env(\d+)(/.*)", topic) if topic in streams else None
     return (parts[2], int(parts[1])) if parts else (topic, None)
-
-
-def _before(block: Events, stop: int, n: int) -> Events:
-    """The first n events, and of everything beside them what is earlier than `stop`."""
-    events = block[:n]
-    for name in ("triggers", "imu"):
-        samples = getattr(block, name)
-        keep = samples.t < stop
-        setattr(events, name, type(samples)(*(getattr(samples, slot)[keep] for slot in samples.__slots__)))
-    events.frames = [frame for frame in block.frames if frame.t_ns < stop]
-    return events
 
 
 def open_recorded(path: str | os.PathLike[str], topic: str = "", *, size: tuple[int, int] | None = None) -> Recorded:

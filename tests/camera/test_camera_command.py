@@ -54,6 +54,14 @@ def test_stream(capsys, tmp_path):
     assert (total["packets"], total["events"]) == (2, 20)
 
 
+@pytest.mark.parametrize("said", ["-1", "nan", "soon"])
+def test_a_duration_that_is_none(said, capsys, tmp_path):
+    """An emulated camera would have sent nothing, as if there were nothing."""
+    path = str(write(tmp_path / "a.raw", [1000]))
+    assert main(["camera", "stream", "--emulate", "evk4", "--file", path, "--duration", said]) == 2
+    assert f"'{said}' is no duration in seconds" in capsys.readouterr().err
+
+
 def test_no_camera_is_an_error(no_camera):
     """With the remedy."""
     parser = argparse.ArgumentParser()

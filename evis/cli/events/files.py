@@ -40,11 +40,9 @@ def add_input(parser: argparse.ArgumentParser, name: str = "recording", metavar:
 def add_part(parser: argparse.ArgumentParser) -> None:
     """Adds --from and --to."""
     parser.add_argument(
-        "--from", type=_seconds, default=0.0, dest="start", metavar="S", help="seconds after the first event"
+        "--from", type=_seconds, default=0.0, dest="start", metavar="S", help="seconds after the first event or sample"
     )
-    parser.add_argument(
-        "--to", type=_seconds, dest="stop", metavar="S", help="seconds after the first event; not included"
-    )
+    parser.add_argument("--to", type=_seconds, dest="stop", metavar="S", help="likewise; not included")
 
 
 def _seconds(text: str) -> float:
@@ -75,14 +73,19 @@ def _part_of(recording: Recording, args: argparse.Namespace) -> Iterator[Events]
     if first is None or (not args.start and args.stop is None):
         yield from recording.blocks()
         return
+    begin = None
     if args.start:
-        recording.seek(first + round(args.start * 1e9))
+        begin = first + round(args.start * 1e9)
+        recording.seek(begin)
     if args.stop is None:
-        yield from recording.blocks()
+        for events in recording.blocks():
+            yield events.beside(events.aside(begin, None))
         return
     end = first + round(args.stop * 1e9)
     while (following := recording.next_t_ns) is not None and following < end:
-        yield recording.read_until(min(following + STEP_NS, end) - 1)
+        events = recording.read_until(min(following + STEP_NS, end) - 1)
+        yield events.beside(events.aside(begin, end))
+    yield recording.read_aside(end - 1).aside(begin, end)
 
 
 def size(text: str) -> tuple[int, int]:

@@ -26,9 +26,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--dt", type=float, default=20.0, metavar="MS", help="window of one picture (20)")
     parser.add_argument("--tau", type=float, metavar="MS", help="time surface: age at which 1/e is left (30)")
     parser.add_argument(
-        "--from", type=float, default=0.0, dest="start", metavar="S", help="seconds after the first event"
+        "--from", type=float, default=0.0, dest="start", metavar="S", help="seconds after the first event or sample"
     )
-    parser.add_argument("--to", type=float, dest="stop", metavar="S", help="seconds after the first event")
+    parser.add_argument("--to", type=float, dest="stop", metavar="S", help="likewise")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:

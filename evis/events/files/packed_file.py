@@ -173,6 +173,12 @@ class PackedRecording(Recording):
         self._tell()
         return events
 
+    def read_aside(self, t_ns: int) -> Events:
+        with self._named():
+            events = self._inner.read_aside(t_ns)
+        self._tell()
+        return events
+
     def seek(self, t_ns: int) -> None:
         with self._named():
             self._inner.seek(t_ns)

@@ -10,7 +10,9 @@ import pytest
 from file_cases import save, small_events
 from stream_cases import same
 
-from evis.events import RecordingError, open_recording
+from evis.cli import main
+from evis.events import Events, RecordingError, open_recording
+from evis.recordings.recorded import open_recorded
 
 LEFT, RIGHT = small_events(200, 34, 34, seed=1), small_events(120, 20, 10, seed=2)
 
@@ -108,6 +110,27 @@ def test_one_camera_of_two(compression, tmp_path):
     np.testing.assert_array_equal(got.t, RIGHT.t)
     np.testing.assert_array_equal(got.triggers.t, [v * 1000 for i in range(4) for v in (1000 * i, 1000 * i + 1)])
     assert got.triggers.value.tolist() == [0, 1] * 4 and len(got.imu) == 4
+
+
+def test_a_part_has_the_samples_that_come_late(tmp_path):
+    """Samples in packets behind later events: a part of the time has them, and none of the time before."""
+    t = np.arange(200_000) * 5_000
+    rows = [(10_000 * i + 500, 20.0, *[1.0] * 6) for i in range(100)]
+    place = np.arange(10_000) % 30
+    data = header(STREAMS[:2], 0)
+    for i in range(20):
+        body = events(Events.of(t[10_000 * i : 10_000 * i + 10_000], place, place, place % 2))
+        data += struct.pack("<ii", 0, len(body)) + body
+        body = samples(b"IMUS", "q" + "f" * 7, rows[max(5 * i - 8, 0) : 5 * i - 3] if i else rows[:0])
+        data += struct.pack("<ii", 1, len(body)) + body
+    path = save(tmp_path / "a.aedat4", data)
+    start, stop = 330_000_000, 650_000_000
+    want = [1000 * row[0] for row in rows if start <= 1000 * row[0] < stop]
+    part = open_recorded(path)[start:stop].read()
+    assert part.imu.t.tolist() == want and len(part) == (stop - start) // 5_000
+    main(["events", "convert", str(path), str(tmp_path / "b.aedat4"), "--from", "0.33", "--to", "0.65", "--rebase"])
+    with open_recording(tmp_path / "b.aedat4") as recording:
+        assert recording.read().imu.t.tolist() == [t_ns - start for t_ns in want]
 
 
 def frame(*fields: tuple[str, int]) -> bytes:

@@ -11,13 +11,14 @@ from golden_case import golden_events
 from stream_cases import random_events, same
 
 from evis.events import Events, RecordingError, Triggers, open_recording, open_writer
+from evis.recordings.recorded import open_recorded
 
 # sha256 of what the writers make of `golden_events`. These very bytes were read by, with equal t, x, y, p:
 # aedat4: aedat 2.3.0 and dv_processing 2.0.4 (triggers too); dat, evt2: expelliarmus 1.1.12; es: event_stream 1.6.3;
 # evt3: evt3 0.4.1 and evlib; evt21: evlib. By: pip install of these in a fresh environment, then each one's decoder on
 # the file and numpy.array_equal against golden_events.
 GOLDEN = {
-    (".aedat4", "none"): "f335545494c67f9a7a35295816ac6760611a03ec8e266beb64b94fcbf756e2c6",
+    (".aedat4", "none"): "c323c36d48627c57bc9ecec2889167b7e66deab5de1400c14604cfe218a56f51",
     (".dat", ""): "c8c93d37920df0215142b918e5077f4110ff529d3aeacf9b9a9624051c1a5270",
     (".es", ""): "0df9b265372d05a74d3c799979969422026e2108e998ce0c609f7b3f2d8ad6a9",
     (".raw", "evt2"): "f8331d2d37260ea2e85bd613cc9f44bd0af29ad4cb35d08f4444bb38186734ae",
@@ -75,6 +76,22 @@ def test_round_trip_and_seeking(suffix, encoding, tmp_path):
             np.testing.assert_array_equal(rest.t, events.t[at:])
 
 
+@pytest.mark.parametrize(("suffix", "encoding"), [(".aedat4", "none"), (".h5", "ecf"), (".raw", "evt3")])
+def test_a_part_has_the_triggers_of_its_time(suffix, encoding, tmp_path):
+    """Of a file that was written at once and is larger than a block: neither its start nor its end loses any."""
+    n, whole = 300_000, 1_000_000_000
+    t = np.arange(n, dtype=np.int64) * (whole // n // 1000 * 1000)
+    edges = np.arange(5_000_000, t[-1], 10_000_000)
+    events = Events.of(t, np.arange(n) % 64, np.arange(n) % 48, np.arange(n) % 2)
+    events.triggers = Triggers(edges, np.zeros(len(edges), np.uint8), (np.arange(len(edges)) % 2).astype(np.uint8))
+    with open_writer(tmp_path / f"a{suffix}", 64, 48, encoding) as writer:
+        writer.write(events)
+    for start, stop in ((0, whole // 10), (whole // 5, whole // 2), (whole * 3 // 5, whole)):
+        part = open_recorded(tmp_path / f"a{suffix}")[start:stop].read()
+        np.testing.assert_array_equal(part.triggers.t, edges[(edges >= start) & (edges < stop)])
+        np.testing.assert_array_equal(part.t, t[(t >= start) & (t < stop)])
+
+
 @pytest.mark.parametrize(("suffix", "encoding"), [case for case in ALL if case[0] != ".es"])
 def test_times_that_step_back_are_kept(suffix, encoding, tmp_path):
     """A sensor's disorder of some us survives every format but .es, which says that it cannot hold it."""
@@ -87,10 +104,24 @@ def test_times_that_step_back_are_kept(suffix, encoding, tmp_path):
 
 def test_es_refuses_what_it_cannot_hold(tmp_path):
     """Steps back and pauses of hours, with a remedy, and no file is left."""
-    for t, text in (([2000, 1000], "step back"), ([10**18, 10**18 + 1], "--rebase")):
+    for t, text in (
+        ([2000, 1000], "step back"),
+        ([10**18, 10**18 + 1], "--rebase"),
+        ([-2000, 1000], "-2000.*--rebase"),
+    ):
         with pytest.raises(RecordingError, match=text), open_writer(tmp_path / "a.es", 9, 9) as writer:
             writer.write(Events.of(t, [1, 2], [1, 2], [0, 1]))
     assert not list(tmp_path.iterdir())
+
+
+def test_dat_keeps_the_disorder_around_a_turn(tmp_path):
+    """Events of 4294.967296 s, where its 32 bits turn, that came some us late."""
+    turn = 1 << 32
+    t = np.array([*range(0, turn, turn // 8), turn - 20, turn + 2, turn - 3, turn + 5, turn - 1, turn + 9]) * 1000
+    with open_writer(tmp_path / "a.dat", 64, 48) as writer:
+        writer.write(Events.of(t, np.arange(len(t)), np.arange(len(t)), np.zeros(len(t), np.uint8)))
+    with open_recording(tmp_path / "a.dat") as recording:
+        np.testing.assert_array_equal(recording.read().t, t)
 
 
 def test_dat_refuses_what_it_cannot_hold(tmp_path):

@@ -41,6 +41,7 @@ class Aedat2Recording(RecordFile):
     """
 
     counter_bits = 32
+    own_packets = True
 
     def __init__(self, path: Path, options: OpenOptions) -> None:
         lines, start = read_header(path)

@@ -43,6 +43,8 @@ class Aedat3Recording(DescriptorOwner, BlockRecording):
     The topic is the number of a source; by default the one of the first polarity events.
     """
 
+    own_packets = True
+
     def __init__(self, path: Path, options: OpenOptions) -> None:
         self._path, self._place = path, 0
         self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)

@@ -51,6 +51,8 @@ class Aedat4Recording(DescriptorOwner, BlockRecording):
     kinds (poses, boxes, ...) are counted as `packets_left_out`. Of several cameras, one is read: the topic's.
     """
 
+    own_packets = True
+
     def __init__(self, path: Path, options: OpenOptions) -> None:
         self._path = path
         self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
@@ -234,12 +236,15 @@ class Aedat4Recording(DescriptorOwner, BlockRecording):
             streams = [int(np.frombuffer(r.data, "<i4", 1, r.place(1))[0]) if r.place(1) else 0 for *_, r in rows]
         except (DamagedError, ValueError):
             return self._load()
-        mine = [(at, last) for (at, last, _), stream in zip(rows, streams) if stream == self._events_stream]
-        ends = np.array([last for _, last in mine], np.int64)
-        i = int(np.searchsorted(ends, t_ns // 1000)) if (np.diff(ends) >= 0).all() else 0
-        if not mine:
-            return self._load()
-        at = mine[min(i, len(mine) - 1)][0] - 8
+        places = []
+        for wanted in set(streams) - self._of_others:
+            mine = [(at, last) for (at, last, _), stream in zip(rows, streams) if stream == wanted]
+            ends = np.array([last for _, last in mine], np.int64)
+            i = int(np.searchsorted(ends, t_ns // 1000)) if (np.diff(ends) >= 0).all() else 0
+            if i < len(mine):
+                places.append(mine[i][0] - 8)
+        # triggers, samples and frames have packets of their own, some before those of the events of their time
+        at = min(places, default=rows[-1][0] - 8 if rows else self._begin)
         return self._load_at(at if self._begin <= at < self._end else self._begin)
 
     @property

@@ -13,6 +13,7 @@ from evis.events.files.aedat.aedat4 import MAGIC
 from evis.events.files.aedat.aedat4_packets import EVENT, GRAVITY, SOURCES
 from evis.events.files.aedat.flat_builder import single_table, vector_of_structs, vector_of_tables
 from evis.events.files.file_writer import FileWriter, check_size
+from evis.events.files.reading.block_recording import split_aside
 from evis.events.recording import RecordingError
 
 COMPRESSIONS = {"none": 0, "lz4": 1, "zstd": 3}
@@ -47,11 +48,19 @@ class Aedat4Writer(FileWriter):
     def write(self, events: Events) -> None:
         if len(events) and max(int(events.x.max()), int(events.y.max())) > 32767:
             raise RecordingError(f"{self.path}: AEDAT 4 holds coordinates up to 32767")
+        waiting = events
         for first in range(0, len(events), _PACKET):
             part = events[first : first + _PACKET]
+            # who reads a part of the file stops at the first event behind it: all else goes before that
+            before, waiting = split_aside(waiting, int(part.t.max()))
+            self._aside(before)
             rows = np.zeros(len(part), EVENT)
             rows["t"], rows["x"], rows["y"], rows["on"] = part.t // 1000, part.x, part.y, part.p
             self._packet(0, vector_of_structs(b"EVTS", rows), rows["t"])
+        self._aside(waiting)
+
+    def _aside(self, events: Events) -> None:
+        """All but the events."""
         for frame in events.frames:
             self._frame(frame)
         self._imu(events.imu)

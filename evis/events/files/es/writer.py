@@ -35,6 +35,11 @@ class EsWriter(FileWriter):
     def _write(self, events: Events) -> None:
         t = events.t // 1000
         step = np.diff(t, prepend=self._last)
+        if int(t[0]) < 0:
+            raise RecordingError(
+                f"{self.path}: .es counts from 0, and cannot hold the negative time {events.t[0]} ns; use --rebase, or "
+                "write .npz"
+            )
         if int(step.min()) < 0:
             raise RecordingError(f"{self.path}: .es cannot hold times that step back; sort the events, or write .npz")
         if int(step.max()) > _MAX_PAUSE_US:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import itertools
 import os
 from collections.abc import Iterator
 from dataclasses import replace
@@ -105,15 +106,19 @@ class Hdf5Recording(BlockRecording):
             raise RecordingError(f"{self._path}: {what}") from None
 
     def _load(self) -> Iterator[Events]:
-        return self._load_at(0)
+        yield from self._triggers()
+        yield from self._load_at(0)
+
+    def _triggers(self) -> Iterator[Events]:
+        """All triggers, which have a table of their own."""
+        if self._layout.triggers is not None:
+            with self._tolerant(), self._named():
+                events = Events.empty()
+                events.triggers = self._layout.triggers()
+                yield events
 
     def _load_at(self, first: int) -> Iterator[Events]:
         layout, block = self._layout, self._layout.block or _BLOCK
-        if first == 0 and layout.triggers is not None:
-            with self._tolerant(), self._named():
-                events = Events.empty()
-                events.triggers = layout.triggers()
-                yield events
         first -= first % block
         reached, missed = False, 0
         while first < layout.count:
@@ -200,7 +205,7 @@ class Hdf5Recording(BlockRecording):
         """Bisection over the times of single events, where the file is whole."""
         low, high = 0, self._layout.count
         if self.info.truncated:
-            return self._load_at(0)  # times behind the cut read as 0
+            return self._load()  # times behind the cut read as 0
         with contextlib.suppress(RecordingError), self._named():
             while high - low > _BLOCK:
                 middle = (low + high) // 2
@@ -208,10 +213,11 @@ class Hdf5Recording(BlockRecording):
                     low = middle
                 else:
                     high = middle
-        return self._load_at(low)
+        return itertools.chain(self._triggers(), self._load_at(low))
 
     def try_ends(self) -> None:
         """Reads something of the first and the last block."""
+        next(self._triggers(), None)
         next(self._load_at(0), None)
         next(self._load_at(max(self._layout.count - 1, 0)), None)
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Iterator
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 
 from evis.events.arrays import Events, Imu, Triggers
-from evis.events.recording import OpenOptions, Recording, RecordingError, RecordingInfo
+from evis.events.recording import LATE_NS, OpenOptions, Recording, RecordingError, RecordingInfo
 from evis.files.damage import faults_as
 
 _Samples = TypeVar("_Samples", Triggers, Imu)
@@ -21,6 +21,9 @@ class BlockRecording(Recording):
     Triggers, IMU samples and frames come with the block in which the file has them. Events outside of the sensor's
     size are dropped and counted. A subclass sets `info` before it calls `__init__`.
     """
+
+    own_packets: ClassVar[bool] = False
+    """Triggers, IMU samples and frames may come in the file behind later events."""
 
     def __init__(self) -> None:
         self._source = self._load()
@@ -100,22 +103,22 @@ class BlockRecording(Recording):
                 break
         return self._with_aside(Events.concatenate(parts), t_ns)
 
+    def read_aside(self, t_ns: int) -> Events:
+        found = [self._aside.aside(None, t_ns + 1)]
+        self._waiting = []
+        while self.own_packets and self._more() and int(self._block.t[self._at]) <= t_ns + LATE_NS:
+            self._at = len(self._block)
+            found.append(self._aside.aside(None, t_ns + 1))
+            self._waiting = []
+        return Events.concatenate([*found, self._aside.aside(None, t_ns + 1)])
+
     def _with_aside(self, events: Events, t_ns: int | None) -> Events:
         """`events` with the waiting triggers, IMU samples and frames up to t_ns (None: all)."""
         if not self._waiting:
             return events
-        aside = self._aside
-        if t_ns is None:
-            self._waiting = []
-            return Events(events.t, events.x, events.y, events.p, events.c, aside.triggers, aside.imu, aside.frames)
-        n = [_until(t, t_ns) for t in _aside_times(aside)]
-        later = Events.empty()
-        events = Events(events.t, events.x, events.y, events.p, events.c)
-        events.triggers, later.triggers = _split(aside.triggers, n[0])
-        events.imu, later.imu = _split(aside.imu, n[1])
-        events.frames, later.frames = aside.frames[: n[2]], aside.frames[n[2] :]
+        aside, later = (self._aside, Events.empty()) if t_ns is None else split_aside(self._aside, t_ns)
         self._waiting = [later] if has_aside(later) else []
-        return events
+        return events.beside(aside)
 
     @property
     def next_t_ns(self) -> int | None:
@@ -167,6 +170,18 @@ def take_size(info: RecordingInfo, options: OpenOptions) -> bool:
 def has_aside(events: Events) -> bool:
     """Tells whether there is anything but events."""
     return bool(len(events.triggers) or len(events.imu) or events.frames)
+
+
+def split_aside(events: Events, t_ns: int) -> tuple[Events, Events]:
+    """Splits triggers, IMU samples and frames: those up to the first one later than t_ns, each kind by itself, and the
+    others; both without events.
+    """
+    n = [_until(t, t_ns) for t in _aside_times(events)]
+    before, later = Events.empty(), Events.empty()
+    before.triggers, later.triggers = _split(events.triggers, n[0])
+    before.imu, later.imu = _split(events.imu, n[1])
+    before.frames, later.frames = events.frames[: n[2]], events.frames[n[2] :]
+    return before, later
 
 
 def _aside_times(aside: Events) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -59,12 +59,15 @@ class RecordFile(DescriptorOwner, BlockRecording):
     def _unwrap(self, counter: np.ndarray, before: tuple[int, int] | None) -> np.ndarray:
         """Times [us]. before: (counter, time) of the record before, None at the start.
 
-        A fall by more than half the counter's range is a turn of it; any other step is kept as it is.
+        A fall by more than half the counter's range is a turn of it. A rise by nearly all of the range, after a turn,
+        is an event from before the turn that came late; any other step is kept as it is.
         """
+        span = 1 << self.counter_bits
         last_counter, last_t = before if before else (int(counter[0]), int(counter[0]))
         step = np.diff(counter, prepend=last_counter)
-        turns = np.cumsum(step < -(1 << self.counter_bits - 1))
-        return counter + (turns << self.counter_bits) + (last_t - last_counter)
+        turns = np.cumsum(step < -span // 2)
+        late = (step > span - span // 64) & (turns * span + last_t - last_counter > 0)
+        return counter + (turns - np.cumsum(late)) * span + (last_t - last_counter)
 
     def _load(self) -> Iterator[Events]:
         return self._load_at(0, None)
