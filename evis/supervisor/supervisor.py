@@ -234,7 +234,7 @@ class Supervisor:
             while not child.ended and time.monotonic() < end:
                 for process, message in self._server.poll(LAST_WORD_S):
                     self._handle(process, message)
-            if not child.ended:
+            if not child.ended and not child.alive():  # unless it was wanted meanwhile, and started again
                 child.state = "failed"
                 self._on_failure(child)
             return
