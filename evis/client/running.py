@@ -67,6 +67,8 @@ def check_topic(plan: Plan, topic: str) -> str:
     from msgs.topics import SYSTEM_TOPICS
 
     known = [*plan.topics, *SYSTEM_TOPICS]
+    if topic not in known and any(topic in node.outside.values() for node in plan.nodes.values()):
+        raise ValueError(f"{topic} is taken from outside the graph; no node of it publishes it, so nobody can read it")
     if topic not in known:
         raise ValueError(f"the graph has no topic '{topic}'; {nearest(topic, known)}")
     return topic

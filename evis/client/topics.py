@@ -45,9 +45,11 @@ class TopicReader:
         self.topic = check_topic(plan, topic)
         self.arrived_at = 0.0
         """time.monotonic() at which the last message came."""
+        self.sender = ""
+        """Publisher of the last message: every process has one of a system topic, which numbers its messages itself."""
         self._plan = plan
         self._context, self._poller = zmq.Context(), zmq.Poller()
-        self._subscribers: list[Subscriber] = []
+        self._subscribers: dict[Subscriber, str] = {}
         self._lost = 0
         names = [topic]
         if topic in SYSTEM_TOPICS:
@@ -61,7 +63,7 @@ class TopicReader:
             )
             subscriber.start()
             self._poller.register(subscriber.socket, zmq.POLLIN)
-            self._subscribers.append(subscriber)
+            self._subscribers[subscriber] = name
         self._wait_for_connections()
 
     def _wait_for_connections(self) -> None:
@@ -101,10 +103,10 @@ class TopicReader:
                 live = lives(self._plan)  # and then once more: what it sent last may have come since
 
     def _receive(self) -> Message | None:
-        for subscriber in list(self._subscribers):
+        for subscriber, name in list(self._subscribers.items()):
             message = subscriber.receive(0)
             if isinstance(message, Message):
-                self.arrived_at = time.monotonic()
+                self.arrived_at, self.sender = time.monotonic(), name
                 own = {name: np.array(array) for name, array in message.arrays().items()}
                 return dataclasses.replace(message, **own)  # type: ignore[type-var]
             if message is not None:
@@ -114,7 +116,7 @@ class TopicReader:
     def _forget(self, subscriber: Subscriber) -> None:
         self._lost += subscriber.lost
         self._poller.unregister(subscriber.socket)
-        self._subscribers.remove(subscriber)
+        del self._subscribers[subscriber]
         subscriber.close()
 
     def close(self) -> None:

@@ -23,6 +23,8 @@ NODE_KEYS = (
 MODES = ("lockstep", "realtime", "live")
 MAX_NODES = 1000
 """Most nodes of a graph, those that are left out by a condition counted too."""
+MAX_NAME = 200
+"""Longest name of a node or process [bytes]: files are called after it."""
 
 
 @dataclass
@@ -141,6 +143,9 @@ def _expand_node(result: Expanded, nodes: Table, name: str, scope: Mapping[str, 
         params = submap(entry, "params")
         namespace = _namespace(entry, inner)
         prefix = f"{namespace}/" if namespace else ""
+        process = _process(entry, full, inner, suffix)
+        for what, called in (("node", prefix + full), ("process", prefix + process)):
+            _check_name(what, called, nodes.where(name))
         remap, spares = submap(entry, "remap"), submap(entry, "spares")
         result.nodes.append(
             NodeSpec(
@@ -149,7 +154,7 @@ def _expand_node(result: Expanded, nodes: Table, name: str, scope: Mapping[str, 
                 where=nodes.where(name),
                 params=_params(entry, inner, nodes.where(name)),
                 param_lines={k: params.where(k) for k in params},
-                process=prefix + _process(entry, full, inner, suffix),
+                process=prefix + process,
                 remap={str(k): str(target) for k in remap if (target := _fill(remap, k, inner))},
                 namespace=namespace,
                 respawn=_flag(entry, "respawn", inner),
@@ -260,6 +265,15 @@ def _namespace(entry: Table, scope: Mapping[str, Any]) -> str:
 
 def _join(*parts: str) -> str:
     return "/".join(part for part in parts if part)
+
+
+def _check_name(what: str, name: str, where: str) -> None:
+    """Refuses what cannot be the name of a log file and of a socket's peer."""
+    size = len(name.encode(errors="surrogatepass"))
+    if not name.rpartition("/")[2] or not name.isprintable() or size > MAX_NAME:
+        raise LaunchError(
+            f"{where}: a {what} is called '{name[:40]}'; its name must be 1 to {MAX_NAME} bytes of printable characters"
+        )
 
 
 def _check_names(nodes: list[NodeSpec]) -> None:

@@ -25,7 +25,7 @@ from evis.launch.graph.sharing import over_devices
 from evis.launch.graph.single import who_waits
 from evis.launch.graph.wiring import Wired, publishers, secret_values, wire
 from evis.launch.target import read_target, values_of_scene, with_scene_arguments
-from evis.launch.unused_arguments import check_effect
+from evis.launch.unused_arguments import check_effect, check_options
 from evis.runtime.plan import COMPOSED, Edge, LeftOut, NodePlan, Plan, TopicPlan
 from msgs.camera import Image, Keyframe
 from msgs.fields import by_environment
@@ -90,6 +90,7 @@ def plan_launch(
     """
     if options.duration_s is not None and options.duration_s <= 0:
         raise LaunchError(f"--duration is {options.duration_s:g}, it must be longer than 0 s")
+    check_options(launch, options.names())
     given = with_scene_arguments(launch, given)
     hide = Redactor(str(given[name]) for name, a in launch.arguments.items() if a.param.secret and name in given)
     try:

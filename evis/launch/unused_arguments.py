@@ -18,6 +18,11 @@ from evis.runtime.plan import Plan
 
 BESIDE = ("params", "otherwise", "spares")
 """Keys of a node's entry of which params are looked at one by one, and the others are only told."""
+_REMEDIES = {
+    "duration": "write `duration: ${duration}` among the params of its source, if that has such a parameter",
+    "record": 'add a node `recorder: {type: recorder, params: {path: "${record}"}}`',
+}
+"""Options of the command line that a launch file must hand on, and how it does."""
 
 
 def check_effect(launch: LaunchFile, given: Collection[str], expanded: Expanded, plan: Plan) -> None:
@@ -34,6 +39,22 @@ def check_effect(launch: LaunchFile, given: Collection[str], expanded: Expanded,
         if value and reasons and all(reasons):
             text = ",".join(map(str, value)) if isinstance(value, list) else value
             raise ArgumentError(f"{name}:={text} has no effect: {'; '.join(dict.fromkeys(reasons))}; leave it out")
+
+
+def check_options(launch: LaunchFile, options: Mapping[str, Any]) -> None:
+    """Raises ArgumentError naming the first option of the command line that no file of the graph hands to a node: with
+    it nothing would end after --duration, or be recorded.
+    """
+    for name, remedy in _REMEDIES.items():
+        if options.get(name) and name not in _named_anywhere(launch):
+            raise ArgumentError(
+                f"--{name} {options[name]} has no effect: {launch.path.name} gives it to no node; {remedy}"
+            )
+
+
+def _named_anywhere(launch: LaunchFile) -> set[str]:
+    """Names that a file, or one that it includes, asks for in `${...}`."""
+    return names_in(launch.table).union(*(_named_anywhere(child) for _, child in launch.includes))
 
 
 def _uses(

@@ -86,6 +86,7 @@ class Child:
         self.process = process or start_process(self.directory, self.name)
         self.state = "starting"
         self.heard_at = time.monotonic()
+        self.stats, self.busy_s = {}, 0.0  # of a process before it: this one imports first, and is silent for longer
 
     def signal(self, number: signal.Signals) -> None:
         """Sends a signal to the process if it is there."""

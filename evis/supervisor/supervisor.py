@@ -50,6 +50,7 @@ class Supervisor:
     """Runs one plan to its end.
 
     say: takes one line for the user. tick: called with the progress so far. early: what was started before the plan.
+    stop_after_s: when to stop a graph that has begun, on the wall clock [s]; None = its sources end by themselves.
     """
 
     def __init__(
@@ -60,8 +61,10 @@ class Supervisor:
         tick: Callable[[dict[str, Any]], None] | None = None,
         debug: bool = False,
         early: EarlyStart | None = None,
+        stop_after_s: float | None = None,
     ) -> None:
         self.plan = plan
+        self._stop_after_s = stop_after_s
         self._early = early
         self._voice = Voice(say, tick)
         self._tell, self._tick = self._voice.say, self._voice.tick
@@ -202,11 +205,23 @@ class Supervisor:
         self._server.send(child.name, {"go": 1})
 
     def _wake(self, topic: str) -> None:
-        """Start the dormant node that publishes a topic, and those that it reads of."""
+        """Start the dormant node that publishes a topic, again if it has died, and those that it reads of."""
         planned = self.plan.topics.get(topic)
         node = self.plan.nodes.get(planned.node) if planned else None
-        if node is not None and node.dormant and node.process not in self._children and not self._stopped_at:
-            self._add(node.process, [node]).start()
+        if node is None or not node.dormant or self._stopped_at:
+            return
+        child = self._children.get(node.process)
+        if child is not None:
+            self._watch(child)  # it may have died just now
+        if child is None:
+            child = self._add(node.process, [node])
+        elif child.state == "failed" and not child.alive() and child.respawns < MAX_RESPAWNS:
+            child.respawns += 1
+            child.failure, child.spared = None, False
+        else:
+            child = None
+        if child is not None:
+            child.start()
             for read in (name for topics in node.inputs.values() for name in topics):
                 self._wake(read)
 
@@ -219,7 +234,7 @@ class Supervisor:
             while not child.ended and time.monotonic() < end:
                 for process, message in self._server.poll(LAST_WORD_S):
                     self._handle(process, message)
-            if not child.ended:
+            if not child.ended and not child.alive():  # unless it was wanted meanwhile, and started again
                 child.state = "failed"
                 self._on_failure(child)
             return
@@ -268,7 +283,7 @@ class Supervisor:
         if self._failed_at and not self._stopped_at and now - self._failed_at > SETTLE_S:
             self._name_cause()
             self._stop(now)
-        elif self._interrupts.count and not self._stopped_at:
+        elif (self._interrupts.count or self._over(now)) and not self._stopped_at:
             self._stop(now)
         elif not self._stopped_at and self._workers_ended():
             self._stop(now)
@@ -283,6 +298,9 @@ class Supervisor:
         elif self._stage == 1 and (waited > patience or self._interrupts.count > 2):
             self._stage = 2
             self._signal_all(signal.SIGKILL)
+
+    def _over(self, now: float) -> bool:
+        return bool(self._went_at) and self._stop_after_s is not None and now - self._went_at >= self._stop_after_s
 
     def _workers_ended(self) -> bool:
         """Only services are left. A graph of services alone lives until it is stopped."""

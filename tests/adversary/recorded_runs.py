@@ -103,7 +103,7 @@ class Watcher:
     def _run(self) -> None:
         while not self._done.is_set():
             with contextlib.suppress(ValueError, OSError):
-                for _, message in listen(find_run(None), TOPIC):
+                for _, message, _ in listen(find_run(None), TOPIC):
                     self.newest = max(self.newest, message.header.stamp_ns)
                     if self._done.is_set():
                         return

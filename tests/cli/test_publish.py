@@ -99,6 +99,27 @@ def test_the_running_graphs_are_listed(arm: Path, evis_here: Evis) -> None:
     assert f"1 graph(s) running: {body['run']} (arm)" in _run_directory().text
 
 
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["/reset", "3"], "/reset takes `envs` and `seeds`, and not `controls`"),
+        (["/reset", '{"seed": 5}'], "/reset takes `envs` and `seeds`, and not `seed`"),
+        (["/reset", "--rate", "9", "-n", "3"], "a reset is given once"),
+        (["/action", '{"controls": [0], "stamp": 3}'], "/action takes `controls`, and not `stamp`"),
+        (["/action", "0", "--rate", "9", "-n", "-3"], "'-3' is no number of messages"),
+    ],
+)
+def test_what_would_mean_something_else_is_not_sent(evis_here: Evis, words: list[str], told: str) -> None:
+    """Before a graph is looked for: a reset of all would be what comes of a misspelt one."""
+    result = evis_here("topic", "pub", *words)
+    assert result.code == 2 and told in result.line
+
+
+def test_a_topic_that_is_taken_from_outside_cannot_be_read(arm: Path, evis_here: Evis) -> None:
+    result = evis_here("topic", "echo", "/action", "-n", "1")
+    assert result.code == 1 and "/action is taken from outside the graph" in result.line
+
+
 def test_without_a_graph_nothing_is_published(evis: Evis, tmp_path: Path) -> None:
     for words in (("topic", "pub", "/action", "1"), ("reset",)):
         result = evis(*words, XDG_RUNTIME_DIR=str(tmp_path))

@@ -15,6 +15,10 @@ from typing import Any
 import pytest
 from command import environment
 
+from evis.cli.graph.topic_rates import TopicRates
+from msgs.diagnostics import Diagnostics
+from msgs.header import Header
+
 Evis = Callable[..., Any]
 GRAPH = """
 nodes:
@@ -116,6 +120,15 @@ def test_rates_are_the_publishers(running: Path, evis_here: Evis) -> None:
     assert "0 message(s)" in evis_here("topic", "hz", "/cam0/labels", "--window", "0.5").line
 
 
+def test_senders_of_one_topic_are_counted_each_by_its_own_numbers() -> None:
+    """Two of 2 messages a second, whose numbers lie apart, as processes send /diagnostics: 8 in 1.75 s."""
+    measure = TopicRates()
+    for k in range(4):
+        measure.add(10 + 0.5 * k, Diagnostics(Header(0, seq=100 + k, clock="wall")), "a")
+        measure.add(10.25 + 0.5 * k, Diagnostics(Header(0, seq=7 + k, clock="wall")), "b")
+    assert measure.hz() == {"hz": 4.0, "published": 8, "seen": 8, "window_s": 1.75}
+
+
 def test_node_list_and_info(running: Path, evis_here: Evis) -> None:
     body = json.loads(evis_here("node", "list", "--json").out)
     assert [n["node"] for n in body["nodes"]] == ["ticker", "relay"]
@@ -142,6 +155,16 @@ def test_a_node_attaches_by_hand_and_loses_only_for_itself(running: Path, evis: 
     assert stamps == sorted(set(stamps))
     assert "reads /cam7/events, which nobody publishes" in evis("run", "graph_nodes:Collector", "camera:=cam7").line
     assert "would publish /cam0/events, which relay of the" in evis("run", "graph_nodes:Relay").line
+
+
+def test_a_source_by_hand_ends_after_its_time(evis: Evis) -> None:
+    """A ticker has no such parameter of its own: 100 steps a second at the most, and it never ends by itself."""
+    result = evis("run", "graph_nodes:Ticker", "count:=0", "sleep:=0.01", "--duration", "0.5", "--json")
+    assert result.code == 0, result.err
+    assert 0.5 <= json.loads(result.out)["wall_s"] < 5
+    for wrong in ("0", "-1", "nan"):
+        refused = evis("run", "graph_nodes:Ticker", "--duration", wrong)
+        assert refused.code == 2 and "longer than 0" in refused.line
 
 
 def test_the_run_can_be_named(running: Path, evis_here: Evis) -> None:

@@ -60,6 +60,18 @@ def test_what_changes_something_is_taken(given):
     plan("spinning_disk", **given)
 
 
+@pytest.mark.parametrize("options, what", [({"duration_s": 0.5}, "--duration 0.5"), ({"record": "a.mcap"}, "--record")])
+def test_an_option_that_no_file_hands_on_is_refused(options, what, tmp_path):
+    """It would run without end, or record nothing, and say nothing of either."""
+    own = tmp_path / "own.yaml"
+    own.write_text("nodes:\n  eye: {type: physics, keep: [state], params: {scene: spinning_disk}}\n")
+    with pytest.raises(ArgumentError) as caught:
+        plan_launch(load(own), {}, Options(view=False, **options))
+    assert str(caught.value).startswith(what) and "own.yaml gives it to no node" in str(caught.value)
+    own.write_text("include: simulator\n")  # which hands both on
+    plan_launch(load(own), {"scene": "spinning_disk"}, Options(view=False, **options))
+
+
 LAUNCH = """
 args: {{a: {{default: 0}}, b: {{default: 0}}, c: {{default: 0}}, on: {{default: true}}, free: {{default: 1}}}}
 include: {{file: inner.yaml, if: "${{on}}", args: {{packet: "${{a or 5}}"}}}}

@@ -188,6 +188,15 @@ def test_mistakes_are_named_with_place_and_remedy(write: Write, text: str, parts
         assert part in message
 
 
+@pytest.mark.parametrize(
+    "name, entry", [("''", ""), ('"a\\0"', ""), ("n" * 201, ""), ("a", "process: ''"), ("a", "process: " + "ä" * 101)]
+)
+def test_what_cannot_be_called_so_is_refused(write: Write, name: str, entry: str) -> None:
+    """Log files and sockets are called after nodes and processes; the system says less of it, and later."""
+    text = f"nodes:\n  ? {name}\n  : {{type: 'graph_nodes:Ticker', keep: [depth], {entry}}}\n"
+    assert "bytes of printable characters" in fails(write(text))
+
+
 def test_a_hostile_file_is_one_error(tmp_path: Path) -> None:
     path = tmp_path / "graph.yaml"
     path.write_bytes(b"\xff\xfe\x00nodes")

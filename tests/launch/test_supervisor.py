@@ -298,6 +298,14 @@ def test_a_source_is_started_again_when_it_may(write: Write, launch: Launch, tmp
     assert code == 0 and "lonely was ended by SIGKILL" in err and "started again (1 of 5)" in err
 
 
+def test_a_process_that_starts_again_has_said_nothing_yet(tmp_path: Path) -> None:
+    """What its predecessor said must not shorten the patience with its imports."""
+    child = Child("a", [], tmp_path, stats={"events": 3}, busy_s=40.0)
+    with subprocess.Popen([sys.executable, "-c", ""]) as process:
+        child.start(process)
+    assert child.stats == {} and child.busy_s == 0 and child.state == "starting"
+
+
 def test_a_dormant_node_starts_when_a_tool_asks(write: Write, launch: Launch, tmp_path: Path) -> None:
     from evis.cli.graph.attach import find_run, listen
 
@@ -310,9 +318,14 @@ def test_a_dormant_node_starts_when_a_tool_asks(write: Write, launch: Launch, tm
     launcher = launch(path)
     launcher.wait_for((tmp_path / "m").exists)
     assert [p.cmdline()[-1] for p in launcher.children()] == ["ticker"]
-    seen = [m.header.stamp_ns for _, (_, m) in zip(range(3), listen(find_run(None), "/cam0/events", LIMIT_S))]
+    seen = [m.header.stamp_ns for _, (_, m, _) in zip(range(3), listen(find_run(None), "/cam0/events", LIMIT_S))]
     assert len(seen) == 3 and seen == sorted(seen)
     assert {p.cmdline()[-1] for p in launcher.children()} == {"ticker", "relay"}
+    first = launcher.child("relay")
+    first.kill()
+    launcher.wait_for(lambda: not first.is_running())  # its launcher has taken note of it
+    again = [m.header.stamp_ns for _, (_, m, _) in zip(range(3), listen(find_run(None), "/cam0/events", LIMIT_S))]
+    assert len(again) == 3 and again[0] > seen[-1] and launcher.child("relay").pid != first.pid
     launcher.process.send_signal(signal.SIGINT)
     assert launcher.end()[0] == 0
 

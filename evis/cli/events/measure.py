@@ -104,7 +104,7 @@ def _topic(args: argparse.Namespace) -> dict[str, Any]:
     width = height = 0
     with PassProgress(f"listening for {args.listen:g} s") as progress:
         with suppress(KeyboardInterrupt):
-            for _, message in listen(plan, args.topic, args.listen):
+            for _, message, _ in listen(plan, args.topic, args.listen):
                 progress.say(f"{seen} packets")
                 if not isinstance(message, EventPacket):
                     raise ValueError(f"{args.topic} carries {type(message).__name__}, no events")

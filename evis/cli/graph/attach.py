@@ -33,10 +33,11 @@ def find_run(run_id: str | None) -> Plan:
     return plan
 
 
-def listen(plan: Plan, topic: str, timeout_s: float | None = None) -> Iterator[tuple[float, Message]]:
-    """Yields (time.monotonic() of arrival, message) as they come, until the graph ends or after `timeout_s`.
+def listen(plan: Plan, topic: str, timeout_s: float | None = None) -> Iterator[tuple[float, Message, str]]:
+    """Yields (time.monotonic() of arrival, message, who sent it) as they come, until the graph ends or after
+    `timeout_s`.
 
-    A tap of a tool is rate-limited: count messages by header.seq.
+    A tap of a tool is rate-limited: count messages by header.seq, of each sender by itself.
     """
     from evis.client.topics import TopicReader
 
@@ -48,4 +49,4 @@ def listen(plan: Plan, topic: str, timeout_s: float | None = None) -> Iterator[t
                 return
             if (message := reader.read(left_s)) is None:
                 return
-            yield reader.arrived_at, message
+            yield reader.arrived_at, message, reader.sender

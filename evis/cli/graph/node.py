@@ -75,7 +75,7 @@ def _list(args: argparse.Namespace) -> int:
 def _running(args: argparse.Namespace, plan: Any) -> int:
     node = plan.nodes[args.node]
     state: dict[str, Any] = {}
-    for _, message in listen(plan, "/diagnostics", 2.5):
+    for _, message, _ in listen(plan, "/diagnostics", 2.5):
         if message.node == node.name:  # type: ignore[attr-defined]
             state = {"level": message.level, "text": message.text, **message.values}  # type: ignore[attr-defined]
             break

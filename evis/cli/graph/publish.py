@@ -21,7 +21,14 @@ def add_pub_arguments(parser: argparse.ArgumentParser) -> None:
         help='controls, one per actuator, or the message as JSON: \'[0.1, 0]\', \'{"controls": [[0.1, 0]]}\'',
     )  # fmt: skip
     parser.add_argument("--rate", type=_positive, metavar="HZ", help="again and again at this rate, until Ctrl-C")
-    parser.add_argument("-n", "--count", type=int, default=0, help="stop after so many messages (0: go on)")
+    parser.add_argument("-n", "--count", type=count, default=0, help="stop after so many messages (0: go on)")
+
+
+def count(text: str) -> int:
+    """Reads a number of messages, 0 or more. Raises ArgumentTypeError."""
+    if not (text.isdecimal() and text.isascii()):
+        raise argparse.ArgumentTypeError(f"'{text}' is no number of messages, 0 or more")
+    return int(text)
 
 
 def _positive(text: str) -> float:
@@ -40,6 +47,7 @@ def run_pub(args: argparse.Namespace) -> int:
     from evis.client.run import Run
 
     body = message_of(args.values)
+    _check_message(args, body)
     plan = find_run(args.run)
     taker(plan, args.topic)  # a topic that nobody reads is told before anything is sent
     sent, stamp = 0, 0
@@ -62,13 +70,24 @@ def run_pub(args: argparse.Namespace) -> int:
     return 0
 
 
-def _actions(args: argparse.Namespace, running: Any, body: dict[str, Any]) -> Iterator[int]:
-    """Give the action as often as asked for; yields the stamp from which on each holds."""
-    if "controls" not in body:
-        raise UsageError(f"an action has `controls`, and not {', '.join(body) or 'nothing'}")
-    total = args.count or (0 if args.rate else 1)
+def _check_message(args: argparse.Namespace, body: dict[str, Any]) -> None:
+    """Refuses what the message of a topic has no place for: without it, it would mean something else."""
+    from evis.client.requests import ACTION, RESET
+
+    fields = {ACTION: ["controls"], RESET: ["envs", "seeds"]}.get(args.topic, list(body))
+    if strange := [name for name in body if name not in fields]:
+        raise UsageError(f"{args.topic} takes {' and '.join(f'`{name}`' for name in fields)}, and not `{strange[0]}`")
+    if args.topic == ACTION and not body:
+        raise UsageError("an action has `controls`, and not nothing")
+    if args.topic == RESET and (args.rate or args.count):
+        raise UsageError(f"--rate and --count are for {ACTION}; a reset is given once")
     if args.count and not args.rate:
         raise UsageError("--count says how many messages to send at --rate HZ; give that too")
+
+
+def _actions(args: argparse.Namespace, running: Any, body: dict[str, Any]) -> Iterator[int]:
+    """Give the action as often as asked for; yields the stamp from which on each holds."""
+    total = args.count or (0 if args.rate else 1)
     start, sent = time.monotonic(), 0
     while True:
         yield running.act(body["controls"])

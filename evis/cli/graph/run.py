@@ -43,6 +43,8 @@ def run(args: argparse.Namespace) -> int:
     from evis.launch.expand import NodeSpec
     from evis.launch.unused_arguments import check_parameters
 
+    if args.duration is not None and not 0 < args.duration < 1e9:
+        raise UsageError(f"--duration is {args.duration:g}; it must be a time longer than 0 and less than 1e9 s")
     try:
         params = parse_pairs(args.pairs)
     except ArgumentError as error:
@@ -58,7 +60,9 @@ def run(args: argparse.Namespace) -> int:
         check_parameters(cls, args.node, params)
         name = args.node.rpartition(":")[2].lower()
         spec = NodeSpec(name=name, type=args.node, where="evis run", params=dict(params), process=name)
-        summary = _alone(spec, args) if cls.SOURCE else _attached(spec, args)
+        # A source that has no such parameter would never end by itself.
+        stop_after_s = None if "duration" in cls.PARAMS else args.duration
+        summary = _alone(spec, args, stop_after_s) if cls.SOURCE else _attached(spec, args)
     except (ArgumentError, ParamError) as error:
         raise UsageError(str(error).removeprefix("evis run: ")) from None
     except LaunchError as error:
@@ -68,8 +72,8 @@ def run(args: argparse.Namespace) -> int:
     return 1 if summary.get("error") else 0
 
 
-def _alone(spec: Any, args: argparse.Namespace) -> dict[str, Any]:
-    """A graph of one source; others may look at it with `evis topic`."""
+def _alone(spec: Any, args: argparse.Namespace, stop_after_s: float | None) -> dict[str, Any]:
+    """A graph of one source; others may look at it with `evis topic`. stop_after_s: on the wall clock [s]."""
 
     from evis.cli.progress import Progress
     from evis.launch.expand import Expanded
@@ -82,7 +86,8 @@ def _alone(spec: Any, args: argparse.Namespace) -> dict[str, Any]:
     expanded = Expanded(spec.name, f"{spec.type} by hand", "live", {}, [spec])
     plan = plan_nodes(expanded, Path.cwd(), Options(duration_s=args.duration))
     with Progress(args.duration) as progress:
-        report = Supervisor(plan, say=progress.say, tick=progress.tick, debug=args.debug).run()
+        supervisor = Supervisor(plan, say=progress.say, tick=progress.tick, debug=args.debug, stop_after_s=stop_after_s)
+        report = supervisor.run()
     if report.failure:
         print(f"evis run: {printable(report.failure)}", file=sys.stderr)
     elif not args.json:

@@ -8,9 +8,9 @@ from collections.abc import Callable
 from typing import Any
 
 from evis.cli.graph.attach import add_run_option, find_run, listen
-from evis.cli.graph.publish import add_pub_arguments, run_pub
+from evis.cli.graph.publish import add_pub_arguments, count, run_pub
 from evis.cli.parser import Parser
-from evis.client.running import check_topic
+from evis.client.running import check_topic, lives
 from evis.console.printable import all_printable
 
 HELP = "list, echo, measure and publish the topics of a running graph"
@@ -43,7 +43,7 @@ def add_arguments(parser: Parser) -> None:
                 "--window", type=_positive, default=3.0, metavar="S", help="measure for so many seconds (3)"
             )
         if name == "echo":
-            sub.add_argument("-n", "--count", type=int, default=0, help="stop after so many messages (0: go on)")
+            sub.add_argument("-n", "--count", type=count, default=0, help="stop after so many messages (0: go on)")
             sub.add_argument("--timeout", type=_positive, default=None, metavar="S", help="stop after so many seconds")
             sub.add_argument("--full", action="store_true", help="print whole arrays, not only shape and range")
         add_run_option(sub)
@@ -118,7 +118,7 @@ def _echo(args: argparse.Namespace, plan: Any) -> int:
 
     shown = 0
     try:
-        for _, message in listen(plan, args.topic, args.timeout):
+        for _, message, _ in listen(plan, args.topic, args.timeout):
             with strict_output():
                 print(json.dumps(as_plain(message, args.full)) if args.json else as_text(message, args.full))
             shown += 1
@@ -127,7 +127,8 @@ def _echo(args: argparse.Namespace, plan: Any) -> int:
     except KeyboardInterrupt:
         pass
     if not shown:
-        raise ValueError(f"{args.topic}: no message came before the graph ended")
+        when = f"in {args.timeout:g} s" if args.timeout and lives(plan) else "before the graph ended"
+        raise ValueError(f"{args.topic}: no message came {when}")
     return 0
 
 
@@ -136,8 +137,8 @@ def _measure(args: argparse.Namespace, plan: Any) -> int:
 
     measure = TopicRates()
     try:
-        for arrived, message in listen(plan, args.topic, args.window):
-            measure.add(arrived, message)
+        for arrived, message, sender in listen(plan, args.topic, args.window):
+            measure.add(arrived, message, sender)
     except KeyboardInterrupt:
         pass
     if measure.messages < 2:

@@ -11,20 +11,26 @@ class TopicRates:
     """Collects arrivals. A tap skips messages when they come faster than its limit; sequence numbers tell how many."""
 
     def __init__(self) -> None:
+        self._begin()
+
+    def _begin(self) -> None:
         self.messages = 0
         self._bytes = 0
-        self._first = (0.0, 0, 0)
-        self._last = (0.0, 0, 0)
+        self._first = self._last = (0.0, 0)
+        self._numbers: dict[str, tuple[int, int]] = {}
+        """First and last sequence number of each sender."""
         self._lags: list[float] = []
         self._wall = False
 
-    def add(self, arrived: float, message: Message) -> None:
-        """Takes one message that came at `arrived` (time.monotonic())."""
+    def add(self, arrived: float, message: Message, sender: str = "") -> None:
+        """Takes one message that came at `arrived` (time.monotonic()). sender: each numbers its own."""
         header = message.header
-        now = (arrived, header.seq, header.stamp_ns)
-        if not self.messages or header.seq < self._last[1]:  # the first, or a publisher that started again
-            self._first, self.messages, self._bytes, self._lags = now, 0, 0, []
-        self._last = now
+        if header.seq < self._numbers.get(sender, (0, header.seq))[1]:  # a publisher that started again
+            self._begin()
+        self._last = arrived, header.stamp_ns
+        if not self.messages:
+            self._first = self._last
+        self._numbers[sender] = self._numbers.get(sender, (header.seq, 0))[0], header.seq
         self.messages += 1
         self._bytes += sum(int(array.nbytes) for array in message.arrays().values())
         self._wall = header.clock == "wall"
@@ -39,8 +45,8 @@ class TopicRates:
         return max(self._last[0] - self._first[0], 1e-9)
 
     def hz(self) -> dict[str, float | int]:
-        """Returns messages per second at the publisher, and how many of them this tap saw."""
-        published = self._last[1] - self._first[1] + 1
+        """Returns messages per second at the publishers, and how many of them this tap saw."""
+        published = sum(last - first + 1 for first, last in self._numbers.values())
         return {
             "hz": (published - 1) / self._span,
             "published": published,
@@ -55,7 +61,7 @@ class TopicRates:
 
     def delay(self) -> dict[str, float | int]:
         """Returns the lag behind the stamps [s]: absolute for the wall clock, otherwise over the least lag seen."""
-        stamps = (self._last[2] - self._first[2]) / 1e9
+        stamps = (self._last[1] - self._first[1]) / 1e9
         least = 0.0 if self._wall else min(self._lags)
         lags = [lag - least for lag in self._lags]
         return {
