@@ -52,6 +52,19 @@ def test_a_closer_tolerance_is_kept_too(tmp_path):
     assert parts[1] > parts[0]
 
 
+@pytest.mark.parametrize("steps", [{"tolerance": Tolerance(0.01, 0.01)}, {"timestep": 5e-6}], ids=["parts", "short"])
+def test_what_is_let_go_does_not_sleep_in_the_air(tmp_path, steps):
+    """Of a model that may sleep, beside a box whose contact takes many parts: z = -g t^2 / 2."""
+    sleep, ball = "<option><flag sleep='enable'/></option>", "<body><freejoint/><geom size='.1' mass='1'/></body>"
+    box = "<body pos='2 0 -1.9'><freejoint/><geom type='box' size='.1 .1 .1' mass='1'/></body>"
+    ground = "<geom type='plane' size='5 5 1' pos='0 0 -2'/>"
+    (tmp_path / "m.xml").write_text(f"<mujoco>{sleep}<worldbody>{ball}{box}{ground}</worldbody></mujoco>")
+    engine = MujocoEngine(load_scene(str(tmp_path / "m.xml"), visuals=False), **steps)
+    for t in (0.01, 0.02, 0.03):
+        found = engine.advance(round(t * 1e9)).end_pose[0, 0, 2]
+    assert found == pytest.approx(-0.5 * 9.81 * t**2, rel=3e-2)
+
+
 def engine_of(envs: int) -> MujocoEngine:
     return MujocoEngine(load_scene("falling_objects", visuals=False), 3, envs, tolerance=Tolerance(1e-2, 1e-1))
 

@@ -94,6 +94,18 @@ def test_what_is_about_to_fall_does_not_rest(tmp_path):
     assert not np.allclose(end[-1], end[0], atol=0.1)
 
 
+def test_what_falls_slowly_does_not_rest(tmp_path):
+    """A mass 2 m above its hinge, upright but for 1e-8 of a degree: at first slow, it falls as cosh says."""
+    mass = "<body><joint axis='0 1 0'/><geom size='.001' mass='1' pos='0 0 2'/></body>"
+    engine, off, rate = engine_of(tmp_path, mass, integrator="RK4", joints=True), 1e-8 * np.pi / 180, np.sqrt(9.81 / 2)
+    (data,) = engine.data
+    data.qpos[0] = off
+    mujoco.mj_forward(engine.model, data)
+    for k in range(1, 271):
+        found = engine.advance(round(k * 1e9 / 30)).qpos[0, -1, 0]
+    assert found == pytest.approx(off * np.cosh(9 * rate), rel=1e-4)
+
+
 def test_environments_rest_each_by_itself(tmp_path):
     """Two that are let go at other heights come to rest at other times, to the bit as alone; so do they anew."""
     world, stamps = GROUND + BOX.format(0.11), [round(k * 1e9 / 30) for k in range(1, 46)]

@@ -42,8 +42,8 @@ static const auto step_block = [](const auto& receptor, const auto& luminance, w
         const doubles whole = number(n + bits(zero + magic)) - magic;
         return fma(whole, zero + LN2, z * p);
     };
-    // exp(x) - 1 = 2^m (exp(r) - 1) + 2^m - 1, |r| <= ln 2 / 2.
-    const auto exp_less_1 = [&](doubles x) {
+    // exp(x) - c = 2^m (exp(r) - 1) + 2^m - c, |r| <= ln 2 / 2; c is 1, or 0 where the 1 would hide exp(x).
+    const auto exp_less = [&](doubles x, doubles c) {
         const doubles shifted = fma(x, zero + 1.4426950408889634, magic);
         const doubles r = fma(shifted - magic, zero - LN2, x);
         const doubles scale = number((bits(shifted) << 52) + (1023ll << 52));
@@ -53,7 +53,7 @@ static const auto step_block = [](const auto& receptor, const auto& luminance, w
         q = fma(q, r, 0.16666666249590453);
         q = fma(q, r, 0.5000000046809947);
         q = fma(q, r, 1.0000000000312703);
-        return fma(scale, r * q, scale - 1.0);
+        return fma(scale, r * q, scale - c);
     };
     const double dark = receptor.dark;
     const float least = dark < receptor.floor ? (float)(receptor.floor - dark) : 0.0f;
@@ -93,8 +93,8 @@ static const auto step_block = [](const auto& receptor, const auto& luminance, w
                 const doubles power = zero + (double)receptor.exponent;
                 const doubles s0 = log_of_ratio(before < white ? before : white, white);
                 const doubles s1 = log_of_ratio(level < white ? level : white, white);
-                x0 = fma(exp_less_1(power * s0), zero + half, half);
-                x1 = fma(exp_less_1(power * s1), zero + half, half);
+                x0 = fma(exp_less(power * s0, zero + 1.0), zero + half, half);
+                x1 = fma(exp_less(power * s1, zero + 1.0), zero + half, half);
             }
             const doubles x = (x0 < half ? x0 : zero + half) + (x1 < half ? x1 : zero + half);
             f = fma(zero + 0.00015950258469507082, x, -0.0013629675199575155);
@@ -134,7 +134,9 @@ static const auto step_block = [](const auto& receptor, const auto& luminance, w
         }
         last = good_sample ? sample : last;
         memcpy(lasts + i, &last, many * sizeof(float));
-        floats light = narrow(fma(level, exp_less_1(y), now));
+        // Far behind a light that is much brighter, the output is no difference from it.
+        const longs near = y > -16.0;
+        floats light = narrow(fma(level, exp_less(y, near ? zero + 1.0 : zero), near ? now : zero - dark));
         light = light > 0.0f ? light : floats{};
         light = light < LARGEST ? light : floats{} + LARGEST;
         // What is listed stays as it is: the samples may lie where the result goes.

@@ -11,8 +11,8 @@ STILL = 1e-8
 """Speed [m/s, rad/s] below which a body rests: 36 um in an hour."""
 WINDOW_NS = 500_000_000
 """How long it must have been so [ns]."""
-GROWTH = 2.0
-"""Speeds that grow by this within half of that time are of something that is about to fall."""
+GROWTH = 1.01
+"""Speeds that grow by this within half of that time are of something that is about to fall: in contacts they fade."""
 
 
 class Rest:

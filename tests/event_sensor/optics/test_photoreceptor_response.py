@@ -391,3 +391,14 @@ def test_slow_and_fast_receptors_at_short_and_long_steps(hz, step_ns, level, pol
     t = np.arange(40, dtype=np.int64) * step_ns
     got = filtered(Photoreceptor(1, 20, 1, 1, hz, level, poles, 0.0), luminance, t)
     np.testing.assert_allclose(got, ode_in_numpy(luminance, t, hz, level, poles, 0.0), rtol=2.5e-7)
+
+
+@pytest.mark.parametrize("poles", [1, 2])
+@pytest.mark.parametrize("dark", [0.0, 1e-3])
+def test_a_dark_pixel_that_a_light_of_any_strength_meets_begins_where_it_was(dark, poles):
+    """Just after the jump the output is many powers of ten below its input."""
+    luminance = np.ones((3, 20), np.float32) * np.float32(1e-3)
+    luminance[1:] *= np.logspace(0, 38, 20, dtype=np.float32)
+    t = np.array([0, 1000, 2000])
+    got = filtered(Photoreceptor(1, 20, 1, 1, 300.0, 0.0, poles, dark), luminance, t)
+    np.testing.assert_allclose(got, ode_in_numpy(luminance, t, 300.0, 0.0, poles, dark), rtol=2e-7)
