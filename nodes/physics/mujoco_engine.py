@@ -113,14 +113,13 @@ class MujocoEngine:
             )
         # MuJoCo would put a diverged state back to its start and go on as if nothing had happened.
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        start_awake(self.model)
         if tolerance is not None or timestep is not None:
             # MuJoCo puts to sleep what was slow for ten steps: of a few us, what has just been let go.
-            self.model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+            keep_awake(self.model)
         self.step_ns = step_length(self.model.opt.timestep, timestep)
         self.model.opt.timestep = self.step_ns * 1e-9
-        start_awake(self.model)
         if tolerance is not None:
-            keep_awake(self.model)
             take_best_integrator(self.model)
         self._sub_steps = [SubSteps(self.model, tolerance) for _ in range(envs)] if tolerance is not None else None
         self.controls: int = self.model.nu
