@@ -98,7 +98,11 @@ def pooled(images: np.ndarray, block: Block) -> np.ndarray:
 
 
 def _sides(block: Block) -> tuple[int, int]:
-    return (block, block) if isinstance(block, int) else (block[0], block[1])
+    if isinstance(block, int):
+        return block, block
+    if len(block) != 2:
+        raise ValueError(f"pool={block} is neither a side nor rows and columns")
+    return block[0], block[1]
 
 
 def _pooled_size(block: Block, setting: Setting) -> tuple[int, int]:
@@ -201,6 +205,8 @@ class RawEvents(Observation):
 
     def begin(self, setting: Setting) -> Box:
         """Implements Observation.begin."""
+        if self.most < 1:
+            raise ValueError(f"most={self.most} leaves no event")
         high = [round(1e9 / setting.rate), setting.width - 1, setting.height - 1, 1]
         return Box(
             np.full((self.most, 4), -1, np.int64), np.tile(np.array(high, np.int64), (self.most, 1)), dtype=np.int64

@@ -48,7 +48,12 @@ class EventEnv(gymnasium.Env):
         return row(observed, 0), {}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Acts up to the next keyframe. Raises ValueError for an action that is not in the space."""
+        """Acts up to the next keyframe.
+
+        Raises ValueError for an action that is not in the space, and before the first reset.
+        """
+        if not self._begun:
+            raise ValueError("nothing has begun; reset() first")
         given, expected = np.shape(action), self.action_space.shape
         if given != expected:
             raise ValueError(f"the action has shape {list(given)}; it must be {list(expected or ())}")

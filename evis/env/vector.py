@@ -101,7 +101,12 @@ class EventVectorEnv(VectorEnv):
         return np.array([seeds_of(one, [0])[0] for one in given], np.int64)[chosen]
 
     def step(self, actions: Any) -> tuple[Observed, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Acts on all environments up to the next keyframe. Raises ValueError for an action outside the space."""
+        """Acts on all environments up to the next keyframe.
+
+        Raises ValueError for an action outside the space, and before the first reset.
+        """
+        if not self._begun:
+            raise ValueError("nothing has begun; reset() first")
         if self.autoreset_mode is AutoresetMode.DISABLED and self._ended.any():
             env = int(np.argmax(self._ended))
             raise ValueError(f"environment {env} has ended; reset it with options={{'reset_mask': mask}} first")

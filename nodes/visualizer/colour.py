@@ -139,7 +139,8 @@ def depth_colours(depth: np.ndarray, limits: Smoothed) -> tuple[np.ndarray, floa
     z = np.asarray(depth, np.float32)
     known = np.isfinite(z) & (z > 0)
     sky = np.isposinf(z)
-    inverse = 1 / np.where(known, z, 1)
+    # Of what is nearer 1 / z is no number of float32 any more.
+    inverse = 1 / np.maximum(np.where(known, z, 1), np.finfo(np.float32).tiny)
     values = _sample(inverse[known])
     far, near = limits.update(*np.percentile(values, [1, 99])) if values.size else limits.value(0.5, 1.0)
     span = max(near - far, 1e-3 * near)

@@ -52,6 +52,8 @@ def test_render_shows_the_camera_with_events() -> None:
         ({"task": "CartPool"}, "no task 'CartPool'; there are CartPole"),
         ({"observation": {}}, "nothing is observed"),
         ({"observation": evis.env.CountImage(pool=7)}, "pool=7 does not divide an image of 64 x 64"),
+        ({"observation": evis.env.CountImage(pool=(2, 2, 2))}, "is neither a side nor rows and columns"),
+        ({"observation": evis.env.RawEvents(0)}, "most=0 leaves no event"),
         ({"observation": evis.env.TimeSurface(tau=-1)}, "tau is -1; it must be a number of seconds above 0"),
         ({"observation": evis.env.Poses(("cat",))}, "no body 'cat'; there are cart, pole"),
         ({"render_mode": "human"}, "rgb_array"),
@@ -84,3 +86,12 @@ def test_an_action_that_is_none_is_named_and_the_environment_goes_on() -> None:
             env.reset(seed=seed)
     assert env.step(np.zeros(1))[1] > 0
     env.close()
+
+
+def test_nothing_steps_before_it_has_begun() -> None:
+    """One environment and several say what comes first."""
+    alone, several = evis.env.EventEnv("CartPole"), evis.env.EventVectorEnv("CartPole", 2)
+    for env, action in ((alone, np.zeros(1)), (several, np.zeros((2, 1)))):
+        with pytest.raises(ValueError, match=r"nothing has begun; reset\(\) first"):
+            env.step(action)
+        env.close()

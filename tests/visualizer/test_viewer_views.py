@@ -201,7 +201,7 @@ def test_depth_that_is_not_a_number() -> None:
     assert near == pytest.approx(1.0) and far == pytest.approx(2.0)
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 0.0, 1e38, -5.0])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 0.0, 1e-40, 1e38, -5.0])
 def test_maps_of_one_value_do_not_fail(value: float) -> None:
     """Degenerate images: no limits can be had from them, and no warning may come either."""
     plane = np.full((6, 5), value, np.float32)

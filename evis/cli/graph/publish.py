@@ -21,7 +21,9 @@ def add_pub_arguments(parser: argparse.ArgumentParser) -> None:
         help='controls, one per actuator, or the message as JSON: \'[0.1, 0]\', \'{"controls": [[0.1, 0]]}\'',
     )  # fmt: skip
     parser.add_argument("--rate", type=_positive, metavar="HZ", help="again and again at this rate, until Ctrl-C")
-    parser.add_argument("-n", "--count", type=count, default=0, help="stop after so many messages (0: go on)")
+    parser.add_argument(
+        "-n", "--count", type=count, default=0, help="with --rate, stop after so many messages (0: go on)"
+    )
 
 
 def count(text: str) -> int:
