@@ -120,7 +120,7 @@ def test_topics_of_a_hostile_graph(action, tmp_path, monkeypatch, capsys):
     plan.topics[name] = TopicPlan(name, "EventPacket", EVIL, EVIL)
     message = Diagnostics(Header(1, 0, EVIL), node=EVIL, level=EVIL, text=EVIL, values={})
     monkeypatch.setattr(command, "find_run", lambda run: plan)
-    monkeypatch.setattr(command, "listen", lambda *_: iter([(0.0, message)]))
+    monkeypatch.setattr(command, "listen", lambda *_: iter([(0.0, message, EVIL)]))
     assert main(["topic", action, *([name] if action != "list" else [])]) == 0
     out, _ = capsys.readouterr()
     assert out and harmless(out)
@@ -135,7 +135,7 @@ def test_nodes_of_a_hostile_graph(words, tmp_path, monkeypatch, capsys):
     message = Diagnostics(Header(1, 0, "wall"), node=EVIL, level=EVIL, text=EVIL, values={EVIL: EVIL})
     for module in (graph, node):
         monkeypatch.setattr(module, "find_run", lambda run: plan)
-    monkeypatch.setattr(node, "listen", lambda *_: iter([(0.0, message)]))
+    monkeypatch.setattr(node, "listen", lambda *_: iter([(0.0, message, EVIL)]))
     assert main(words) == 0
     out, _ = capsys.readouterr()
     assert SEEN in out and harmless(out)
