@@ -20,6 +20,7 @@ from evis.scene.errors import SceneError
 from evis.scene.mjcf.compiling.delays import delayed
 from evis.scene.mjcf.dynamics import compile_model
 from evis.scene.model import Scene
+from nodes.physics.dynamics import poses_between
 from nodes.physics.dynamics.actuators import actuators_of
 from nodes.physics.dynamics.assembly import Assembly
 from nodes.physics.dynamics.batch.batch_stepper import BatchStepper, make_batch_stepper, why_not_batched
@@ -138,10 +139,11 @@ class MujocoEngine:
         self._course = Course(self._assembly, self.model, self.step_ns, joints, accelerations, pool)
         self._recorded: RecordedCourse | None = None
         if batched and warp is None:
-            # A single environment has no use for it, and Warp takes a moment to load.
+            # A single environment has no use for it.
             from nodes.physics.dynamics.batch.recorded import RecordedCourse
 
             self._recorded = RecordedCourse(self.model, limits.reach.of_body, self._assembly.own, threads)
+        poses_between.build()
         self._warp = warp is not None
         self._prepared = -1
         """The stamp up to which steps were requested."""

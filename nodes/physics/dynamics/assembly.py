@@ -75,7 +75,7 @@ class Assembly:
     def put_mounted(self, poses: np.ndarray, twists: np.ndarray) -> None:
         """Writes what is mounted on others into poses and twists of `may_move`, where all others are there."""
         if len(poses) >= MANY and self._mounted:
-            # A single environment has no use for it, and Warp takes a moment to load.
+            # A single environment has no use for it.
             from nodes.physics.dynamics.batch.mounted import put_mounted
 
             put_mounted(self._mounted, poses, twists)

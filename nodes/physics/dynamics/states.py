@@ -14,6 +14,7 @@ import numpy as np
 
 from evis.geometry import se3
 from nodes.physics.dynamics.followers import Followers
+from nodes.physics.dynamics.poses_between import poses_between
 
 State = dict[str, np.ndarray]
 
@@ -46,9 +47,6 @@ def between(model: Any, before: State, now: State, times: np.ndarray, t: int, jo
     joints: whether with qpos and qvel. Velocities lie on a straight line. The derivative of the poses' cubic would not
     do: most integrators move a body by the velocity after the step, p1 = p0 + h v1, and it overshoots v1 then.
     """
-    # Warp takes a moment to load, and where stamps lie on the steps nobody needs it.
-    from nodes.physics.dynamics.poses_between import poses_between
-
     u = (t - times[0]) / (times[1] - times[0])
     poses, twists = (np.stack((before[n], now[n]), axis=1) for n in ("pose", "twist"))
     state = {"pose": poses_between(t, times, poses, twists), "twist": (1 - u) * before["twist"] + u * now["twist"]}
