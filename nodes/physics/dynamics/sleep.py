@@ -21,7 +21,7 @@ AWAKE = -1 - mujoco.mjMINAWAKE
 
 def sleeps(model: Any) -> bool:
     """Tells whether bodies of a model may sleep."""
-    return bool(model.opt.enableflags & _SLEEP)
+    return bool(model.opt.enableflags & _SLEEP) and model.ntree > 0
 
 
 def keep_awake(model: Any) -> None:
