@@ -27,9 +27,8 @@ demo: .venv/base
 # at clocks, ports or processes and come alone.
 JOBS ?= 2
 TOGETHER := $(addprefix tests/,simulation dataset launch/test_keyframes_at_once.py shares bench rate_divider \
-  cli/test_extreme_graphs.py cli/test_fit_command.py python audit env event_sensor events/codecs events/files \
-  events/recordings events/representations frame_camera geometry house imu interpolator labeler measure media msgs physics \
-  renderer resets scene)
+  cli/test_extreme_graphs.py cli/test_fit_command.py python audit env event_sensor events frame_camera geometry house imu \
+  interpolator labeler measure media msgs physics renderer resets scene)
 
 # Tests start hundreds of processes: what one has compiled of our sources is there for the next, whatever the shell says.
 test: export PYTHONDONTWRITEBYTECODE =
