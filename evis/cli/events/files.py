@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from evis.cli.numbers import number_up_to
 from evis.cli.parser import UsageError
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 ENDING = threading.Event()
 """Ctrl-C or SIGTERM came. Their exception is lost where it meets a destructor or a callback from C; this is not."""
 OUTPUTS = ".raw, .npz, .csv, .txt, .dat, .es, .aedat4, .h5 or .hdf5"
+_SECONDS = number_up_to(1e9, "is no time in seconds after the first event", zero=True)
 STEP_NS = 20_000_000
 """What is read at a time of a part of a recording [ns]."""
 _ENCODINGS = {
@@ -40,19 +42,9 @@ def add_input(parser: argparse.ArgumentParser, name: str = "recording", metavar:
 def add_part(parser: argparse.ArgumentParser) -> None:
     """Adds --from and --to."""
     parser.add_argument(
-        "--from", type=_seconds, default=0.0, dest="start", metavar="S", help="seconds after the first event or sample"
+        "--from", type=_SECONDS, default=0.0, dest="start", metavar="S", help="seconds after the first event or sample"
     )
-    parser.add_argument("--to", type=_seconds, dest="stop", metavar="S", help="likewise; not included")
-
-
-def _seconds(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0 <= value <= 1e9:
-        raise argparse.ArgumentTypeError(f"'{text}' is no time in seconds after the first event")
-    return value
+    parser.add_argument("--to", type=_SECONDS, dest="stop", metavar="S", help="likewise; not included")
 
 
 def blocks_of(recording: Recording, args: argparse.Namespace) -> Iterator[Events]:

@@ -6,12 +6,14 @@ import argparse
 import os
 from typing import TYPE_CHECKING, Any
 
+from evis.cli.numbers import number_up_to
 from evis.cli.parser import UsageError
 
 if TYPE_CHECKING:
     from nodes.event_sensor.fit.clip import Clip
 
 HELP = "fit thresholds, bandwidth, dead time and noise to recordings of a real sensor; writes a preset"
+_ABOVE_0 = number_up_to(1e9, "must be a number above 0")
 SCENES = {"wheel": "a wheel, half black and half white, that turns before a camera at rest"}
 
 
@@ -29,21 +31,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="FILE", help="a preset to write, as mine.yaml: preset:=mine.yaml takes it")
     parser.add_argument("--png", metavar="FILE", help="draw the fit beside the recordings into a file")
     parser.add_argument(
-        "--contrast", type=_positive, metavar="X", help="ln(white / black) of the scene, which events cannot tell from "
+        "--contrast", type=_ABOVE_0, metavar="X", help="ln(white / black) of the scene, which events cannot tell from "
         "the thresholds (2.1)"
     )  # fmt: skip
-    parser.add_argument("--contrast-error", type=_positive, metavar="X", help="how well that is known (0.4)")
-    parser.add_argument("--lux", type=_positive, metavar="E", help="light on the scene, for levels in radiance (500)")
-
-
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < 1e9:
-        raise argparse.ArgumentTypeError(f"'{text}' must be a number above 0")
-    return value
+    parser.add_argument("--contrast-error", type=_ABOVE_0, metavar="X", help="how well that is known (0.4)")
+    parser.add_argument("--lux", type=_ABOVE_0, metavar="E", help="light on the scene, for levels in radiance (500)")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:

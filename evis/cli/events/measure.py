@@ -9,8 +9,10 @@ from typing import Any
 from evis.cli.events.files import add_input, add_part, blocks_of, open_input
 from evis.cli.events.measure_progress import PassProgress
 from evis.cli.graph.attach import add_run_option
+from evis.cli.numbers import number_up_to
 from evis.cli.parser import UsageError
 
+_SECONDS = number_up_to(1e6, "is no time in seconds")
 HELP = "event rate, rotation speed, noise and sharpness of a recording or of a topic of a running graph"
 
 
@@ -24,7 +26,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     topic.help = "of a file with several event streams (the first); without a file, of the running graph"
     add_part(parser)
     parser.add_argument("--window", type=_window, default=10.0, metavar="MS", help="of rate, noise and sharpness (10)")
-    parser.add_argument("--listen", type=_seconds, default=3.0, metavar="S", help="to a running graph for so long (3)")
+    parser.add_argument(
+        "--listen",
+        type=_SECONDS,
+        default=3.0,
+        metavar="S",
+        help="to a running graph for so long (3)",
+    )
     parser.add_argument(
         "--no-rotation", action="store_true", help="leave the rotation out, which takes most of the time"
     )
@@ -39,16 +47,6 @@ def _window(text: str) -> float:
         value = 0.0
     if not 0.001 <= value <= 1e6:
         raise argparse.ArgumentTypeError(f"'{text}' is no window; give milliseconds, 0.001 to 1000000")
-    return value
-
-
-def _seconds(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < 1e6:
-        raise argparse.ArgumentTypeError(f"'{text}' is no time in seconds")
     return value
 
 

@@ -11,7 +11,10 @@ from typing import Any
 import numpy as np
 
 from evis.cli.graph.attach import find_run
+from evis.cli.numbers import number_up_to
 from evis.cli.parser import UsageError
+
+_RATE = number_up_to(10_000, "is no rate in Hz, 0 to 10000")
 
 
 def add_pub_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,7 +23,12 @@ def add_pub_arguments(parser: argparse.ArgumentParser) -> None:
         "values", nargs="*", metavar="VALUE",
         help='controls, one per actuator, or the message as JSON: \'[0.1, 0]\', \'{"controls": [[0.1, 0]]}\'',
     )  # fmt: skip
-    parser.add_argument("--rate", type=_positive, metavar="HZ", help="again and again at this rate, until Ctrl-C")
+    parser.add_argument(
+        "--rate",
+        type=_RATE,
+        metavar="HZ",
+        help="again and again at this rate, until Ctrl-C",
+    )
     parser.add_argument(
         "-n", "--count", type=count, default=0, help="with --rate, stop after so many messages (0: go on)"
     )
@@ -31,16 +39,6 @@ def count(text: str) -> int:
     if not (text.isdecimal() and text.isascii()):
         raise argparse.ArgumentTypeError(f"'{text}' is no number of messages, 0 or more")
     return int(text)
-
-
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value <= 10_000:
-        raise argparse.ArgumentTypeError(f"'{text}' is no rate in Hz, 0 to 10000")
-    return value
 
 
 def run_pub(args: argparse.Namespace) -> int:

@@ -9,10 +9,12 @@ from typing import Any
 
 from evis.cli.graph.attach import add_run_option, find_run, listen
 from evis.cli.graph.publish import add_pub_arguments, count, run_pub
+from evis.cli.numbers import number_up_to
 from evis.cli.parser import Parser
 from evis.client.running import check_topic, lives
 from evis.console.printable import all_printable
 
+_SECONDS = number_up_to(1e9, "is no time in seconds")
 HELP = "list, echo, measure and publish the topics of a running graph"
 EXAMPLE = "example: evis topic hz /cam0/events"
 
@@ -40,24 +42,14 @@ def add_arguments(parser: Parser) -> None:
             add_pub_arguments(sub)
         if name in ("hz", "bw", "delay"):
             sub.add_argument(
-                "--window", type=_positive, default=3.0, metavar="S", help="measure for so many seconds (3)"
+                "--window", type=_SECONDS, default=3.0, metavar="S", help="measure for so many seconds (3)"
             )
         if name == "echo":
             sub.add_argument("-n", "--count", type=count, default=0, help="stop after so many messages (0: go on)")
-            sub.add_argument("--timeout", type=_positive, default=None, metavar="S", help="stop after so many seconds")
+            sub.add_argument("--timeout", type=_SECONDS, default=None, metavar="S", help="stop after so many seconds")
             sub.add_argument("--full", action="store_true", help="print whole arrays, not only shape and range")
         add_run_option(sub)
         sub.add_argument("--json", action="store_true", help="print JSON")
-
-
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < 1e9:
-        raise argparse.ArgumentTypeError(f"'{text}' is no time in seconds")
-    return value
 
 
 def run(args: argparse.Namespace) -> int:

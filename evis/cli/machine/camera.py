@@ -8,6 +8,7 @@ import json
 import sys
 from typing import TYPE_CHECKING, Any
 
+from evis.cli.numbers import number_up_to
 from evis.cli.parser import UsageError
 from evis.console.printable import all_printable, printable
 
@@ -54,23 +55,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     stream.add_argument("--pace", metavar="P", help="of a --file: realtime (default), fast or a speed such as 2.0")
     stream.add_argument(
         "--duration",
-        type=_seconds,
+        type=number_up_to(1e9, "is no duration in seconds; 0 goes on to the end", zero=True),
         default=0.0,
         metavar="S",
         help="stop after so many seconds of the camera's clock (0: go on)",
     )
     stream.add_argument("--packet-ms", type=float, default=10.0, metavar="MS", help="interval of one packet (10)")
     stream.add_argument("--reconnect", action="store_true", help="wait for a camera that was unplugged to come back")
-
-
-def _seconds(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0 <= value <= 1e9:
-        raise argparse.ArgumentTypeError(f"'{text}' is no duration in seconds; 0 goes on to the end")
-    return value
 
 
 def run(args: argparse.Namespace) -> int:

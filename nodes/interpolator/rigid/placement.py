@@ -13,6 +13,7 @@ import warp as wp
 from evis.geometry.interpolate import NS as SECONDS
 from evis.geometry.interpolate import step_before
 from evis.geometry.interpolate_kernels import place_between
+from evis.gpu.exchange import cpu_array
 from evis.runtime.clock import NS, keyframe_stamp, subframe_stamps
 from evis.runtime.workers import Workers
 from evis.scene.model import Scene, Trajectory
@@ -145,7 +146,7 @@ class Placement:
         given = [np.ascontiguousarray(values, np.float64) for values in (states.pose, states.twist)]
         given += [values.astype(np.int32) for values in (place, columns, before)]
         given += [(stamps - states.t[before]) / length, length * SECONDS]
-        arrays = [_kernel_array(values) for values in (*given, poses)]
+        arrays = [cpu_array(values) for values in (*given, poses)]
 
         def work(ends: tuple[int, int]) -> None:
             wp.launch(place_between, ends[1] - ends[0], [ends[0], *arrays], device="cpu")
@@ -154,13 +155,6 @@ class Placement:
         edges = [poses.shape[1] * k // parts for k in range(parts + 1)]
         for _done in (map if self._pool is None else self._pool.map)(work, pairwise(edges)):
             pass
-
-
-def _kernel_array(values: np.ndarray) -> wp.array:
-    """Gives an array's memory to kernels of a CPU."""
-    kind = {"f": wp.float64, "i": wp.int32}[values.dtype.kind]
-    there: wp.array = wp.array(values, dtype=kind, device="cpu", copy=False)
-    return there
 
 
 def _next_gaps(start: int, length: int, count: int) -> list[tuple[int, int]]:

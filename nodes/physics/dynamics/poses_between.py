@@ -8,6 +8,7 @@ import warp as wp
 from evis.geometry.interpolate import NS
 from evis.geometry.interpolate_kernels import place_between
 from evis.gpu.building import LAUNCH_BLOCK, build_together
+from evis.gpu.exchange import cpu_array
 from evis.warp_start import start_warp
 
 start_warp()
@@ -29,12 +30,5 @@ def poses_between(t: int, times: np.ndarray, poses: np.ndarray, twists: np.ndarr
     every, first = np.arange(bodies, dtype=np.int32), np.zeros(1, np.int32)
     share, length = np.array([(t - int(times[0])) / gap]), np.array([gap * NS])
     arrays = [poses, twists, every, every, first, share, length, result]
-    wp.launch(place_between, envs, [0, *map(kernel_array, arrays)], device="cpu")
+    wp.launch(place_between, envs, [0, *map(cpu_array, arrays)], device="cpu")
     return result[0]
-
-
-def kernel_array(values: np.ndarray) -> wp.array:
-    """Gives an array's memory to kernels of a CPU."""
-    kind = {"f": wp.float64, "i": wp.int32}[values.dtype.kind]
-    there: wp.array = wp.array(values, dtype=kind, device="cpu", copy=False)
-    return there

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import warp as wp
 
+from evis.gpu.exchange import cpu_array
 from evis.warp_start import start_warp
 from nodes.physics.dynamics.batch.mount_kernels import place_mounted
-from nodes.physics.dynamics.poses_between import kernel_array
 
 start_warp()
 
@@ -23,5 +23,5 @@ def put_mounted(mounted: Sequence[tuple[int, int, np.ndarray]], poses: np.ndarra
     below = np.array([m for m, _, _ in mounted], np.int32)
     above = np.array([parent for _, parent, _ in mounted], np.int32)
     offsets = np.array([offset for _, _, offset in mounted], np.float64)
-    inputs = [0, *(kernel_array(values) for values in (below, above, offsets, poses, twists))]
+    inputs = [0, *(cpu_array(values) for values in (below, above, offsets, poses, twists))]
     wp.launch(place_mounted, len(poses), inputs, device="cpu")

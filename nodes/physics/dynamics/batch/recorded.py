@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.gpu.exchange import cpu_array
 from evis.runtime.workers import Workers
 from evis.warp_start import start_warp
 from nodes.physics.dynamics.batch.course_kernels import Recorded, Written, write_course
 from nodes.physics.dynamics.batch.stepped_states import Records
 from nodes.physics.dynamics.course import Course
-from nodes.physics.dynamics.poses_between import kernel_array
 
 start_warp()
 
@@ -28,8 +28,8 @@ class RecordedCourse:
         environments."""
         column = np.full(model.nbody, -1)
         column[own[1] + 1] = own[0]
-        self._of_bodies = [kernel_array(np.asarray(values, np.int32)) for values in (model.body_rootid, column)]
-        self._of_bodies.append(kernel_array(np.asarray(reach, np.float64)))
+        self._of_bodies = [cpu_array(np.asarray(values, np.int32)) for values in (model.body_rootid, column)]
+        self._of_bodies.append(cpu_array(np.asarray(reach, np.float64)))
         self._bodies, self._threads = model.nbody - 1, threads
         self._pool = Workers(threads, "course") if threads > 1 else None
 
@@ -45,21 +45,21 @@ class RecordedCourse:
         """
         recorded: Any = Recorded()
         for name, field in PLACES.items():
-            setattr(recorded, field, kernel_array(records.each[name]))
+            setattr(recorded, field, cpu_array(records.each[name]))
             now = records.each[name][:, -1] if records.now is None else records.now[name]
-            setattr(recorded, f"now_{field}", kernel_array(np.ascontiguousarray(now)))
-        recorded.qpos, recorded.qvel = (kernel_array(records.each[name]) for name in ("qpos", "qvel"))
+            setattr(recorded, f"now_{field}", cpu_array(np.ascontiguousarray(now)))
+        recorded.qpos, recorded.qvel = (cpu_array(records.each[name]) for name in ("qpos", "qvel"))
         recorded.late = int(records.now is not None)
         pose, twist = (np.empty((len(envs), 2, self._bodies, n)) for n in (7, 6))
         speed, fastest = np.empty(len(envs)), np.empty(len(envs))
         written: Any = Written()
         written.poses, written.twists, written.first = (
-            *map(kernel_array, (course.poses, course.twists)),
+            *map(cpu_array, (course.poses, course.twists)),
             course.first,
         )
-        written.state_pose, written.state_twist = kernel_array(pose), kernel_array(twist)
-        written.speed, written.fastest = kernel_array(speed), kernel_array(fastest)
-        which = [kernel_array(np.asarray(rows, np.int32)) for rows in (places, envs)]
+        written.state_pose, written.state_twist = cpu_array(pose), cpu_array(twist)
+        written.speed, written.fastest = cpu_array(speed), cpu_array(fastest)
+        which = [cpu_array(np.asarray(rows, np.int32)) for rows in (places, envs)]
 
         def work(part: np.ndarray) -> None:
             inputs = [int(part[0]), *which, *self._of_bodies, recorded, written]
