@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import warp as wp
 
 from nodes.event_sensor.cuda import order_kernels, sort_kernels
@@ -34,7 +33,8 @@ class Order:
     def _make(self, of_env: int) -> None:
         self._of_env, self._length = of_env, self._envs * of_env
         # Two of each: a call's events are put in order while the next call's are listed.
-        self.filled = [self._empty(self._length) for _ in range(2)]
+        # Empty from the start: those of a call whose events are listed already are counted into the new ones.
+        self.filled = [wp.zeros(self._length, dtype=wp.int32, device=self._device) for _ in range(2)]
         self._first = [self._empty(self._length + 1) for _ in range(2)]
 
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
@@ -87,27 +87,20 @@ class Order:
             block_dim=sort_kernels.BLOCK,
             device=self._device,
         )
-        if self._envs == 1:
-            given = [sensor, call, counters, columns.t]
-            wp.launch(order_kernels.find_ends, frames, given, [ends], device=self._device)
+        self._find_ends(sensor, call, frames, counters, columns, ends)
 
     def sort(
-        self, sensor: Sensor, layout: KeyLayout, span: tuple[int, int], keys: wp.array, count: int, columns: Any,
-        stamps: np.ndarray,
-    ) -> np.ndarray:  # fmt: skip
+        self, sensor: Sensor, layout: KeyLayout, call: wp.array, span: tuple[int, int], frames: int, keys: wp.array,
+        counters: wp.array, count: int, columns: Any, ends: wp.array,
+    ) -> None:  # fmt: skip
         """Does the same by a radix sort of the list, whose length the host knows: for times that crowd together.
 
         Args:
-            sensor: its parameters.
+            sensor, call, frames, keys, columns, ends: as of `launch`.
             layout: of the keys.
             span: the call's start and last stamp [ns].
-            keys: the list, int64 [capacity].
-            count: events in it.
-            columns: key_kernels.Columns, written.
-            stamps: of the call's frames, int64 [K] ns.
-
-        Returns:
-            Of one environment, events up to each stamp, int64 [K]; of several, zeros.
+            counters: int64 [COUNTS] of the call, as they were when its events were listed.
+            count: events in the list.
         """
         pairs: wp.array = wp.empty(2 * count, dtype=wp.int64, device=self._device)
         wp.copy(pairs, keys, count=count)
@@ -118,8 +111,14 @@ class Order:
             wp.utils.radix_sort_pairs(pairs, nothing, count, layout.env, 63)
         inputs = [sensor, span[0], pairs]
         wp.launch(order_kernels.unpack_all, count, inputs, [columns], device=self._device)
-        times: Any = columns.t[:count].numpy() if self._envs == 1 else np.zeros(0, np.int64)
-        return np.searchsorted(times, stamps, side="right")
+        self._find_ends(sensor, call, frames, counters, columns, ends)
+
+    def _find_ends(
+        self, sensor: Sensor, call: wp.array, frames: int, counters: wp.array, columns: Any, ends: wp.array
+    ) -> None:
+        if self._envs == 1:
+            given = [sensor, call, counters, columns.t]
+            wp.launch(order_kernels.find_ends, frames, given, [ends], device=self._device)
 
     def widen(self, count: int) -> bool:
         """Makes more buckets where calls had many events, often; returns True when their arrays are new.

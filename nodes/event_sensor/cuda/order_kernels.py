@@ -24,13 +24,13 @@ from nodes.event_sensor.cuda.call_kernels import (
     STATUS,
     T_BASE,
 )
-from nodes.event_sensor.cuda.sort_kernels import sort_bucket
+from nodes.event_sensor.cuda.sort_kernels import MOST, sort_bucket
 from nodes.event_sensor.model.key_kernels import Columns, column_of, row_of, time_of, unpack_to
 from nodes.event_sensor.model.sensor_kernels import EVENTS, Sensor
 
 wp.set_module_options({"enable_backward": False})
 
-CROWD = 1 << 15
+CROWD = MOST
 """Events of a bucket above which the host sorts."""
 FEW = 64
 """Events of a bucket up to which each is compared with all the others."""
@@ -244,7 +244,7 @@ def in_order(
         return
     few = count <= wp.static(FEW)
     if not few:
-        sort_bucket(buckets, start, count)
+        sort_bucket(buckets, columns.t, start, count)
     i = lane
     while i < count:
         key = buckets[start + i]

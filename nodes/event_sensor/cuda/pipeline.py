@@ -335,10 +335,13 @@ class Pipeline:
         while slot.view[call_kernels.STATUS] == call_kernels.OUTGROWN:
             self._make_room(slot)
         if slot.view[call_kernels.STATUS] == call_kernels.CROWDED:
-            count = int(slot.view[0])
-            call, span = slot.call, pending.span
-            ends = self._order.sort(self._sensor, self._layout, span, slot.keys, count, slot.columns, call.stamps)
-            call.ends_host.numpy()[:] = ends
+            call, listed = slot.call, slot.view[: call_kernels.COUNTS]
+            # As the host has them: the next call but one begins its own in the place of these.
+            counters: wp.array = wp.array(listed, dtype=wp.int64, device=self._device)
+            self._order.sort(
+                self._sensor, self._layout, call.device, pending.span, call.frames, slot.keys, counters,
+                int(listed[0]), slot.columns, call.ends,
+            )  # fmt: skip
             wp.synchronize_device(self._device)
         if outgrown:
             # Those after it did nothing.

@@ -156,13 +156,17 @@ def test_where_frames_end_in_the_events_of_a_call(device, crossing):
 
 
 @pytest.mark.parametrize("device", DEVICES)
-def test_buckets_grow_with_the_events(device):
-    """After some calls with many events there are more buckets, and the events are the same."""
+@pytest.mark.parametrize("defer", [False, True])
+def test_buckets_grow_with_the_events(device, defer):
+    """After some calls with many events there are more buckets, and the events are the same: those too that are listed
+    already, and put in order by the new buckets, which may be where other numbers were."""
     frames = walk(np.random.default_rng(4), 1, 24, 40, 50, sigma=0.6)
     t = np.arange(1, 25, dtype=np.int64) * MS
-    passes = Passes(device, 40, 50)
+    passes = Passes(device, 40, 50, defer=defer)
     order = passes.side.pipeline._order
     order._make(4)
+    used = [wp.full(32 << k, 1 << 20, dtype=wp.int32, device=device) for k in range(8)]
+    del used
     assert np.array_equal(passes.run(frames, t, 4)[0], expected(frames[0], t))
     assert order.filled[0].size > 32
 
