@@ -14,12 +14,15 @@ def start_warp() -> None:
     """
     import warp as wp
 
+    from evis.warp_headers import share_headers
+
     wp.config.log_level = wp.LOG_WARNING
     sys.stderr.flush()
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nowhere, 2)  # the native part writes there itself
         wp.init()
+        share_headers()
     except OSError as error:
         folder = wp.config.kernel_cache_dir or error.filename
         raise OSError(

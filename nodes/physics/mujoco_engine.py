@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
+from evis.geometry.interpolate_kernels import place_between
+from evis.gpu.building import LAUNCH_BLOCK, build_together
 from evis.runtime.workers import Workers
 from evis.scene.errors import SceneError
 from evis.scene.mjcf.compiling.delays import delayed
 from evis.scene.mjcf.dynamics import compile_model
 from evis.scene.model import Scene
-from nodes.physics.dynamics import poses_between
 from nodes.physics.dynamics.actuators import actuators_of
 from nodes.physics.dynamics.assembly import Assembly
 from nodes.physics.dynamics.batch.batch_stepper import BatchStepper, make_batch_stepper, why_not_batched
@@ -143,7 +144,9 @@ class MujocoEngine:
             from nodes.physics.dynamics.batch.recorded import RecordedCourse
 
             self._recorded = RecordedCourse(self.model, limits.reach.of_body, self._assembly.own, threads)
-        poses_between.build()
+        # Otherwise the first gap waits for them, or all threads at once.
+        kernels = [(place_between, LAUNCH_BLOCK), *self._assembly.kernels(envs)]
+        build_together("cpu", kernels + ([] if self._recorded is None else self._recorded.kernels()))
         self._warp = warp is not None
         self._prepared = -1
         """The stamp up to which steps were requested."""

@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from importlib import metadata
+from pathlib import Path
 
 from evis.cli.parser import UsageError
 from evis.console.printable import printable
@@ -114,11 +115,12 @@ def _warmed(device: str) -> Finding:
 
     from evis.cli.machine.warm import runs, warm
 
-    folder, began = wp.config.kernel_cache_dir or "", time.monotonic()
-    before = len(os.listdir(folder))
+    folder, began = Path(wp.config.kernel_cache_dir or ""), time.monotonic()
+    before = len(list(folder.glob("wp_*")))
     wanted = runs()
     failed = warm(device, wanted, lambda line: print(f"warm  {device} {printable(line)}", file=sys.stderr))
-    text = f"{len(wanted) - len(failed)} of {len(wanted)} runs, {len(os.listdir(folder)) - before} sets of kernels "
+    compiled = len(list(folder.glob("wp_*"))) - before
+    text = f"{len(wanted) - len(failed)} of {len(wanted)} runs, {compiled} sets of kernels "
     text += f"compiled in {time.monotonic() - began:.0f} s"
     if failed:
         text += "; failed: " + ", ".join(f"{name} ({why})" for name, why in failed.items())

@@ -159,6 +159,6 @@ def sort_bucket(bucket: wp.array(dtype=wp.int64), spare: wp.array(dtype=wp.int64
     may be written over.
 
     A range of keys is divided into bins between its least and its greatest; within a bin with few keys each is compared
-    with the others, one with many is a range of its own. Thread i of n then finds the keys i, i + n, ... in their places.
+    with the others, one with many is a range of its own. Thread i of n then finds keys i, i + n, ... in their places.
     """
     ...

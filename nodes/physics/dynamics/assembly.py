@@ -72,10 +72,18 @@ class Assembly:
             for m, n in self._on_paths:
                 poses[:, :, m], twists[:, :, m] = pose[:, n], twist[:, n]
 
+    def kernels(self, envs: int) -> list[tuple[Any, int]]:
+        """Gives the kernels that are launched for so many environments, as `build_together` takes them."""
+        if envs < MANY or not self._mounted:
+            return []
+        # A single environment has no use for it.
+        from nodes.physics.dynamics.batch.mounted import KERNELS
+
+        return KERNELS
+
     def put_mounted(self, poses: np.ndarray, twists: np.ndarray) -> None:
         """Writes what is mounted on others into poses and twists of `may_move`, where all others are there."""
         if len(poses) >= MANY and self._mounted:
-            # A single environment has no use for it.
             from nodes.physics.dynamics.batch.mounted import put_mounted
 
             put_mounted(self._mounted, poses, twists)

@@ -7,16 +7,10 @@ import warp as wp
 
 from evis.geometry.interpolate import NS
 from evis.geometry.interpolate_kernels import place_between
-from evis.gpu.building import LAUNCH_BLOCK, build_together
 from evis.gpu.exchange import cpu_array
 from evis.warp_start import start_warp
 
 start_warp()
-
-
-def build() -> None:
-    """Compiles the kernel, or loads it from Warp's cache, which a first call would have to wait for."""
-    build_together("cpu", [(place_between, LAUNCH_BLOCK)])
 
 
 def poses_between(t: int, times: np.ndarray, poses: np.ndarray, twists: np.ndarray) -> np.ndarray:

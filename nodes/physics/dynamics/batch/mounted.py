@@ -7,11 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 import warp as wp
 
+from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.exchange import cpu_array
 from evis.warp_start import start_warp
 from nodes.physics.dynamics.batch.mount_kernels import place_mounted
 
 start_warp()
+
+KERNELS = [(place_mounted, LAUNCH_BLOCK)]
+"""What is launched, as `build_together` takes it."""
 
 
 def put_mounted(mounted: Sequence[tuple[int, int, np.ndarray]], poses: np.ndarray, twists: np.ndarray) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.exchange import cpu_array
 from evis.runtime.workers import Workers
 from evis.warp_start import start_warp
@@ -32,6 +33,11 @@ class RecordedCourse:
         self._of_bodies.append(cpu_array(np.asarray(reach, np.float64)))
         self._bodies, self._threads = model.nbody - 1, threads
         self._pool = Workers(threads, "course") if threads > 1 else None
+
+    @staticmethod
+    def kernels() -> list[tuple[wp.Kernel, int]]:
+        """Gives the kernel that is launched, as `build_together` takes it."""
+        return [(write_course, LAUNCH_BLOCK)]
 
     def write(
         self, records: Records, places: np.ndarray, envs: np.ndarray, course: Course
