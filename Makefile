@@ -23,19 +23,22 @@ BIN := .venv/bin
 demo: .venv/base
 	@$(BIN)/python -m evis.demo --out demo
 
-# Rooms and files whose tests compute, or run graphs that nobody times: JOBS of them at once, the longest first. All others look
-# at clocks, ports or processes and come alone.
+# Rooms and files whose tests compute, or run graphs that nobody times, the longest first: JOBS of them at once. Those that wait for
+# processes, pages and devices more than they compute: JOBS of these at once. All others look at clocks and come alone.
 JOBS ?= 2
-TOGETHER := $(addprefix tests/,simulation dataset launch/test_keyframes_at_once.py shares bench rate_divider \
-  cli/test_extreme_graphs.py cli/test_fit_command.py python audit env event_sensor events frame_camera geometry house imu \
-  interpolator labeler measure media msgs physics renderer resets scene)
+COMPUTE := $(addprefix tests/,simulation dataset launch/test_keyframes_at_once.py shares bench rate_divider \
+  cli/test_extreme_graphs.py cli/test_auto_choice.py runtime/test_device_arrays.py runtime/test_headers.py python audit env \
+  event_sensor events frame_camera geometry house imu interpolator labeler measure media msgs physics renderer resets scene)
+WAIT := $(addprefix tests/,visualizer client camera bag cli runtime/test_building.py launch/test_early_start.py \
+  launch/test_explained_warnings.py launch/test_secrets.py launch/test_hostile_yaml.py)
 
 # Tests start hundreds of processes: what one has compiled of our sources is there for the next, whatever the shell says.
 test: export PYTHONDONTWRITEBYTECODE =
 
 test: .venv/dev lint
-	@$(BIN)/python -m pytest -q -n $(JOBS) --dist loadfile $(TOGETHER)
-	@$(BIN)/python -m pytest -q $(addprefix --ignore=,$(TOGETHER))
+	@$(BIN)/python -m pytest -q -n $(JOBS) --dist loadfile $(COMPUTE)
+	@$(BIN)/python -m pytest -q -n $(JOBS) --dist loadfile $(WAIT) $(addprefix --ignore=,$(COMPUTE))
+	@$(BIN)/python -m pytest -q $(addprefix --ignore=,$(COMPUTE) $(WAIT))
 
 # What needs PyTorch, Stable-Baselines3, Ray or tonic: gigabytes, so in an environment of its own. TORCH chooses the build:
 # `make test-extras TORCH='torch==2.13.0+cpu'` where pip knows of one without CUDA.

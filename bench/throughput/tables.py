@@ -25,6 +25,8 @@ DEFAULT_S = {True: 1.0, False: 5.0}
 """Simulated time of a run with the defaults [s], on a CPU and on a GPU."""
 NEARLY_ALWAYS = 0.7
 """Share of a gap from which on the device is what limits a run."""
+AUDITED = 64
+"""Pixels that are audited where the defaults audit none."""
 NO_WINDOWS = {"windows": 1 << 30, "ends": False}
 Timed = Mapping[str, tuple[float, float]]
 """Symbol of a kernel -> calls and milliseconds of a gap."""
@@ -119,9 +121,20 @@ def default_row(case: Case, device: str, limits: Limits) -> dict[str, Any]:
     if runs:
         cells |= spread([found["rtf"] for found in runs])
         audit = runs[0].get("audit", {})
+        if audit.get("vp") is None:
+            audit = _audited(case, device, limits)
         cells |= {name: audit.get(key) for name, key in (("VP", "vp"), ("from", "vp_low"), ("to", "vp_high"))}
         cells |= {"memory [MB]": round(max(found["rss_mb"] for found in runs))}
     return cells
+
+
+def _audited(case: Case, device: str, limits: Limits) -> dict[str, Any]:
+    """What an audit says of a case that has none by default, as on a GPU, in a run of its own."""
+    try:
+        found = attempt(case, device, {"audit": AUDITED}, limits, duration_s=DEFAULT_S[True], meter=NO_WINDOWS)
+    except NotRun:
+        return {}
+    return found.get("audit", {})
 
 
 INSTALLED = ("evis", "nodes", "msgs", "bench", "warp", "numpy", "zmq")

@@ -45,6 +45,7 @@ def test_the_gpu_sensor_benchmark_feeds_a_sensor():
     assert one.timed(4, 2)[1] == other.timed(4, 1)[1] > 0
 
 
+@pytest.mark.slow
 def test_the_gpu_interpolation_benchmark_measures_gaps(monkeypatch):
     """A row for each method, with the time of a gap."""
     monkeypatch.setattr(interpolation_gpu, "HEIGHT", 36)

@@ -197,6 +197,7 @@ def test_a_run_is_measured(monkeypatch):
     assert gpu_graph.measure(True, "cpu", rows=("none such",), sections=every) == {}
 
 
+@pytest.mark.slow
 def test_kernels_of_gaps_in_a_batch_are_counted(tmp_path):
     """Keyframes come four at a time, so that none may be the one at which counting was to begin or end."""
     limits = Limits(120.0, time.monotonic() + 120)

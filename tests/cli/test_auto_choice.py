@@ -68,6 +68,7 @@ def test_what_was_measured_is_kept_for_every_wish(evis_here, cache, monkeypatch)
     assert all(c["why"] in c["summary"] and f"{c['expected_error']:.3g} of 1" in c["summary"] for c in chosen)
 
 
+@pytest.mark.slow
 def test_a_run_is_repeated_bit_for_bit_with_what_was_chosen(evis, cache, tmp_path):
     """Chosen by measuring, and the same given by hand: the same events, and the choice is in the bag."""
     words, results, events = [*AUTO, "wanted_rtf:=0.001"], [], []

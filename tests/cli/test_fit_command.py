@@ -14,6 +14,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "event_sensor" / "fit"))
 import wheel_film as film
 
 
+@pytest.mark.slow
 def test_a_recording_becomes_a_preset(tmp_path, capsys):
     t, x, y, p = film.record(threshold=0.3, bandwidth_hz=60.0, refractory_us=500, shot_rate=1.0, seed=5)
     recording = tmp_path / "wheel.npz"

@@ -99,8 +99,12 @@ def run_of(
         ("balls", {"interpolator": "splat"}),
         ("spinning_disk", {"interpolator": "none", "upsampling": 2, "crossing": "cubic"}),
         ("spinning_disk", {"time_tolerance": 0, "colour": True, "supersampling": 2}),
-        ("balls", {"time_tolerance": 0.0002, "margin": 3}),
-        ("fidget_spinner", {"time_tolerance": 0.0005, "refractory_us": 300, "leak_rate": 2, "bandwidth_hz": 900}),
+        pytest.param("balls", {"time_tolerance": 0.0002, "margin": 3}, marks=pytest.mark.slow),
+        pytest.param(
+            "fidget_spinner",
+            {"time_tolerance": 0.0005, "refractory_us": 300, "leak_rate": 2, "bandwidth_hz": 900},
+            marks=pytest.mark.slow,
+        ),
         ("spinning_disk", {"time_tolerance": 0.0005, "colour": True}),
     ],
 )
@@ -160,7 +164,7 @@ def of_environment(records: list[Record], env: int) -> np.ndarray:
     [
         ("warehouse", {"preset": "davis346", "upsampling": 4}),
         ("flying_shapes", {"vary": 1}),
-        ("drone", {"refractory_us": 300, "time_tolerance": 0.0005}),
+        pytest.param("drone", {"refractory_us": 300, "time_tolerance": 0.0005}, marks=pytest.mark.slow),
     ],
 )
 def test_environments_are_each_as_by_itself(device: str, scene: str, given: dict[str, Any]) -> None:

@@ -33,8 +33,11 @@ NOWHERE = 0x7FFFFFFFFFFFFFFF
 
 # Results, int64, in memory of the host; the first COUNTS are the counters.
 STATUS = wp.constant(COUNTS)
-OFFSETS = wp.constant(COUNTS + 1)
+CROWDS = wp.constant(COUNTS + 1)
+"""Buckets that are too full for the device. Then of each of MOST_CROWDS its first event and their number."""
+MOST_CROWDS = 8
+OFFSETS = wp.constant(COUNTS + 2 + 2 * MOST_CROWDS)
 """From here on: where the events of each environment begin, and where the last one's end."""
 
 DONE, OUTGROWN, CROWDED, SKIPPED = 0, 1, 2, 3
-"""Status: events in order; no room in the list; no room in a bucket; nothing done, for an earlier call's sake."""
+"""Status: events in order; no room in the list; a bucket is too full; nothing done, for an earlier call's sake."""

@@ -53,6 +53,8 @@ Places = wp.types.vector(length=4, dtype=wp.int64)
 BLOCK = 256
 EACH = 4
 """Pixels that a thread looks at, BLOCK apart, so that enough loads are under way."""
+AHEAD = 4
+"""Samples of a pixel that are loaded together where a thread goes on to its own next event."""
 
 
 @wp.struct
@@ -227,8 +229,37 @@ def make_write_events(frame: bool) -> wp.Function:
     return write_events
 
 
+@wp.func
+def quiet(
+    images: wp.array(dtype=wp.float32),
+    at: wp.int64,
+    stride: wp.int64,
+    k: wp.int32,
+    frames: wp.int32,
+    low: wp.float32,
+    high: wp.float32,
+):
+    """Returns the number of samples from k on that are in the range, the last of all samples never among them.
+
+    images, at, stride: where a pixel's samples are. low, high: the range.
+    """
+    first = int(k)
+    on = bool(True)
+    while on and k + wp.static(AHEAD) < frames:
+        found = wp.vec4f()
+        for j in range(wp.static(AHEAD)):
+            found[j] = images[at + wp.int64(k + j) * stride]
+        for j in range(wp.static(AHEAD)):
+            on = on and inside(found[j], low, high) != 0
+            k += wp.where(on, 1, 0)
+    while on and k < frames - 1:
+        on = inside(images[at + wp.int64(k) * stride], low, high) != 0
+        k += wp.where(on, 1, 0)
+    return k - first
+
+
 @lru_cache
-def make_walk(frame: bool, room: Any) -> wp.Function:
+def make_walk(frame: bool, ahead: bool, room: Any) -> wp.Function:
     """Makes the function `walk`; arguments as of sense_kernel."""
     write_events = make_write_events(frame)
 
@@ -298,6 +329,16 @@ def make_walk(frame: bool, room: Any) -> wp.Function:
         stuck = int(-1)
         following = images[at + wp.int64(k) * stride]
         while k < frames:
+            if wp.static(ahead) and entry == entries[1]:
+                # Every thread goes on to its own next event first, so that those of a warp work theirs out together.
+                skipped = quiet(images, at, stride, k, frames, pixel.low, pixel.high)
+                if skipped > 0:
+                    k += skipped
+                    number += skipped
+                    start = call[STAMPS + k - 1]
+                    pixel.last = images[at + wp.int64(k - 1) * stride]
+                    following = images[at + wp.int64(k) * stride]
+                    known = bool(False)
             v = following
             now = call[STAMPS + k]
             between = bool(False)
@@ -372,12 +413,14 @@ def make_walk(frame: bool, room: Any) -> wp.Function:
 
 
 @lru_cache
-def sense_kernel(frame: bool, room: Any = take_room) -> wp.Kernel:
+def sense_kernel(frame: bool, ahead: bool = False, room: Any = take_room) -> wp.Kernel:
     """Makes the kernel over the listed pixels.
 
-    frame: events carry the stamp of their frame, not of their crossing. room: how a pixel takes room for its events.
+    frame: events carry the stamp of their frame, not of their crossing. ahead: each thread goes on to its own next
+    event by itself, instead of from sample to sample with the others of its warp; the events are the same. room: how a
+    pixel takes room for its events.
     """
-    walk = make_walk(frame, room)
+    walk = make_walk(frame, ahead, room)
 
     @wp.kernel(module="unique", enable_backward=False)
     def sense_active(

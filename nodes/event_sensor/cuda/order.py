@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import warp as wp
@@ -91,26 +92,28 @@ class Order:
 
     def sort(
         self, sensor: Sensor, layout: KeyLayout, call: wp.array, span: tuple[int, int], frames: int, keys: wp.array,
-        counters: wp.array, count: int, columns: Any, ends: wp.array,
+        counters: wp.array, count: int, crowds: Sequence[tuple[int, int]], columns: Any, ends: wp.array,
     ) -> None:  # fmt: skip
-        """Does the same by a radix sort of the list, whose length the host knows: for times that crowd together.
+        """Puts events of crowded buckets in order by a radix sort, whose length the host knows.
 
         Args:
-            sensor, call, frames, keys, columns, ends: as of `launch`.
+            sensor, call, frames, keys, columns, ends: as of `launch`, which was before.
             layout: of the keys.
             span: the call's start and last stamp [ns].
             counters: int64 [COUNTS] of the call, as they were when its events were listed.
             count: events in the list.
+            crowds: of each crowded bucket its first event and their number; none where there are too many to be known.
         """
-        pairs: wp.array = wp.empty(2 * count, dtype=wp.int64, device=self._device)
-        wp.copy(pairs, keys, count=count)
-        nothing: wp.array = wp.empty(2 * count, dtype=wp.int32, device=self._device)
-        end = layout.t + (span[1] - span[0]).bit_length()
-        wp.utils.radix_sort_pairs(pairs, nothing, count, 0, end)
-        if self._envs > 1:
-            wp.utils.radix_sort_pairs(pairs, nothing, count, layout.env, 63)
-        inputs = [sensor, span[0], pairs]
-        wp.launch(order_kernels.unpack_all, count, inputs, [columns], device=self._device)
+        bits = layout.t + (span[1] - span[0]).bit_length()
+        for first, length in crowds or [(0, count)]:
+            pairs: wp.array = wp.empty(2 * length, dtype=wp.int64, device=self._device)
+            wp.copy(pairs, columns.t if crowds else keys, src_offset=first, count=length)
+            nothing: wp.array = wp.empty(2 * length, dtype=wp.int32, device=self._device)
+            wp.utils.radix_sort_pairs(pairs, nothing, length, 0, bits)
+            if self._envs > 1 and not crowds:
+                wp.utils.radix_sort_pairs(pairs, nothing, length, layout.env, 63)
+            inputs = [sensor, span[0], pairs, first]
+            wp.launch(order_kernels.unpack_sorted, length, inputs, [columns], device=self._device)
         self._find_ends(sensor, call, frames, counters, columns, ends)
 
     def _find_ends(

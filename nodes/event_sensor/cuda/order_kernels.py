@@ -4,7 +4,7 @@
 A bucket takes the events of one environment in one part of the call's time, or, where all events of a frame have its
 stamp, of one frame in one part of the image. That is a coarse order of the keys. Events are counted first, so that each
 bucket has the room it needs, and a block then sorts it. Where one bucket is crowded (many pixels that fire at one
-nanosecond) the host sorts the list instead.
+nanosecond) the host has it sorted by a radix sort of the whole device.
 """
 
 import warp as wp
@@ -14,7 +14,9 @@ from nodes.event_sensor.cuda.call_kernels import (
     BLOCKED,
     COUNTS,
     CROWDED,
+    CROWDS,
     FULL_FROM,
+    MOST_CROWDS,
     NOWHERE,
     OFFSETS,
     OUTGROWN,
@@ -171,14 +173,18 @@ def place_buckets(
         total += filled[b]
         b += 1
     place = wp.untile(wp.tile_scan_exclusive(wp.tile(total)))
-    crowded = bool(False)
     b = begin
     while b < end:
         count = filled[b]
         first[b] = place
         if b % of_env == 0:
             head[OFFSETS + b // of_env] = wp.int64(place)
-        crowded = crowded or count > wp.static(CROWD)
+        if count > wp.static(CROWD):
+            head[STATUS] = wp.int64(wp.static(CROWDED))
+            crowd = wp.int32(wp.atomic_add(head, CROWDS, wp.int64(1)))
+            if crowd < wp.static(MOST_CROWDS):
+                head[CROWDS + 1 + 2 * crowd] = wp.int64(place)
+                head[CROWDS + 2 + 2 * crowd] = wp.int64(count)
         place += count
         b += 1
     if end == length and begin < end:
@@ -192,8 +198,6 @@ def place_buckets(
             head[STATUS] = wp.int64(wp.static(SKIPPED))
         elif counters[EVENTS] > sensor.capacity:
             head[STATUS] = wp.int64(wp.static(OUTGROWN))
-    if crowded:
-        head[STATUS] = wp.int64(wp.static(CROWDED))
 
 
 @wp.kernel
@@ -232,7 +236,7 @@ def in_order(
     # out
     columns: Columns,
 ):
-    """Puts the events of each bucket in order; a block is a bucket.
+    """Puts the events of each bucket in order; a block is a bucket. Keys of a crowded one go where its times will be.
 
     Equal keys are equal events, whose order does not matter. Arguments as of count_events, place_buckets and
     to_buckets; columns: where the events go.
@@ -240,7 +244,13 @@ def in_order(
     b, lane = wp.tid()
     start = first[b]
     count = first[b + 1] - start
-    if count == 0 or count > wp.static(CROWD) or listed(sensor, counters) == 0:
+    if count == 0 or listed(sensor, counters) == 0:
+        return
+    if count > wp.static(CROWD):
+        k = lane
+        while k < count:
+            columns.t[start + k] = buckets[start + k]
+            k += wp.block_dim()
         return
     few = count <= wp.static(FEW)
     if not few:
@@ -284,14 +294,15 @@ def find_ends(
 
 
 @wp.kernel
-def unpack_all(
+def unpack_sorted(
     # in
     sensor: Sensor,
     t_base: wp.int64,
     keys: wp.array(dtype=wp.int64),
+    first: wp.int32,
     # out
     columns: Columns,
 ):
-    """Writes sorted keys to columns; a thread is an event."""
+    """Writes sorted keys to columns from place `first` on; a thread is an event."""
     i = wp.tid()
-    unpack_to(sensor, t_base, keys[i], i, columns)
+    unpack_to(sensor, t_base, keys[i], first + i, columns)

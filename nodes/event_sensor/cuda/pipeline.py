@@ -104,6 +104,18 @@ class Slot:
         assert self.pending is not None
         return self.by_frames[self.pending.frames]
 
+    def begin(self) -> None:
+        """Makes the results ready for a call."""
+        self.view[call_kernels.STATUS], self.view[call_kernels.CROWDS] = call_kernels.DONE, 0
+
+    def crowds(self) -> list[tuple[int, int]]:
+        """Gives of each crowded bucket its first event and their number; none where there are too many to be known."""
+        count, first = int(self.view[call_kernels.CROWDS]), int(call_kernels.CROWDS) + 1
+        if count > call_kernels.MOST_CROWDS:
+            return []
+        parts = self.view[first : first + 2 * count].reshape(count, 2).tolist()
+        return [(start, length) for start, length in parts]
+
 
 class Pipeline:
     """Sends calls to a device, several in flight, and gives their events in order.
@@ -224,7 +236,7 @@ class Pipeline:
             self._put_in_order()
             self._launch(slot)
             return pending
-        slot.view[call_kernels.STATUS] = call_kernels.DONE
+        slot.begin()
         before, self._unordered = self._unordered, slot
         if before is None:
             self._replay(slot.call, "list", lambda: self._list(slot))
@@ -236,7 +248,7 @@ class Pipeline:
 
     def _launch(self, slot: Slot) -> None:
         """Launches all of a call."""
-        slot.view[call_kernels.STATUS] = call_kernels.DONE
+        slot.begin()
         self._replay(slot.call, "all", lambda: self._list_and_order(slot))
         self._mark(slot)
 
@@ -340,7 +352,7 @@ class Pipeline:
             counters: wp.array = wp.array(listed, dtype=wp.int64, device=self._device)
             self._order.sort(
                 self._sensor, self._layout, call.device, pending.span, call.frames, slot.keys, counters,
-                int(listed[0]), slot.columns, call.ends,
+                int(listed[0]), slot.crowds(), slot.columns, call.ends,
             )  # fmt: skip
             wp.synchronize_device(self._device)
         if outgrown:
@@ -360,7 +372,7 @@ class Pipeline:
         wp.copy(slot.keys, keys, count=kept)
         counters[0], counters[call_kernels.FULL_FROM] = kept, call_kernels.NOWHERE
         slot.counters.assign(counters)
-        slot.view[call_kernels.STATUS] = call_kernels.DONE
+        slot.begin()
         self._order.filled[slot.number % 2].zero_()
         self._source.sense(self._sensor, slot.call.device, slot.call.frames, slot.keys, slot.counters)
         self._order_events(slot)

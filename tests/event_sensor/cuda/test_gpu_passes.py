@@ -125,13 +125,16 @@ def test_events_without_room_come_all_the_same(device, defer):
 
 
 @pytest.mark.parametrize("device", DEVICES)
-@pytest.mark.parametrize("rows", [1, 4, 40, 100, 700])
-def test_pixels_that_fire_together(device, rows):
-    """At one nanosecond, few, many or too many for a bucket."""
+@pytest.mark.parametrize(
+    ("rows", "a_call", "envs"), [(1, 2, 1), (4, 2, 1), (40, 2, 1), (100, 2, 2), (700, 1, 2), (700, 2, 1), (700, 6, 1)]
+)
+def test_pixels_that_fire_together(device, rows, a_call, envs):
+    """At one nanosecond, few, many or too many for a bucket, of which there are some, or more than are listed."""
     level = np.exp(np.array([0, 0.5, -0.5, 0.9, 0.1, 1.5])).astype(np.float32)
-    frames = np.tile(level[None, :, None, None], (1, 1, rows, 50))
+    frames = np.tile(level[None, :, None, None], (envs, 1, rows, 50))
     t = np.arange(1, 7, dtype=np.int64) * MS
-    got = Passes(device, rows, 50).run(frames, t, 2)[0]
+    got, *others = Passes(device, rows, 50, envs).run(frames, t, a_call)
+    assert all(np.array_equal(got, other) for other in others)
     want, pixels = expected(frames[0, :, :1, :1], t), 50 * rows
     assert 40 * 50 < sort_kernels.ROOM < 100 * 50 < order_kernels.CROWD < 700 * 50 and len(got) == pixels * len(want)
     assert np.array_equal(got[:, 0].reshape(-1, pixels), np.repeat(want[:, :1], pixels, 1))

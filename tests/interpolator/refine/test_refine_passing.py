@@ -98,7 +98,7 @@ def check(expected, found, thickness=0.0, least=0.85):
     assert np.percentile(error, 99) < 2 * TOLERANCE + thickness * (expected[1] - expected[0])[within].max()
 
 
-@pytest.mark.parametrize("part", [0.5, 0.2, 0.06])
+@pytest.mark.parametrize("part", [pytest.param(0.5, marks=pytest.mark.slow), 0.2, 0.06])
 def test_the_shadow_of_what_is_thin_and_fast(part):
     """part: of the time between two frames for which it is on a point."""
     speed = 60.0

@@ -33,7 +33,7 @@ def crowd(still: int = 2 * TREE_FROM):
     return made, where
 
 
-@pytest.mark.parametrize("options", [None, PathOptions(1, 4)])
+@pytest.mark.parametrize("options", [None, pytest.param(PathOptions(1, 4), marks=pytest.mark.slow)])
 @pytest.mark.parametrize("far", [0.0, 3e4])
 def test_joined_triangles_give_the_same_light(options, far):
     """Rounding moves an edge of a shadow by some 1e-7 of the scene, wherever in the world it lies."""
