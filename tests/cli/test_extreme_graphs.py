@@ -123,6 +123,7 @@ def test_flicker_that_frames_cannot_show_is_said(launch: Launch, frequency: floa
     assert said.count("light 'sun' flickers at") == 1 and f"{frequency} Hz and frames come at 240 Hz" in said
 
 
+@pytest.mark.slow
 def test_leaks_and_noise_at_the_top_of_their_ranges(launch: Launch) -> None:
     """Leak of 1e4 Hz, a thousand to a step, is periodic; noise of 1e4 Hz with 100 us of dead time is halved, and of
     a dead time of ten seconds each pixel has one event."""
@@ -137,6 +138,7 @@ def test_leaks_and_noise_at_the_top_of_their_ranges(launch: Launch) -> None:
     assert summary["events"] == PIXELS
 
 
+@pytest.mark.slow
 def test_two_hundred_and_fifty_six_environments(launch: Launch) -> None:
     """Without noise all are alike, so there are 256 times the events."""
     one, _, _ = launch(0.1, f=30, upsampling=16)

@@ -160,6 +160,7 @@ def test_a_sequence_that_cannot_be_written_fails_alone(tmp_path: Path, monkeypat
     assert len(list((tmp_path / "d").glob("*/*/sequence.json"))) == 4 and not list((tmp_path / "d").glob("*/.*"))
 
 
+@pytest.mark.slow
 def test_a_worker_killed_with_a_batch_loses_none_of_it(tmp_path: Path) -> None:
     """As where memory runs out: its sequences are made one by one, by another worker."""
     import os
@@ -186,6 +187,7 @@ def test_a_worker_killed_with_a_batch_loses_none_of_it(tmp_path: Path) -> None:
     assert checksums(tmp_path / "d") == checksums(tmp_path / "one")
 
 
+@pytest.mark.slow
 def test_a_run_of_batches_killed_in_the_middle_goes_on_to_the_same_checksums(tmp_path: Path) -> None:
     """kill -9 of everything while the second batch is made."""
     recipe, out = write(tmp_path), tmp_path / "d"

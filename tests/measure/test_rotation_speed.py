@@ -78,6 +78,7 @@ def test_ramp():
     assert not found["steady"] and found["method"] == "tracked angle"
 
 
+@pytest.mark.slow
 def test_reversal():
     """omega = 35 cos(6 t): the sign of the series turns where the rotation does."""
     found = rotation(turning_edges(lambda t: 35 / 6 * np.sin(6 * t), 0.5, texture()))
@@ -116,7 +117,13 @@ def translating(speed: float) -> tuple[np.ndarray, ...]:
     return np.round(t * 1e9).astype(np.int64), x.astype(np.uint16), y.astype(np.uint16), p.astype(np.uint8)
 
 
-@pytest.mark.parametrize("make", [lambda: translating(150.0), lambda: poisson_events(20.0, 0.5, (120, 100))])
+@pytest.mark.parametrize(
+    "make",
+    [
+        pytest.param(lambda: translating(150.0), marks=pytest.mark.slow),
+        lambda: poisson_events(20.0, 0.5, (120, 100)),
+    ],
+)
 def test_no_rotation(make):
     """What slides, and noise: no speed, and a low confidence."""
     found = rotation(make())

@@ -142,6 +142,7 @@ def test_pictures_of_luminance_are_grey():
     assert shown.shape == (8, 16) and int(shown[0, -1]) > int(shown[0, 0]) + 100
 
 
+@pytest.mark.slow
 def test_a_stereo_graph_gives_the_same_events(tmp_path):
     """Two cameras and all processes; the bag's preview is what reads colour."""
     found = {}

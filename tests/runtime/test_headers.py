@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -57,27 +58,32 @@ def compiled(folder: Path, *factors: float) -> tuple[int, int, dict[str, list[fl
     return headers, kernels, found, Path(kept)
 
 
-def test_threads_and_processes_share_headers(tmp_path: Path) -> None:
-    headers, kernels, found, kept = compiled(tmp_path, 2.0, 3.0, 4.0)
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A cache in which one process has compiled three kernels, in three threads."""
+    folder = tmp_path_factory.mktemp("cache")
+    headers, kernels, found, _ = compiled(folder, 2.0, 3.0, 4.0)
     assert (headers, kernels) == (1, 3)
     assert found == {"2.0": [2, 4], "3.0": [3, 6], "4.0": [4, 8]}
-    made = {path.name: path.read_bytes() for path in kept.glob("*.pch")}
-    assert len(made) == 1 and all(len(data) > 1_000_000 for data in made.values())
-    assert compiled(tmp_path, 5.0)[:3] == (0, 1, {"5.0": [5, 10]})
-    assert {path.name: path.read_bytes() for path in kept.glob("*.pch")} == made
-    assert {path.name for path in kept.iterdir()} == {*made, "lock"}
+    return folder
 
 
-@pytest.mark.parametrize("spoiled", ["no folder", "empty file", "noise"])
-def test_kernels_do_without(tmp_path: Path, spoiled: str) -> None:
-    """Where headers cannot be kept, or what is kept is none."""
-    kept = compiled(tmp_path, 2.0)[3]
+def test_threads_and_processes_share_headers(cache: Path) -> None:
+    headers, kernels, found, kept = compiled(cache, 5.0)
+    assert (headers, kernels, found) == (0, 1, {"5.0": [5, 10]})
     (path,) = kept.glob("*.pch")
-    if spoiled == "no folder":
-        for inside in kept.iterdir():
-            inside.unlink()
-        kept.rmdir()
-        kept.write_text("")
+    assert path.stat().st_size > 1_000_000
+    assert {other.name for other in kept.iterdir()} == {path.name, "lock"}
+
+
+@pytest.mark.parametrize("spoiled", ["no folder", "noise"])
+def test_kernels_do_without(cache: Path, tmp_path: Path, spoiled: str) -> None:
+    """Where headers cannot be kept, or what is kept is none."""
+    shutil.copytree(cache, tmp_path, dirs_exist_ok=True)
+    (path,) = tmp_path.glob("**/*.pch")
+    if spoiled == "noise":
+        path.write_bytes(os.urandom(10_000))
     else:
-        path.write_bytes(b"" if spoiled == "empty file" else os.urandom(10_000))
+        shutil.rmtree(path.parent)
+        path.parent.write_text("")
     assert compiled(tmp_path, 7.0)[2] == {"7.0": [7, 14]}

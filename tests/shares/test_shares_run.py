@@ -122,6 +122,7 @@ environment: 0.5
 """
 
 
+@pytest.mark.slow
 def test_a_share_in_which_all_diverge_goes_on_with_the_others(runtime: Path, tmp_path: Path) -> None:
     """The last of three is too fast, in every gap anew, and has a share of its own."""
     (tmp_path / "spring.xml").write_text(SPRING)

@@ -65,7 +65,7 @@ def cross(swept: Swept, position: wp.array2d(dtype=wp.vec3), found: wp.array2d(d
         found[i, n] = 1
 
 
-@pytest.mark.parametrize("kind", ["point", "directional"])
+@pytest.mark.parametrize("kind", ["point", pytest.param("directional", marks=pytest.mark.slow)])
 def test_what_may_be_shaded_of_an_instance_covers_all_of_its_points(kind: str):
     """40 movers, more than a mask has bits; of each way from a point to the light 400 places are looked at."""
     rng = np.random.default_rng(3)
