@@ -79,7 +79,7 @@ class Order:
             device=self._device,
         )
         listed = [*given, keys, counters, slots, first]
-        wp.launch(order_kernels.to_buckets, threads, listed, [buckets], device=self._device)
+        wp.launch(order_kernels.to_buckets, threads, listed, [buckets, columns.t], device=self._device)
         wp.launch_tiled(
             order_kernels.in_order,
             dim=[self._length],

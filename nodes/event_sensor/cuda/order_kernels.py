@@ -215,13 +215,22 @@ def to_buckets(
     first: wp.array(dtype=wp.int32),
     # out
     buckets: wp.array(dtype=wp.int64),
+    aside: wp.array(dtype=wp.int64),
 ):
-    """Puts events into buckets, int64 [capacity]; arguments as of count_events and place_buckets."""
+    """Puts events into buckets, int64 [capacity]; arguments as of count_events and place_buckets.
+
+    aside: int64 [capacity], takes those of crowded buckets: where the times of this call will be.
+    """
     count = listed(sensor, counters)
     i = wp.tid()
     while i < count:
         key = keys[i]
-        buckets[first[bucket_of(sensor, call, frames, stamped, of_env, key)] + slots[i]] = key
+        b = bucket_of(sensor, call, frames, stamped, of_env, key)
+        place = first[b] + slots[i]
+        if first[b + 1] - first[b] > wp.static(CROWD):
+            aside[place] = key
+        else:
+            buckets[place] = key
         i += threads
 
 
@@ -236,7 +245,7 @@ def in_order(
     # out
     columns: Columns,
 ):
-    """Puts the events of each bucket in order; a block is a bucket. Keys of a crowded one go where its times will be.
+    """Puts the events of each bucket that is not crowded in order; a block is a bucket.
 
     Equal keys are equal events, whose order does not matter. Arguments as of count_events, place_buckets and
     to_buckets; columns: where the events go.
@@ -244,13 +253,7 @@ def in_order(
     b, lane = wp.tid()
     start = first[b]
     count = first[b + 1] - start
-    if count == 0 or listed(sensor, counters) == 0:
-        return
-    if count > wp.static(CROWD):
-        k = lane
-        while k < count:
-            columns.t[start + k] = buckets[start + k]
-            k += wp.block_dim()
+    if count == 0 or count > wp.static(CROWD) or listed(sensor, counters) == 0:
         return
     few = count <= wp.static(FEW)
     if not few:
