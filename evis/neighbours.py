@@ -78,7 +78,7 @@ def _is_empty_package(spec: ModuleSpec) -> bool:
 
 
 def install() -> None:
-    """Put the finder before Python's own, and widen what was imported before evis."""
+    """Puts the finder before Python's own, and widens what was imported before evis."""
     if not any(isinstance(finder, Neighbours) for finder in sys.meta_path):
         sys.meta_path.insert(0, Neighbours())
     for name in PACKAGES:

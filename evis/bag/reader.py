@@ -93,12 +93,12 @@ class BagReader(DescriptorOwner):
 
     @cached_property
     def start_ns(self) -> int:
-        """Earliest log time [ns], of LATCHED messages where there are no others; 0 in an empty bag."""
+        """Returns the earliest log time [ns], of LATCHED messages where there are no others; 0 in an empty bag."""
         return self._outermost(min, [(c.start_ns, c) for c in self.scanner.layout.chunks])
 
     @cached_property
     def end_ns(self) -> int:
-        """Latest log time [ns], of LATCHED messages where there are no others; 0 in an empty bag."""
+        """Returns the latest log time [ns], of LATCHED messages where there are no others; 0 in an empty bag."""
         return self._outermost(max, [(c.end_ns, c) for c in self.scanner.layout.chunks])
 
     def _outermost(self, least: Callable[..., int], edges: list[tuple[int, scan.Chunk]]) -> int:

@@ -75,7 +75,7 @@ class BagWriter:
 
     @property
     def backup(self) -> Path | None:
-        """Where an older bag of the same name was moved to."""
+        """Tells where an older bag of the same name was moved to."""
         return self.container.backup
 
     def __enter__(self) -> BagWriter:

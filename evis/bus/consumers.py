@@ -282,7 +282,7 @@ class Consumers:
         return bool(waiting)
 
     def close(self) -> None:
-        """Free every slot that is still held."""
+        """Frees every slot that is still held."""
         for consumer in self.all.values():
             consumer.forget()
         self.inbox.close()

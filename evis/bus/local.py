@@ -50,7 +50,7 @@ class LocalPublisher:
 
     @property
     def declared(self) -> bool:
-        """Whether `send` may have to wait for somebody: never."""
+        """Tells whether `send` may have to wait for somebody: never."""
         return False
 
     def credit(self) -> int:

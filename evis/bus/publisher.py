@@ -139,7 +139,7 @@ class Publisher:
 
     @property
     def declared(self) -> bool:
-        """Whether consumers are declared: those for which `send` may have to wait."""
+        """Tells whether consumers are declared: those for which `send` may have to wait."""
         return bool(self._consumers.all)
 
     def credit(self) -> int:

@@ -95,7 +95,7 @@ class Subscriber:
 
     @property
     def socket(self) -> zmq.Socket:
-        """A tap's only source of messages, for a poller: call `receive` when it is readable."""
+        """Returns a tap's only source of messages, for a poller: call `receive` when it is readable."""
         return self._data
 
     def sockets(self) -> list[zmq.Socket | int]:

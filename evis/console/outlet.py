@@ -50,12 +50,12 @@ class Outlet:
 
     @property
     def reason(self) -> str:
-        """`error` in words."""
+        """Says `error` in words."""
         return f"{self._name}: {self.error.strerror or self.error}" if self.error else ""
 
     @property
     def kept_in(self) -> Path | None:
-        """The file that holds what could not be said here."""
+        """Returns the file that holds what could not be said here."""
         return self._log.path if self._log is not None else None
 
     def write(self, text: str) -> int:

@@ -71,12 +71,12 @@ class Axis:
 
     @property
     def components(self) -> int:
-        """Numbers that are drawn for one value."""
+        """Returns the numbers that are drawn for one value."""
         return 1 if self.choices else len(self.low)
 
     @property
     def levels(self) -> int:
-        """Number of values in a grid; 0 for a range without steps."""
+        """Returns the number of values in a grid; 0 for a range without steps."""
         return len(self.choices) if self.choices else self.steps**self.components
 
     def at(self, places: Sequence[float]) -> Any:

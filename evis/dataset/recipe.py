@@ -39,12 +39,12 @@ class Plan:
 
     @property
     def given(self) -> dict[str, Any]:
-        """The arguments as the simulation is given them on this machine."""
+        """Returns the arguments as the simulation is given them on this machine."""
         return {**self.arguments, **self.folders}
 
     @property
     def scene_name(self) -> str:
-        """The scene without the folder that it lies in, which may be another on another machine."""
+        """Returns the scene without the folder that it lies in, which may be another on another machine."""
         return Path(self.scene).stem
 
     def as_dict(self) -> dict[str, Any]:
@@ -75,12 +75,12 @@ class SceneDraws:
 
     @property
     def name(self) -> str:
-        """What it is called in names of sequences."""
+        """Tells what it is called in names of sequences."""
         return Path(self.target).stem
 
     @property
     def combinations(self) -> int:
-        """Number of points of the grid of its axes."""
+        """Returns the number of points of the grid of its axes."""
         return math.prod(axis.levels for axis in self.axes)
 
     def corners(self) -> list[dict[str, Any]]:

@@ -62,7 +62,7 @@ class Observation:
 
     @property
     def output(self) -> str:
-        """Name of the output of the simulation."""
+        """Returns the name of the output of the simulation."""
         return f"{self.camera}.{self.OUTPUT}" if self.camera else self.OUTPUT
 
     def begin(self, setting: Setting) -> Box:

@@ -33,7 +33,7 @@ class EventEnv(gymnasium.Env):
 
     @property
     def simulation(self) -> Simulation:
-        """What is stepped."""
+        """Returns the simulation that is stepped."""
         return self._batch.simulation
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:

@@ -55,7 +55,7 @@ class EventVectorEnv(VectorEnv):
 
     @property
     def simulation(self) -> Simulation:
-        """What is stepped."""
+        """Returns the simulation that is stepped."""
         return self._batch.simulation
 
     def reset(

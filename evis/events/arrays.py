@@ -63,7 +63,7 @@ class Frame:
 
     @property
     def exposure_ns(self) -> int:
-        """Length of the exposure."""
+        """Returns the length of the exposure."""
         return self.exposure_end_ns - self.exposure_start_ns
 
 

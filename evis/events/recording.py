@@ -145,11 +145,11 @@ class Recording(abc.ABC):
     @property
     @abc.abstractmethod
     def next_t_ns(self) -> int | None:
-        """Time of the next event or trigger, None at the end. Reads ahead where needed."""
+        """Returns the time of the next event or trigger, None at the end. Reads ahead where needed."""
 
     @property
     def raw(self) -> np.ndarray | None:
-        """The sensor's own bytes of the last `read_until` (uint8), None where the file does not hold such."""
+        """Returns the sensor's own bytes of the last `read_until` (uint8), None where the file does not hold such."""
         return None
 
     def counters(self) -> dict[str, int]:
@@ -159,7 +159,7 @@ class Recording(abc.ABC):
     @property
     @abc.abstractmethod
     def position(self) -> float:
-        """How much of the file has been read, 0 to 1."""
+        """Tells how much of the file has been read, 0 to 1."""
 
     @abc.abstractmethod
     def close(self) -> None:

@@ -31,7 +31,7 @@ class LaunchFile:
 
     @property
     def description(self) -> str:
-        """One line about the graph."""
+        """Returns one line about the graph."""
         return str(self.table.get("description", "")).strip()
 
 

@@ -27,7 +27,7 @@ class Target:
 
     @property
     def name(self) -> str:
-        """What the graph is called: the scene that was named, or the file."""
+        """Tells what the graph is called: the scene that was named, or the file."""
         return self.preset.get("scene", self.launch.path.stem)
 
 

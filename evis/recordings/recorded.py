@@ -64,18 +64,18 @@ class Recorded:
 
     @cached_property
     def info(self) -> RecordingInfo:
-        """What the file says about itself. Raises RecordingError where it has no events."""
+        """Tells what the file says about itself. Raises RecordingError where it has no events."""
         with self._opened() as recording:
             return recording.info
 
     @property
     def width(self) -> int:
-        """Columns of the sensor."""
+        """Returns the number of columns of the sensor."""
         return self.info.width
 
     @property
     def height(self) -> int:
-        """Rows of the sensor."""
+        """Returns the number of rows of the sensor."""
         return self.info.height
 
     @cached_property

@@ -31,17 +31,17 @@ class EventWindow:
 
     @property
     def t(self) -> np.ndarray:
-        """Times [ns]."""
+        """Returns the times [ns]."""
         return self.events.t
 
     @property
     def x(self) -> np.ndarray:
-        """Columns."""
+        """Returns the columns."""
         return self.events.x
 
     @property
     def y(self) -> np.ndarray:
-        """Rows."""
+        """Returns the rows."""
         return self.events.y
 
     @property

@@ -246,7 +246,7 @@ class Executor:
 
     @property
     def stopping(self) -> bool:
-        """Whether `stop` was called."""
+        """Tells whether `stop` was called."""
         return self._calls.stopping
 
     def _finished(self) -> bool:

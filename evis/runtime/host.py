@@ -113,7 +113,7 @@ class Host:
 
     @property
     def name(self) -> str:
-        """The node's name."""
+        """Returns the node's name."""
         return self.plan.name
 
     def open(self) -> bool:

@@ -47,7 +47,7 @@ class Input:
 
     @property
     def needed(self) -> bool:
-        """Whether the node cannot do without it."""
+        """Tells whether the node cannot do without it."""
         return not (self.delayed or self.optional or self.outside)
 
 

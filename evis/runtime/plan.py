@@ -124,7 +124,7 @@ class Plan:
 
     @property
     def closed(self) -> bool:
-        """Whether nobody outside its one process can read the graph's topics: there is no socket then."""
+        """Tells whether nobody outside its one process can read the graph's topics: there is no socket then."""
         return not self.directory
 
     def redacted(self) -> Plan:

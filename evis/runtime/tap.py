@@ -24,5 +24,5 @@ class TapSubscription:
 
     @property
     def lost(self) -> int:
-        """How many messages this tap missed."""
+        """Tells how many messages this tap missed."""
         return sum(s.lost for s in self.subscribers)

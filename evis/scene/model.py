@@ -62,7 +62,7 @@ class Mesh:
 
     @property
     def nbytes(self) -> int:
-        """Memory of the arrays [bytes]."""
+        """Returns the memory of the arrays [bytes]."""
         arrays = (self.vertices, self.faces, self.uv, self.normals, self.colours)
         return sum(array.nbytes for array in arrays if array is not None)
 
@@ -219,7 +219,7 @@ class Scene:
 
     @property
     def dynamic(self) -> bool:
-        """True when a physics engine is needed."""
+        """Tells whether a physics engine is needed."""
         return self.mjcf is not None
 
     def body_index(self, name: str) -> int:

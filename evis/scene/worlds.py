@@ -139,7 +139,7 @@ class Worlds:
 
     @property
     def alike(self) -> bool:
-        """True where all environments have one world."""
+        """Tells whether all environments have one world."""
         return all(scene is self.scenes[0] for scene in self.scenes)
 
     def with_seeds(self, envs: Sequence[int], seeds: Sequence[int]) -> Worlds:

@@ -52,7 +52,7 @@ class Graph:
 
     @property
     def acts(self) -> bool:
-        """Whether the caller publishes actions."""
+        """Tells whether the caller publishes actions."""
         return ACTION in self.plan.topics and self.plan.topics[ACTION].node == CALLER
 
 
@@ -181,7 +181,7 @@ def _warn(line: str) -> None:
 
 
 def needs_sockets(plan: Plan) -> bool:
-    """Whether a node reads a topic as a tap, which goes over a socket even within a process."""
+    """Tells whether a node reads a topic as a tap, which goes over a socket even within a process."""
     for node in plan.nodes.values():
         for topics in node.inputs.values():
             for topic in topics:

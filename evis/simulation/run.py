@@ -45,7 +45,7 @@ class History:
 
     @property
     def whole(self) -> bool:
-        """Whether all that was done is there."""
+        """Tells whether all that was done is there."""
         return self.size <= MOST_KEPT
 
 
@@ -93,17 +93,17 @@ class Run:
 
     @property
     def envs(self) -> int:
-        """Number of environments; without physics that of the messages, 1 before the first of them."""
+        """Returns the number of environments; without physics that of the messages, 1 before the first of them."""
         return int(self.parameter("envs", 1)) if self.graph.physics else self._caller.envs
 
     @property
     def stamp_ns(self) -> int:
-        """Simulated time [ns] of the last step."""
+        """Returns the simulated time [ns] of the last step."""
         return self._caller.stamp_ns
 
     @property
     def poses(self) -> np.ndarray | None:
-        """Poses of all bodies at that time, float64 [E, N, 7]; None in a graph without physics."""
+        """Returns the poses of all bodies at that time, float64 [E, N, 7]; None in a graph without physics."""
         return self._caller.poses
 
     def parameter(self, name: str, otherwise: Any) -> Any:

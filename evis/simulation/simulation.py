@@ -81,7 +81,7 @@ class Simulation:
 
     @property
     def envs(self) -> int:
-        """Number of parallel environments."""
+        """Returns the number of parallel environments."""
         return self._run.envs
 
     @property
@@ -91,7 +91,7 @@ class Simulation:
 
     @property
     def actuators(self) -> tuple[Actuator, ...]:
-        """The model's actuators, in the order of an action's last axis."""
+        """Returns the model's actuators, in the order of an action's last axis."""
         return each(self._run.graph.actuators)
 
     @property

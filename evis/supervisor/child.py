@@ -58,13 +58,13 @@ class Child:
 
     @property
     def title(self) -> str:
-        """The nodes of the process, for messages."""
+        """Returns the nodes of the process, for messages."""
         names = ", ".join(node.name for node in self.nodes)
         return names if len(self.nodes) == 1 and names == self.name else f"{self.name} ({names})"
 
     @property
     def log_path(self) -> Path:
-        """Its standard output and error."""
+        """Returns the path of its standard output and error."""
         return log_path(self.directory, self.name)
 
     @property
@@ -78,7 +78,7 @@ class Child:
 
     @property
     def exit_status(self) -> int | None:
-        """How its process ended, the number of a signal below 0; None while there is one."""
+        """Tells how its process ended, the number of a signal below 0; None while there is one."""
         return self.process.poll() if self.process is not None else None
 
     def start(self, process: subprocess.Popen[bytes] | None = None) -> None:

@@ -73,7 +73,7 @@ class AuditNode(Node):
 
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
-        """The states, and what the sensor reads."""
+        """Returns the states, and what the sensor reads."""
         return frozenset({"state", _source(params)})
 
     @classmethod
@@ -87,7 +87,7 @@ class AuditNode(Node):
 
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """What is about paths, where there are none, and of the sensor what it has no use for either."""
+        """Tells what is about paths, where there are none, and of the sensor what it has no use for either."""
         from nodes.event_sensor.effects import without_effect
 
         idle = without_effect(resolve_with_scene("audit", params))

@@ -65,7 +65,7 @@ def open_file(path: str) -> FileSource:
 def open_emulated(
     name: str, path: str | None, speed: float = 1.0, duration_s: float = 0.0, faults: str = ""
 ) -> UsbDriver:
-    """The real driver of a model on an emulated device that sends a recording; not opened yet.
+    """Returns the real driver of a model on an emulated device that sends a recording; not opened yet.
 
     speed: device time per real time, 0 = as fast as it is read. Without a recording it is silent. Raises ValueError,
     OSError.
@@ -88,7 +88,7 @@ def find_driver(
     faults: str = "",
     streams: bool = True,
 ) -> Driver:
-    """The driver for what was given. Raises ValueError, OSError for a device that is not there.
+    """Returns the driver for what was given. Raises ValueError, OSError for a device that is not there.
 
     file: a recording. emulate: a camera model, whose emulated device sends `file`; or a recording, which then stands in
     for a device. serial: a camera on USB; the first one when nothing is given. streams: an emulated camera must have

@@ -76,7 +76,7 @@ class CameraNode(Node):
 
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """What is for a device, where a recording is played, and the other way round."""
+        """Tells what is for a device, where a recording is played, and the other way round."""
         from nodes.camera.effects import without_effect
 
         return without_effect(params["file"], params["emulate"])

@@ -49,7 +49,7 @@ def random(resolved: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def without_effect(resolved: Mapping[str, Any]) -> dict[str, str]:
-    """Parameter -> why the sensor would be the same with any other value of it; of all of SENSOR, resolved.
+    """Gives parameter -> why the sensor would be the same with any other value of it; of all of SENSOR, resolved.
 
     What model evis-paper is bound to anyway is left out: it is what happens.
     """

@@ -81,7 +81,7 @@ class EventSensorNode(Node):
 
     @classmethod
     def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
-        """The faults that are drawn."""
+        """Returns the faults that are drawn."""
         from nodes.event_sensor import effects
 
         resolved = resolve_with_scene("event sensor", params)
@@ -97,7 +97,7 @@ class EventSensorNode(Node):
 
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
-        """One of the three: samples or frames where an interpolator runs, keyframes where it is left out."""
+        """Names one of three: samples or frames where an interpolator runs, keyframes where it is left out."""
         return frozenset({source_of(params["source"], lambda: resolve_with_scene("event sensor", params))})
 
     @classmethod

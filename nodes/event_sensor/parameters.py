@@ -88,7 +88,7 @@ def preset_values(owner: str, preset: str) -> dict[str, Any]:
 
 
 def preset_name(preset: str) -> str:
-    """Name of a preset's sensor; of a file, the file's."""
+    """Returns the name of a preset's sensor; of a file, the file's."""
     return PRESETS[preset].name if preset in PRESETS else Path(preset).name
 
 

@@ -19,12 +19,12 @@ LUMINOUS_EFFICACY = 179.0
 
 
 def radiance_of(lux: float) -> float:
-    """Radiance [W/(sr m^2)] of a white diffuse surface in an illuminance [lux]: E / (pi 179 lm/W)."""
+    """Computes the radiance [W/(sr m^2)] of a white diffuse surface in an illuminance [lux]: E / (pi 179 lm/W)."""
     return lux / (math.pi * LUMINOUS_EFFICACY)
 
 
 def corner_of(latency_us: float) -> float:
-    """Corner [Hz] of a first-order low pass whose time constant is this latency."""
+    """Computes the corner [Hz] of a first-order low pass whose time constant is this latency."""
     return 1e6 / (2.0 * math.pi * latency_us)
 
 

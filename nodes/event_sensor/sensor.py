@@ -161,7 +161,7 @@ class EventSensor:
 
     @property
     def state_bytes(self) -> int:
-        """Bytes kept per pixel and channel, those of photoreceptor and readout apart."""
+        """Returns the bytes kept per pixel and channel, those of photoreceptor and readout apart."""
         kept = sum(a.capacity for a in self._engine.arrays())
         return round(kept / (self.envs * self._size)) + (4 if self._ahead else 0)
 
@@ -203,7 +203,7 @@ class EventSensor:
         dlog_dt: Frames | None = None,
         further: Further | None = None,
     ) -> Events:
-        """Events of K frames: `advance`, then `read` into new arrays."""
+        """Returns the events of K frames: `advance`, then `read` into new arrays."""
         return self._events(self.advance(luminance, t, episodes, dlog_dt, further))
 
     def process_async(
@@ -215,7 +215,7 @@ class EventSensor:
         further: Further | None = None,
         defer: bool = True,
     ) -> Pending | Ready:
-        """Events of K frames, which stay on the sensor's device; `result()` of what this returns gives them.
+        """Computes events of K frames, which stay on the sensor's device; `result()` of what this returns gives them.
 
         On a CUDA device the ideal sensor has up to CALLS calls in flight: this launches the work and returns, and
         result() waits for it. The frames must stay unchanged until then. A call for which there is no room any more,
@@ -448,7 +448,7 @@ class EventSensor:
 
     @property
     def longest_delay_ns(self) -> int:
-        """Longest time that an event has waited for the readout so far [ns]; 0 without one."""
+        """Returns the longest time that an event has waited for the readout so far [ns]; 0 without one."""
         return 0 if self._readout is None else int(self._readout.longest_ns)
 
     @property
@@ -463,7 +463,7 @@ class EventSensor:
 
     @property
     def on_gpu(self) -> Any:
-        """The GPU that the events of the last `advance` or `finish` are on; None where they are on the host."""
+        """Returns the GPU that the events of the last `advance` or `finish` are on; None where they are on the host."""
         return self._device if self._device.is_cuda and self._left is None else None
 
     def read(self, out: Any) -> None:
@@ -486,5 +486,5 @@ class EventSensor:
         self._side.read(out)
 
     def env_offsets(self) -> np.ndarray:
-        """int64 [E + 1] of the last `advance` or `finish`."""
+        """Returns int64 [E + 1] of the last `advance` or `finish`."""
         return self._side.env_offsets() if self._left is None else self._left[1]

@@ -44,7 +44,7 @@ class Simulation:
         self._shape: tuple[int, ...] = ()
 
     def events(self, frames: Frames) -> Iterator[Events]:
-        """Events of each item, sorted by t, y, x, and at the end those that look-ahead held back.
+        """Returns the events of each item, sorted by t, y, x, and at the end those that look-ahead held back.
 
         The first frame is the reference and fires nothing. What `frames` raises is raised after the events of the
         frames before; ValueError for a frame that does not fit.
@@ -79,7 +79,7 @@ class Simulation:
         return made
 
     def check(self, colour: bool = False) -> None:
-        """Raise ValueError for parameters that do not go together, which the first frame would raise otherwise."""
+        """Raises ValueError for parameters that do not go together, which the first frame would raise otherwise."""
         before = self._shape, self._sensor
         try:
             self._start((1, 1, 3) if colour else (1, 1))
@@ -87,12 +87,12 @@ class Simulation:
             self._shape, self._sensor = before
 
     def counts(self) -> dict[str, int]:
-        """Samples and events set aside so far, by reason: nonfinite, clipped, dropped, ..."""
+        """Counts the samples and events set aside so far, by reason: nonfinite, clipped, dropped, ..."""
         return dict(self._sensor.counts()) if self._sensor is not None else {}
 
     @property
     def longest_delay_ns(self) -> int:
-        """Longest time that an event has waited for the readout so far [ns]; 0 without one."""
+        """Returns the longest time that an event has waited for the readout so far [ns]; 0 without one."""
         return int(getattr(self._sensor, "longest_delay_ns", 0))
 
     def _start(self, shape: tuple[int, ...]) -> None:
@@ -103,14 +103,14 @@ class Simulation:
 
 
 def simulate(frames: Frames, **options: Any) -> Iterator[Events]:
-    """Events of a stream of frames, item by item. options: those of Simulation, which also has the counts."""
+    """Simulates events of a stream of frames, item by item. options: those of Simulation, which also has the counts."""
     return Simulation(**options).events(frames)
 
 
 def simulate_frames(
     luminance: np.ndarray, t: np.ndarray, dlog_dt: np.ndarray | None = None, **options: Any
 ) -> dict[str, np.ndarray]:
-    """Events of a sequence of frames of one camera that is in memory as a whole.
+    """Simulates events of a sequence of frames of one camera that is in memory as a whole.
 
     luminance: float [T, H, W] or, in colour, [T, H, W, 3], linear. t: int64 [T] ns, strictly ascending. dlog_dt: as
     luminance, d ln I / dt [1/s], for crossing=hermite. options: those of Simulation. Returns t (int64 ns), x, y

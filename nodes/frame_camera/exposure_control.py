@@ -25,7 +25,7 @@ class ExposureControl:
 
     @property
     def automatic(self) -> bool:
-        """Whether there is anything to choose."""
+        """Tells whether there is anything to choose."""
         return self._settings.exposure_ns == 0
 
     def first(self, light: np.ndarray) -> None:

@@ -42,18 +42,18 @@ class FrameCameraNode(Node):
 
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """What is for auto-exposure, where the exposure is given."""
+        """Tells what is for auto-exposure, where the exposure is given."""
         return {} if params["exposure_ms"] is None else dict.fromkeys(AUTO, "exposure_ms gives the exposure")
 
     @classmethod
     def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
-        """The noise that it has."""
+        """Returns the noise that it has."""
         sensor = settings_of("frame camera", params["preset"], _own(params)).sensor
         return tuple(what for name, what in RANDOM.items() if sensor[name])
 
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
-        """One of the two: frames where an interpolator runs, keyframes where it is left out."""
+        """Names one of the two: frames where an interpolator runs, keyframes where it is left out."""
         return frozenset({params["source"]})
 
     @classmethod

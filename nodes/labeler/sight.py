@@ -44,7 +44,7 @@ class History:
 
     @property
     def known(self) -> bool:
-        """Whether there is any."""
+        """Tells whether there is any."""
         return bool(self._states)
 
     @property

@@ -32,7 +32,7 @@ class RecorderNode(Node):
 
     @classmethod
     def dynamic_inputs(cls, params: Mapping[str, Any], available: Iterable[str]) -> list[str]:
-        """The topics of `available` that this recorder reads. Raises ParamError."""
+        """Returns the topics of `available` that this recorder reads. Raises ParamError."""
         from evis.bag.selection import subscribed
 
         given = resolve("recorder", cls.PARAMS, params)
@@ -47,7 +47,7 @@ class RecorderNode(Node):
         return None if select([port], given["topics"]) else given["preview_hz"] or None
 
     def setup(self) -> None:
-        """Open the bag, so that a path that cannot be written is known before the graph starts."""
+        """Opens the bag, so that a path that cannot be written is known before the graph starts."""
         from evis.files.named_pipe import with_reader
         from nodes.recorder.recorder import Recorder
 
@@ -67,14 +67,14 @@ class RecorderNode(Node):
             self.runtime.diagnose(self, "info", f"the older {p['path']} is now {backup}")
 
     def receive(self, port: str, message: Message) -> None:
-        """Have one message of topic `port` written."""
+        """Has one message of topic `port` written."""
         self.recorder.notice(port, message.header)
         if device_of(message) is None:  # else it is none of those that arrays_hz asks for
             self._handover.put(port, message)
         self._count()
 
     def idle(self) -> None:
-        """Give back what was written, also where nothing comes."""
+        """Gives back what was written, also where nothing comes."""
         self._handover.release()
 
     def _count(self) -> None:
@@ -89,7 +89,7 @@ class RecorderNode(Node):
         self._count()
 
     def close(self) -> None:
-        """Make the bag whole, also after an error elsewhere."""
+        """Makes the bag whole, also after an error elsewhere."""
         recorder: Recorder | None = getattr(self, "recorder", None)
         if recorder is not None:
             self._handover.close()

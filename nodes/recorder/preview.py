@@ -21,11 +21,11 @@ class PreviewMaker:
         self._due = Sampling(rate_hz)
 
     def topic(self, keyframe: Keyframe) -> str:
-        """Where the image belongs."""
+        """Tells where the image belongs."""
         return f"{FIRST_ENV if len(keyframe.image) > 1 else ''}{self.camera}/image"
 
     def update(self, keyframe: Keyframe, threads: Threads = ALONE) -> Image | None:
-        """The preview of this keyframe, None where none is due yet. threads: share its rows."""
+        """Returns the preview of this keyframe, None where none is due yet. threads: share its rows."""
         h = keyframe.header
         if not self._due.takes(h) or not len(keyframe.image):
             return None

@@ -56,7 +56,7 @@ class Recorder:
         self.writer = BagWriter(path, metadata, event_encoding=encoding, sync=sync, threads=threads)
 
     def receive(self, topic: str, message: Message) -> None:
-        """Notice one message and write it; its arrays are free when this returns. Raises BagError."""
+        """Notices one message and writes it; its arrays are free when this returns. Raises BagError."""
         self.notice(topic, message.header)
         self.write(topic, message)
 
@@ -67,7 +67,7 @@ class Recorder:
         return self._selected[topic]
 
     def write(self, topic: str, message: Message) -> None:
-        """Write one message and what is made of it; its arrays are free when this returns. Raises BagError."""
+        """Writes one message and what is made of it; its arrays are free when this returns. Raises BagError."""
         self._outcome.take(topic, message)
         if self.selects(topic):
             self.writer.write(topic, message)
@@ -95,7 +95,7 @@ class Recorder:
         self._seen[topic] = seq
 
     def close(self) -> None:
-        """Make the bag whole. A second call does nothing."""
+        """Makes the bag whole. A second call does nothing."""
         self.counters["bytes"] = sum(self.writer.bytes.values())
         lost = {topic: str(count) for topic, count in self._lost.items()}
         self.writer.close(({"lost": lost} if lost else {}) | self._outcome.metadata())

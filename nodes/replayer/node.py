@@ -36,7 +36,7 @@ REST_S = 1.0
 
 
 def speed(pace: str) -> float | None:
-    """Speed against the recording of a `pace`, None = as fast as possible. Raises ParamError."""
+    """Returns the speed against the recording of a `pace`, None = as fast as possible. Raises ParamError."""
     if pace in ("fast", "realtime"):
         return 1.0 if pace == "realtime" else None
     try:
@@ -65,7 +65,7 @@ class ReplayerNode(Node):
 
     @classmethod
     def dynamic_outputs(cls, params: Mapping[str, Any]) -> dict[str, Output]:
-        """The ports, which depend on the bag and on what is left out. Raises BagError, ParamError."""
+        """Returns the ports, which depend on the bag and on what is left out. Raises BagError, ParamError."""
         from evis.bag.reader import BagReader
         from nodes.replayer.choice import replayed
 
@@ -77,7 +77,7 @@ class ReplayerNode(Node):
         return {topic: Output(topic) for topic in chosen}
 
     def setup(self) -> None:
-        """Open the bag and publish the latched descriptions of the cameras."""
+        """Opens the bag and publishes the latched descriptions of the cameras."""
         from evis.bag.reader import BagReader
 
         factor = speed(self.params["pace"])
@@ -134,7 +134,7 @@ class ReplayerNode(Node):
         return next((found for found in self.messages if not self._is_old(*found)), None)
 
     def step(self, inputs: Mapping[str, Message]) -> bool:
-        """Publish the messages of one stamp, one of each topic at the most."""
+        """Publishes the messages of one stamp, one of each topic at the most."""
         if time.monotonic() < self.rest_until:
             time.sleep(MAX_SLEEP_S)
             return True
@@ -193,7 +193,7 @@ class ReplayerNode(Node):
         return message
 
     def close(self) -> None:
-        """Close the bag."""
+        """Closes the bag."""
         reader: BagReader | None = getattr(self, "reader", None)
         if reader is not None:
             reader.close()

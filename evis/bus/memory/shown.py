@@ -46,7 +46,7 @@ class Form:
 
     @property
     def nbytes(self) -> int:
-        """Size of such an array [bytes]."""
+        """Returns the size of such an array [bytes]."""
         return math.prod(self.shape) * self.dtype.itemsize
 
 

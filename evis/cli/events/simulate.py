@@ -204,7 +204,7 @@ class _Tally:
         return simulation.frames if self._upsampler is None else min(self._upsampler.gaps + 1, simulation.frames)
 
     def report(self, simulation: Simulation, source: FrameSource) -> dict[str, Any]:
-        """The action's result."""
+        """Returns the action's result."""
         counts: dict[str, float] = {name: int(n) for name, n in simulation.counts().items() if n}
         result = {
             "out": self._out, "events": self._events, "width": source.width, "height": source.height,

@@ -60,7 +60,7 @@ class SequenceReader(ABC):
 
     @property
     def cameras(self) -> Mapping[str, CameraInfo]:
-        """The cameras by name, the first one first."""
+        """Returns the cameras by name, the first one first."""
         return self.about.cameras
 
     @property
@@ -70,7 +70,7 @@ class SequenceReader(ABC):
 
     @property
     def count(self) -> int:
-        """Number of events of all cameras."""
+        """Returns the number of events of all cameras."""
         return sum(self.count_of(camera) for camera in self.cameras)
 
     def events(self, t0_ns: int, t1_ns: int, camera: str | None = None) -> EventArrays:

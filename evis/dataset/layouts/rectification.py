@@ -24,7 +24,7 @@ class Rectification:
 
     @cached_property
     def map(self) -> np.ndarray:
-        """Rectified position of every pixel, float32 [H, W, 2] (x, y) px; NaN where there is none."""
+        """Returns the rectified position of every pixel, float32 [H, W, 2] (x, y) px; NaN where there is none."""
         grid = pixel_grid(self.info.width, self.info.height)
         return (grid if self.straight else self.rectified(grid)).astype(np.float32)
 

@@ -104,7 +104,7 @@ class Cut:
 
     @property
     def what(self) -> str:
-        """The length of a window, for people."""
+        """Returns the length of a window, for people."""
         return f"{self.seconds:g} s" if self.seconds else f"{self.events} events"
 
 

@@ -30,7 +30,7 @@ class Source(Protocol):
 
     @property
     def info(self) -> CameraInfo:
-        """The camera."""
+        """Returns the camera."""
 
     def events(self, t0_ns: int, t1_ns: int) -> Mapping[str, Any]:
         """Returns t, x, y, p of the events of [t0_ns, t1_ns)."""

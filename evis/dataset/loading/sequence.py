@@ -58,22 +58,22 @@ class Sequence:
 
     @property
     def about(self) -> About:
-        """What its folder tells of it."""
+        """Tells what its folder tells of it."""
         return self.reader.about
 
     @property
     def cameras(self) -> Mapping[str, CameraInfo]:
-        """The cameras by name, the first one first."""
+        """Returns the cameras by name, the first one first."""
         return self.about.cameras
 
     @property
     def start_ns(self) -> int:
-        """When it begins; 0 unless a bag began later."""
+        """Tells when it begins; 0 unless a bag began later."""
         return self.about.start_ns
 
     @property
     def duration_ns(self) -> int:
-        """How long it is."""
+        """Tells how long it is."""
         return self.about.duration_ns
 
     def kinds(self, camera: str | None = None) -> tuple[str, ...]:

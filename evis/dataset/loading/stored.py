@@ -30,12 +30,12 @@ class Stored:
 
     @cached_property
     def camera(self) -> str:
-        """The camera's name."""
+        """Returns the camera's name."""
         return self.sequence.camera(self._asked)
 
     @property
     def info(self) -> CameraInfo:
-        """The camera."""
+        """Returns the camera."""
         return self.sequence.cameras[self.camera]
 
     def events(self, t0_ns: int, t1_ns: int) -> dict[str, Any]:

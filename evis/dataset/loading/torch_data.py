@@ -27,7 +27,7 @@ class Epoch:
 
     @property
     def number(self) -> int:
-        """The epoch."""
+        """Returns the epoch."""
         return int(self._number)
 
 

@@ -144,7 +144,7 @@ class Decoder(abc.ABC):
 
     @property
     def outside(self) -> int:
-        """Events dropped because they lie outside width x height."""
+        """Counts the events dropped because they lie outside width x height."""
         return int(self.state[self.counters["outside"]])
 
     @property
@@ -154,22 +154,22 @@ class Decoder(abc.ABC):
 
     @property
     def counts(self) -> dict[str, int]:
-        """What was dropped or odd so far, by kind (`outside`, `untimed`, `unknown`, ...); only what is not 0."""
+        """Tells what was dropped or odd so far, by kind (`outside`, `untimed`, `unknown`, ...); only what is not 0."""
         return {kind: int(self.state[place]) for kind, place in self.counters.items() if self.state[place]}
 
     @property
     def readout(self) -> tuple[int, int]:
-        """Columns and rows as the device's words count them."""
+        """Returns the columns and rows as the device's words count them."""
         return (self.height, self.width) if self.transposed else (self.width, self.height)
 
     @property
     def pending(self) -> int:
-        """Bytes fed and not yet decoded: whole words after a cut, or the first part of a word."""
+        """Returns the bytes fed and not yet decoded: whole words after a cut, or the first part of a word."""
         return len(self._bytes) - self._at * self.word.itemsize
 
     @property
     def at_cut(self) -> bool:
-        """True when the last `decode_until` stopped at its limit, false when it needs more bytes."""
+        """Tells whether the last `decode_until` stopped at its limit, false when it needs more bytes."""
         return self._at < len(self._words)
 
     @property
@@ -194,7 +194,7 @@ class Decoder(abc.ABC):
         return words
 
     def decode(self, data: bytes | bytearray | memoryview | np.ndarray = b"") -> Events:
-        """All events of what is pending and of `data`."""
+        """Decodes all events of what is pending and of `data`."""
         if len(data):
             self.feed(data)
         return self._decode(FOREVER)

@@ -188,7 +188,7 @@ class PropheseeEncoder(Encoder):
 
     @property
     def turn_s(self) -> float:
-        """Time in which the counter on the wire turns once [s]."""
+        """Returns the time in which the counter on the wire turns once [s]."""
         return (1 << self.high_bits + self.low_bits) / 1e6
 
     def advance(self, t_ns: int) -> bytes:

@@ -67,7 +67,7 @@ class Columns:
 
     @property
     def per_event(self) -> list[Any]:
-        """The columns and the environments, as kernels take them."""
+        """Returns the columns and the environments, as kernels take them."""
         return [self.t, self.x, self.y, self.p, wp.array(self.offsets, dtype=wp.int64, device=self.device)]
 
     def window(self, window: tuple[Any, Any] | None) -> Any:

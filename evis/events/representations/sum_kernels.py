@@ -39,7 +39,7 @@ def has_place(
 
 @wp.func
 def first_channel(polarity: wp.int32, on: wp.bool, bins: wp.int32):
-    """The channel of bin 0: split, the OFF events' bins come first."""
+    """Returns the channel of bin 0: split, the OFF events' bins come first."""
     if polarity == SPLIT and on:
         return bins
     return 0
@@ -47,7 +47,7 @@ def first_channel(polarity: wp.int32, on: wp.bool, bins: wp.int32):
 
 @wp.func
 def sign_of(polarity: wp.int32, on: wp.bool):
-    """What an event counts."""
+    """Returns what an event counts."""
     if polarity == SIGNED and not on:
         return -1
     return 1

@@ -43,7 +43,7 @@ class Wired:
 
     @property
     def name(self) -> str:
-        """Name of the node."""
+        """Returns the name of the node."""
         return self.spec.name
 
     @property
@@ -61,7 +61,7 @@ class Wired:
 
     @property
     def secrets(self) -> list[str]:
-        """Values of its secret parameters."""
+        """Returns the values of its secret parameters."""
         return secret_values(self.cls, self.params)
 
     def needs(self, wanted: Iterable[str]) -> frozenset[str]:
@@ -83,7 +83,7 @@ class Wired:
 
     @property
     def any_port(self) -> str | None:
-        """The input port that takes whatever it is told, if there is one."""
+        """Returns the input port that takes whatever it is told, if there is one."""
         return next((p for p, port in self.cls.INPUTS.items() if port.topic == ANY), None)
 
 

@@ -40,13 +40,13 @@ class Footage:
 
     @property
     def span_ns(self) -> tuple[int, int]:
-        """First and last time of frames and events."""
+        """Returns the first and last time of frames and events."""
         times = [v for a in (self.frame_t, self.t) if len(a) for v in (int(a[0]), int(a[-1]))]
         return min(times), max(times)
 
     @property
     def captions(self) -> tuple[str, str]:
-        """What stands under the two pictures."""
+        """Tells what stands under the two pictures."""
         gaps = np.diff(self.frame_t)
         rate = f"frames, {1e9 / float(np.median(gaps)):.0f} per second" if len(gaps) else "frame"
         first, last = self.span_ns

@@ -106,7 +106,7 @@ class _Numbers:
         return self.known[number]
 
     def values(self, number: int) -> np.ndarray:
-        """What an accessor means, float64 [count, parts]."""
+        """Tells what an accessor means, float64 [count, parts]."""
         accessor = self.accessors[number]
         raw = self._raw(accessor)
         if not accessor.get("normalized", False) or raw.dtype.kind == "f":
@@ -114,7 +114,7 @@ class _Numbers:
         return np.maximum(raw / float(np.iinfo(raw.dtype).max), -1.0)
 
     def add(self, values: np.ndarray) -> int:
-        """A new accessor; floats as float32."""
+        """Adds an accessor; floats as float32."""
         values = values.astype("<f4") if values.dtype.kind == "f" else values
         kind = next(k for k, name in _TYPES.items() if np.dtype(name) == values.dtype)
         parts = next(name for name, count in _PARTS.items() if count == values.shape[1])
@@ -127,7 +127,7 @@ class _Numbers:
         return len(self.accessors) - 1
 
     def add_to(self, tree: dict[str, Any]) -> None:
-        """The buffer of the new ones, if there are any."""
+        """Returns the buffer of the new ones, if there are any."""
         if self.data:
             if not tree["buffers"]:  # the first is the binary chunk
                 tree["buffers"].append({"byteLength": 0})

@@ -121,15 +121,15 @@ class _Intervals:
         return len(self.pixel)
 
     def only(self, chosen: np.ndarray) -> _Intervals:
-        """Those that are chosen, bool [Q]."""
+        """Picks those that are chosen, bool [Q]."""
         return _Intervals(*(values[chosen] for values in vars(self).values()))
 
     def inner(self, parts: int) -> np.ndarray:
-        """Times int64 [Q, P - 1] that cut them into P equal parts."""
+        """Computes times int64 [Q, P - 1] that cut them into P equal parts."""
         return self.t_a[:, None] + (self.t_b - self.t_a)[:, None] * np.arange(1, parts) // parts
 
     def parts(self, t: np.ndarray, level: np.ndarray, instance: np.ndarray) -> _Intervals:
-        """The P parts, with what was seen at the inner times [Q, P - 1]."""
+        """Returns the P parts, with what was seen at the inner times [Q, P - 1]."""
         ends = [np.repeat(self.pixel, t.shape[1] + 1)]
         for a, middle, b in ((self.t_a, t, self.t_b), (self.l_a, level, self.l_b), (self.i_a, instance, self.i_b)):
             row = np.concatenate([a[:, None], middle, b[:, None]], 1)

@@ -40,7 +40,7 @@ class Identity:
 
 
 def stall() -> NoReturn:
-    """A request that the device does not know."""
+    """Answers a request that the device does not know."""
     raise usb.core.USBError("Pipe error", -9, errno.EPIPE)
 
 
@@ -85,11 +85,11 @@ class EmulatedDevice(abc.ABC):
         """Takes a vendor request with data."""
 
     def command(self, data: bytes) -> None:
-        """Bytes on the command endpoint, where the device has one."""
+        """Takes bytes on the command endpoint, where the device has one."""
         stall()
 
     def answer(self, timeout_s: float) -> bytes:
-        """What waits on the answer endpoint, or comes in time; empty for nothing."""
+        """Tells what waits on the answer endpoint, or comes in time; empty for nothing."""
         return b""
 
     def readout(self) -> Readout:
@@ -104,7 +104,7 @@ class EmulatedDevice(abc.ABC):
 
     @abc.abstractmethod
     def power_up(self) -> None:
-        """The state after it was plugged in."""
+        """Returns the state after it was plugged in."""
 
     # -- presence ------------------------------------------------------------------------------------------------------
 
@@ -122,7 +122,7 @@ class EmulatedDevice(abc.ABC):
         return not (self.faults.absent or self._unplugged)
 
     def check_present(self) -> None:
-        """Raise as libusb does when the device is gone."""
+        """Raises as libusb does when the device is gone."""
         if self.faults.absent or self._unplugged:
             raise usb.core.USBError("No such device (it may have been disconnected)", -4, errno.ENODEV)
 
@@ -172,7 +172,7 @@ class EmulatedDevice(abc.ABC):
         return len(data)
 
     def bulk_in(self, endpoint: int, buffer: Any, timeout_s: float) -> int:
-        """Bytes of an endpoint into `buffer`; how many."""
+        """Reads bytes of an endpoint into `buffer`; returns how many."""
         if endpoint != self.DATA:
             data: bytes | memoryview = self.answer(timeout_s)
             if not data:

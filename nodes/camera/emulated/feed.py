@@ -47,7 +47,7 @@ class SideQueue:
             self._wanted = somebody
 
     def put(self, packets: list[bytes]) -> None:
-        """Append."""
+        """Appends."""
         with self._changed:
             self._packets.extend(packets)
             self._changed.notify_all()
@@ -61,7 +61,7 @@ class SideQueue:
             return self._packets.popleft() if self._in_hand else b""
 
     def wait_taken(self) -> None:
-        """Wait until all are taken, if anybody takes them."""
+        """Waits until all are taken, if anybody takes them."""
         with self._changed:
             if self._wanted:
                 self._wanted = self._changed.wait_for(lambda: not (self._packets or self._in_hand), SIDE_TAKEN_S)
@@ -85,7 +85,7 @@ class Feed(abc.ABC):
 
     @property
     def first_ns(self) -> int | None:
-        """Time of the first event, where that is known beforehand."""
+        """Returns the time of the first event, where that is known beforehand."""
         return None
 
     def counters(self) -> dict[str, int]:
@@ -224,7 +224,7 @@ class LiveFeed(Feed):
         self._ended = False
 
     def put(self, data: bytes) -> None:
-        """Append."""
+        """Appends."""
         with self._changed:
             if data:
                 self._queue.append(memoryview(data))

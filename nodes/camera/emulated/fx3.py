@@ -139,7 +139,7 @@ class Fx3Device(EmulatedDevice):
         return dataclasses.replace(events, x=x, y=y)
 
     def answer(self, timeout_s: float) -> bytes:
-        """A Mini's inertial samples, while its chip runs; the debug endpoint of the others is silent."""
+        """Returns a Mini's inertial samples, while its chip runs; the debug endpoint of the others is silent."""
         runs = self.model.name in MODULES and self._samples_run()
         return self.feed.side.get(timeout_s) if runs else b""
 

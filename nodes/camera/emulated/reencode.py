@@ -46,12 +46,12 @@ class Reencoder:
         return self._encoder.encode(self._fit(events))
 
     def take_beside(self) -> list[bytes]:
-        """The packets of inertial samples that the last stretch has beside its words."""
+        """Returns the packets of inertial samples that the last stretch has beside its words."""
         packets, self._beside = self._beside, []
         return packets
 
     def advance(self, t_ns: int) -> bytes:
-        """Time words up to t_ns, as a sensor that sees nothing sends them."""
+        """Gives time words up to t_ns, as a sensor that sees nothing sends them."""
         return self._encoder.advance(t_ns - self._shift)
 
     def _fit(self, events: Events) -> Events:

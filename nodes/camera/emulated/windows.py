@@ -15,7 +15,7 @@ AHEAD_NS = 200_000_000
 
 
 def plain_windows(recording: Recording, window_ns: int, end_ns: int | None) -> Iterator[tuple[int, Events]]:
-    """(end [ns], events) of each stretch that has any, in the file's order; nothing later than end_ns."""
+    """Gives (end [ns], events) of each stretch that has any, in the file's order; nothing later than end_ns."""
     while (following := recording.next_t_ns) is not None and (end_ns is None or following <= end_ns):
         stamp = -(-following // window_ns) * window_ns
         stamp = stamp if end_ns is None else min(stamp, end_ns)

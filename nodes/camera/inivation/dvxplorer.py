@@ -58,7 +58,7 @@ class DvxplorerSettings(UsbSettings):
             raise ValueError("binning and a region of interest are given; the camera does one of them")
 
     def check_region(self, width: int, height: int) -> None:
-        """Raise ValueError unless the region of interest lies inside a sensor of this size."""
+        """Raises ValueError unless the region of interest lies inside a sensor of this size."""
         if self.roi_x + (self.roi_width or 1) > width or self.roi_y + (self.roi_height or 1) > height:
             raise ValueError(
                 f"roi {self.roi_x},{self.roi_y} {self.roi_width}x{self.roi_height} px does not lie inside "

@@ -81,7 +81,7 @@ def code_of(table: str, millivolt: int) -> int:
 
 
 def check_chip(registers: Registers) -> None:
-    """Raise TreuzellError unless this is a Gen3.1 behind its FPGA; the chip id can be read only after init."""
+    """Raises TreuzellError unless this is a Gen3.1 behind its FPGA; the chip id can be read only after init."""
     expect(registers, "Gen3.1", 0x800, 0xFF, 0x28)
 
 

@@ -27,7 +27,7 @@ class GenX320Settings(UsbSettings):
 
 
 def apply(registers: Registers, settings: GenX320Settings) -> None:
-    """The biases that are given."""
+    """Returns the biases that are given."""
     for name, address in BIAS.items():
         code = getattr(settings, f"bias_{name}")
         if code is not None:

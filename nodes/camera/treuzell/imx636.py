@@ -44,13 +44,13 @@ class Imx636Settings(UsbSettings):
 
 
 def check_chip(registers: Registers) -> None:
-    """Raise TreuzellError unless this is an IMX636."""
+    """Raises TreuzellError unless this is an IMX636."""
     expect(registers, "IMX636", 0x14, 0xFFFF_FFFF, 0xA040_1806)
     expect(registers, "IMX636", 0xF128, 3, 0)
 
 
 def check_gen41(registers: Registers) -> None:
-    """Raise TreuzellError unless this is a Gen4.1."""
+    """Raises TreuzellError unless this is a Gen4.1."""
     expect(registers, "Gen4.1", 0x14, 0xFFFF_FFFF, 0xA030_1002, 0xA030_1003)
 
 

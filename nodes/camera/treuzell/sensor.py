@@ -85,7 +85,7 @@ class Registers:
 
 
 def expect(registers: Registers, sensor: str, address: int, mask: int, *values: int) -> None:
-    """Raise TreuzellError unless a register holds one of the values: the chip is another one."""
+    """Raises TreuzellError unless a register holds one of the values: the chip is another one."""
     got = registers.read(address) & mask
     if got not in values:
         wanted = " or ".join(f"{v:#x}" for v in values)

@@ -54,12 +54,12 @@ class ClockMap:
 
     @property
     def drift_ppm(self) -> float:
-        """How much faster the host's clock runs than the device's [1e-6]; 0 until known."""
+        """Tells how much faster the host's clock runs than the device's [1e-6]; 0 until known."""
         return self._slope * 1e6
 
     @property
     def offset_ns(self) -> int:
-        """host - device at the newest point [ns]."""
+        """Returns host - device at the newest point [ns]."""
         points = [*self._points, *([self._best] if self._best else [])]
         if not points:
             return 0

@@ -97,14 +97,14 @@ class UsbDriver(Driver):
         """Leave the device as it wants to be left."""
 
     def temperature_c(self) -> float | None:
-        """Of the sensor or the board [deg C]; None where the camera has no such thing."""
+        """Returns the temperature of the sensor or the board [deg C]; None where the camera has no such thing."""
         return None
 
     # -- Driver --------------------------------------------------------------------------------------------------------
 
     @property
     def name(self) -> str:
-        """For messages: model, and serial once known."""
+        """Names the camera for messages: model, and serial once known."""
         serial = self._info.serial if self._info else ""
         return f"{self.model.title} {serial}".strip() if serial else f"{self.model.title} ({label(self.device)})"
 
@@ -112,7 +112,7 @@ class UsbDriver(Driver):
         self._open(self._initialise)
 
     def identify(self) -> DeviceInfo:
-        """Who it is, without touching the sensor; the device is given back at once. Raises OSError."""
+        """Tells who it is, without touching the sensor; the device is given back at once. Raises OSError."""
         self._open(lambda: None)
         assert self._info is not None
         info, self._info = self._info, None
@@ -296,17 +296,17 @@ class UsbDriver(Driver):
 
     @property
     def read_at_ns(self) -> int:
-        """When the newest bulk read that is in the last reading returned [ns, monotonic clock]."""
+        """Tells when the newest bulk read that is in the last reading returned [ns, monotonic clock]."""
         return self._stream.read_at_ns if self._stream else 0
 
     @property
     def longest_pause_ns(self) -> int:
-        """Longest time in which no read waited at the endpoint of the running stream [ns]."""
+        """Returns the longest time in which no read waited at the endpoint of the running stream [ns]."""
         return self._stream.reader.longest_pause_ns if self._stream else 0
 
     @property
     def stream_bytes(self) -> int:
-        """Bytes taken from the endpoint and handed to the decoder since the driver was made."""
+        """Returns the bytes taken from the endpoint and handed to the decoder since the driver was made."""
         return self._bytes + (self._stream.reader.bytes if self._stream else 0)
 
     def _stream_counts(self) -> dict[str, int]:

@@ -80,7 +80,7 @@ class Reader:
         self._thread = threading.Thread(target=self._run, name="usb-reader", daemon=True)
 
     def start(self) -> None:
-        """Let it run."""
+        """Lets it run."""
         self._thread.start()
 
     def get(self, timeout_s: float) -> Chunk | None:
@@ -109,7 +109,7 @@ class Reader:
             self._changed.notify_all()
 
     def close(self) -> None:
-        """End the thread."""
+        """Ends the thread."""
         with self._changed:
             self._stop = True
             self._changed.notify_all()

@@ -51,17 +51,17 @@ class SideReader:
         self._thread = threading.Thread(target=self._run, name="usb-side", daemon=True)
 
     def start(self) -> None:
-        """Let it run."""
+        """Lets it run."""
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread."""
+        """Ends the thread."""
         self._stop = True
         if self._thread.is_alive():
             self._thread.join(5.0)
 
     def seen(self, t_host_ns: int, t_ns: int) -> None:
-        """Events up to device time t_ns had arrived at host time t_host_ns."""
+        """Notes that events up to device time t_ns had arrived at host time t_host_ns."""
         self._pairs.append((t_host_ns, t_ns))
 
     def rest(self) -> None:

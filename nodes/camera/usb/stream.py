@@ -87,13 +87,13 @@ class ReadingStream:
         self._bytes: list[np.ndarray] = []
 
     def start(self) -> None:
-        """Let the threads read."""
+        """Lets the threads read."""
         self.reader.start()
         if self.side is not None:
             self.side.start()
 
     def close(self) -> None:
-        """End the threads."""
+        """Ends the threads."""
         self.reader.close()
         if self.side is not None:
             self.side.close()
@@ -122,7 +122,7 @@ class ReadingStream:
         return None
 
     def read_bytes(self, count: int, t0_ns: int, stamp_ns: int, timeout_s: float) -> Reading:
-        """One reading (t0_ns, stamp_ns] from the next `count` bytes, whatever times are in them.
+        """Returns one reading (t0_ns, stamp_ns] from the next `count` bytes, whatever times are in them.
 
         For a source that knows how many bytes an interval has (the simulator behind an emulated camera). Raises OSError
         when they do not come in time.

@@ -48,11 +48,11 @@ class StepLists:
         self.kernel.spare = self._spare.ctypes.data
 
     def empty(self) -> None:
-        """Forget all events."""
+        """Forgets all events."""
         self._taken[:] = 0
 
     def grow(self, step: int, needed: int) -> None:
-        """Room for this many events in the list of a step."""
+        """Makes room for this many events in the list of a step."""
         room = max(needed, 2 * len(self._keys[step]))
         keys = np.empty(room, np.int64)
         taken = self._taken[step]
@@ -89,7 +89,7 @@ class Ideal:
         return [(self._kernel, 1)]
 
     def arrays(self) -> tuple[wp.array, ...]:
-        """Everything that is kept per pixel."""
+        """Returns everything that is kept per pixel."""
         return self._state.last, self._state.low, self._state.high, self._state.level
 
     def launch(self, sensor: Sensor, batch: Any, keys: wp.array, counters: wp.array, resume: int) -> None:

@@ -44,7 +44,7 @@ class Listing:
         self._sensor.capacity = wp.int64(capacity)
 
     def fill(self, batch: Any, stamp: int) -> None:
-        """Run the kernel on a batch that ends at `stamp`, and sort its events.
+        """Runs the kernel on a batch that ends at `stamp`, and sorts its events.
 
         Where the events did not fit, the kernel goes on, or is run again, with a longer list.
         """
@@ -60,7 +60,7 @@ class Listing:
             self._listed = self._keys.numpy()[:count]
 
     def clear(self) -> None:
-        """No events."""
+        """Forgets the events."""
         self._listed = np.zeros(0, np.int64)
 
     def _run(self, batch: Any) -> np.ndarray:
@@ -88,7 +88,7 @@ class Listing:
         return len(self._listed)
 
     def read(self, out: dict[str, np.ndarray]) -> None:
-        """Write the events to columns of their length."""
+        """Writes the events to columns of their length."""
         if not self._layout.marked:
             unpack(self._listed, self._sensor, self._t_base, out)
             return
@@ -100,5 +100,5 @@ class Listing:
         unpack(self._listed >> 1, plain, self._t_base, out)
 
     def env_offsets(self) -> np.ndarray:
-        """int64 [E + 1]: where each environment's events begin."""
+        """Returns int64 [E + 1]: where each environment's events begin."""
         return env_offsets(self._listed, self._layout, self._envs)

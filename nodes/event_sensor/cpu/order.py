@@ -16,7 +16,7 @@ DIGIT_BITS = 8
 
 
 def sort_keys(keys: wp.array, spare: wp.array, count: int, layout: KeyLayout, span_ns: int) -> np.ndarray:
-    """The first `count` keys in ascending order, on the host. `keys` and `spare` are overwritten.
+    """Returns the first `count` keys in ascending order, on the host. `keys` and `spare` are overwritten.
 
     On a CPU the kernel emits each environment's events in the order of y, x, channel and time, so that a stable sort by
     time and environment alone is the whole order; on a GPU the order of emission is arbitrary and all bits are sorted.
@@ -38,13 +38,13 @@ def sort_keys(keys: wp.array, spare: wp.array, count: int, layout: KeyLayout, sp
 
 
 def env_offsets(keys: np.ndarray, layout: KeyLayout, envs: int) -> np.ndarray:
-    """int64 [E + 1] where each environment's events start in the sorted keys."""
+    """Returns int64 [E + 1] where each environment's events start in the sorted keys."""
     firsts = np.arange(envs, dtype=np.int64) << layout.env if envs > 1 else np.zeros(1, np.int64)
     return np.append(np.searchsorted(keys, firsts), len(keys)).astype(np.int64)
 
 
 def unpack(keys: np.ndarray, sensor: Sensor, t_base: int, out: dict[str, np.ndarray]) -> None:
-    """Write sorted keys to the columns t, x, y, p and, where `out` has it, c."""
+    """Writes sorted keys to the columns t, x, y, p and, where `out` has it, c."""
     if len(keys):
         columns: list[wp.array] = [wp.array(out[name], copy=False, device="cpu") for name in ("t", "x", "y", "p")]
         source: wp.array = wp.array(keys, copy=False, device="cpu")

@@ -83,7 +83,7 @@ def radix_pass(
     # out
     target: wp.array(dtype=wp.int64),
 ):
-    """counting_pass over arrays."""
+    """Makes a counting_pass over arrays."""
     counting_pass(wp.uint64(source.ptr), wp.uint64(target.ptr), wp.int64(count), shift, bits, wp.int64(0))
 
 
@@ -92,7 +92,7 @@ def to_columns(
     sensor: Sensor, t_base: wp.int64, keys: wp.array(dtype=wp.int64), t: wp.array(dtype=wp.int64),
     x: wp.array(dtype=wp.uint16), y: wp.array(dtype=wp.uint16), p: wp.array(dtype=wp.uint8),
 ):  # fmt: skip
-    """Keys to columns; the colour channel is read apart, where there is one."""
+    """Writes keys to columns; the colour channel is read apart, where there is one."""
     ...
 
 
@@ -108,5 +108,5 @@ def unpack(
     y: wp.array(dtype=wp.uint16),
     p: wp.array(dtype=wp.uint8),
 ):
-    """Keys to columns, by one thread."""
+    """Writes keys to columns, by one thread."""
     to_columns(sensor, t_base, keys, t, x, y, p)

@@ -26,7 +26,7 @@ def unlit_rate(p: Mapping[str, Any]) -> float:
 
 
 def make_engine(size: Size, seed: int, p: Mapping[str, Any], device: Any, layout: KeyLayout) -> Any:
-    """The engine for resolved parameters: the ideal one unless a curve or a fault is asked for.
+    """Returns the engine for resolved parameters: the ideal one unless a curve or a fault is asked for.
 
     Only what is asked for is imported, for a module of kernels costs some ms.
     """

@@ -31,7 +31,7 @@ class Paper:
         self._after: wp.array = wp.zeros(total, dtype=paper_kernels.PaperPixel, device=device)
 
     def arrays(self) -> tuple[wp.array, ...]:
-        """Everything that is kept per pixel."""
+        """Returns everything that is kept per pixel."""
         return self._before, self._after, *self._pattern
 
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
@@ -39,7 +39,7 @@ class Paper:
         return [(paper_kernels.paper, LAUNCH_BLOCK)]
 
     def launch(self, sensor: Sensor, batch: Batch, keys: wp.array, counters: wp.array, resume: int) -> None:
-        """Events of a batch to `keys`, as many as fit; all are counted."""
+        """Writes events of a batch to `keys`, as many as fit; all are counted."""
         b = batch
         wp.launch(
             paper_kernels.paper,

@@ -75,7 +75,7 @@ class SeparateSensors:
 
     @property
     def on_gpu(self) -> Any:
-        """The GPU that the events are on; None where those of an environment are on the host."""
+        """Returns the GPU that the events are on; None where those of an environment are on the host."""
         devices = [sensor.on_gpu for sensor in self._sensors]
         return devices[0] if all(devices) else None
 

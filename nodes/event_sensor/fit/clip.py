@@ -53,14 +53,14 @@ class Clip:
         return self.speed_at(found.start, x, y) < self.middle_speed
 
     def speed_at(self, t: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Speed [B, px/s] of the border at times t [B, ns] and pixels x, y [B]."""
+        """Computes the speed [B, px/s] of the border at times t [B, ns] and pixels x, y [B]."""
         wheel = self.wheel
         far = np.hypot(x - wheel.hub[0], y - wheel.hub[1])
         return np.asarray(np.interp(t, wheel.at, wheel.speed) * far)
 
     @property
     def pixels(self) -> tuple[np.ndarray, np.ndarray]:
-        """x, y float64 [N, px] of the wheel's pixels on the sensor."""
+        """Returns x, y float64 [N, px] of the wheel's pixels on the sensor."""
         rows, columns = np.nonzero(self.wheel.mask)
         return columns + float(self.wheel.box[0]), rows + float(self.wheel.box[1])
 
@@ -98,7 +98,7 @@ def read_clip(name: str, t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndar
 
 
 def luminance(clip: Clip, light: Light, blur_px: float, t: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Light of the scene, float32 [K, N], at times t [K, ns] and pixels x, y [N, px].
+    """Computes the light of the scene, float32 [K, N], at times t [K, ns] and pixels x, y [N, px].
 
     The border is a normal distribution's integral of the standard deviation blur_px, in intensity.
     """
@@ -117,7 +117,7 @@ def _normal_integral(z: np.ndarray) -> np.ndarray:
 
 
 def some_pixels(clip: Clip, most: int = SOME_PIXELS) -> tuple[np.ndarray, np.ndarray]:
-    """x, y [n] of pixels of the wheel picked by a hash: the same ones each time."""
+    """Returns x, y [n] of pixels of the wheel picked by a hash: the same ones each time."""
     x, y = clip.pixels
     rank = np.argsort(mix(np.arange(len(x), dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(1)))
     keep = np.sort(rank[:most])

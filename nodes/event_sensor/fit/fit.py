@@ -57,7 +57,7 @@ class Fit:
 
 
 def light_of(contrast: float = CONTRAST, lux: float = LUX) -> Light:
-    """The light that is assumed: white paper in so many lux."""
+    """Returns the light that is assumed: white paper in so many lux."""
     return Light(radiance_of(lux), contrast)
 
 
@@ -105,5 +105,5 @@ def _still_rate(clip: Clip, light: Light, blur: float, values: dict[str, Any]) -
 
 
 def off_by(one: Compared) -> dict[str, float]:
-    """How far the simulation of a recording is off, relative, by statistic."""
+    """Tells how far the simulation of a recording is off, relative, by statistic."""
     return {name: one.simulated[name] / one.real[name] - 1 for name in TEXTS if one.real[name] > 0}

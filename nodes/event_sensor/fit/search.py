@@ -24,7 +24,7 @@ class Found:
 
     @property
     def cost(self) -> float:
-        """Sum of squares."""
+        """Returns the sum of squares."""
         return float(self.residuals @ self.residuals)
 
     def deviations(self) -> np.ndarray:

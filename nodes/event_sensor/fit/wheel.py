@@ -50,12 +50,12 @@ class Wheel:
 
     @property
     def start_ns(self) -> int:
-        """When the motion begins."""
+        """Tells when the motion begins."""
         return int(self.at[0])
 
     @property
     def end_ns(self) -> int:
-        """When it ends."""
+        """Tells when it ends."""
         return int(self.at[-1])
 
     @property
@@ -65,7 +65,7 @@ class Wheel:
 
     @property
     def speed(self) -> np.ndarray:
-        """Angular speed [K, rad/s]."""
+        """Returns the angular speed [K, rad/s]."""
         return np.asarray(np.abs(np.gradient(self.angle, self.at * 1e-9)))
 
     def beyond(self, t: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:

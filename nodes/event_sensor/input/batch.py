@@ -73,7 +73,7 @@ class Size:
 
     @property
     def pixels(self) -> int:
-        """Of one environment, channels counted."""
+        """Counts the pixels of one environment, and their channels."""
         return self.height * self.width * self.channels
 
     def threads(self, cuda: bool) -> tuple[int, ...]:

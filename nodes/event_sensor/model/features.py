@@ -29,7 +29,7 @@ class Features:
 
     @property
     def curved(self) -> bool:
-        """Not a straight line."""
+        """Tells whether it is not a straight line."""
         return self.ahead or self.crossing == "hermite"
 
     @property

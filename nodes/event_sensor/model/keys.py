@@ -49,7 +49,7 @@ class KeyLayout:
         return KeyLayout(self.x - 1, self.y - 1, self.t - 1, self.env - 1)
 
     def check_span(self, t_base: int, t: np.ndarray) -> None:
-        """Raise ValueError when a message from t_base [ns] with frames at t [ns] is too long for the key."""
+        """Raises ValueError when a message from t_base [ns] with frames at t [ns] is too long for the key."""
         bits = self.env - self.t
         span_ns = int(t[-1]) - t_base
         if span_ns >> bits:

@@ -55,7 +55,7 @@ class Optics:
     def traced(
         self, images: wp.array, lists: SampleLists | None, t: np.ndarray, before: int, fresh: np.ndarray
     ) -> tuple[wp.array, SampleLists | None]:
-        """Flat frames and further samples through the photoreceptor, as Photoreceptor.trace; see `seen`."""
+        """Passes flat frames and further samples through the photoreceptor, as Photoreceptor.trace; see `seen`."""
         assert self._photoreceptor is not None
         return self._photoreceptor.trace(images, lists, t, before, fresh)
 

@@ -93,7 +93,7 @@ class Photoreceptor:
     def advance(
         self, images: wp.array, t: np.ndarray, t_base: int, fresh: np.ndarray, in_place: bool = False
     ) -> wp.array:
-        """Filtered luminance, float32 of the shape of `images`, in a buffer that the next call overwrites.
+        """Computes filtered luminance, float32 of the shape of `images`, in a buffer that the next call overwrites.
 
         images: float32, linear, on this device: the samples of [E, K, H, W, C] in this order, in any shape (Warp has
         four axes at most). t: int64 [K] ns, ascending. t_base: stamp [ns] of the frame before, where the first step

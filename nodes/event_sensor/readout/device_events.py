@@ -42,7 +42,7 @@ class DeviceEvents:
 
     @staticmethod
     def of(events: Events, device: Any, span: tuple[int, int]) -> DeviceEvents:
-        """Events of the host on a device; on a CPU the arrays are shared."""
+        """Returns the events of the host on a device; on a CPU the arrays are shared."""
         host = {n: getattr(events, n) for n in ("t", "x", "y", "p", "c") if getattr(events, n) is not None}
         columns: dict[str, wp.array] = {n: wp.array(a, device=device, copy=False) for n, a in host.items()}
         return DeviceEvents(columns, len(events.t), events.env_offsets, span)
@@ -58,27 +58,27 @@ class DeviceEvents:
 
     @property
     def t(self) -> wp.array:
-        """Times [ns]."""
+        """Returns the times [ns]."""
         return self.column("t")
 
     @property
     def x(self) -> wp.array:
-        """Columns."""
+        """Returns the columns."""
         return self.column("x")
 
     @property
     def y(self) -> wp.array:
-        """Rows."""
+        """Returns the rows."""
         return self.column("y")
 
     @property
     def p(self) -> wp.array:
-        """1 = ON."""
+        """Returns the polarities; 1 = ON."""
         return self.column("p")
 
     @property
     def c(self) -> wp.array | None:
-        """Colour channels, None without colour."""
+        """Returns the colour channels, None without colour."""
         return self.column("c") if "c" in self._columns else None
 
     def up_to(self, stamps: Sequence[int]) -> list[int]:

@@ -28,7 +28,7 @@ class Events:
 def merged(
     a: tuple[dict[str, np.ndarray], np.ndarray], b: tuple[dict[str, np.ndarray], np.ndarray], envs: int
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Columns and offsets of two packets, the second being later in every environment."""
+    """Joins columns and offsets of two packets, the second being later in every environment."""
     parts = [(columns, slice(offsets[e], offsets[e + 1])) for e in range(envs) for columns, offsets in (a, b)]
     columns = {name: np.concatenate([c[name][s] for c, s in parts]) for name in a[0]}
     return columns, a[1] + b[1]
@@ -37,7 +37,7 @@ def merged(
 def parted(
     columns: dict[str, np.ndarray], offsets: np.ndarray, end: int
 ) -> tuple[tuple[dict[str, np.ndarray], np.ndarray], tuple[dict[str, np.ndarray], np.ndarray]]:
-    """Columns and offsets of the events up to `end` [ns] and of the later ones."""
+    """Parts columns and offsets into those of the events up to `end` [ns] and of the later ones."""
     early = columns["t"] <= end
     counts = [np.count_nonzero(early[a:b]) for a, b in itertools.pairwise(offsets)]
     before = np.append(0, np.cumsum(counts)).astype(np.int64)

@@ -96,12 +96,12 @@ class Readout:
 
     @property
     def latency_ns(self) -> int:
-        """Mean of the delay that the jitter adds [ns]."""
+        """Returns the mean of the delay that the jitter adds [ns]."""
         return round(float(kernels.REACH) * self._sigma)
 
     @property
     def waiting(self) -> int:
-        """Events held for a later packet."""
+        """Returns the events held for a later packet."""
         return 0 if self._held is None else len(self._held["t"])
 
     def apply(
@@ -137,7 +137,7 @@ class Readout:
         return self._left_by(ordered, offsets, stamp)
 
     def flush(self) -> tuple[dict[str, np.ndarray], np.ndarray] | None:
-        """Events still held, at the end of a stream, as `apply` gives them; None when there are none."""
+        """Returns the events still held, at the end of a stream, as `apply` gives them; None when there are none."""
         held, self._held = self._held, None
         return None if held is None else self._sorted(held, int(held["t"].min()) - 1)
 

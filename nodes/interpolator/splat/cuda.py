@@ -60,7 +60,7 @@ class Keyframe:
         self._taking.launch()
 
     def find_brightest(self) -> None:
-        """What the image's values are counted in."""
+        """Tells what the image's values are counted in."""
         brightest, seen = self.sources.brightest, self._seen
         brightest.zero_()
         _launch(cuda_source_kernels.find_brightest, seen.shape, [seen], [brightest], device=seen.device)

@@ -122,7 +122,7 @@ class Encoder(PropheseeEncoder):
     word = np.dtype("<u4")
 
     def time_high_words(self, high: np.ndarray) -> np.ndarray:
-        """TIME_HIGH words."""
+        """Makes TIME_HIGH words."""
         return TIME_HIGH << TYPE_SHIFT | high & HIGH_MASK
 
     def _write(self, item: Item, new_high: np.ndarray, steps: dict[int, np.ndarray]) -> np.ndarray:

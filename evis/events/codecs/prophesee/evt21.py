@@ -58,7 +58,7 @@ class Encoder(PropheseeEncoder):
     word: ClassVar[np.dtype[Any]] = np.dtype("<u8")
 
     def time_high_words(self, high: np.ndarray) -> np.ndarray:
-        """TIME_HIGH words."""
+        """Makes TIME_HIGH words."""
         return (TIME_HIGH << TYPE_SHIFT | high & HIGH_MASK).astype(np.uint64) << np.uint64(32)
 
     def _write(self, item: Item, new_high: np.ndarray, steps: dict[int, np.ndarray]) -> np.ndarray:

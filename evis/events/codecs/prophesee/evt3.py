@@ -170,7 +170,7 @@ class Encoder(PropheseeEncoder):
     word = np.dtype("<u2")
 
     def time_high_words(self, high: np.ndarray) -> np.ndarray:
-        """TIME_HIGH words."""
+        """Makes TIME_HIGH words."""
         return TIME_HIGH << 12 | high & 0xFFF
 
     def _write(self, item: Item, new_high: np.ndarray, steps: dict[int, np.ndarray]) -> np.ndarray:
@@ -218,7 +218,7 @@ class Encoder(PropheseeEncoder):
 
 
 def find_vectors(item: Item, new: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First items and sizes of the runs that one vector of 32 aligned columns can hold in their order."""
+    """Finds first items and sizes of the runs that one vector of 32 aligned columns can hold in their order."""
     n = len(item.t_us)
     joins = np.zeros(n, bool)
     same = (item.p[1:] == item.p[:-1]) & (item.x[1:] >> 5 == item.x[:-1] >> 5) & (item.x[1:] > item.x[:-1])

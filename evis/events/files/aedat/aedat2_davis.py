@@ -106,7 +106,7 @@ class DavisSamples:
         ]
 
     def finish(self, events: Events) -> None:
-        """End the frame that is open, if any; a whole one goes into `events`."""
+        """Ends the frame that is open, if any; a whole one goes into `events`."""
         (n_reset, n_signal), (x0, y0, x1, y1) = self._counts, self._box
         if n_reset and n_reset == n_signal:
             cut = np.s_[y0 : y1 + 1, x0 : x1 + 1]

@@ -27,7 +27,7 @@ class EsDecoder:
 
     @property
     def pending(self) -> int:
-        """Bytes of an event that is not complete."""
+        """Returns the bytes of an event that is not complete."""
         return len(self._rest)
 
     def decode(self, data: bytes) -> tuple[Events, int]:

@@ -52,7 +52,7 @@ class Table:
 
     @property
     def bytes(self) -> int:
-        """What all of it takes unpacked."""
+        """Tells what all of it takes unpacked."""
         return self.size * self.dtype.itemsize
 
     def __len__(self) -> int:

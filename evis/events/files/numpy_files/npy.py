@@ -176,7 +176,7 @@ class NpyRecording(BlockRecording):
 
 
 def read_header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
-    """Shape, whether column by column, and type of the array that begins here. Raises ValueError.
+    """Reads shape, whether column by column, and type of the array that begins here. Raises ValueError.
 
     A header whose length says more than any has is not read: packed, it would cost little to say gigabytes.
     """

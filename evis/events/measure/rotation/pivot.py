@@ -63,7 +63,7 @@ class Found:
 
     @property
     def gain(self) -> float:
-        """Share of the pairs that only turning brings together, 0 to 1."""
+        """Returns the share of the pairs that only turning brings together, 0 to 1."""
         turned = float(self.turned.sum())
         return max(0.0, 1 - max(float(self.slid.sum()), float(self.still.sum())) / turned) if turned > 0 else 0.0
 

@@ -26,7 +26,7 @@ class Plane:
 
     @property
     def tilt_rad(self) -> float:
-        """Angle between the plane and the image plane: its cosine is the ratio of the ellipse's axes."""
+        """Returns the angle between the plane and the image plane: its cosine is the ratio of the ellipse's axes."""
         return float(np.arccos(np.exp(-2 * np.hypot(*self.stretch))))
 
     def from_image(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -34,7 +34,7 @@ class Element:
 
     @property
     def where(self) -> str:
-        """`file:line` for errors."""
+        """Names `file:line` for errors."""
         return f"{self.file.name}:{self.line}"
 
 

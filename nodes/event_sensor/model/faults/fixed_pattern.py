@@ -19,7 +19,7 @@ THRESHOLD_ON, THRESHOLD_OFF, LEAK, HOT, HOT_RATE = range(5)
 
 
 def uniforms(seed: int, envs: int, pixels: int, purpose: int, index: int = 0) -> np.ndarray:
-    """float64 [E * pixels] in (0, 1): one number per pixel. purpose and index name independent sets."""
+    """Draws float64 [E * pixels] in (0, 1): one number per pixel. purpose and index name independent sets."""
     seeds = np.array([(seed + e + int(GOLDEN)) & 0xFFFFFFFFFFFFFFFF for e in range(envs)], np.uint64)
     pixel = np.arange(pixels, dtype=np.uint64) * GOLDEN + np.uint64(3 + 8 * purpose + index)
     bits = mix(mix(seeds)[:, None] ^ pixel[None])
@@ -27,7 +27,7 @@ def uniforms(seed: int, envs: int, pixels: int, purpose: int, index: int = 0) ->
 
 
 def normals(seed: int, envs: int, pixels: int, purpose: int) -> np.ndarray:
-    """float64 [E * pixels], standard normal (Box and Muller)."""
+    """Draws float64 [E * pixels], standard normal (Box and Muller)."""
     radius = np.sqrt(-2 * np.log(uniforms(seed, envs, pixels, purpose, 0)))
     return np.asarray(radius * np.cos(2 * np.pi * uniforms(seed, envs, pixels, purpose, 1)))
 
@@ -35,7 +35,7 @@ def normals(seed: int, envs: int, pixels: int, purpose: int) -> np.ndarray:
 def thresholds(
     seed: int, envs: int, pixels: int, mean: tuple[float, float], sigma: float, floor: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """float32 [E * pixels] ON and OFF thresholds, max(normal(mean, sigma), floor), drawn independently."""
+    """Draws float32 [E * pixels] ON and OFF thresholds, max(normal(mean, sigma), floor), drawn independently."""
     on, off = (
         np.maximum(m + sigma * normals(seed, envs, pixels, purpose), floor).astype(np.float32)
         for m, purpose in zip(mean, (THRESHOLD_ON, THRESHOLD_OFF))
@@ -44,7 +44,7 @@ def thresholds(
 
 
 def leak_rates(seed: int, envs: int, pixels: int, rate: float, jitter: float) -> np.ndarray:
-    """float32 [E * pixels]: rate * max(1 + jitter * normal, 0) [Hz]."""
+    """Draws float32 [E * pixels]: rate * max(1 + jitter * normal, 0) [Hz]."""
     spread = 1 + jitter * normals(seed, envs, pixels, LEAK) if jitter > 0 else np.ones(envs * pixels)
     return np.asarray((rate * np.maximum(spread, 0)).astype(np.float32))
 

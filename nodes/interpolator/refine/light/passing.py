@@ -78,7 +78,7 @@ class Passing:
 
     @cached_property
     def kernel(self) -> wp.Kernel:
-        """The kernel that finds them, made when it is first asked for."""
+        """Returns the kernel that finds them, made when it is first asked for."""
         return make_find_passing(self._changes, self._rigid.shading.occluders.trees)
 
     def likely(self) -> bool:
