@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -80,7 +81,7 @@ class EventSensor:
         self.height, self.width, self.envs = (
             _at_least_one(name, value) for name, value in (("height", height), ("width", width), ("envs", envs))
         )
-        self.colour, self.seed = colour, seed
+        self.colour, self.seed = colour, _seed(seed)
         self.parameters = _resolved(preset, parameters)
         self._device = device
         self._sensor: Any = None
@@ -160,9 +161,10 @@ class EventSensor:
         Raises ValueError.
         """
         if envs is None:
+            new_seed = self.seed if seed is None else _seed(seed)
             self._episodes += 1
+            self.seed = new_seed
             if seed is not None:
-                self.seed = seed
                 self._episodes[:] = 0
                 self._sensor = None if self._device is None else self._made(self._device)
             elif self._sensor is not None and not self._is_peer:
@@ -170,14 +172,26 @@ class EventSensor:
             return
         if seed is not None:
             raise ValueError(f"{_OWNER}: a seed is that of all environments; reset them all, or give none")
-        chosen = np.unique(np.asarray(list(envs), np.int64))
-        if len(chosen) and (chosen[0] < 0 or chosen[-1] >= self.envs):
+        # What a run holds comes with it, which a sensor alone does without.
+        from evis.client.resets import environments_of
+
+        try:
+            chosen = np.unique(environments_of([*envs] if isinstance(envs, Iterable) else envs))
+        except ValueError as error:
+            raise ValueError(f"{_OWNER}: {error}") from None
+        if len(chosen) and chosen[-1] >= self.envs:
             raise ValueError(f"{_OWNER}: no environment {chosen[-1]}; there are {self.envs}, 0 to {self.envs - 1}")
         self._episodes[chosen] += 1
 
     def counts(self) -> dict[str, int]:
         """Counts samples and events set aside so far, by reason: nonfinite, clipped, dropped, ..."""
         return {} if self._sensor is None else dict(self._sensor.counts())
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Gives what a copy or a pickle is made of, as long as no pixel has a state."""
+        if self._sensor is not None:
+            raise TypeError(f"{_OWNER}: its pixels cannot be copied or pickled; make one with the same arguments")
+        return self.__dict__
 
     # -- between the caller's arrays and the sensor's ----------------------------------------------------------------
 
@@ -232,6 +246,14 @@ def _at_least_one(name: str, value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
         raise ValueError(f"{_OWNER}: {name} is {value!r}; it must be a whole number, 1 or more")
     return int(value)
+
+
+def _seed(value: Any) -> int:
+    """A seed, told before the first frame asks for random numbers. Raises ValueError."""
+    try:
+        return operator.index(value)
+    except TypeError:
+        raise ValueError(f"{_OWNER}: seed is {value!r:.60}; it must be a whole number") from None
 
 
 def _in_place(values: Any) -> Any:

@@ -156,14 +156,15 @@ class Recipe:
         n, _ = divmod(index, self.seeds)
         rounds, place = divmod(n, len(self._round))
         scene = self.scenes[self._round[place]]
-        rank = rounds * scene.weight + self._round[:place].count(self._round[place])
+        draw_of_scene = rank = rounds * scene.weight + self._round[:place].count(self._round[place])
         strata = max(1, math.ceil(self.count * scene.weight / (len(self._round) * self.seeds)))
         grid = self.sampling == "grid"
         rank = rank % scene.combinations if grid else rank
         drawn = draw(scene.axes, self.sampling, self.seed, scene.name, rank, strata)
         how = "random" if grid else self.sampling
-        (duration,) = draw([self.duration], how, self.seed, "", n, self.count).values()
-        name, split = f"{scene.name}_{index:05d}", self._split(n)
+        draws = max(1, math.ceil(self.count / self.seeds))
+        (duration,) = draw([self.duration], how, self.seed, "", n, draws).values()
+        name, split = f"{scene.name}_{index:05d}", self._split(draw_of_scene, self._round[place])
         arguments = {**scene.constants, **drawn}
         return Plan(
             index=index,
@@ -184,9 +185,13 @@ class Recipe:
         """Draws the first sequences, as many as the recipe says or `count`."""
         return [self.sequence(index) for index in range(self.count if count is None else count)]
 
-    def _split(self, n: int) -> str:
-        """The split of a draw; all seeds of one are in the same, so that nothing of it is seen in two."""
-        at, upto = turn(n, 0.0), 0.0
+    def _split(self, n: int, scene: int) -> str:
+        """The split of a scene's n-th draw; all seeds of one are in the same, so that nothing of it is seen in two.
+
+        It goes by the draws of a scene, so that each scene has the shares; by all draws, a round of 8 or 13 of them
+        would give every scene nearly the same place again and again.
+        """
+        at, upto = turn(n + scene, 0.0), 0.0
         for name, share in self.splits.items():
             upto += share
             if at < upto:

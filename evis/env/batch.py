@@ -166,7 +166,8 @@ class Batch:
             step = error.step
             diverged[error.envs] = True
         assert step.state is not None
-        self._actions = np.array(actions, np.float32)
+        # What is accepted may lie beyond the space by a rounding.
+        self._actions = np.clip(np.array(actions, np.float32), self.action_space.low, self.action_space.high)
         if ignored is not None:
             self._actions[ignored] = self._rest
         self.steps += 1
@@ -175,7 +176,7 @@ class Batch:
         reward = np.where(diverged, 0.0, self._of_each("reward", self.task.reward(state)))
         terminated = self._of_each("terminated", self.task.terminated(state)).astype(bool) | diverged
         truncated = ~terminated & (self._last_step is not None) & (self.steps >= (self._last_step or 0))
-        info = {name: np.asarray(value) for name, value in self.task.info(state).items()}
+        info = {name: self._told(name, value) for name, value in self.task.info(state).items()}
         info["diverged"] = diverged
         observed = self._observed(step, np.ones(self.envs, bool))
         return Outcome(observed, reward, terminated, truncated, info)
@@ -183,9 +184,22 @@ class Batch:
     def _of_each(self, name: str, values: Any) -> np.ndarray:
         """What a task says of every environment [E]. Raises ValueError for another shape, which numpy would spread."""
         found = np.asarray(values)
+        if found.dtype.kind not in "biuf":
+            raise ValueError(f"{name} of the task is {values!r:.60}; it must be numbers [{self.envs}], one for each")
         if found.shape not in ((), (self.envs,)):
             raise ValueError(
                 f"{name} of the task has shape {list(found.shape)}; it must be [{self.envs}], one for each"
+            )
+        return found
+
+    def _told(self, name: str, value: Any) -> np.ndarray:
+        """What a task tells of every environment [E, ...]; a single value is that of each. Raises ValueError."""
+        found = np.asarray(value)
+        if not found.ndim:
+            return np.repeat(found, self.envs)
+        if len(found) != self.envs:
+            raise ValueError(
+                f"info {name} of the task has shape {list(found.shape)}; its first axis must be {self.envs}"
             )
         return found
 

@@ -98,11 +98,11 @@ def pooled(images: np.ndarray, block: Block) -> np.ndarray:
 
 
 def _sides(block: Block) -> tuple[int, int]:
-    if isinstance(block, int):
-        return block, block
-    if len(block) != 2:
-        raise ValueError(f"pool={block} is neither a side nor rows and columns")
-    return block[0], block[1]
+    sides = np.array(block)
+    if sides.dtype.kind not in "iu" or sides.shape not in ((), (2,)):
+        raise ValueError(f"pool={block} is neither a side nor rows and columns, in whole pixels")
+    rows, columns = np.broadcast_to(sides, 2).tolist()
+    return rows, columns
 
 
 def _pooled_size(block: Block, setting: Setting) -> tuple[int, int]:
@@ -111,6 +111,11 @@ def _pooled_size(block: Block, setting: Setting) -> tuple[int, int]:
     if min(rows, columns) < 1 or setting.height % rows or setting.width % columns:
         raise ValueError(f"pool={block} does not divide an image of {setting.width} x {setting.height}")
     return setting.height // rows, setting.width // columns
+
+
+def _check_count(name: str, value: Any) -> None:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
+        raise ValueError(f"{name} is {value!r:.60}; it must be a whole number, 1 or more")
 
 
 @dataclass
@@ -129,6 +134,7 @@ class VoxelGrid(Observation):
 
     def begin(self, setting: Setting) -> Box:
         """Implements Observation.begin."""
+        _check_count("bins", self.bins)
         channels = self.bins * (2 if self.polarity == "split" else 1)
         low = -np.inf if self.polarity == "signed" or self.normalise else 0.0
         return Box(low, np.inf, (channels, *_pooled_size(self.pool, setting)), np.float32)
@@ -205,8 +211,7 @@ class RawEvents(Observation):
 
     def begin(self, setting: Setting) -> Box:
         """Implements Observation.begin."""
-        if self.most < 1:
-            raise ValueError(f"most={self.most} leaves no event")
+        _check_count("most", self.most)
         high = [round(1e9 / setting.rate), setting.width - 1, setting.height - 1, 1]
         return Box(
             np.full((self.most, 4), -1, np.int64), np.tile(np.array(high, np.int64), (self.most, 1)), dtype=np.int64

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+import operator
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Never, Self
 
 import numpy as np
 
@@ -215,8 +217,8 @@ class Simulation:
 
         action: see `step`; held all the time.
         """
-        if not seconds > 0:
-            raise SimulationError(f"run takes a time longer than 0 s, not {seconds}")
+        if not _is_duration(seconds):
+            raise SimulationError(f"run takes a finite time longer than 0 s, not {seconds!r:.60}")
         self._check_usable()
         steps = [self.reset(self._seed)] if self._run.k < 0 else []
         end = self.stamp_ns + round(seconds * 1e9)
@@ -231,8 +233,7 @@ class Simulation:
 
         Raises SimulationError for an output that cannot be taken apart, and for an environment that is not there.
         """
-        if not 0 <= env < self.envs:
-            raise SimulationError(f"there is no environment {env}; there are {self.envs}, 0 to {self.envs - 1}")
+        self._check_environment(env)
         told = {name: info for name, outputs in step.cameras.items() if (info := vars(outputs).get("info")) is not None}
         if not told:
             return alone(step, env, {})
@@ -276,8 +277,7 @@ class Simulation:
         last, poses = self._run.last, self._run.poses
         if last is None or self._run.k < 0:
             raise SimulationError("nothing has run yet; reset() first")
-        if not 0 <= env < self.envs:
-            raise SimulationError(f"there is no environment {env}; there are {self.envs}, 0 to {self.envs - 1}")
+        self._check_environment(env)
         found = {}
         for node in self._run.graph.plan.nodes.values():
             if node.target.endswith(":RendererNode") and poses is not None:
@@ -311,6 +311,17 @@ class Simulation:
     ) -> None:
         self.close()
 
+    def __reduce__(self) -> Never:
+        raise SimulationError("a simulation cannot be copied or pickled; make one where it is needed, by its arguments")
+
+    def _check_environment(self, env: Any) -> None:
+        try:
+            found = 0 <= operator.index(env) < self.envs
+        except TypeError:
+            found = False
+        if not found:
+            raise SimulationError(f"there is no environment {env!r:.60}; there are {self.envs}, 0 to {self.envs - 1}")
+
     def _check_open(self) -> None:
         if self._closed:
             raise SimulationError("the simulation is closed; make another one")
@@ -319,3 +330,11 @@ class Simulation:
         self._check_open()
         if self._run.broken:
             raise SimulationError(f"the simulation has stopped ({self._run.broken}){AGAIN}")
+
+
+def _is_duration(seconds: Any) -> bool:
+    """Whether it is a number of seconds that can be simulated."""
+    try:
+        return bool(0 < seconds < math.inf)
+    except (TypeError, ValueError):
+        return False

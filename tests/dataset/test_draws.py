@@ -13,6 +13,12 @@ from small_recipe import write
 from evis.dataset.draws import Axis, draw
 from evis.dataset.recipe_file import read_recipe
 
+OTHERS = (
+    "balls", "cart_pole", "drone", "falling_objects", "fidget_spinner", "flying_shapes", "pan_tilt", "pong",
+    "robot_arm", "stereo_room", "tunnel_exit", "warehouse",
+)  # fmt: skip
+"""Scenes beside the recipe's own."""
+
 
 @pytest.mark.parametrize("count", [1, 7, 40])
 def test_a_latin_hypercube_has_one_value_in_each_stratum(count: int) -> None:
@@ -68,6 +74,25 @@ def test_seeds_splits_and_weights(tmp_path: Path) -> None:
     for start in (0, 200):
         assert abs(Counter(plan.split for plan in plans[start : start + 200])["train"] - 120) <= 4
     assert len({plan.path for plan in plans}) == 400
+
+
+def test_a_latin_hypercube_has_the_durations_of_all_draws(tmp_path: Path) -> None:
+    """Of ten draws with four seeds each, one in each tenth of the range."""
+    changes = ("sequences: 5", "sequences: 40\nseeds: 4"), ("duration: 0.1", "duration: {from: 1, to: 2}")
+    durations = {plan.duration_s for plan in read_recipe(write(tmp_path, *changes)).sequences()}
+    assert sorted(int(10 * (duration - 1)) for duration in durations) == list(range(10))
+
+
+@pytest.mark.parametrize("scenes", [2, 5, 8, 13])
+def test_every_scene_has_the_shares_of_the_splits(tmp_path: Path, scenes: int) -> None:
+    """Of 20 draws each, whatever the number of scenes: 0.8, 0.1 and 0.1, to one draw."""
+    others = "".join(f"\n  {name}: {{}}" for name in OTHERS[: scenes - 1])
+    splits = ("{train: 0.6, test: 0.4}", "{train: 0.8, val: 0.1, test: 0.1}")
+    plans = read_recipe(write(tmp_path, splits, ("scenes:", f"scenes:{others}"))).sequences(20 * scenes)
+    found = Counter((plan.scene_name, plan.split) for plan in plans)
+    for name in {plan.scene_name for plan in plans}:
+        for split, share in (("train", 16), ("val", 2), ("test", 2)):
+            assert abs(found[name, split] - share) <= 1
 
 
 @pytest.mark.parametrize(

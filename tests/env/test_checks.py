@@ -53,7 +53,10 @@ def test_render_shows_the_camera_with_events() -> None:
         ({"observation": {}}, "nothing is observed"),
         ({"observation": evis.env.CountImage(pool=7)}, "pool=7 does not divide an image of 64 x 64"),
         ({"observation": evis.env.CountImage(pool=(2, 2, 2))}, "is neither a side nor rows and columns"),
-        ({"observation": evis.env.RawEvents(0)}, "most=0 leaves no event"),
+        ({"observation": evis.env.RawEvents(0)}, "most is 0; it must be a whole number, 1 or more"),
+        ({"observation": evis.env.RawEvents(1.5)}, "most is 1.5; it must be a whole number"),  # type: ignore[arg-type]
+        ({"observation": evis.env.VoxelGrid(2.5)}, "bins is 2.5; it must be a whole number"),  # type: ignore[arg-type]
+        ({"observation": evis.env.CountImage(pool=2.0)}, "pool=2.0 is neither a side"),  # type: ignore[arg-type]
         ({"observation": evis.env.TimeSurface(tau=-1)}, "tau is -1; it must be a number of seconds above 0"),
         ({"observation": evis.env.Poses(("cat",))}, "no body 'cat'; there are cart, pole"),
         ({"render_mode": "human"}, "rgb_array"),

@@ -171,6 +171,42 @@ def test_a_task_says_one_value_of_each_environment(name: str) -> None:
     env.close()
 
 
+class Telling(evis.env.Task):
+    """A task whose `info` and reward are given."""
+
+    def __init__(self, told: Any, reward: Any = 0.0) -> None:
+        super().__init__("cart_pole", LastAction(), reward=lambda state: reward, arguments=SMALL)
+        self.told = told
+
+    def info(self, state: Any) -> dict[str, Any]:
+        return {"told": self.told}
+
+
+def test_what_a_task_tells_is_of_each_environment() -> None:
+    """Also of a single one, where a plain number had no axis to take it from."""
+    single = evis.env.EventEnv(Telling(3.0))
+    single.reset(seed=1)
+    assert single.step(np.zeros(1))[4]["told"] == 3.0
+    single.close()
+    for told, reward, says in (
+        (np.zeros(3), 0.0, r"info told of the task has shape \[3\]; its first axis must be 2"),
+        (0.0, None, r"reward of the task is None; it must be numbers \[2\]"),
+    ):
+        envs = evis.env.EventVectorEnv(Telling(told, reward), 2)
+        envs.reset(seed=1)
+        with pytest.raises(ValueError, match=says):
+            envs.step(np.zeros((2, 1)))
+        envs.close()
+
+
+def test_an_action_beyond_the_range_by_a_rounding_is_seen_within_the_space() -> None:
+    env = evis.env.EventEnv(Telling(0.0))
+    env.reset(seed=1)
+    seen = env.step(np.array([1 + 5e-7]))[0]
+    assert seen == 1.0 and env.observation_space.contains(seen)
+    env.close()
+
+
 def test_some_are_reset_by_a_mask() -> None:
     """Those that are not masked go on; without a reset, one that has ended cannot be stepped."""
     env = vector("Disabled")

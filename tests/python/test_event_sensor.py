@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -236,6 +238,11 @@ BAD: list[tuple[str, Any]] = [
     ),
     ("had no frame", lambda: evis.EventSensor(6, 8).flush()),
     ("no environment 5", lambda: evis.EventSensor(6, 8).reset(envs=[5])),
+    ("no mask; np.flatnonzero", lambda: evis.EventSensor(6, 8, envs=3).reset(envs=[True, False, True])),
+    ("0.5 for envs; it takes whole numbers", lambda: evis.EventSensor(6, 8, envs=3).reset(envs=[0.5])),  # type: ignore[list-item]
+    ("1 for envs; it takes whole numbers", lambda: evis.EventSensor(6, 8, envs=3).reset(envs=[-1])),
+    ("seed is 'x'; it must be a whole number", lambda: evis.EventSensor(6, 8).reset(seed="x")),  # type: ignore[arg-type]
+    ("seed is 1.5; it must be a whole number", lambda: evis.EventSensor(6, 8, seed=1.5)),  # type: ignore[arg-type]
     ("a seed is that of all", lambda: evis.EventSensor(6, 8).reset(seed=1, envs=[0])),
 ]
 
@@ -257,3 +264,13 @@ def test_on_a_gpu(params: dict[str, Any]) -> None:
     assert isinstance(on_cuda.t, np.ndarray) and np.array_equal(events.t.numpy(), on_cuda.t)
     expected = evis.EventSensor(6, 8, 2, **params)(frames, t)
     assert abs(len(events) - len(expected)) <= 2
+
+
+def test_a_sensor_that_is_in_use_is_not_copied() -> None:
+    """A shallow copy would go on with the same pixels; one that has seen nothing is its arguments."""
+    sensor = pickle.loads(pickle.dumps(evis.EventSensor(2, 2, threshold=0.3)))
+    assert sensor.parameters["threshold"] == 0.3
+    sensor(np.ones((1, 2, 2), np.float32), np.array([0]))
+    for copied in (copy.copy, copy.deepcopy, pickle.dumps):
+        with pytest.raises(TypeError, match="pixels cannot be copied or pickled; make one with the same arguments"):
+            copied(sensor)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import math
+import pickle
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -149,6 +152,24 @@ def test_a_closed_simulation_says_so() -> None:
     for call in (sim.step, sim.reset, lambda: sim.run(1.0), lambda: sim.save("a.mcap"), sim.show, sim.finish):
         with pytest.raises(evis.SimulationError, match="is closed"):
             call()
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda sim: sim.run(math.inf), "finite time longer than 0 s, not inf"),
+        (lambda sim: sim.run("1"), "finite time longer than 0 s, not '1'"),
+        (lambda sim: sim.run(None), "finite time longer than 0 s, not None"),
+        (lambda sim: sim.show("left"), "no environment 'left'; there are 2, 0 to 1"),
+        (lambda sim: sim.alone(sim.step(), 0.5), "no environment 0.5; there are 2, 0 to 1"),
+        (copy.copy, "cannot be copied or pickled; make one"),
+        (pickle.dumps, "cannot be copied or pickled; make one"),
+    ],
+)
+def test_what_cannot_be_asked_for(arm: evis.Simulation, call: Any, says: str) -> None:
+    arm.reset()
+    with pytest.raises(evis.SimulationError, match=says):
+        call(arm)
 
 
 RANGED = """\

@@ -98,9 +98,9 @@ class Photoreceptor:
         images: float32, linear, on this device: the samples of [E, K, H, W, C] in this order, in any shape (Warp has
         four axes at most). t: int64 [K] ns, ascending. t_base: stamp [ns] of the frame before, where the first step
         starts. fresh: bool [E], environments whose first good sample here sets the state. ln(result + dark_level) is
-        the filtered L. A sample that is NaN, infinite or negative comes out as NaN; its input is held at the last good
-        one. in_place: the result goes to `images`, which takes no further memory. Raises ValueError when the number of
-        samples does not fit.
+        the filtered L. A sample that is NaN, infinite, negative, or 0 without dark current comes out as NaN; its input
+        is held at the last good one. in_place: the result goes to `images`, which takes no further memory. Raises
+        ValueError when the number of samples does not fit.
         """
         self._check(images, t)
         if in_place:

@@ -62,6 +62,12 @@ def corner(receptor: Receptor, intensity: wp.float32):
 
 
 @wp.func
+def has_level(receptor: Receptor, light: wp.float32):
+    """Tells whether ln(I + I_dark) is finite, as the sensor's function of this name does; false for NaN."""
+    return light >= 0.0 and light <= LARGEST and wp.float64(light) + receptor.dark > wp.float64(0.0)
+
+
+@wp.func
 def kept(e: wp.float64):
     """Rounds e to multiples of 2^-60."""
     return (e + GRAIN) - GRAIN
@@ -100,7 +106,7 @@ def exact_step(poles: int, varying: bool) -> Any:
 
         last: -1 where there is none yet. constant: the response where it is not varying.
         """
-        good = v >= 0.0 and v <= LARGEST
+        good = has_level(receptor, v)
         if last < 0.0:
             if good:
                 return v, v, wp.float64(0.0), wp.float64(0.0)

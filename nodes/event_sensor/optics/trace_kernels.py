@@ -19,7 +19,7 @@ import warp as wp
 
 from nodes.event_sensor.model.sensor_kernels import LARGEST
 from nodes.event_sensor.model.step_kernels import Between
-from nodes.event_sensor.optics.photoreceptor_kernels import corner, exact_step, halved, poles_after, response
+from nodes.event_sensor.optics.photoreceptor_kernels import corner, exact_step, halved, has_level, poles_after, response
 from nodes.event_sensor.optics.photoreceptor_simd_kernels import CONSTANT, PIECE, WIDEST, Receptor, step_alone
 
 wp.set_module_options({"enable_backward": False})
@@ -155,7 +155,7 @@ def traced_step(poles: int, law: int, gpu: bool) -> Any:
         last_sample, first_pole, second_pole: used on the way where this is a CPU.
         """
         seconds = wp.float64(now - start) * wp.float64(1.0e-9)
-        good = v >= 0.0 and v <= LARGEST
+        good = has_level(receptor, v)
         begun = last >= 0.0
         count = wp.int32(made)
         first = wp.float64(e1)

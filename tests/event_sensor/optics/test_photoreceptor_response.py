@@ -216,7 +216,7 @@ def test_a_pixel_that_has_arrived_gives_its_input_to_the_last_bit():
         assert (np.diff(y[400:800]) >= 0).all() and (np.diff(y[800:]) <= 0).all()
 
 
-@pytest.mark.parametrize("bad", [np.nan, -1.0, np.inf, -np.inf])
+@pytest.mark.parametrize("bad", [np.nan, -1.0, np.inf, -np.inf, 0.0])
 def test_a_bad_sample_is_not_a_number_and_holds_the_input(bad):
     luminance = np.array([1, 5, 5, 5, 2, 2, 2], np.float32)
     t = np.arange(7, dtype=np.int64) * 500_000
@@ -237,11 +237,11 @@ def test_bad_samples_at_the_start_do_not_make_a_state():
 
 
 def test_a_black_pixel_wakes_up():
-    """No light, no dark current: the corner is 0 Hz there, and must not stay so when light returns."""
-    luminance = np.array([0, 0, 4, 4, 4, 4, 4, 4], np.float32)
+    """Next to no light, no dark current: the corner is 0 Hz there, and must not stay so when light returns."""
+    luminance = np.array([1e-30, 1e-30, 4, 4, 4, 4, 4, 4], np.float32)
     t = np.arange(8, dtype=np.int64) * 20_000_000
     got = filtered(Photoreceptor(1, 1, bandwidth_hz=HZ, bandwidth_level=4.0), luminance, t)
-    assert got[0] == 0 and abs(got[-1] - 4) < 1e-5
+    assert got[0] == luminance[0] and abs(got[-1] - 4) < 1e-5
     dark = filtered(Photoreceptor(1, 1, bandwidth_hz=HZ, bandwidth_level=4.0), luminance[::-1].copy(), t)
     assert np.isfinite(dark).all() and (np.diff(dark) <= 0).all()
 
@@ -320,6 +320,24 @@ def test_the_sensor_counts_and_skips_what_the_photoreceptor_marks():
     packet = sensor.process(frames, t, np.zeros(1, np.int32))
     assert sensor.counts()["nonfinite"] == 1
     assert np.bincount(packet.x, minlength=2).tolist() == [7, 7], "ln 4.5 / 0.2 = 7.5"
+
+
+@pytest.mark.parametrize("further", [False, True])
+def test_black_without_dark_current_fires_nothing_and_is_counted(further):
+    """0 has no logarithm: such a sample is skipped, as by a sensor of infinite bandwidth."""
+    from nodes.event_sensor.sensor import EventSensor, Further
+
+    t = np.arange(5, dtype=np.int64) * 10_000_000
+    light = np.ones(5, np.float32)
+    black = None
+    if further:
+        black = Further(np.array([0, 1], np.int32), np.array([15_000_000], np.int32), np.zeros(1, np.float32))
+    else:
+        light[2] = 0.0
+    for hz in (0.0, 1000.0):
+        sensor = EventSensor(1, 1, threshold=0.2, bandwidth_hz=hz)
+        packet = sensor.process(light.reshape(1, 5, 1, 1), t, np.zeros(1, np.int32), further=black)
+        assert len(packet.t) == 0 and sensor.counts()["nonfinite"] == 1
 
 
 def ode_in_numpy(light, t, hz, level, poles, dark, exponent=1.0):
