@@ -303,6 +303,17 @@ def test_raw_encoding_is_found_in_the_words(encoding, tmp_path):
     same(got, events)
 
 
+@pytest.mark.parametrize("encoding", ["evt2", "evt21", "evt21_legacy", "evt3"])
+def test_raw_that_starts_late_is_not_taken_for_another(encoding, tmp_path):
+    """The counter of EVT3 turns 1024 times before the first event, that of the others once: nothing is to be told."""
+    events = Events.of(((1 << 34) + np.arange(40)) * 1000, np.arange(40), np.arange(40), np.arange(40) % 2)
+    with open_writer(tmp_path / "a.raw", 64, 48, encoding) as writer:
+        writer.write(events)
+    got, info, _ = read(tmp_path / "a.raw")
+    same(got, events)
+    assert not info.warnings
+
+
 def test_raw_seeks_back_and_forth_over_turns_of_the_counter(tmp_path):
     """EVT3 times turn every 16.8 s: the turns are right after every seek, also back to a place seen before."""
     rng = np.random.default_rng(2)
