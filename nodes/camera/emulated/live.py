@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
@@ -71,7 +72,9 @@ class EmulatedCameraNode(Node):
         from nodes.camera.emulated.reencode import Reencoder
 
         self.driver.stop()
+        counts = self.encoder.counts if self._episode is not None else Counter()
         self.encoder = Reencoder(self.model)
+        self.encoder.counts = counts  # what was counted stays counted
         self.driver.start()
         self._episode = episode
 
