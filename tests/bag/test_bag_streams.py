@@ -91,3 +91,14 @@ def test_times_that_a_format_rounds_are_counted(tmp_path):
     assert odd > 0
     assert export(tmp_path / "a.mcap", "/cam0/events", tmp_path / "e.raw")["times_rounded_to_us"] == odd
     assert "times_rounded_to_us" not in export(tmp_path / "a.mcap", "/cam0/events", tmp_path / "e.npz")
+
+
+def test_colour_that_a_format_lacks_is_counted(tmp_path):
+    """By all but `.npz`, as many as there are events."""
+    message = scene(3)["/cam0/events"]
+    message.c = np.arange(len(message.t), dtype=np.uint8) % 3
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        writer.write("/cam0/events", message)
+    assert export(tmp_path / "a.mcap", "/cam0/events", tmp_path / "e.csv")["colour_left_out"] == len(message.t) > 0
+    assert "colour_left_out" not in export(tmp_path / "a.mcap", "/cam0/events", tmp_path / "e.npz")
+    assert np.array_equal(np.load(tmp_path / "e.npz")["c"], message.c)

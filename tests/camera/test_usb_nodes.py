@@ -123,6 +123,24 @@ def test_simulator_behind_a_mini():
         assert (key(a) == key(b)).all()
 
 
+def test_counts_of_a_mini_go_on_over_a_reset():
+    """Of what is moved by 1 us: two packets that share a us, in each of three episodes."""
+    node = EmulatedCameraNode("usb", {"emulate": "dvxplorer_mini"})
+    node.runtime = runtime = Runtime()  # type: ignore[assignment]
+    node.setup()
+    pixels = np.arange(3, dtype=np.uint16)
+    try:
+        for episode, late in enumerate((3, 1, 2)):
+            for k, n in ((1, 1), (2, late)):
+                header = Header(k * 1500, episode=episode)
+                columns = np.full(n, 1400 if k == 1 else 1600), pixels[:n], pixels[:n], np.ones(n, np.uint8)
+                packet = EventPacket(header, np.array([0, n]), *columns, width=640, height=480, t0_ns=(k - 1) * 1500)
+                node.update({"simulated": packet})
+    finally:
+        node.close()
+    assert runtime.counters["events_delayed_us"] == 3 + 1 + 2
+
+
 def test_simulator_that_does_not_fit():
     """Larger than the camera, or several worlds: one line with the remedy."""
     node = EmulatedCameraNode("usb", {"emulate": "dvs128"})

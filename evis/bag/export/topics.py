@@ -147,7 +147,7 @@ def _events(reader: BagReader, topic: str, env: int | None, out: Path) -> dict[s
     packets = decoded_events(reader, topic, env)
     first = next(packets, None)
     size = (first[0].width, first[0].height) if first else (0, 0)
-    count = lost = rounded = 0
+    count = lost = rounded = colourless = 0
     with open_writer(out, *size) as writer:
         for packet, events in _chain(first, packets):
             if len(packet.env_offsets) > 2 and env is None:
@@ -157,7 +157,8 @@ def _events(reader: BagReader, topic: str, env: int | None, out: Path) -> dict[s
             writer.write(events)
             count, lost = count + len(events), lost + packet.lost
             rounded += int(np.count_nonzero(events.t % 1000)) if out.suffix.lower() in WHOLE_US else 0
-    odd = {"times_rounded_to_us": rounded, "lost": lost}
+            colourless += len(events) if events.c is not None and out.suffix.lower() != ".npz" else 0
+    odd = {"times_rounded_to_us": rounded, "colour_left_out": colourless, "lost": lost}
     return {"events": count, "width": size[0], "height": size[1], **{name: n for name, n in odd.items() if n}}
 
 

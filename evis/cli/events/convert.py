@@ -12,6 +12,7 @@ from evis.cli.events.files import (
     add_part,
     blocks_of,
     check_output,
+    colourless,
     holds_whole_us,
     open_input,
     percent,
@@ -50,6 +51,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
                 writer.write(events)
                 counts["events"] += len(events)
                 counts["times_rounded_to_us"] += rounded(events) if holds_whole_us(args.out) else 0
+                counts["colour_left_out"] += colourless(events, args.out)
                 for name, n in (
                     ("triggers", len(events.triggers)),
                     ("imu", len(events.imu)),

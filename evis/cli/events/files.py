@@ -130,6 +130,11 @@ def rounded(events: Events) -> int:
     return int((events.t % 1000 != 0).sum())
 
 
+def colourless(events: Events, path: str) -> int:
+    """Counts the events whose colour a file by this name cannot hold."""
+    return len(events) if events.c is not None and not path.lower().endswith(".npz") else 0
+
+
 @contextmanager
 def percent(recording: Recording, text: str) -> Iterator[Callable[[], None]]:
     """Shows a progress bar over a file, on a terminal only; call what it gives after each block."""

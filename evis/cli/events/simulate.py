@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from evis.cli.events.files import add_output, check_output, counted, holds_whole_us, rounded
+from evis.cli.events.files import add_output, check_output, colourless, counted, holds_whole_us, rounded
 from evis.cli.events.frame_options import add_frame_options, selection_of, upsampler_of
 from evis.cli.events.sensor_options import add_sensor_options, check_sensor_options, sensor_values
 from evis.cli.parser import UsageError
@@ -190,14 +190,14 @@ class _Tally:
 
     def __init__(self, out: str, coding: Coding, upsampler: Upsampler | None) -> None:
         self._coding, self._upsampler = coding, upsampler
-        self._out, self._raw, self._npz = out, holds_whole_us(out), out.lower().endswith(".npz")
+        self._out, self._raw = out, holds_whole_us(out)
         self._events = self._rounded = self._colourless = 0
 
     def add(self, events: Any) -> None:
         """Counts a block."""
         self._events += len(events)
         self._rounded += rounded(events) if self._raw else 0
-        self._colourless += len(events) if events.c is not None and not self._npz else 0
+        self._colourless += colourless(events, self._out)
 
     def taken(self, simulation: Simulation) -> int:
         """Counts the frames of the source that the sensor has had."""

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from evis.events import Events, open_recording
-from nodes.camera.emulated.reencode import Reencoder
+from nodes.camera.emulated.reencode import UNORDERED, Reencoder
 from nodes.camera.emulated.windows import plain_windows, sorted_windows
 from nodes.camera.usb.models import Model
 
@@ -20,8 +20,6 @@ WINDOW_NS = 1_000_000
 """A camera at real pace hands over what one window of device time holds [ns]."""
 LATEST_START_NS = 3600 * NS
 """A recording that is encoded anew and starts later than this is sent from near 0: a camera counts from its start."""
-WITH_SAMPLES = ("davis346", "dvxplorer", "dvxplorer_mini")
-"""Cameras with inertial samples, and frames in one case."""
 BESIDE = "dvxplorer_mini"
 """Its samples come on an endpoint of their own; stretches of one window keep them near the events of their time."""
 SIDE_TAKEN_S = 5.0
@@ -186,7 +184,7 @@ class RecordingFeed(_Pieces):
             for stamp, _ in plain_windows(recording, window, end):
                 yield stamp, self._wire()
         else:
-            windows = sorted_windows if self._model.encoding in WITH_SAMPLES else plain_windows
+            windows = plain_windows if self._model.encoding in UNORDERED else sorted_windows
             for stamp, events in windows(recording, window, end):
                 data = self._encoder.encode(self.change(events) if self.change else events)
                 self._ahead += self._encoder.take_beside()

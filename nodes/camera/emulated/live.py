@@ -42,6 +42,7 @@ class EmulatedCameraNode(Node):
     def setup(self) -> None:
         from nodes.camera.emulated.bus import driver_on
         from nodes.camera.emulated.feed import LiveFeed
+        from nodes.camera.emulated.reencode import Reencoder
         from nodes.camera.usb.models import model_named
 
         p = self.params
@@ -51,6 +52,7 @@ class EmulatedCameraNode(Node):
         self.driver.open()
         kind = self.driver.settings_type()
         self.driver.configure(kind.of({"raw": p["raw"], "decoder": p["decoder"]}))
+        self.encoder = Reencoder(self.model)
         self._episode: int | None = None
         self.publish("info", camera_info(p["camera"], self.driver.info(), 0))
 
@@ -71,7 +73,9 @@ class EmulatedCameraNode(Node):
         from nodes.camera.emulated.reencode import Reencoder
 
         self.driver.stop()
+        counts = self.encoder.counts
         self.encoder = Reencoder(self.model)
+        self.encoder.counts = counts  # what was counted stays counted
         self.driver.start()
         self._episode = episode
 

@@ -20,6 +20,8 @@ ONE_READOUT = "dvxplorer_mini"
 """Two readouts of this wire cannot have the same time: a stretch that begins in the us of the last is moved by 1 us."""
 PULSE = 2
 """Trigger channel of iniVation cameras that has only the value 1."""
+RISING_ONLY = "dvs128"
+"""This wire has no falling edges at all."""
 FRAME_MARKS = {"aedat4": (2, 3)}
 """Formats with triggers that are the readout and the exposure of frames, and their channels."""
 
@@ -29,8 +31,8 @@ class Reencoder:
 
     Times become whole us, as sensors count. shift_ns is subtracted first. counts: triggers of channels that the model
     lacks, marks of a frame's readout and exposure (its own words say them), frames and inertial samples of models
-    without them, frames in colour or during another, events put in order of time for wires that run forward. source:
-    format of the recording.
+    without them, frames in colour or during another, events and triggers put in order of time for wires that run
+    forward. source: format of the recording.
     """
 
     def __init__(self, model: Model, shift_ns: int = 0, source: str = "") -> None:
@@ -63,7 +65,8 @@ class Reencoder:
             edges = Triggers(edges.t[~marks], edges.id[~marks], edges.value[~marks])
         keep = edges.id < self._encoder.channels
         if self.model.encoding not in UNORDERED:
-            keep &= (edges.id != PULSE) | (edges.value == 1)
+            rising_only = self.model.encoding == RISING_ONLY
+            keep &= (edges.id != PULSE) & (not rising_only) | (edges.value == 1)
         frames, imu = events.frames, events.imu
         if not keep.all():
             self.counts["triggers_left_out"] += int((~keep).sum())
@@ -95,7 +98,7 @@ class Reencoder:
         return kept
 
     def _ordered(self, events: Events) -> Events:
-        """In order of time; events of equal times stay as they came."""
+        """In order of time; events and triggers of equal times stay as they came."""
         steps = np.diff(events.t) < 0
         if steps.any():
             self.counts["events_reordered"] += int(steps.sum())
@@ -103,8 +106,15 @@ class Reencoder:
             events = dataclasses.replace(
                 events, t=events.t[order], x=events.x[order], y=events.y[order], p=events.p[order]
             )
+        edges = events.triggers
+        steps = np.diff(edges.t) < 0
+        if steps.any():
+            self.counts["triggers_reordered"] += int(steps.sum())
+            order = np.argsort(edges.t, kind="stable")
+            events = dataclasses.replace(events, triggers=Triggers(edges.t[order], edges.id[order], edges.value[order]))
         if self.model.encoding == ONE_READOUT and len(events):
-            late = int(np.searchsorted(events.t, (self._last_us + 1) * 1000))
+            # before the first readout nothing is moved: a negative time is for the encoder to refuse
+            late = self._last_us >= 0 and int(np.searchsorted(events.t, (self._last_us + 1) * 1000))
             if late:  # a readout has one time, and the next has another
                 self.counts["events_delayed_us"] += late
                 events = dataclasses.replace(events, t=np.maximum(events.t, (self._last_us + 1) * 1000))

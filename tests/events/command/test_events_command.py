@@ -96,7 +96,7 @@ def test_topic_and_size_on_the_command_line(capsys, tmp_path, recording_path):
 
 
 def test_convert_tells_what_is_lost(capsys, tmp_path):
-    """Times below a us in RAW, triggers in .npz."""
+    """Times below a us in RAW, triggers in .npz, colour in all but .npz."""
     with open_writer(tmp_path / "a.npz", 9, 9) as writer:
         writer.write(Events.of([1000, 2001, 3999], [1, 2, 3], [1, 2, 3], [0, 1, 0]))
     assert call(capsys, "convert", tmp_path / "a.npz", tmp_path / "a.raw")["times_rounded_to_us"] == 2
@@ -108,6 +108,11 @@ def test_convert_tells_what_is_lost(capsys, tmp_path):
         writer.write(events)
     assert call(capsys, "convert", tmp_path / "b.raw", tmp_path / "b.npz")["triggers_left_out"] == 1
     assert call(capsys, "convert", tmp_path / "b.raw", tmp_path / "c.raw")["triggers"] == 1
+    with open_writer(tmp_path / "c.npz", 9, 9) as writer:
+        writer.write(Events.of([1000, 2000, 3000], [1, 2, 3], [1, 2, 3], [0, 1, 0], [0, 1, 2]))
+    for out in ("d.csv", "d.txt", "d.dat", "d.es", "d.aedat4", "d.h5"):
+        assert call(capsys, "convert", tmp_path / "c.npz", tmp_path / out)["colour_left_out"] == 3
+    assert "colour_left_out" not in call(capsys, "convert", tmp_path / "c.npz", tmp_path / "d.npz")
 
 
 def test_times_that_count_from_1970_need_rebase(capsys, tmp_path):

@@ -131,6 +131,8 @@ def test_es_of_other_types_is_named(tmp_path):
         ("t,x,y,p\n1000,3,5,1\n2000,4,6,0\n", [1000, 2000], [3, 4]),
         ("x y p t_us\n3 5 1 1000\n4 6 0 2000\n", [1_000_000, 2_000_000], [3, 4]),
         ("# comment\n640 480\n1.5e-3 3 5 1\r\n2.5e-3 4.0 6 0\r\n", [1_500_000, 2_500_000], [3, 4]),
+        ("1000 3 5 1.0\n2000 4 6 0.0\n", [1_000_000, 2_000_000], [3, 4]),
+        ("1000 3.0 5 1\n2000 4.0 6 0\n", [1_000_000, 2_000_000], [3, 4]),
         ("-0.5 3 5 1\n0.25 4 6 0\n", [-500_000_000, 250_000_000], [3, 4]),
         ("  1.0\t3 5   1\n\n2. 4 6 0", [1_000_000_000, 2_000_000_000], [3, 4]),
     ],
@@ -154,20 +156,43 @@ def test_text_of_many_kinds(text, t_ns, x, tmp_path):
 )
 def test_text_numbers_are_exact(rows, digits):
     """Fast and slow ways against Python's own integers: seconds with any number of digits, rounded at most once."""
-    from decimal import Decimal
+    from decimal import ROUND_HALF_UP, Decimal
 
     lines = [f"{Decimal(t).scaleb(-digits):f} {x} {y} {p}" for t, x, y, p in rows]
     form = find_format(b"0.5 1 1 1\n")
     data = ("\n".join(lines) + "\n").encode()
-    expected = [int((Decimal(t).scaleb(9 - digits)).to_integral_value()) for t, *_ in rows]
+    expected = [int((Decimal(t).scaleb(9 - digits)).to_integral_value(ROUND_HALF_UP)) for t, *_ in rows]
     for text in (data, data + b"# a comment makes it go line by line\n"):
         t, x, y, p, bad = parse_lines(text, form)
-        fits = [k for k, v in enumerate(expected) if abs(v) < 2**62]
+        fits = [k for k, v in enumerate(expected) if -(2**63) <= v < 2**63]
         assert bad == len(rows) - len(fits)
-        # half a ns: the fast way rounds away from 0, the slow one to even
-        assert all(abs(int(a) - expected[k]) <= (1 if digits > 9 else 0) for a, k in zip(t, fits))
+        assert t.tolist() == [expected[k] for k in fits]
         assert [(int(a), int(b)) for a, b in zip(x, y)] == [(rows[k][1], rows[k][2]) for k in fits]
         assert p.tolist() == [int(rows[k][3] == 1) for k in fits]
+
+
+def test_many_events_at_time_0_leave_the_time_the_time(tmp_path):
+    """The column that alone has fractions is the time, where columns of pixels go up and it does not."""
+    n = 64
+    events = Events.of(
+        np.repeat([0, 9_000_000_007], n), np.tile(np.arange(n), 2), np.ones(2 * n, int), np.zeros(2 * n, int)
+    )
+    with open_writer(tmp_path / "a.txt", n, 2) as writer:
+        writer.write(events)
+    got, _, counters = read(tmp_path / "a.txt")
+    same(got, events)
+    assert not counters
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a.txt"])
+def test_the_last_times_of_int64_are_read_back(name, tmp_path):
+    """Of both signs."""
+    events = Events.of([-(2**63), -(2**62), 2**62, 2**63 - 1], [1, 2, 3, 4], [0] * 4, [1] * 4)
+    with open_writer(tmp_path / name, 8, 8) as writer:
+        writer.write(events)
+    got, _, counters = read(tmp_path / name)
+    same(got, events)
+    assert not counters
 
 
 def test_bad_lines_are_counted(tmp_path):
@@ -276,6 +301,17 @@ def test_raw_encoding_is_found_in_the_words(encoding, tmp_path):
     got, info, _ = read(save(tmp_path / "b.raw", b"% system_ID 49\n% end\n" + words))
     assert info.encoding == encoding
     same(got, events)
+
+
+@pytest.mark.parametrize("encoding", ["evt2", "evt21", "evt21_legacy", "evt3"])
+def test_raw_that_starts_late_is_not_taken_for_another(encoding, tmp_path):
+    """The counter of EVT3 turns 1024 times before the first event, that of the others once: nothing is to be told."""
+    events = Events.of(((1 << 34) + np.arange(40)) * 1000, np.arange(40), np.arange(40), np.arange(40) % 2)
+    with open_writer(tmp_path / "a.raw", 64, 48, encoding) as writer:
+        writer.write(events)
+    got, info, _ = read(tmp_path / "a.raw")
+    same(got, events)
+    assert not info.warnings
 
 
 def test_raw_seeks_back_and_forth_over_turns_of_the_counter(tmp_path):

@@ -55,8 +55,9 @@ def find_format(head: bytes) -> Format | None:
     Without names of columns there are four, and polarity is the one that is -1, 0 or 1; behind it may come the time
     (`x,y,p,t`). Times with a decimal point are seconds; whole numbers are us, but ns behind EVIS' own line of names,
     `t_ns`, or where they can be nothing else (1e17 us are 3000 years). So are times whose fractions are all 0 where
-    the coordinates are written with such too, as NumPy's `savetxt` writes an array. Orders of columns other than
-    `t x y p` and `x y p t` are known by their times, which must go up.
+    the coordinates are written with such too, as NumPy's `savetxt` writes an array. A column that alone is written with
+    fractions, and does not fall, is the time. Orders of columns other than `t x y p` and `x y p t` are known by their
+    times, which must go up.
 
     A tenth of the lines, and of few one, may be damaged. One with a number in it, or behind names, may be the first.
     """
@@ -93,7 +94,7 @@ def find_format(head: bytes) -> Format | None:
     if not rows or len(rows) < 0.9 * (looked - 1):
         return None
     values = [[float(v) for v in row] for row in rows]
-    columns = columns or _guess(values)
+    columns = columns or _guess(values, _fractions(rows))
     if not columns:
         return None
     good = [k for k, row in enumerate(values) if _fits(columns, row)] or range(len(rows))
@@ -148,14 +149,22 @@ def _saved(columns: str, rows: list[list[bytes]], values: list[list[float]]) -> 
     return fractions and len(times) > 1 and all(t == int(t) for t in times)
 
 
-def _guess(values: list[list[float]]) -> str:
+def _fractions(rows: list[list[bytes]]) -> list[int]:
+    """The columns that are written with fractions."""
+    return [i for i, column in enumerate(zip(*rows)) if any(b"." in word for word in column)]
+
+
+def _guess(values: list[list[float]], fractions: list[int]) -> str:
     fitting = {columns: [row for row in values if _fits(columns, row)] for columns in _ORDERS}
+    times = {columns: [row[columns.index("t")] for row in rows] for columns, rows in fitting.items()}
     # an order that fits all lines before those that would leave some out
     for enough in (len(values), max(0.9 * (len(values) - 1), 1)):
         fits = [columns for columns, rows in fitting.items() if len(rows) >= enough]
-        rising = [columns for columns in fits if _rises([row[columns.index("t")] for row in fitting[columns]])]
-        for columns in (*rising, *fits):
-            if columns in rising or columns in ("txyp", "xypt"):
+        # many events of time 0 alone look like coordinates or polarities, and their rows or columns like times
+        written = [c for c in fits if [c.index("t")] == fractions and _never_falls(times[c])]
+        rising = [c for c in fits if times[c][0] < times[c][-1] and _never_falls(times[c])]
+        for columns in (*written, *rising, *fits):
+            if columns in written or columns in rising or columns in ("txyp", "xypt"):
                 return columns
     return ""
 
@@ -165,5 +174,5 @@ def _fits(columns: str, row: list[float]) -> bool:
     return row[columns.index("p")] in (-1, 0, 1) and all(0 <= v < 65536 and v == int(v) for v in sides)
 
 
-def _rises(times: list[float]) -> bool:
-    return times[0] < times[-1] and all(a <= b for a, b in itertools.pairwise(times))
+def _never_falls(times: list[float]) -> bool:
+    return all(a <= b for a, b in itertools.pairwise(times))

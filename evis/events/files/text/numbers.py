@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from decimal import Decimal, InvalidOperation
+from decimal import ROUND_HALF_UP, Decimal, InvalidOperation
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +20,7 @@ _KIND[48:58] = _DIGIT
 _KIND[[ord(c) for c in " \t,;\r"]] = _SPACE
 _KIND[ord(".")], _KIND[ord("-")], _KIND[ord("\n")] = _POINT, _MINUS, _END
 _POWERS = 10 ** np.arange(19, dtype=np.int64)
+_LIMITS = np.iinfo(np.int64)
 
 
 def parse_lines(data: bytes, form: Format) -> Columns:
@@ -83,7 +84,7 @@ def _columns(value: np.ndarray, decimals: np.ndarray, digits: np.ndarray, form: 
     if (digits[:, place] + np.maximum(shift, 0) > 18).any():
         return None
     up, down = _POWERS[np.maximum(shift, 0)], _POWERS[np.maximum(-shift, 0)]
-    t = (t * up + np.sign(t) * (down // 2)) // down if (shift < 0).any() else t * up
+    t = np.sign(t) * ((np.abs(t) * up + down // 2) // down) if (shift < 0).any() else t * up
     columns = {}
     for name in "xyp":
         i = form.columns.index(name)
@@ -118,11 +119,11 @@ def _row(words: list[bytes], form: Format) -> tuple[int, int, int, int] | None:
         values = {n: Decimal(w.decode("ascii")) for n, w in zip(form.columns, words) if n != "_"}
         if any(not v.is_finite() or v.adjusted() > 18 for v in values.values()):
             return None
-        t = int((values["t"] * form.unit).to_integral_value())
+        t = int((values["t"] * form.unit).to_integral_value(ROUND_HALF_UP))
         x, y, p = (int(values[n]) for n in "xyp")
     except (InvalidOperation, UnicodeDecodeError):
         return None
     whole = all(values[n] == int(values[n]) for n in "xyp")
-    if not whole or not (0 <= x < 65536 and 0 <= y < 65536 and -1 <= p <= 1 and abs(t) < 1 << 62):
+    if not whole or not (0 <= x < 65536 and 0 <= y < 65536 and -1 <= p <= 1 and _LIMITS.min <= t <= _LIMITS.max):
         return None
     return t, x, y, p
