@@ -47,6 +47,8 @@ def test_a_divergence_amid_others_gives_the_events_of_a_single_run(tmp_path: Pat
         single.end()
         assert len(single.events(0)["t"]) > 500
         assert_same_events(batch.events(env), single.events(0))
+        # What was held back until the end begins where the packet before it ended.
+        assert batch.packets[-1].t0_ns == single.packets[-1].t0_ns
 
 
 def test_sensors_of_different_parameters_begin_with_the_last_frame_too() -> None:

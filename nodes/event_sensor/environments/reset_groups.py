@@ -117,6 +117,7 @@ class ResetGroups:
         found: list[list[tuple[Columns, int]]] = [[] for _ in self._rows]
         for group in self._groups:
             self._flush(group, found)
+        self.t_base = min(group.sensor.t_base + group.origin for group in self._groups)
         columns, offsets = self._joined(found)
         return (columns, offsets) if offsets[-1] else None
 
