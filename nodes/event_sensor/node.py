@@ -281,8 +281,8 @@ class EventSensorNode(Node):
         return Further.in_a_row(parts, [stamp - begun[0] for stamp in begun], self._device)
 
     def _begins_apart(self, episodes: np.ndarray) -> bool:
-        """Tells whether some environments begin an episode while others go on, and what their sensors fire by themselves
-        depends on when: their first frame is the last of the message, and those before it only repeat it.
+        """Tells whether some environments begin an episode while others go on, of sensors that fire in constant
+        light: their first frame is the last of the message, and those before it only repeat it.
         """
         if not self._unlit or EACH in self.params or len(episodes) != len(self._episodes):
             return False
