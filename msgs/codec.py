@@ -149,6 +149,13 @@ def decode_header(frame: Buffer, expected: type[Message] | None = None) -> WireH
     if len(frame) > MAX_HEADER:
         raise MessageError(f"header of {len(frame)} bytes, the limit is {MAX_HEADER}")
     try:
+        return _decode_header(frame, expected)
+    except RecursionError:  # msgpack unpacks what Python cannot even print
+        raise MessageError("header is nested too deeply") from None
+
+
+def _decode_header(frame: Buffer, expected: type[Message] | None) -> WireHeader:
+    try:
         body = msgpack.unpackb(frame)
     except Exception as error:  # msgpack raises several unrelated types on hostile input
         raise MessageError(f"header is not msgpack: {type(error).__name__}: {error}") from None
@@ -225,7 +232,7 @@ def _scalars(message_type: type[Message], value: Any) -> dict[str, Any]:
 
 
 def _is_plain(value: Any) -> bool:
-    """Numbers, text, bytes, lists, and maps by text; not msgpack's extension types. Its nesting limit bounds ours."""
+    """Numbers, text, bytes, lists, and maps by text; not msgpack's extension types."""
     if type(value) is dict:
         return all(type(k) is str and _is_plain(v) for k, v in value.items())
     return all(map(_is_plain, value)) if type(value) is list else type(value) in _PLAIN

@@ -70,7 +70,8 @@ def unpack_map(frame: bytes, **kinds: type) -> list[Any]:
     except Exception as error:  # msgpack raises several unrelated types on hostile input
         raise Malformed(str(error)) from None
     if not isinstance(fields, dict) or any(type(fields.get(k)) is not kind for k, kind in kinds.items()):
-        raise Malformed(f"fields {fields!r:.80}")
+        # Without its value: of maps within maps msgpack unpacks more than Python can print.
+        raise Malformed(f"a frame that is no map with {', '.join(kinds)}")
     return [fields[k] for k in kinds]
 
 

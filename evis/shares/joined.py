@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from msgs.camera import CameraInfo, EventPacket, EventSignal, Frames, Samples
+from msgs.camera import CameraInfo, EventPacket, EventSignal, Frames, Labels, Samples
 from msgs.fields import array_specs, environment_key
 from msgs.header import Header, Message
 
@@ -46,8 +46,17 @@ class Joined:
 
 
 def complete(parts: Sequence[Message | None]) -> bool:
-    """Tells whether parts can be joined: all are there, or what lacks are events, of which a share may have none."""
-    return all(part is not None for part in parts) or any(isinstance(p, EventPacket | EventSignal) for p in parts)
+    """Tells whether parts can be joined: all are there, or what lacks are events or labels of events alone, of which a
+    share may have none.
+    """
+    return all(part is not None for part in parts) or any(map(_of_events, parts))
+
+
+def _of_events(part: Message | None) -> bool:
+    """Tells events, and the labels of those that a sensor held back until the end, which are of no keyframe."""
+    if isinstance(part, Labels):
+        return all(name.startswith("event_") for name in part.arrays())
+    return isinstance(part, EventPacket | EventSignal)
 
 
 def join(parts: Sequence[Message | None], envs: Sequence[slice]) -> Joined:
@@ -64,9 +73,10 @@ def join(parts: Sequence[Message | None], envs: Sequence[slice]) -> Joined:
     if not complete(parts):
         raise ValueError(f"a share lacks its {kind.__name__} at {h.stamp_ns} ns")
     arrays = [_over_gap(part, there) for part in there]
+    theirs = [own for part, own in zip(parts, envs) if part is not None]
     for name in first.arrays():
         pieces = [np.asarray(found[name]) for found in arrays]
-        joined.pieces[name] = _ends(parts, envs) if name == "env_offsets" else _pieces(name, kind, pieces, envs)
+        joined.pieces[name] = _ends(parts, envs) if name == "env_offsets" else _pieces(name, kind, pieces, theirs)
     return joined
 
 

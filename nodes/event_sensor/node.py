@@ -130,6 +130,8 @@ class EventSensorNode(Node):
         self._sensor: Any = None
         self._groups: ResetGroups | None = None
         """The sensors, once an environment was reset by itself."""
+        self._unlit = False
+        """Whether some sensor fires in constant light."""
         self._episodes = np.zeros(0, np.int32)
         self._header = Header(0)
         self._device = device_named(self.params["device"])
@@ -179,6 +181,7 @@ class EventSensorNode(Node):
                     f"{self.name}: {name} is {each[0][name]} with seed {seed}, and was {self._resolved[name]}; "
                     "environments side by side need the same"
                 )
+        self._unlit = self._unlit or any(map(fires_unlit, each))
         seeds = seeds_of({**params, "envs": envs})
         if len(each) == 1 and seeds == list(range(seeds[0], seeds[0] + envs)):
             return self._one(height, width, envs, each[0], seeds[0], number)
@@ -215,8 +218,9 @@ class EventSensorNode(Node):
         image, t = self._images.of([message]), stamps(message)
         if isinstance(message, Samples):
             further = self._images.further(message)
-        envs, _, height, width = image.shape[:4]
-        if self._flies(message):
+        envs, frames, height, width = image.shape[:4]
+        apart = frames > 1 and self._begins_apart(message.episodes)
+        if not apart and self._flies(message):
             found = further if self._sensor.takes_further else None
             self._header, self._episodes = message.header, np.array(message.episodes)
             self._fly(self._sensor.process_async(image, t, message.episodes, further=found, defer=False), [message])
@@ -224,7 +228,7 @@ class EventSensorNode(Node):
         while self._land():
             pass
         self._packets.size = (height, width)
-        if message.own is not None or self._groups is not None:
+        if apart or message.own is not None or self._groups is not None:
             self._update_groups(message, image, t, further)
             return
         if self._sensor is None:
@@ -275,6 +279,15 @@ class EventSensorNode(Node):
         begun = [self._sensor.stamp, *(message.header.stamp_ns for message in run[:-1])]
         parts = [self._images.further(message) for message in run]
         return Further.in_a_row(parts, [stamp - begun[0] for stamp in begun], self._device)
+
+    def _begins_apart(self, episodes: np.ndarray) -> bool:
+        """Tells whether some environments begin an episode while others go on, of sensors that fire in constant
+        light: their first frame is the last of the message, and those before it only repeat it.
+        """
+        if not self._unlit or EACH in self.params or len(episodes) != len(self._episodes):
+            return False
+        begun = np.asarray(episodes) != self._episodes
+        return bool(begun.any() and not begun.all())
 
     def _flies(self, message: Keyframe | Frames | Samples) -> bool:
         """Tells whether the events of a message may be published after the next one: where time goes on, and a GPU need
@@ -358,6 +371,13 @@ class EventSensorNode(Node):
             kinds = "or negative" if dark else "negative or black (ln 0; a light or a dark_level helps against those)"
             when = self._header.stamp_ns
             self.warn(f"{counts['nonfinite']} samples at {when} ns are NaN, infinite, {kinds}; they are skipped")
+
+
+def fires_unlit(p: Mapping[str, Any]) -> bool:
+    """Tells whether a sensor of these parameters may fire in constant light. p: all of SENSOR, resolved."""
+    from nodes.event_sensor.engines.engine import unlit_rate
+
+    return p["model"] != "evis" or unlit_rate(p) > 0
 
 
 def _unused_samples(source: str, resolved: Mapping[str, Any]) -> tuple[str, ...]:

@@ -54,7 +54,7 @@ HOSTILE = [
     b"", b"\0", b"\1", b"H", b"R", b"E", b"C", b"H\xc1", b"H" + msgpack.packb([1]), b"H" + msgpack.packb({"id": 3}),
     b"H" + msgpack.packb({"id": "labeler:in", "token": "", "type": "Depth v1", "window": 0}), b"C" + b"\xff" * 8,
     b"F" + bytes(8), b"T" + bytes(8), b"Z" + bytes(8), b"R" + msgpack.packb({"shared": 1}), os.urandom(1000),
-    bytes(70_000),
+    bytes(70_000), b"H" + b"\x91" * 1000 + b"\xc0", b"R" + b"\x81\xa1a" * 1000 + b"\xc0",
 ]  # fmt: skip
 
 

@@ -208,8 +208,15 @@ def test_deep_nesting_and_long_headers_are_refused():
         bytes(MAX_HEADER + 1),
         b"\xdd\xff\xff\xff\xff",
         b"\xdf\xff\xff\xff\xff",
+        b"\x81" + msgpack.packb("type") + b"\x91" * 1000 + b"\xc0",
     ):
         with pytest.raises(MessageError):
+            decode([bomb])
+    body = {**msgpack.unpackb(frames_of(Diagnostics(Header(0)))[0]), "scalars": {}}
+    for depth in (400, 1000):  # less than msgpack's limit, and more than Python prints or calls into itself
+        deep = msgpack.packb({"values": {}}).replace(b"\x80", b"\x81\xa1a" * depth + b"\xc0")
+        bomb = msgpack.packb(body).replace(msgpack.packb("scalars") + b"\x80", msgpack.packb("scalars") + deep)
+        with pytest.raises(MessageError, match="nested too deeply"):
             decode([bomb])
     with pytest.raises(MessageError, match="limit"):
         encode(Diagnostics(Header(0), text="x" * (MAX_HEADER + 1)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import sys
 import tempfile
@@ -288,7 +289,11 @@ def test_who_speaks_another_language_is_dropped(graph: Callable[[str], Graph]) -
     run = graph("lockstep")
     run.program().close()
     link: Link = connect(Path(run.plan.directory) / "machine.door")
-    for body in (b"\xc1", msgpack.packb([1]), msgpack.packb({"topic": "/action"})):
+    deep = msgpack.packb("who") + b"\x91" * 1000 + b"\xc0"
+    for body in (
+        b"\xc1", msgpack.packb([1]), msgpack.packb({"topic": "/action"}), b"\x82\xa2op" + deep[4:] + deep,
+        msgpack.packb({"op": "message", "topic": []}), msgpack.packb({"op": "attach", "topic": {}}),
+    ):  # fmt: skip
         link.send([body], 1.0)
         with pytest.raises(ConnectionError):
             link.receive(LIMIT_S)
@@ -297,6 +302,14 @@ def test_who_speaks_another_language_is_dropped(graph: Callable[[str], Graph]) -
     link.send([msgpack.packb({"op": "dance", "topic": "/action"})], 1.0)
     answer = link.receive(LIMIT_S)
     assert answer is not None and b"no request is called 'dance'" in answer[0]
+    attach = msgpack.packb({"op": "attach", "topic": "/action"})[1:]
+    for field, value in (
+        ("patience_s", msgpack.packb([])), ("patience_s", msgpack.packb(math.nan)), ("patience_s", msgpack.packb("x")),
+        ("who", deep[4:]),
+    ):  # fmt: skip
+        link.send([b"\x83" + attach + msgpack.packb(field) + value], 1.0)
+        answer = link.receive(LIMIT_S)
+        assert answer is not None and f"{field} must be".encode() in answer[0]
     link.close()
     assert run.failure is None
 

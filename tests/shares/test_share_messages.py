@@ -219,3 +219,15 @@ def test_what_was_lost_on_the_way_is_not_taken_for_nothing() -> None:
     align.put(1, of(1, 0))
     align.put(1, of(3, 2))
     assert stamps(align.complete()) == [[1, 1], [3, 3]] and align.lost == 1
+
+
+def test_labels_of_held_back_events_need_no_share_without_events() -> None:
+    """At the end of a run a sensor that holds nothing back sends no packet, and its labeler no labels."""
+    events = {"event_env": np.zeros(3, np.int32), "event_instance": np.arange(3, dtype=np.int32)}
+    events["event_flow"] = np.zeros((3, 2), np.float32)
+    held = Labels(Header(7), **events)
+    for parts, first in ([held, None], 0), ([None, held], bounds(ENVS, 2)[1].start):
+        assert complete(parts)
+        made = joined(parts, 2)
+        assert made.event_env.tolist() == [first] * 3 and made.event_instance.tolist() == [0, 1, 2]
+    assert not complete([Labels(Header(7), depth=np.zeros((3, 2, 2), np.float32), **events), None])

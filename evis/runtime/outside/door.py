@@ -102,7 +102,9 @@ class Door:
     def _answer(self, link: Link, packet: list[bytes]) -> None:
         try:
             asked = msgpack.unpackb(packet[0])
-            op, topic = asked["op"], asked.get("topic")
+            op, topic = asked["op"], asked.get("topic", "")
+            if not isinstance(op, str) or not isinstance(topic, str):
+                raise TypeError("op and topic are names")
         except Exception as error:  # msgpack raises several unrelated types on hostile input
             raise LinkLost(f"what came is no request: {error}") from None
         try:
@@ -129,9 +131,13 @@ class Door:
         lockstep = self._waits if asked.get("lockstep") is None else bool(asked["lockstep"])
         if lockstep and not self._waits:
             raise ValueError("this run keeps to the wall clock and waits for nobody; attach with lockstep=False")
-        patience_s = asked.get("patience_s")
-        patience_s = math.inf if patience_s is None else float(patience_s)
-        name = " ".join(str(asked.get("who", "a program")).split())[:LONGEST_NAME]
+        patience_s = math.inf if asked.get("patience_s") is None else asked["patience_s"]
+        if not isinstance(patience_s, int | float) or not patience_s >= 0:  # which NaN is not either
+            raise ValueError("patience_s must be a number of seconds, or be left out to wait without end")
+        name = asked.get("who", "a program")
+        if not isinstance(name, str):
+            raise ValueError("who must be a text: the name that the log tells")
+        name = " ".join(name.split())[:LONGEST_NAME]
         who = f"{name} (process {link.peer}, outside)"
         holding.take(link, who, self._now_ns(), lockstep, patience_s)
         tell(link, op="welcome", lockstep=lockstep, offer=offer, stamp_ns=self._now_ns())

@@ -67,6 +67,8 @@ class ResetGroups:
         self._groups: list[ResetGroup] = []
         self._rows: np.ndarray | None = None
         self._episodes: np.ndarray | None = None
+        self._since: np.ndarray | None = None
+        """int64 [E], numbers of the resets at which the times of the environments began."""
         self._past: dict[str, int] = {}
         """Counts of the sensors of groups that have ended."""
         self.t_base = 0
@@ -77,7 +79,7 @@ class ResetGroups:
         everyone = slice(0, len(rows))
         live, numbers = np.ones(len(rows), bool), rows[:, NUMBER].astype(np.int32)
         self._groups = [ResetGroup(everyone, sensor, self._seed, live, numbers, stamp_ns, 0, ~live)]
-        self._rows, self._episodes = rows, episodes.copy()
+        self._rows, self._episodes, self._since = rows, episodes.copy(), np.zeros(len(rows), np.int64)
 
     def process(
         self,
@@ -115,6 +117,7 @@ class ResetGroups:
         found: list[list[tuple[Columns, int]]] = [[] for _ in self._rows]
         for group in self._groups:
             self._flush(group, found)
+        self.t_base = min(group.sensor.t_base + group.origin for group in self._groups)
         columns, offsets = self._joined(found)
         return (columns, offsets) if offsets[-1] else None
 
@@ -123,14 +126,18 @@ class ResetGroups:
         return _sum([self._past, *(group.sensor.counts() for group in self._groups)])
 
     def _anew(self, rows: np.ndarray, episodes: np.ndarray) -> np.ndarray:
-        """Gives the environments whose time begins anew, bool [E].
+        """Gives the environments that begin an episode, bool [E], and notes whose time begins anew.
 
-        One that has diverged begins an episode, but its time goes on.
+        That of one that has diverged goes on.
         """
-        if self._rows is None or self._episodes is None:
+        if self._rows is None or self._episodes is None or self._since is None:
+            self._since = rows[:, NUMBER].copy()
             return np.ones(len(rows), bool)
+        begun: np.ndarray = episodes != self._episodes
         other = (rows[:, [ORIGIN, SEED]] != self._rows[:, [ORIGIN, SEED]]).any(axis=1)
-        return (episodes != self._episodes) & (other | (rows[:, STAMP] <= self._rows[:, STAMP]))
+        anew = begun & (other | (rows[:, STAMP] <= self._rows[:, STAMP]))
+        self._since = np.where(anew, rows[:, NUMBER], self._since)
+        return begun
 
     def _begin(self, anew: np.ndarray, rows: np.ndarray, found: list[list[tuple[Columns, int]]]) -> None:
         """Moves environments that were reset from the sensors that they were in to sensors of their own."""
@@ -141,24 +148,30 @@ class ResetGroups:
             group.live, group.leaving = group.live & ~mine, group.leaving | mine
             if not group.live.any():
                 self._flush(group, found)
+        assert self._since is not None
         for run in alike(rows):
             where = np.flatnonzero(anew[run]) + run.start
-            for envs in np.split(where, np.flatnonzero(np.diff(where) > 1) + 1):
+            apart = (np.diff(where) > 1) | (np.diff(self._since[where]) != 0)
+            for envs in np.split(where, np.flatnonzero(apart) + 1):
                 if len(envs):
-                    self._place(slice(int(envs[0]), int(envs[-1]) + 1), rows[int(envs[0])])
+                    first = int(envs[0])
+                    self._place(slice(first, int(envs[-1]) + 1), rows[first], int(self._since[first]))
         for group in [group for group in self._groups if not group.live.any()]:
             self._past = _sum([self._past, group.sensor.counts()])
             self._groups.remove(group)
 
-    def _place(self, span: slice, row: np.ndarray) -> None:
-        """Gives a group that was reset together a sensor: the one that it had, where that can begin again."""
+    def _place(self, span: slice, row: np.ndarray, since: int) -> None:
+        """Gives a group that was reset together a sensor: the one that it had, where that can begin again.
+
+        since: number of the reset at which its time began.
+        """
         count, number = span.stop - span.start, int(row[NUMBER])
         seed = self._seed + span.start if row[SEED] == CONFIGURED else int(row[SEED])
         numbers = np.full(count, number, np.int32)
         group = next((p for p in self._groups if p.span == span and p.seed == seed and not p.live.any()), None)
         if group is None or not number or not getattr(group.sensor, "begins_again", False):
             nobody = np.zeros(count, bool)
-            group = ResetGroup(span, self._make(count, seed, number), seed, nobody, numbers, 0, 0, nobody)
+            group = ResetGroup(span, self._make(count, seed, since), seed, nobody, numbers, 0, 0, nobody)
             self._groups.append(group)
         group.live, group.leaving = np.ones(count, bool), np.zeros(count, bool)
         group.numbers, group.moved, group.origin = numbers, True, int(row[ORIGIN])

@@ -20,11 +20,15 @@ class SeparateSensors:
         """sensors: of one environment each, all of one size and device."""
         self._sensors = list(sensors)
         self._counts = np.zeros(len(self._sensors), np.int64)
+        self._episodes: np.ndarray | None = None
         self.t_base = 0
 
     def process(self, luminance: Any, stamps: np.ndarray, episodes: np.ndarray) -> Events:
         """Takes frames and gives their events, as Model.process does."""
-        parts = [s.process(luminance[k : k + 1], stamps, episodes[k : k + 1]) for k, s in enumerate(self._sensors)]
+        last, parts = self._begun(episodes), []
+        for k, sensor in enumerate(self._sensors):
+            first = len(stamps) - 1 if last[k] else 0
+            parts.append(sensor.process(luminance[k : k + 1, first:], stamps[first:], episodes[k : k + 1]))
         t, x, y, p = (np.concatenate([getattr(part, name) for part in parts]) for name in ("t", "x", "y", "p"))
         self._told([len(part.t) for part in parts])
         return Events(t, x, y, p, None, self.env_offsets())
@@ -34,12 +38,19 @@ class SeparateSensors:
 
         Of samples between the frames a sensor that takes frames alone gets none.
         """
-        counts = []
+        last, counts = self._begun(episodes), []
         for k, sensor in enumerate(self._sensors):
-            one = slice(k, k + 1)
+            one, first = slice(k, k + 1), len(t) - 1 if last[k] else 0
             between = None if further is None or not sensor.takes_further else further.of(one, len(self._sensors))
-            counts.append(sensor.advance(luminance[one], t, episodes[one], further=between))
+            between = between.none() if between is not None and last[k] else between
+            counts.append(sensor.advance(luminance[one, first:], t[first:], episodes[one], further=between))
         return self._told(counts)
+
+    def _begun(self, episodes: np.ndarray) -> np.ndarray:
+        """Gives the environments that begin an episode while others go on, bool [E]: with the last of the frames."""
+        before, self._episodes = self._episodes, np.array(episodes)
+        begun = np.zeros(len(episodes), bool) if before is None else self._episodes != before
+        return begun & (not begun.all())
 
     def finish(self) -> int:
         """Takes no more frames; returns how many events were held back."""
@@ -47,7 +58,7 @@ class SeparateSensors:
 
     def _told(self, counts: list[int]) -> int:
         self._counts = np.array(counts, np.int64)
-        self.t_base = getattr(self._sensors[0], "t_base", 0)
+        self.t_base = min(getattr(sensor, "t_base", 0) for sensor in self._sensors)
         return int(self._counts.sum())
 
     @property
