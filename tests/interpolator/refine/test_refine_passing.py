@@ -402,7 +402,11 @@ def test_how_dark_a_passing_shadow_gets_under_an_area_light():
     assert (found[crossed] < 1.25 * darkest[crossed]).mean() > 0.9
 
 
-@pytest.mark.parametrize("waveform", [None, Waveform("sine", 1.0, 0.3)], ids=["steady", "slowly flickering"])
+@pytest.mark.parametrize(
+    "waveform",
+    [None, Waveform("sine", 1.0, 0.3), Waveform("sine", 100.0, 0.0)],
+    ids=["steady", "slowly flickering", "flickering by nothing"],
+)
 def test_a_shadows_edge_between_two_frames_is_found(waveform):
     """The lamp's light is on a line from frame to frame, so that it alone asks for no sample between them."""
     half, edge = 0.05, GAP / K

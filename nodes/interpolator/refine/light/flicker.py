@@ -37,6 +37,7 @@ class Flicker:
     def __init__(self, waveforms: Iterable[Waveform | None], bend: float, device: Any) -> None:
         """bend: how far ln of a strength may be off a straight line."""
         given = {w for w in waveforms if w is not None}
+        self._any = bool(given)
         self._shared = given.copy().pop() if len(given) == 1 else None
         self._waveforms = sorted({w for w in given if w.depth > 0 and w.frequency > 0}, key=repr)
         self._bend, self._device = bend, device
@@ -67,8 +68,9 @@ class Flicker:
                 self.kernel.begun = wp.empty(len(starts), dtype=wp.float32, device=self._device)
             strength = [waveform_strength(self._shared, int(t)) for t in starts]
             self.kernel.begun.assign(np.array(strength, np.float32))
-        if not self._waveforms:
+        if not self._any:
             return
+        # What flickers by nothing has no marks, but kernels ask for them.
         rows = stamps[None] if stamps.ndim == 1 else stamps
         each = rows.shape[1] // coarse
         firsts = np.zeros((len(rows), coarse + 1), np.int32)
