@@ -113,12 +113,10 @@ def make_find_plain(
                     done = True
                     at_b = (env * view.height + spot.y) * view.width + spot.x
                     last, rise = note_marks(
-                        cut, keys, instances, marks, spot, at_b, ends.after, log_of(a), log_of(b), strength, within,
-                        room, most, band, count,
+                        cut, keys, instances, marks, spot, at_b, ends.after, log_of(b), strength, within, room, most,
+                        band, count,
                     )  # fmt: skip
-                    if last >= 0:
-                        instances.tail[last] = rise
-                        instances.ends[last] = 1
+                    grown = log_of(b) - log_of(a)
             if not one:
                 several.at[others0 + take_place(others_count, band)] = (
                     n // cut.envs * (cut.envs * cut.height * cut.width) + spot.q
@@ -130,13 +128,13 @@ def make_find_plain(
                 )  # fmt: skip
                 if last < 0:
                     grown = log_of(b) - log_of(a)
-            if one and not done and last < 0:
+            if one and last < 0:
                 if untold(cut, stage, change, spot, ends, rise, grown, whole):
                     rise = pixel(UNKNOWN)
                     last = note(
                         cut, instances, spot, each // 2, ends.before, ends.after, rise, last, room, most, band, count
                     )
-            if one and not done and last >= 0:
+            if one and last >= 0:
                 instances.tail[last] = rise
                 instances.ends[last] = 1
 

@@ -9,7 +9,7 @@ from refine_rig import box, refined
 from rigid_rig import FOCAL, GAP, HEIGHT, START, WIDTH, closed_form, keyframe, lamp, plain, pose, quad, world
 
 from evis.scene.mesh.shapes import disk, sphere
-from evis.scene.model import Mesh
+from evis.scene.model import Mesh, Waveform
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
 from nodes.interpolator.refine.light.outlines import PLACES, finest_half
 from nodes.interpolator.refine.light.passing_kernels import key_of
@@ -400,3 +400,22 @@ def test_how_dark_a_passing_shadow_gets_under_an_area_light():
     assert crossed.sum() > 500
     # The image may have been darker for an instant; a step of its 16 shadow rays is a tenth and more of the light.
     assert (found[crossed] < 1.25 * darkest[crossed]).mean() > 0.9
+
+
+@pytest.mark.parametrize(
+    "waveform",
+    [None, Waveform("sine", 1.0, 0.3), Waveform("sine", 100.0, 0.0)],
+    ids=["steady", "slowly flickering", "flickering by nothing"],
+)
+def test_a_shadows_edge_between_two_frames_is_found(waveform):
+    """The lamp's light is on a line from frame to frame, so that it alone asks for no sample between them."""
+    half, edge = 0.05, GAP / K
+    speed = 2 * half / (1.1 * edge * 1e-9)
+    scene = rod(half, speed)
+    scene.lights[0] = replace(scene.lights[0], waveform=waveform)
+    expected, found = shadow_times(half, speed, 0.0), found_times(scene)
+    # At the frame between them a pixel is dark.
+    listed = (expected[0] // edge != expected[1] // edge) & (expected[0] > 0.1 * edge) & (expected[1] < 0.98 * GAP)
+    assert listed.sum() > 200
+    off = np.abs(found - expected)[:, listed]
+    assert np.quantile(np.nan_to_num(off, nan=np.inf), 0.9) < 4 * TOLERANCE

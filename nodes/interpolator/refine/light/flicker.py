@@ -36,11 +36,15 @@ class Flicker:
 
     def __init__(self, waveforms: Iterable[Waveform | None], bend: float, device: Any) -> None:
         """bend: how far ln of a strength may be off a straight line."""
-        self._waveforms = sorted({w for w in waveforms if w is not None and w.depth > 0 and w.frequency > 0}, key=repr)
+        given = {w for w in waveforms if w is not None}
+        self._any = bool(given)
+        self._shared = given.copy().pop() if len(given) == 1 else None
+        self._waveforms = sorted({w for w in given if w.depth > 0 and w.frequency > 0}, key=repr)
         self._bend, self._device = bend, device
         self.kernel: Any = Marks()
         self.kernel.first = wp.zeros((1, 1), dtype=wp.int32, device=device)
         self.kernel.at, self.kernel.later = (wp.empty(0, dtype=wp.int32, device=device) for _ in range(2))
+        self.kernel.begun = wp.empty(0, dtype=wp.float32, device=device)
 
     def instants(self, gap_ns: int) -> int:
         """Gives how many instants a gap has to have at least, so that no period is missed."""
@@ -59,8 +63,14 @@ class Flicker:
         starts: of the gap, int64 [E] ns. stamps: of its instants, int64 [n] or, of environments apart, [E, n] ns.
         coarse: intervals of which each has as many of them, the last at its end.
         """
-        if not self._waveforms:
+        if self._shared is not None:
+            if self.kernel.begun.size != len(starts):
+                self.kernel.begun = wp.empty(len(starts), dtype=wp.float32, device=self._device)
+            strength = [waveform_strength(self._shared, int(t)) for t in starts]
+            self.kernel.begun.assign(np.array(strength, np.float32))
+        if not self._any:
             return
+        # What flickers by nothing has no marks, but kernels ask for them.
         rows = stamps[None] if stamps.ndim == 1 else stamps
         each = rows.shape[1] // coarse
         firsts = np.zeros((len(rows), coarse + 1), np.int32)

@@ -23,11 +23,13 @@ wp.set_module_options({"enable_backward": False})
 @wp.struct
 class Marks:
     """Holds the marks of a gap: first [E or 1, K + 1]: where those of a coarse interval begin; at: instant within it,
-    counted from 1; later: how much later than that they are, in PARTS."""
+    counted from 1; later: how much later than that they are, in PARTS; begun [E]: strength of the lights at the gap's
+    start, where they flicker alike."""
 
     first: wp.array2d(dtype=int)
     at: wp.array(dtype=int)
     later: wp.array(dtype=int)
+    begun: wp.array(dtype=float)
 
 
 @wp.func
@@ -64,7 +66,6 @@ def make_note_marks(channels: int) -> Any:
         spot: Spot,
         at: int,
         hit: wp.uint64,
-        log_a: pixel,
         log_b: pixel,
         strength: wp.array(dtype=float),
         within: wp.array(dtype=float),
@@ -75,17 +76,21 @@ def make_note_marks(channels: int) -> Any:
     ):
         """Lists those marks of a pixel that shows the same point all along between which ln I is on a straight line.
 
-        at: of the pixel in keyframe B. log_a, log_b: ln I at both ends. Gives the place of the last one, -1 without
-        any, and by how much ln I changes from there to the end.
+        at: of the pixel in keyframe B. log_b: ln I at the end. Gives the place of the last one, -1 without any, and by
+        how much ln I changes from there, or else from the start, to the end, as the lights' strength alone tells: what
+        has changed otherwise shows beside it.
         """
         first, end = marks_of(marks, spot)
         logs = keys.logs[keys.first[1] + at]
         after = wp.where(spot.k + 1 == cut.coarse, 0, spot.k + 1)
         base = log_b - log_of(radiance_of(logs, strength[after * cut.envs + spot.env]))
+        at_start = marks.begun[spot.env]
+        if spot.k > 0:
+            at_start = strength[spot.k * cut.envs + spot.env]
         last = wp.int32(-1)
-        anchor = log_a
+        anchor = base + log_of(radiance_of(logs, at_start))
         anchored = wp.float32(0.0)
-        value = log_a
+        value = anchor
         then = wp.float32(0.0)
         low = pixel(-STEEPEST)
         high = pixel(STEEPEST)
