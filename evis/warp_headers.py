@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import warp as wp
-from warp._src import build
+from warp._src import build  # nothing public names this folder; pyproject.toml bounds Warp to the versions that have it
 
 ENDING = ".pch"
 INCLUDES = b'#include "builtin.h"'
@@ -62,10 +62,10 @@ def _put_headers(folder: Path, source: Path, compile_: Compiler) -> None:
             if not _in(kept):
                 _make(folder, source, compile_)
                 for path in _in(folder):
-                    _copy(path, kept)
+                    _keep(path, kept)
                 return
     for path in _in(kept):
-        _copy(path, folder)
+        shutil.copyfile(path, folder / path.name)
 
 
 def _make(folder: Path, source: Path, compile_: Compiler) -> None:
@@ -82,7 +82,7 @@ def _in(folder: Path) -> list[Path]:
     return sorted(folder.glob(f"*{ENDING}"))
 
 
-def _copy(path: Path, folder: Path) -> None:
+def _keep(path: Path, folder: Path) -> None:
     """Copies a file so that who looks meanwhile sees all of it or nothing."""
     with tempfile.NamedTemporaryFile(dir=folder, prefix=path.name, delete=False) as out:
         try:

@@ -12,6 +12,7 @@ from bus_workers import TOPIC, image, publisher_on, subscriber_on, wait_for
 
 from evis.bus import END, BusError, PeerLost
 from evis.bus.consumers import MAX_KEYS
+from evis.bus.wire import Malformed, unpack_map
 from msgs.camera import Depth, Motion
 from msgs.codec import encode
 from msgs.header import Header
@@ -56,6 +57,12 @@ HOSTILE = [
     b"F" + bytes(8), b"T" + bytes(8), b"Z" + bytes(8), b"R" + msgpack.packb({"shared": 1}), os.urandom(1000),
     bytes(70_000), b"H" + b"\x91" * 1000 + b"\xc0", b"R" + b"\x81\xa1a" * 1000 + b"\xc0",
 ]  # fmt: skip
+
+
+@pytest.mark.parametrize("nested", [b"\x91" * 1000 + b"\xc0", b"\x81\xa1a" * 1000 + b"\xc0"], ids=["lists", "maps"])
+def test_what_is_nested_deeper_than_python_prints_is_malformed(nested):
+    with pytest.raises(Malformed, match="no map with id, window"):
+        unpack_map(b"H" + nested, id=str, window=int)
 
 
 def passes_whole(publisher, subscriber, count):
