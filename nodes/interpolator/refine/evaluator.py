@@ -20,7 +20,7 @@ from nodes.interpolator.rigid.patches import neighbours_of
 from nodes.interpolator.rigid.reprojection import textured_in
 from nodes.interpolator.rigid.slots import Poses, Slots
 from nodes.renderer.lighting import LIST_WORKERS, Shading, ShadingOptions
-from nodes.renderer.lights.lights import waveform_strength
+from nodes.renderer.lights.lights import waveform_strengths
 from nodes.renderer.raster.visibility import Visibility
 
 WORKERS = 1 << 20, 1 << 18
@@ -36,7 +36,7 @@ def looks_of(rigid: Rigid) -> tuple[wp.Kernel, wp.Kernel]:
     """Makes the kernels that look up listed pixels, and that write to their places what was shaded."""
     layout, f = rigid.layout, rigid.shading.features
     kind = (f.textures, f.smooth, f.tinted) if textured_in(rigid.shading, layout) else None
-    how = (layout.channels, layout.exact_flicker, "careful", changes_of(rigid), layout.detailed, kind, layout.on_device)
+    how = (layout.channels, layout.ways, "careful", changes_of(rigid), layout.detailed, kind, layout.on_device)
     return make_gather(rigid.visibility.lens, *how, single=True), make_place(layout.channels, single=True)
 
 
@@ -44,7 +44,7 @@ class Evaluator:
     """Evaluates listed pixels at the instants of one window, in the gap whose frames a `Rigid` made last.
 
     hits: uint64 [list], z-buffer entries, which the caller writes first. values: [list], the radiance found. bands:
-    parts of the list, each for a CPU thread. strength: float32 [slots E], of lights that flicker, empty without such.
+    parts of the list, each for a CPU thread. strength: float32 [slots E ways], of lights that flicker.
     change: struct for kernels of how light changes at the instants.
     """
 
@@ -73,7 +73,7 @@ class Evaluator:
             self._shift = wp.empty((2 * v.envs, bodies), dtype=wp.vec3)
             self._frame = wp.zeros(slots, dtype=wp.int32)
             self._index: wp.array = wp.zeros(slots, dtype=wp.int32)
-            self.strength = wp.zeros(v.envs if layout.exact_flicker else 0, dtype=wp.float32)
+            self.strength = wp.zeros(v.envs * layout.ways, dtype=wp.float32)
         self._gather, self._place = looks_of(rigid)
         self._targets, self._portion = self._make_targets(), self._make_portion()
         self._at: list[int] = []
@@ -118,11 +118,9 @@ class Evaluator:
             shown = self._stamps[..., np.array(instants) - 1]
             shown = np.repeat(shown, self._envs) if shown.ndim == 1 else shown.T.reshape(-1)
             shading.set_times(shown)
-            waveform = rigid.layout.waveform
-            if waveform is not None:
-                times, which = np.unique(shown, return_inverse=True)
-                strength = np.array([waveform_strength(waveform, int(t)) for t in times], np.float32)
-                self.strength.assign(strength[which.reshape(-1)])
+            if rigid.layout.waveforms:
+                strength = waveform_strengths(rigid.layout.waveforms, shown)
+                self.strength.assign(strength.astype(np.float32).reshape(-1))
 
     def place(self) -> None:
         """Places bodies, lights and what casts shadows for what was sent: launches only."""

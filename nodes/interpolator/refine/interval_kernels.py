@@ -6,11 +6,11 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
-from nodes.interpolator.refine.paths.path_kernels import FRAME_AFTER, FRAME_BEFORE, PARTS, UNKNOWN, make_instances
+from nodes.interpolator.refine.paths.path_kernels import FRAME_AFTER, FRAME_BEFORE, PARTS, TOLD, UNKNOWN, make_instances
 from nodes.interpolator.refine.sight_kernels import make_seen_between
 from nodes.interpolator.refine.stage_kernels import FEW_REGISTERS, Cut, Stage
 from nodes.interpolator.rigid.keyframe_kernels import log_of
-from nodes.interpolator.rigid.look_up.log_kernels import apart
+from nodes.interpolator.rigid.look_up.log_kernels import apart, light
 from nodes.interpolator.rigid.plan_kernels import joined
 from nodes.renderer.raster.depth_kernels import NO_ENTRY
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
@@ -192,6 +192,8 @@ def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
                 value = image[env, y + cut.margin, x + cut.margin]
             elif instances.shown[j] == FRAME_BEFORE:
                 value = frames[env * cut.coarse + k - 1, y, x]
+            elif instances.shown[j] == TOLD:
+                value = light(instances.rise[j])
             sample = known + j - first
             if sample < pixels.shape[0]:
                 pixels[sample] = q
@@ -229,7 +231,8 @@ def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
                     row = wp.where(k + 1 == cut.coarse, 0, k + 1) * cut.envs + env
                     after = stage.packed[row, y + cut.margin, x + cut.margin]
                     length = high - low
-                if length > 1:
+                # What is told is on straight lines already, for a pixel's whole coarse interval.
+                if length > 1 and instances.shown[j] != TOLD:
                     if joined(before, after, stage.targets.pieces) and suspect(cut, rise, log_b - log_a):
                         to = take_place(found, band)
                         if to < room:

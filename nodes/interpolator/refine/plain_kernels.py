@@ -8,7 +8,7 @@ import warp as wp
 from evis.gpu.append_kernels import take_place
 from nodes.interpolator.refine.change_kernels import Several
 from nodes.interpolator.refine.light.flicker_kernels import Marks, make_note_marks
-from nodes.interpolator.refine.paths.along_kernels import make_through, make_untold
+from nodes.interpolator.refine.paths.along_kernels import make_relit_between, make_through, make_untold
 from nodes.interpolator.refine.paths.path_kernels import (
     UNKNOWN,
     make_instances,
@@ -35,19 +35,19 @@ wp.set_module_options({"enable_backward": False})
 
 @cache
 def make_find_plain(
-    lens: str, channels: int, flicker: bool, relit: bool, painted: bool, changes: LightChanges
+    lens: str, channels: int, ways: int, relit: bool, painted: bool, changes: LightChanges
 ) -> wp.Kernel:
     """Makes the kernel `find_plain`; arguments as of make_look_up.
 
-    relit: whether lights flicker each in its own way: then surfaces are shaded anew. painted: whether anything has a
+    relit: whether lights flicker in so many ways that surfaces are shaded anew. painted: whether anything has a
     texture or colours at vertices. changes: of light in the scene.
     """
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
-    Keyframes: Any = make_keyframes(channels, flicker)
+    Keyframes: Any = make_keyframes(channels, ways)
     Instances: Any = make_instances(channels)
-    note, note_marks = make_note(channels), make_note_marks(channels)
-    through = make_through(lens, channels, flicker, relit, painted, changes)
-    untold = make_untold(channels, changes)
+    note, note_marks = make_note(channels), make_note_marks(channels, ways) if ways else None
+    through = make_through(lens, channels, ways, relit, painted, changes)
+    untold, relit_between = make_untold(channels, changes), make_relit_between(changes)
 
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FEW_REGISTERS)
     def find_plain(
@@ -80,8 +80,8 @@ def make_find_plain(
         interval and at all probes, from `room` on, `most` at most; count[band]: how many there would be. What shows
         several is listed in `several`, from others0 on.
 
-        marks: of lights that flicker; strength [rows], within [slots E]: how strong they are at coarse frames and
-        within. image, start: keyframe A and its z-buffer, with the margin. frames: [E K, h, w].
+        marks: of lights that flicker; strength [rows ways], within [slots E ways]: how strong they are at coarse frames
+        and within. image, start: keyframe A and its z-buffer, with the margin. frames: [E K, h, w].
         """
         n, row, part = wp.tid()
         env = n % cut.envs
@@ -108,13 +108,14 @@ def make_find_plain(
             last = wp.int32(-1)
             rise = pixel(UNKNOWN)
             grown = pixel(0.0)
-            if wp.static(flicker):
+            if wp.static(ways > 0):
                 if one and not changed:
                     done = True
                     at_b = (env * view.height + spot.y) * view.width + spot.x
+                    calm = not relit_between(cut, stage, change, spot, each // 2, ends.before)
                     last, rise = note_marks(
-                        cut, keys, instances, marks, spot, at_b, ends.after, log_of(b), strength, within, room, most,
-                        band, count,
+                        cut, keys, instances, marks, spot, at_b, ends.after, calm, log_of(a), log_of(b), strength,
+                        within, room, most, band, count,
                     )  # fmt: skip
                     grown = log_of(b) - log_of(a)
             if not one:

@@ -76,7 +76,8 @@ class Refinement:
         channels = layout.channels
         self._gain = pixels_per_radian(v) if v.view.distorted else max(v.view.fx, v.view.fy)
         self._pixel: Any = wp.float32 if channels == 1 else wp.vec3
-        self._flicker = Flicker((light.waveform for light in v.scene.lights), FLICKERING * layout.tolerance, v.device)
+        waveforms = (light.waveform for light in v.scene.lights)
+        self._flicker = Flicker(waveforms, FLICKERING * layout.tolerance, v.device, layout.waveforms)
         self._sort_each, self._rank = make_sort(channels)
         self._kernels, self._passing = Kernels.of(rigid), Passing(rigid)
         self._held, self._parts = (wp.zeros(layout.envs, dtype=wp.int32, device=v.device) for _ in range(2))

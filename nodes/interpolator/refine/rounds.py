@@ -66,7 +66,7 @@ class Kernels:
         layout, lens, changes = rigid.layout, rigid.visibility.lens, changes_of(rigid)
         features = rigid.shading.features
         painted = features.textures or features.tinted
-        how = (lens, layout.channels, layout.exact_flicker, layout.relight, painted, changes)
+        how = (lens, layout.channels, layout.ways, layout.relight, painted, changes)
         ends = make_find_ends(layout.channels, not layout.flicker)
         return cls(make_find_plain(*how), ends, make_find_runs(*how), *make_rounds(layout.channels))
 

@@ -124,15 +124,13 @@ def make_find_ends(channels: int, steady: bool) -> wp.Kernel:
 
 
 @cache
-def make_find_runs(
-    lens: str, channels: int, flicker: bool, relit: bool, painted: bool, changes: LightChanges
-) -> wp.Kernel:
+def make_find_runs(lens: str, channels: int, ways: int, relit: bool, painted: bool, changes: LightChanges) -> wp.Kernel:
     """Makes the kernel `find_runs`; arguments as of make_find_plain."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
-    Keyframes: Any = make_keyframes(channels, flicker)
+    Keyframes: Any = make_keyframes(channels, ways)
     Instances: Any = make_instances(channels)
     note = make_note(channels)
-    through = make_through(lens, channels, flicker, relit, painted, changes)
+    through = make_through(lens, channels, ways, relit, painted, changes)
     untold = make_untold(channels, changes)
 
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FEW_REGISTERS)

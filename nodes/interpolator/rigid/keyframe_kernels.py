@@ -1,10 +1,11 @@
 """What of a keyframe is looked up at every sub-frame: log radiance, patches, inverse distances, where all is whole."""
 
+from functools import cache
 from typing import Any
 
 import warp as wp
 
-from nodes.interpolator.rigid.look_up.log_kernels import SIX, apart, fused_luminance
+from nodes.interpolator.rigid.look_up.log_kernels import apart, fused_luminance, log_type
 from nodes.interpolator.rigid.patch_kernels import patch_of
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 
@@ -103,48 +104,51 @@ def take_in(
         inverse[env, y, x] = w
 
 
-@wp.func
-def log_pair(mean: wp.vec3, steady: wp.vec3, like: wp.float32):
-    """Computes ln of radiance with the lights at their mean and of that without those that flicker."""
-    return wp.vec2(log_of(fused_luminance(mean)), log_of(fused_luminance(steady)))
+@cache
+def make_take_in_lights(channels: int, ways: int) -> wp.Kernel:
+    """Makes the kernel that does what `take_in` does where lights flicker; arguments as of `log_type`."""
+    pixel: Any = log_type(channels, 0)
+    logs_type: Any = log_type(channels, ways)
 
+    @wp.kernel(module="unique", enable_backward=False)
+    def take_in_lights(
+        # in
+        span: int,
+        packed: wp.array3d(dtype=wp.uint64),
+        pieces: wp.array(dtype=wp.vec2i),
+        image: wp.array3d(dtype=pixel),
+        lights: wp.array4d(dtype=wp.vec3),
+        # out
+        logs: wp.array3d(dtype=logs_type),
+        patch: wp.array3d(dtype=int),
+        inverse: wp.array3d(dtype=float),
+        texels: wp.array3d(dtype=wp.vec4),
+        nonfinite: wp.array(dtype=int),
+    ):
+        """Computes what take_in does, of the radiance `lights` [ways + 1, E, H, W] under those of each waveform at
+        their mean beside the steady ones, and under these alone."""
+        env, y, part = wp.tid()
+        for x in range(part * span, wp.min(part * span + span, packed.shape[2])):
+            p, w = patch_at(packed[env, y, x], pieces)
+            right = usable(image[env, y, x])
+            log = logs_type()
+            for k in range(wp.static(ways + 1)):
+                colour = lights[k, env, y, x]
+                right = right and usable(colour)
+                if wp.static(channels == 1):
+                    log[k] = log_of(fused_luminance(colour))
+                else:
+                    for channel in range(3):
+                        log[3 * k + channel] = log_of(colour[channel])
+            if not right:
+                p = UNUSABLE
+                wp.atomic_add(nonfinite, 0, 1)
+            logs[env, y, x] = log
+            texels[env, y, x] = texel_of(p, w, log)
+            patch[env, y, x] = p
+            inverse[env, y, x] = w
 
-@wp.func
-def log_pair(mean: wp.vec3, steady: wp.vec3, like: wp.vec3):  # noqa: F811 - overloaded by its type
-    a = log_of(mean)
-    b = log_of(steady)
-    return SIX(a[0], a[1], a[2], b[0], b[1], b[2])
-
-
-@wp.kernel
-def take_in_lights(
-    # in
-    span: int,
-    packed: wp.array3d(dtype=wp.uint64),
-    pieces: wp.array(dtype=wp.vec2i),
-    image: wp.array3d(dtype=Any),
-    mean: wp.array3d(dtype=wp.vec3),
-    steady: wp.array3d(dtype=wp.vec3),
-    # out
-    logs: wp.array3d(dtype=Any),
-    patch: wp.array3d(dtype=int),
-    inverse: wp.array3d(dtype=float),
-    texels: wp.array3d(dtype=wp.vec4),
-    nonfinite: wp.array(dtype=int),
-):
-    """Computes what take_in does, of the radiance with lights at their mean and of that without flickering lights."""
-    env, y, part = wp.tid()
-    for x in range(part * span, wp.min(part * span + span, packed.shape[2])):
-        p, w = patch_at(packed[env, y, x], pieces)
-        value = image[env, y, x]
-        if not (usable(value) and usable(mean[env, y, x]) and usable(steady[env, y, x])):
-            p = UNUSABLE
-            wp.atomic_add(nonfinite, 0, 1)
-        log = log_pair(mean[env, y, x], steady[env, y, x], value)
-        logs[env, y, x] = log
-        texels[env, y, x] = texel_of(p, w, log)
-        patch[env, y, x] = p
-        inverse[env, y, x] = w
+    return take_in_lights
 
 
 @wp.func

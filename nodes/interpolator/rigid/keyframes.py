@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.cuda_graph import CudaGraphs
+from evis.scene.model import Waveform
 from nodes.interpolator.displacement_kernels import displace
 from nodes.interpolator.rigid import keyframe_kernels
-from nodes.interpolator.rigid.look_up.log_kernels import LOGS
+from nodes.interpolator.rigid.look_up.log_kernels import log_type
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
 from nodes.renderer.raster.visibility import Visibility
 
@@ -22,8 +23,8 @@ class Pair:
     Of E gaps in a row, which are as environments whose times differ, a gap's A is the B of the one before: E + 1
     keyframes, of which all but the last are A and all but the first are B.
 
-    patch, support int32, inverse float32 and texels vec4 as in keyframe_kernels; logs: as of LOGS. bare float32: ln of
-    the light alone on textures, elsewhere WITHOUT, in scenes that have textures. turn mat33 and shift
+    patch, support int32, inverse float32 and texels vec4 as in keyframe_kernels; logs: as of `log_type`. bare float32:
+    ln of the light alone on textures, elsewhere WITHOUT, in scenes that have textures. turn mat33 and shift
     vec3 [2 P E, N + 2]: how the bodies of the sub-frames have moved since A, then since B.
     """
 
@@ -34,18 +35,17 @@ class Pair:
         bodies: int,
         channels: int,
         device: Any,
-        flicker: bool = False,
+        ways: int = 0,
         textured: bool = False,
         in_a_row: bool = False,
     ) -> None:
-        """shape: E, H, W. flicker: logs are of the radiance under the lights at their mean, and without those that
-        flicker. in_a_row: the E are gaps in a row."""
+        """shape: E, H, W. ways: as of `log_type`. in_a_row: the E are gaps in a row."""
         envs, rows = shape[0], 2 * slots * shape[0]
         self._in_a_row = in_a_row
         both = (envs + 1 if in_a_row else 2 * envs, *shape[1:])
         pixel: Any = wp.float32 if channels == 1 else wp.vec3
         with wp.ScopedDevice(device):
-            self.logs = wp.empty(both, dtype=LOGS[channels, flicker])
+            self.logs = wp.empty(both, dtype=log_type(channels, ways))
             self.bare = wp.zeros(both if textured else (0, 0, 0), dtype=wp.float32)
             self.patch = wp.empty(both, dtype=wp.int32)
             self.support = wp.empty(both, dtype=wp.int32)
@@ -56,8 +56,10 @@ class Pair:
             self.poses = wp.empty((both[0], bodies), dtype=wp.transformd)
             self.turn = wp.empty((rows, bodies + 2), dtype=wp.mat33)
             self.shift = wp.empty((rows, bodies + 2), dtype=wp.vec3)
-        self._struct, self._flicker = make_keyframes(channels, flicker), flicker
-        self.a, self.b = (Prepared(self, first, shape, device, flicker) for first in (0, 1 if in_a_row else envs))
+        self._struct, self._channels, self._ways = make_keyframes(channels, ways), channels, ways
+        self.a, self.b = (
+            Prepared(self, first, shape, device, channels, ways) for first in (0, 1 if in_a_row else envs)
+        )
         self._kernels: dict[tuple[int, int], Any] = {}
         """The structs that `kernel` has made, by the first row of A and where the motion is."""
 
@@ -82,7 +84,10 @@ class Pair:
         """
         image, logs = (array.dtype for array in (self.image, self.logs))
         kinds: Any = {"image": wp.array3d(dtype=image), "logs": wp.array3d(dtype=logs)}
-        taking = wp.overload(keyframe_kernels.take_in_lights if self._flicker else keyframe_kernels.take_in, kinds)
+        if self._ways:
+            taking = keyframe_kernels.make_take_in_lights(self._channels, self._ways)
+        else:
+            taking = wp.overload(keyframe_kernels.take_in, kinds)
         quiet: Any = {name: wp.array3d(dtype=image) for name in ("image_a", "image_b")}
         wp.overload(keyframe_kernels.find_quiet, quiet)
         wp.overload(keyframe_kernels.find_support, {"logs": kinds["logs"]})
@@ -136,7 +141,8 @@ class Prepared:
         first: int,
         shape: tuple[int, int, int],
         device: Any,
-        flicker: bool,
+        channels: int,
+        ways: int,
     ) -> None:
         self.first, self._shape, self._device = first, shape, device
         # Pixels that one thread does; on the CPU a row, for starting one costs more.
@@ -146,9 +152,10 @@ class Prepared:
         self.inverse, self.texels = pair.inverse[mine], pair.texels[mine]
         self.bare = pair.bare[mine] if pair.bare.size else pair.bare
         self.image, self.packed, self.poses = pair.image[mine], pair.packed[mine], pair.poses[mine]
+        self._take_in = keyframe_kernels.make_take_in_lights(channels, ways) if ways else keyframe_kernels.take_in
         with wp.ScopedDevice(device):
-            # At their mean, and without.
-            self._lights = [wp.empty(shape, dtype=wp.vec3) for _ in range(2)] if flicker else []
+            # With those of each waveform at their mean, and without any.
+            self._lights = [wp.empty((ways + 1, *shape), dtype=wp.vec3)] if ways else []
 
     def take(self, image: wp.array) -> None:
         """Takes the keyframe's image, float32 [E, H, W] or [E, H, W, 3]."""
@@ -162,11 +169,11 @@ class Prepared:
         """Takes the z-buffer of the first `envs` environments: a launch only."""
         wp.copy(self.packed, visibility.packed[:envs])
 
-    def take_lights(self, shade: Callable[[str], wp.array]) -> None:
+    def take_lights(self, waveforms: Sequence[Waveform], shade: Callable[[Waveform | None], wp.array]) -> None:
         """Computes what `fill` needs where lights flicker. shade: gives radiance [>= E, H, W] of vec3, under
         LightSet.select."""
-        for which, image in zip(("mean", "steady"), self._lights):
-            wp.copy(image, shade(which)[: self._shape[0]])
+        for k, which in enumerate((*waveforms, None)):
+            wp.copy(self._lights[0][k], shade(which)[: self._shape[0]])
 
     def fill(self, pieces: wp.array, moving: wp.array, straight: float, nonfinite: wp.array) -> None:
         """Fills the other arrays from the image and the z-buffer: launches only.
@@ -178,7 +185,6 @@ class Prepared:
         dim = (*self._shape[:2], self._shape[2] // self._span)
         given = [self._span, self.packed, pieces, self.image, *self._lights]
         made = [self.logs, self.patch, self.inverse, self.texels, nonfinite]
-        kernel = keyframe_kernels.take_in_lights if self._lights else keyframe_kernels.take_in
-        wp.launch(kernel, dim, given, made, device=self._device)
+        wp.launch(self._take_in, dim, given, made, device=self._device)
         given = [self._span, straight, moving, self.patch, self.inverse, self.logs]
         wp.launch(keyframe_kernels.find_support, dim, given, [self.support], device=self._device)

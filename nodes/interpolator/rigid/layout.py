@@ -26,6 +26,10 @@ between frames, and what details cost for each keyframe is shared by fewer frame
 EVER = 1.0e9
 """Path [px] that is longer than any."""
 
+MOST_WAYS = {False: 4, True: 8}
+"""Waveforms of lights that flicker up to which keyframes are shaded once for each, by whether single pixels are looked
+at between the frames: with more, keyframes take longer than shading anew what is seen between them."""
+
 PORTION, LEAST = {True: 1 << 21, False: 1 << 25}, 8
 """Pixels of the sub-frames that are worked on at once, on a CPU and on a GPU: what caches and memory hold; and least
 sub-frames where there are lines between samples, in which case it is as on a CPU with one environment."""
@@ -55,7 +59,7 @@ class Layout:
     envs: E. upsampling: K. channels: 1 or 3. portions: sub-frames, counted from 1, in the slots of each portion; the
     first begins with keyframe B itself, so that its z-buffer is there for all the others. step: path [px] between two
     samples of a pixel, 0 = all are looked up. tolerance: of log radiance. on_device: see RigidOptions. flicker: whether
-    lights do. waveform: of all that flicker, if they share one. single: see RigidOptions.
+    lights do. waveforms: of those that flicker, none where they are more than MOST_WAYS. single: see RigidOptions.
     """
 
     envs: int
@@ -66,7 +70,7 @@ class Layout:
     tolerance: float
     on_device: bool
     flicker: bool
-    waveform: Waveform | None
+    waveforms: tuple[Waveform, ...]
     single: bool = False
 
     @property
@@ -97,14 +101,14 @@ class Layout:
         return float(np.exp(self.tolerance / 2))
 
     @property
-    def exact_flicker(self) -> bool:
-        """Tells whether flicker is added up from radiance with the lights at their mean and radiance without them."""
-        return self.waveform is not None
+    def ways(self) -> int:
+        """Gives in how many ways lights flicker whose light is added up; see `log_type`."""
+        return len(self.waveforms)
 
     @property
     def relight(self) -> bool:
         """Tells whether flicker has all but the sky shaded anew."""
-        return self.flicker and self.waveform is None
+        return self.flicker and not self.waveforms
 
 
 def layout_of(
@@ -115,9 +119,10 @@ def layout_of(
     margin: pixels beyond the image on every side. channels: 1 or 3. cpu: whether the device is one.
     """
     pixels = (camera.height + 2 * margin) * (camera.width + 2 * margin)
-    waveforms = {light.waveform for light in scene.lights if light.waveform is not None}
+    waveforms = tuple(dict.fromkeys(light.waveform for light in scene.lights if light.waveform is not None))
     flicker = bool(waveforms)
-    waveform = waveforms.pop() if len(waveforms) == 1 else None
+    if len(waveforms) > MOST_WAYS[asked.single]:
+        waveforms = ()
     on_device = not cpu if asked.on_device is None else asked.on_device
     # Light that flickers is on no line.
     step = 0.0 if flicker or asked.single or on_device else STEP_PX
@@ -129,5 +134,5 @@ def layout_of(
     order = [upsampling, *range(1, upsampling)]
     portions = [order[k : k + slots] for k in range(0, upsampling, slots)]
     return Layout(
-        envs, upsampling, channels, portions, step, asked.tolerance, on_device, flicker, waveform, asked.single
+        envs, upsampling, channels, portions, step, asked.tolerance, on_device, flicker, waveforms, asked.single
     )

@@ -13,10 +13,10 @@ Where a pixel hardly moves over the surface that it shows, this is done at some 
 lines between them: see plan_kernels. Where the whole image hardly moves, not all triangles are drawn at each: see
 sparse_raster.
 
-Light with a waveform may be alike at both keyframes and differ in between. Where all lights that flicker share one, a
-keyframe is shaded once with it at its mean and once without these lights; both are looked up and blended, and added up
-as the waveform is at the sub-frame, L = L_without + w(t) (L_mean - L_without), which is exact. Where waveforms differ
-every surface is shaded at its own time.
+Light with a waveform may be alike at both keyframes and differ in between. A keyframe is shaded once without lights
+that flicker, and for each waveform once with its lights at their mean besides; all are looked up and blended, and added
+up as the waveforms are at the sub-frame, L = L_without + sum_i w_i(t) (L_i - L_without), which is exact. Where there
+are too many waveforms every surface is shaded at its own time.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from nodes.interpolator.rigid.slots import Poses, Slots
 from nodes.interpolator.rigid.sparse_raster import SparseRaster
 from nodes.renderer.geometry.triangles import is_static
 from nodes.renderer.lighting import Shading, ShadingOptions
-from nodes.renderer.lights.lights import waveform_strength
+from nodes.renderer.lights.lights import waveform_strengths
 from nodes.renderer.raster.visibility import Visibility
 
 
@@ -88,8 +88,8 @@ class Rigid:
         self.size = (v.shape[1] - 2 * margin, v.shape[2] - 2 * margin)
         textured = textured_in(self.shading, self.layout)
         keyframe, bodies = (envs, *v.shape[1:]), len(scene.bodies)
-        exact = self.layout.exact_flicker
-        self.pair = Pair(keyframe, slots, bodies, channels, self._device, exact, textured, in_a_row)
+        ways = self.layout.ways
+        self.pair = Pair(keyframe, slots, bodies, channels, self._device, ways, textured, in_a_row)
         self.in_a_row = in_a_row
         """Whether the environments are gaps of one."""
         self.late = late or in_a_row
@@ -145,7 +145,7 @@ class Rigid:
 
     @property
     def strength(self) -> wp.array:
-        """Gives how strong lights that flicker are at what was drawn, float32 [slots E], empty without such."""
+        """Gives how strong lights that flicker are at what was drawn, float32 [slots E ways], empty without such."""
         return self._reprojection.strength
 
     @property
@@ -211,10 +211,10 @@ class Rigid:
             if self.layout.flicker:
                 shown = np.repeat(stamps[slots], self.layout.envs) if together else stamps.T[slots].reshape(-1)
                 self.shading.set_times(shown)
-            if self.layout.waveform is not None:
-                times, which = np.unique(shown, return_inverse=True)
-                strength = np.array([waveform_strength(self.layout.waveform, int(t)) for t in times], np.float32)
-                self._reprojection.strength.assign(strength[which.reshape(-1)])
+            if self.layout.waveforms:
+                self._reprojection.strength.assign(
+                    waveform_strengths(self.layout.waveforms, shown).astype(np.float32).reshape(-1)
+                )
             self._graphs.run(("look", portion, self._even, builds), partial(self._reproject, portion, frames))
         turn, self._even = int(self._even), not self._even
         if out is not None:
@@ -320,8 +320,8 @@ class Rigid:
                 if self.change is not None:
                     self.change.disquiet(self.pieces, self.quiet)
         if first:
-            if self.layout.waveform is not None:
-                self.pair.b.take_lights(partial(self._reprojection.light, placed=True))
+            if self.layout.waveforms:
+                self.pair.b.take_lights(self.layout.waveforms, partial(self._reprojection.light, placed=True))
             self.pair.b.fill(*self._filling)
             self._reprojection.take_bare(self.pair.b)
         self._beside.join()
@@ -353,8 +353,8 @@ class Rigid:
             wp.synchronize_event(there)
         count, sampled = (told.numpy() for told in self._told[turn])
         samples = self.layout.envs * (self.layout.upsampling - 1) * self.size[0] * self.size[1]
-        looked_up = samples if self.layout.on_device else int(sampled.sum())
-        return Report(nonfinite=int(count[-1]), reshaded=int(count[:-1].sum()), samples=samples, sampled=looked_up)
+        log_type = samples if self.layout.on_device else int(sampled.sum())
+        return Report(nonfinite=int(count[-1]), reshaded=int(count[:-1].sum()), samples=samples, sampled=log_type)
 
     def _find_quiet(self) -> None:
         """Pixels that do not change unless something comes before them."""
@@ -378,9 +378,9 @@ class Rigid:
         if self.change is not None:
             self.change.take(a.first, a.poses)
         a.take_packed(v, self.layout.envs)
-        if self.layout.waveform is not None:
+        if self.layout.waveforms:
             self.shading.update(placed)
-            a.take_lights(partial(self._reprojection.light, placed=False))
+            a.take_lights(self.layout.waveforms, partial(self._reprojection.light, placed=False))
         a.fill(*self._filling)
         self._reprojection.take_bare(a)
 

@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
+from evis.scene.model import Waveform
 from nodes.interpolator.relight.change import LightChange
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
@@ -32,20 +33,20 @@ class Reprojection:
 
     It only launches kernels, but for the lists of a CPU.
 
-    strength float32 [slots E]: of lights that flicker. counted: int32 on the device, pixels that were shaded anew by
-    list and, as the last number, what `nonfinite` has been added to; and pixels that were looked up by list.
+    strength float32 [slots E ways]: of lights that flicker. counted: int32 on the device, pixels that were shaded anew
+    by list and, as the last number, what `nonfinite` has been added to; and pixels that were looked up by list.
     """
 
     def __init__(
         self, shading: Shading, sampling: Sampling, pieces: wp.array, layout: Layout, change: LightChange | None
     ) -> None:
-        """pieces: body and patch of each triangle. Of exact flicker, `strength` tells how the lights are. change: tells
+        """pieces: body and patch of each triangle. `strength` tells how lights are that flicker. change: tells
         where light changes, if it can."""
         self._change: Any = change.kernel if change else Change()
         changes = change.features if change else LightChanges()
         v = self._v = shading.visibility
         self._shading, self._sampling, self._pieces = shading, sampling, pieces
-        envs, channels, exact = layout.envs, layout.channels, layout.exact_flicker
+        envs, channels, ways = layout.envs, layout.channels, layout.ways
         self._pace = layout.pace
         self._envs, self._upsampling, self._on_device = envs, layout.upsampling, layout.on_device
         self._tolerance, self._relight, self._device = layout.tolerance, int(layout.relight), v.device
@@ -53,7 +54,7 @@ class Reprojection:
         self._frame = [v.put(np.array(part, np.int32) - 1, wp.int32) for part in layout.portions]
         slots = layout.slots
         self._inner = envs * (v.shape[1] - 2 * v.margin) * (v.shape[2] - 2 * v.margin)
-        whole = envs * v.shape[1] * v.shape[2] if exact else 0
+        whole = envs * v.shape[1] * v.shape[2] if ways else 0
         # B's own slot is the first: the pixels of its environments are the first of all.
         starts = [whole * k // sampling.bands for k in range(sampling.bands + 1)]
         with wp.ScopedDevice(v.device):
@@ -64,7 +65,7 @@ class Reprojection:
             flagged = layout.on_device and changes.any
             self._flagged = wp.empty(slots * self._inner if flagged else 0, dtype=wp.int32)
             self._flagged_count = wp.zeros_like(sampling.counts)
-            self.strength = wp.zeros(slots * envs if exact else 0, dtype=wp.float32)
+            self.strength = wp.zeros(slots * envs * ways, dtype=wp.float32)
             self._all: wp.array = wp.array(np.arange(whole, dtype=np.int32))
             self._all_count: wp.array = wp.array(np.diff(starts).astype(np.int32))
         self._all_starts = starts[:-1]
@@ -72,13 +73,13 @@ class Reprojection:
         kind = (f.textures, f.smooth, f.tinted) if textured_in(shading, layout) else None
         self._take_bare = make_take_bare(*kind) if kind else None
         how = (changes, layout.detailed, kind, layout.on_device)
-        self._careful_look = make_gather(v.lens, channels, exact, "careful", *how)
+        self._careful_look = make_gather(v.lens, channels, ways, "careful", *how)
         self._first_looks: list[wp.Kernel] = []
         """What goes before it on a GPU."""
         if layout.on_device:
-            self._first_looks.append(make_gather(v.lens, channels, exact, "first", *how))
+            self._first_looks.append(make_gather(v.lens, channels, ways, "first", *how))
             if changes.any:
-                self._first_looks.append(make_gather(v.lens, channels, exact, "flagged", *how))
+                self._first_looks.append(make_gather(v.lens, channels, ways, "flagged", *how))
         self._place = make_place(channels)
         # The portion that lights and what casts shadows are placed for, on a CPU.
         self._lit: int | None = None
@@ -128,14 +129,14 @@ class Reprojection:
         shading = [*self._shading.kernels(True), (self._place, LAUNCH_BLOCK)]
         return [*((kernel, BLOCK) for kernel in looks), *shading, *self._sampling.kernels()]
 
-    def light(self, which: str, placed: bool) -> wp.array:
+    def light(self, which: Waveform | None, placed: bool) -> wp.array:
         """Gives the radiance of all pixels of the first slot under LightSet.select, vec3 [>= E, H, W]. placed: after
         `place`."""
         shading = self._shading
         shading.lights.select(which)
         ready = placed and self._placed
         shading.shade_list(self._radiance, self._all, self._all_count, self._all_starts, ready)
-        shading.lights.select("now")
+        shading.lights.select_now()
         return self._radiance
 
     def reproject(self, part: SubframeRange, pair: Pair, quiet: wp.array, frames: wp.array) -> None:
@@ -222,4 +223,4 @@ class Reprojection:
 
 def textured_in(shading: Shading, layout: Layout) -> bool:
     """Tells whether textures are looked up at their own time: of luminance, under light that is all of one kind."""
-    return shading.features.textures and layout.detailed and layout.channels == 1 and not layout.exact_flicker
+    return shading.features.textures and layout.detailed and layout.channels == 1 and not layout.waveforms

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -61,7 +62,7 @@ class LightSet:
             setattr(self.kernel, name, visibility.empty(shape, wp.vec3))
         self.kernel.side = self.side
         self._now = self.kernel.colour
-        self._chosen: dict[str, wp.array] = {}
+        self._chosen: dict[Waveform | None, wp.array] = {}
 
     @property
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
@@ -73,28 +74,26 @@ class LightSet:
         differs."""
         if not self.flickers:
             return False
-        instants, which = np.unique(np.asarray(t_ns, np.int64), return_inverse=True)
-        each = np.array([[waveform_strength(l.waveform, int(t)) for l in self.lights] for t in instants])
-        strength = each[np.broadcast_to(which.reshape(-1), len(self._strength))]
+        strength = waveform_strengths([l.waveform for l in self.lights], np.asarray(t_ns, np.int64))
+        strength = np.broadcast_to(strength, self._strength.shape)
         if np.array_equal(strength, self._strength):
             return False
         self._strength = strength
         store(self._now, self._colour * strength[..., None])
         return True
 
-    def select(self, which: str) -> None:
-        """Chooses how strong the lights are in launches from now on.
+    def select(self, waveform: Waveform | None) -> None:
+        """Chooses the lights of launches from now on: those that do not flicker and, at their mean, those of a
+        waveform."""
+        if waveform not in self._chosen:
+            shine = np.array([l.waveform is None or l.waveform == waveform for l in self.lights], np.float64)
+            colour = np.ones((self._visibility.envs, 1, 1)) * self._colour * shine[:, None]
+            self._chosen[waveform] = self._visibility.put(colour, wp.vec3)
+        self.kernel.colour = self._chosen[waveform]
 
-        which: `now`, as `set_times` says; `mean`, every waveform at its mean; `steady`, flickering lights off.
-        """
-        if not self._chosen:
-            strengths = {"mean": np.ones(len(self.lights)), "steady": [l.waveform is None for l in self.lights]}
-            tall = np.ones((self._visibility.envs, 1, 1))
-            self._chosen = {"now": self._now}
-            for name, strength in strengths.items():
-                colour = tall * self._colour * np.array(strength, np.float64)[:, None]
-                self._chosen[name] = self._visibility.put(colour, wp.vec3)
-        self.kernel.colour = self._chosen[which]
+    def select_now(self) -> None:
+        """Has all lights in launches from now on, as `set_times` says."""
+        self.kernel.colour = self._now
 
     def launch(self) -> None:
         """Writes where the lights are, for the poses that the visibility has on the device: a launch only."""
@@ -138,6 +137,13 @@ def waveform_strength(waveform: Waveform | None, t_ns: int) -> float:
     if phase < waveform.duty:
         return 1.0 + waveform.depth * (1.0 - waveform.duty) / waveform.duty
     return 1.0 - waveform.depth
+
+
+def waveform_strengths(waveforms: Sequence[Waveform | None], t_ns: np.ndarray) -> np.ndarray:
+    """Gives the factors of lights' strengths at instants int64 [n] ns, float64 [n, waveforms]."""
+    instants, which = np.unique(t_ns, return_inverse=True)
+    each = np.array([[waveform_strength(w, int(t)) for w in waveforms] for t in instants])
+    return each.reshape(len(instants), len(waveforms))[which.reshape(-1)]
 
 
 def fixed_vectors(lights: list[Light]) -> np.ndarray:

@@ -121,6 +121,38 @@ def test_lamps_that_are_switched_many_times_between_frames(waves, most):
     assert np.quantile(errors, 0.98) < most
 
 
+@pytest.mark.parametrize("depth", [0.3, 0.9])
+def test_a_wall_under_lamps_that_flicker_out_of_step(depth):
+    """Each pixel's course is a sum of sines, and samples of what stands still are on it: that of a wall under lamps of
+    the three phases of a grid, which make up for each other in part, and a quad that flies past elsewhere."""
+    lights = [lamp(waveform=Waveform("sine", 200.0, depth, phase)) for phase in (0.0, 1 / 3, 2 / 3)]
+    for n, light in enumerate(lights):
+        light.vector[0] = 2.0 * (n - 1)
+    flight = Prescribed(pose(-15.0 * START * 1e-9, -0.2, 2.0), [Linear(np.array([15.0, 0.0, 0.0]))])
+    scene = world([(quad(4.0), plain(0.8), Prescribed(pose(z=3.0))), (quad(0.2), plain(0.3), flight)], lights=lights)
+    frames, (pixels, ns, values) = refined(scene, 4, 100_000)
+    rest = closed_form(scene, np.array([0])).pose[:, 0]
+    alone = []
+    for light in (None, *lights):
+        scene.lights = [replace(light, waveform=None)] if light else []
+        alone.append(luminance(Renderer(scene, scene.cameras[0]).render(rest)["radiance"]).reshape(-1))
+    sky = alone.pop(0)
+    sine = lambda t, n: 1 + depth * np.sin(2 * np.pi * (200.0 * 1e-9 * (START + t) + n / 3))
+    truth = lambda q, t: sky[q] + sum((alone[n] - sky)[q] * sine(t, n) for n in range(3))
+    width = frames.shape[2]
+    # Above the quad, whose shadows are lower still.
+    above = pixels < width * 12
+    assert above.sum() > 3000
+    np.testing.assert_allclose(values[above], truth(pixels[above], ns[above].astype(float)), rtol=2e-5)
+    stamps, times = subframe_stamps(0, GAP, 4), np.linspace(0.26 * GAP, GAP, 800)
+    for q in range(5, width * 12, 97):
+        mine = pixels == q
+        t, lit = np.concatenate([stamps, ns[mine]]), np.concatenate([frames.reshape(4, -1)[:, q], values[mine]])
+        order = np.argsort(t)
+        found = np.interp(times, t[order], np.log(lit[order]))
+        assert np.abs(found - np.log(truth(q, times))).max() < 0.04
+
+
 @pytest.mark.parametrize("speed", [10.0, 20.0, -8.0])
 def test_a_silhouette_passes_a_pixel_when_it_should(speed):
     """The edge of a square that flies past at `speed` m/s, 2 m away: the time at every pixel that it reaches."""
@@ -196,7 +228,7 @@ def test_a_pole_between_two_frames_is_not_missed():
     pole = Prescribed(start, [Linear(np.array([speed, 0.0, 0.0]))])
     scene = world([(quad(4.0), plain(0.2), Prescribed(pose(z=3.0))), (box((half, 2.0, half)), plain(0.9), pole)])
     frames, (pixels, ns, values) = refined(scene, 4, 20_000)
-    height, width = frames.shape[1:]
+    width = frames.shape[2]
     row = height // 2
     unseen, found = 0, []
     for x in range(4, width - 4):
@@ -284,7 +316,7 @@ def test_a_wall_that_comes_so_fast_that_its_depth_alone_tells_of_another():
     flight = Prescribed(pose(1.0, 0.0, 3.0 + speed * START * 1e-9), [Linear(np.array([0.0, 0.0, -speed]))])
     scene = world([(quad(4.0), paint, flight)])
     frames, (pixels, ns, values) = refined(scene, 2, 20_000)
-    height, width = frames.shape[1:]
+    width = frames.shape[2]
     renderer = Renderer(scene, scene.cameras[0])
     stamps = START + np.linspace(0, 1, 81)[1:-1] * GAP
     states = [closed_form(scene, np.array([round(t)])).pose[:, 0] for t in stamps]

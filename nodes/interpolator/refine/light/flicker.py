@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -14,13 +14,16 @@ from evis.scene.sampling import FOLLOWED
 from nodes.interpolator.refine.light.flicker_kernels import Marks
 from nodes.interpolator.refine.lists import SPARE
 from nodes.interpolator.refine.paths.path_kernels import PARTS, SHARP
-from nodes.renderer.lights.lights import waveform_strength
+from nodes.renderer.lights.lights import waveform_strength, waveform_strengths
 
 NS = 1_000_000_000
 ROUNDED = 1e-6
 """Part by which gaps of one rate may differ, for their ends are rounded to nanoseconds."""
 LEAST_STRENGTH = 0.01
 """Of a light, relative to its mean, below which its logarithm does not matter: something else is about as bright."""
+OF_SEVERAL = 0.25
+"""Part of the distance from a straight line up to which the logarithm of a strength counts as on it, where several
+flicker."""
 PER_PERIOD = 32
 """Instants of a period of a sine that there are, of which those are taken that it takes."""
 PER_SWITCH = 4
@@ -34,13 +37,17 @@ class Flicker:
     kernel: the struct of what was found last, in arrays that stay while there is room, for recorded launches.
     """
 
-    def __init__(self, waveforms: Iterable[Waveform | None], bend: float, device: Any) -> None:
-        """bend: how far ln of a strength may be off a straight line."""
+    def __init__(
+        self, waveforms: Iterable[Waveform | None], bend: float, device: Any, added: Sequence[Waveform] = ()
+    ) -> None:
+        """bend: how far ln of a strength may be off a straight line. added: the waveforms whose lights' radiance is
+        added up, see `log_type`."""
         given = {w for w in waveforms if w is not None}
         self._any = bool(given)
-        self._shared = given.copy().pop() if len(given) == 1 else None
+        self._added = added
         self._waveforms = sorted({w for w in given if w.depth > 0 and w.frequency > 0}, key=repr)
-        self._bend, self._device = bend, device
+        # Where one lamp makes up for another their sum is straighter than either, and is to be known as well.
+        self._bend, self._device = (bend if len(self._waveforms) < 2 else OF_SEVERAL * bend), device
         self.kernel: Any = Marks()
         self.kernel.first = wp.zeros((1, 1), dtype=wp.int32, device=device)
         self.kernel.at, self.kernel.later = (wp.empty(0, dtype=wp.int32, device=device) for _ in range(2))
@@ -63,11 +70,11 @@ class Flicker:
         starts: of the gap, int64 [E] ns. stamps: of its instants, int64 [n] or, of environments apart, [E, n] ns.
         coarse: intervals of which each has as many of them, the last at its end.
         """
-        if self._shared is not None:
-            if self.kernel.begun.size != len(starts):
-                self.kernel.begun = wp.empty(len(starts), dtype=wp.float32, device=self._device)
-            strength = [waveform_strength(self._shared, int(t)) for t in starts]
-            self.kernel.begun.assign(np.array(strength, np.float32))
+        if self._added:
+            begun = waveform_strengths(self._added, starts).astype(np.float32).reshape(-1)
+            if self.kernel.begun.size != begun.size:
+                self.kernel.begun = wp.empty(begun.size, dtype=wp.float32, device=self._device)
+            self.kernel.begun.assign(begun)
         if not self._any:
             return
         # What flickers by nothing has no marks, but kernels ask for them.

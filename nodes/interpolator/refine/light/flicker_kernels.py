@@ -8,23 +8,29 @@ import warp as wp
 from nodes.interpolator.refine.paths.path_kernels import (
     PARTS,
     STEEPEST,
+    TOLD,
     make_instances,
     make_note,
     outside,
 )
 from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, entry_at, slot_row
 from nodes.interpolator.rigid.keyframe_kernels import log_of
-from nodes.interpolator.rigid.look_up.log_kernels import radiance_of
+from nodes.interpolator.rigid.look_up.log_kernels import apart, make_radiance_of
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
+from nodes.renderer.raster.depth_kernels import NO_ENTRY
 
 wp.set_module_options({"enable_backward": False})
+
+MARKED = wp.constant(0.5)
+"""Part of the distance of ln I from a straight line up to which a mark is passed over: light that hardly changes, of
+lamps that make up for each other, crosses thresholds slowly, and what it is off by is a long time."""
 
 
 @wp.struct
 class Marks:
     """Holds the marks of a gap: first [E or 1, K + 1]: where those of a coarse interval begin; at: instant within it,
-    counted from 1; later: how much later than that they are, in PARTS; begun [E]: strength of the lights at the gap's
-    start, where they flicker alike."""
+    counted from 1; later: how much later than that they are, in PARTS; begun [E ways]: strength of the lights at the
+    gap's start, where it is added up."""
 
     first: wp.array2d(dtype=int)
     at: wp.array(dtype=int)
@@ -50,12 +56,12 @@ def entry_near(cut: Cut, stage: Stage, spot: Spot, i: int, start: int, before: w
 
 
 @cache
-def make_note_marks(channels: int) -> Any:
-    """Makes the function `note_marks`; channels: 1 (luminance) or 3 (RGB)."""
+def make_note_marks(channels: int, ways: int) -> Any:
+    """Makes the function `note_marks`; arguments as of `log_type`."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
-    Keyframes: Any = make_keyframes(channels, True)
+    Keyframes: Any = make_keyframes(channels, ways)
     Instances: Any = make_instances(channels)
-    note = make_note(channels)
+    note, radiance_of = make_note(channels), make_radiance_of(channels, ways)
 
     @wp.func
     def note_marks(
@@ -66,6 +72,8 @@ def make_note_marks(channels: int) -> Any:
         spot: Spot,
         at: int,
         hit: wp.uint64,
+        calm: bool,
+        log_a: pixel,
         log_b: pixel,
         strength: wp.array(dtype=float),
         within: wp.array(dtype=float),
@@ -76,19 +84,25 @@ def make_note_marks(channels: int) -> Any:
     ):
         """Lists those marks of a pixel that shows the same point all along between which ln I is on a straight line.
 
-        at: of the pixel in keyframe B. log_b: ln I at the end. Gives the place of the last one, -1 without any, and by
-        how much ln I changes from there, or else from the start, to the end, as the lights' strength alone tells: what
-        has changed otherwise shows beside it.
+        at: of the pixel in keyframe B. calm: no other light changes, so that ln I is known there. log_a, log_b: ln I at
+        the start and at the end. Gives the place of the last one, -1 without any, and by how much ln I changes from
+        there, or else from the start, to the end, as the lights' strength alone tells: what has changed otherwise shows
+        beside it.
         """
         first, end = marks_of(marks, spot)
         logs = keys.logs[keys.first[1] + at]
         after = wp.where(spot.k + 1 == cut.coarse, 0, spot.k + 1)
-        base = log_b - log_of(radiance_of(logs, strength[after * cut.envs + spot.env]))
-        at_start = marks.begun[spot.env]
-        if spot.k > 0:
-            at_start = strength[spot.k * cut.envs + spot.env]
+        base = log_b - log_of(radiance_of(logs, strength, after * cut.envs + spot.env))
         last = wp.int32(-1)
-        anchor = base + log_of(radiance_of(logs, at_start))
+        anchor = base
+        if spot.k > 0:
+            anchor += log_of(radiance_of(logs, strength, spot.k * cut.envs + spot.env))
+        else:
+            anchor += log_of(radiance_of(logs, marks.begun, spot.env))
+        told = calm and apart(anchor, log_a) <= cut.bend
+        seen = hit
+        if told:
+            seen = NO_ENTRY
         anchored = wp.float32(0.0)
         value = anchor
         then = wp.float32(0.0)
@@ -100,18 +114,21 @@ def make_note_marks(channels: int) -> Any:
             if n < end:
                 i = marks.at[n]
                 now = float(i) + float(marks.later[n]) / float(PARTS)
-                fresh = base + log_of(radiance_of(logs, within[slot_row(cut, spot.env, spot.k, i)]))
+                fresh = base + log_of(radiance_of(logs, within, slot_row(cut, spot.env, spot.k, i)))
             if outside(fresh - anchor, (now - anchored) * low, (now - anchored) * high):
                 last = note(
-                    cut, instances, spot, marks.at[n - 1], hit, hit, value - anchor, last, room, most, band, count
+                    cut, instances, spot, marks.at[n - 1], seen, seen, value - anchor, last, room, most, band, count
                 )
+                if told:
+                    instances.rise[last] = value
+                    instances.shown[last] = TOLD
                 instances.later[last] = marks.later[n - 1]
                 anchor = value
                 anchored = then
                 low = pixel(-STEEPEST)
                 high = pixel(STEEPEST)
             over = 1.0 / (now - anchored)
-            bend = pixel(cut.straight)
+            bend = pixel(MARKED * cut.straight)
             low = wp.max(low, (fresh - bend - anchor) * over)
             high = wp.min(high, (fresh + bend - anchor) * over)
             value = fresh

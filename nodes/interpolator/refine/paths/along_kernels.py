@@ -21,13 +21,13 @@ wp.set_module_options({"enable_backward": False})
 
 
 @cache
-def make_through(lens: str, channels: int, flicker: bool, relit: bool, painted: bool, changes: LightChanges) -> Any:
+def make_through(lens: str, channels: int, ways: int, relit: bool, painted: bool, changes: LightChanges) -> Any:
     """Makes the function `through`, which lists the samples of a run; arguments as of make_find_plain."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
-    Keyframes: Any = make_keyframes(channels, flicker)
+    Keyframes: Any = make_keyframes(channels, ways)
     Instances: Any = make_instances(channels)
-    walk, note = make_walk(lens, channels, flicker), make_note(channels)
-    follow = make_follow(channels, flicker) if painted else None
+    walk, note = make_walk(lens, channels, ways), make_note(channels)
+    follow = make_follow(channels, ways) if painted else None
 
     @wp.func
     def go(
@@ -97,7 +97,7 @@ def make_through(lens: str, channels: int, flicker: bool, relit: bool, painted: 
         seen = before
         marked = wp.int32(0)
         first = wp.int32(0)
-        if wp.static(flicker or relit):
+        if wp.static(ways > 0 or relit):
             first, past = marks_of(marks, spot)
             marked = past - first
         edges = wp.int32(0)
@@ -145,16 +145,15 @@ def make_through(lens: str, channels: int, flicker: bool, relit: bool, painted: 
 
 
 @cache
-def make_untold(channels: int, changes: LightChanges) -> Any:
-    """Makes the function `untold`, which tells of light that frames do not show; arguments as of make_find_plain."""
-    # What light does otherwise goes on evenly, as far as frames tell.
-    passing = changes.shadows or changes.spot or changes.view
-    asked = make_asked(changes) if passing else None
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+def make_relit_between(changes: LightChanges) -> Any:
+    """Makes the function `relit_between`; changes: of light in the scene."""
+    asked = make_asked(changes) if changes.any else None
 
     @wp.func
     def relit_between(cut: Cut, stage: Stage, change: Change, spot: Spot, i: int, hit: wp.uint64):
-        """Tells whether light on what a pixel shows at instant i may change otherwise than evenly in the gap."""
+        """Tells whether light on what a pixel shows at instant i may change in the gap, beside lamps that flicker."""
+        if wp.static(asked is None):
+            return False
         t = triangle_of(hit)
         if t == MISS:
             return False
@@ -163,6 +162,17 @@ def make_untold(channels: int, changes: LightChanges) -> Any:
         to_a = stage.shift[row, body]
         to_b = stage.shift[row + stage.shift.shape[0] // 2, body]
         return asked(change, body, spot.env, row, hit, depth_of(hit) * spot.d, to_a, to_b) != 0
+
+    return relit_between
+
+
+@cache
+def make_untold(channels: int, changes: LightChanges) -> Any:
+    """Makes the function `untold`, which tells of light that frames do not show; arguments as of make_find_plain."""
+    # What light does otherwise goes on evenly, as far as frames tell.
+    passing = changes.shadows or changes.spot or changes.view
+    relit_between = make_relit_between(changes)
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
 
     @wp.func
     def untold(

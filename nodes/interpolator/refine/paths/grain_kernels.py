@@ -38,10 +38,10 @@ def finer_than_pixels(cut: Cut, stage: Stage, spot: Spot, hit: wp.uint64):
 
 
 @cache
-def make_follow(channels: int, flicker: bool) -> Any:
+def make_follow(channels: int, ways: int) -> Any:
     """Makes the function `follow`; arguments as of make_look_up."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
-    Keyframes: Any = make_keyframes(channels, flicker)
+    Keyframes: Any = make_keyframes(channels, ways)
     Instances: Any = make_instances(channels)
     note = make_note(channels)
 

@@ -9,7 +9,7 @@ from evis.gpu.append_kernels import take_place
 from evis.gpu.reading_kernels import element, number, whole_number
 from nodes.interpolator.refine.paths.way_kernels import motion_since, stride_of
 from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, entry_at, slot_row
-from nodes.interpolator.rigid.look_up.log_kernels import LOGS, apart
+from nodes.interpolator.rigid.look_up.log_kernels import apart, log_type
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_displacement, make_keyframes
 from nodes.interpolator.rigid.patch_kernels import patch_of
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
@@ -38,6 +38,7 @@ SHARP = wp.constant(2)
 """Half of the time that one surface takes to give way to the next, and light to be switched, in PARTS."""
 FRAME_BEFORE = wp.constant(1)
 FRAME_AFTER = wp.constant(2)
+TOLD = wp.constant(3)
 
 
 @cache
@@ -49,7 +50,7 @@ def make_instances(channels: int) -> Any:
     instant, in PARTS, negative = before it. rise: change of ln I since the previous one, or since the coarse frame
     before, looked up in a keyframe, or UNKNOWN. ends: 1 for the last one of a coarse interval. tail: change of ln I
     from there to the coarse frame after. shown: of a sample that has the value of a coarse frame in place of its own,
-    that before, FRAME_BEFORE, or after, FRAME_AFTER; 0 = its own.
+    that before, FRAME_BEFORE, or after, FRAME_AFTER; 0 = its own, TOLD = that of which `rise` is the logarithm.
     """
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
 
@@ -121,11 +122,11 @@ def make_note(channels: int) -> Any:
 
 
 @cache
-def make_walk(lens: str, channels: int, flicker: bool) -> Any:
+def make_walk(lens: str, channels: int, ways: int) -> Any:
     """Makes the function `walk`; arguments as of make_look_up."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
-    looked_up: Any = LOGS[channels, flicker]
-    Keyframes: Any = make_keyframes(channels, flicker)
+    looked_up: Any = log_type(channels, ways)
+    Keyframes: Any = make_keyframes(channels, ways)
     Instances: Any = make_instances(channels)
     displacement = make_displacement(lens)
     note, bent = make_note(channels), lens != "none"
@@ -291,7 +292,7 @@ def make_walk(lens: str, channels: int, flicker: bool) -> Any:
                         place = int(then + 0.5)
                         if place > listed and place < end:
                             change = pixel(UNKNOWN)
-                            if wp.static(not flicker):
+                            if wp.static(ways == 0):
                                 change = value - told
                             ahead = hit
                             behind = seen
@@ -322,7 +323,7 @@ def make_walk(lens: str, channels: int, flicker: bool) -> Any:
             hit = seen
             i = following
         change = pixel(UNKNOWN)
-        if wp.static(not flicker):
+        if wp.static(ways == 0):
             change = value - told
         return last, change, True
 

@@ -16,7 +16,14 @@ from evis.gpu.reading_kernels import entry, vector_at, whole_number
 from nodes.interpolator.displacement_kernels import displaced
 from nodes.interpolator.relight.change_kernels import Change, Displacements, make_asked, make_relit, point_of
 from nodes.interpolator.relight.features import LightChanges
-from nodes.interpolator.rigid.look_up.log_kernels import LOGS, apart, brighter, fused_luminance, radiance_of
+from nodes.interpolator.rigid.look_up.log_kernels import (
+    apart,
+    brighter,
+    fused_luminance,
+    log_type,
+    make_radiance_of,
+    name_of,
+)
 from nodes.interpolator.rigid.look_up.look_up_kernels import (
     BARE,
     HARD,
@@ -36,8 +43,8 @@ wp.set_module_options({"enable_backward": False})
 
 
 @cache
-def make_looks(channels: int, flicker: bool) -> Any:
-    """Makes the struct of what both keyframes tell of a point; channels, flicker: as of LOGS.
+def make_looks(channels: int, ways: int) -> Any:
+    """Makes the struct of what both keyframes tell of a point; channels, ways: as of `log_type`.
 
     state_a, state_b: of look_up_kernels. a, b: log radiance. at_rest: whether the point is where it was at B.
     """
@@ -45,22 +52,22 @@ def make_looks(channels: int, flicker: bool) -> Any:
     class Looks:
         state_a: int
         state_b: int
-        a: LOGS[channels, flicker]  # type: ignore[valid-type]
-        b: LOGS[channels, flicker]  # type: ignore[valid-type]
+        a: log_type(channels, ways)  # type: ignore[valid-type]
+        b: log_type(channels, ways)  # type: ignore[valid-type]
         at_rest: wp.bool
 
-    Looks.__qualname__ = f"Looks{channels}{'lit' if flicker else ''}"
+    Looks.__qualname__ = name_of("Looks", channels, ways)
     return wp.struct(Looks)
 
 
 @cache
 def make_look_at_both(
-    lens: str, channels: int, flicker: bool, careful: bool, detailed: bool, textured: bool
+    lens: str, channels: int, ways: int, careful: bool, detailed: bool, textured: bool
 ) -> wp.Function:
     """Makes the function `look_at_both`; arguments as of make_look_up."""
-    Keyframes: Any = make_keyframes(channels, flicker)
-    Looks: Any = make_looks(channels, flicker)
-    look_up = make_look_up(lens, channels, flicker, careful, detailed, textured)
+    Keyframes: Any = make_keyframes(channels, ways)
+    Looks: Any = make_looks(channels, ways)
+    look_up = make_look_up(lens, channels, ways, careful, detailed, textured)
 
     @wp.func
     def look_at_both(
@@ -104,9 +111,9 @@ def make_look_at_both(
 
 
 @cache
-def make_textured(channels: int, flicker: bool, kind: tuple[bool, bool, bool]) -> wp.Function:
+def make_textured(channels: int, ways: int, kind: tuple[bool, bool, bool]) -> wp.Function:
     """Makes the function `textured`; arguments as of make_gather."""
-    Looks: Any = make_looks(channels, flicker)
+    Looks: Any = make_looks(channels, ways)
     log_albedo = make_log_albedo(*kind)
 
     @wp.func
@@ -127,9 +134,9 @@ def make_textured(channels: int, flicker: bool, kind: tuple[bool, bool, bool]) -
 
 
 @cache
-def make_lit_otherwise(channels: int, flicker: bool, changes: LightChanges) -> wp.Function:
+def make_lit_otherwise(channels: int, ways: int, changes: LightChanges) -> wp.Function:
     """Makes the function `lit_otherwise`; changes: of light in the scene."""
-    Keyframes: Any = make_keyframes(channels, flicker)
+    Keyframes: Any = make_keyframes(channels, ways)
     relit = make_relit(changes)
 
     @wp.func
@@ -167,7 +174,7 @@ def make_lit_otherwise(channels: int, flicker: bool, changes: LightChanges) -> w
 def make_gather(
     lens: str,
     channels: int,
-    flicker: bool,
+    ways: int,
     look: Literal["first", "flagged", "careful"],
     changes: LightChanges,
     detailed: bool,
@@ -177,7 +184,7 @@ def make_gather(
 ) -> wp.Kernel:
     """Makes the kernel that looks up the pixels of sub-frames in both keyframes.
 
-    lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). flicker: as of LOGS. look: `first` goes
+    lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). ways: as of `log_type`. look: `first` goes
     through all pixels and lists those that light may change on; `flagged` does these; both list what needs care, and
     `careful` does whatever is listed. changes: of light in the scene. detailed: as of make_look_up. kind: whether the
     scene has textures, shading normals of its own and colours at vertices, if textures are looked up at their own time.
@@ -186,13 +193,14 @@ def make_gather(
     """
     listed, careful = look != "first", look == "careful"
     asked = make_asked(changes) if changes.any else None
-    lit_otherwise = make_lit_otherwise(channels, flicker, changes) if listed and changes.any else None
-    Keyframes: Any = make_keyframes(channels, flicker)
+    lit_otherwise = make_lit_otherwise(channels, ways, changes) if listed and changes.any else None
+    Keyframes: Any = make_keyframes(channels, ways)
     pixel = wp.float32 if channels == 1 else wp.vec3
-    look_at_both = make_look_at_both(lens, channels, flicker, careful, detailed, kind is not None)
-    textured = make_textured(channels, flicker, kind) if kind and careful else None
+    look_at_both = make_look_at_both(lens, channels, ways, careful, detailed, kind is not None)
+    textured = make_textured(channels, ways, kind) if kind and careful else None
+    radiance_of = make_radiance_of(channels, ways)
     # Fewer than it would take, but of RGB: while some threads wait for memory there must be others.
-    registers = (64 if look == "first" else 128) if channels == 1 and not flicker else None
+    registers = (64 if look == "first" else 128) if channels == 1 and ways == 0 else None
 
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=registers, module_options={"fast_math": fast})
     def gather(
@@ -308,7 +316,8 @@ def make_gather(
                             change, portion, keys, flag, n, env, hit, since, behind, s.point, seen_a, seen_b, share
                         )
                         told = not otherwise
-                        if wp.static(changes.relative):
+                        # Of several lights only some change.
+                        if wp.static(changes.relative and ways == 0):
                             looks.a = brighter(looks.a, above_a)
                             looks.b = brighter(looks.b, above_b)
                 difference = wp.float32(0.0)
@@ -316,7 +325,7 @@ def make_gather(
                     difference = apart(looks.a, looks.b)
                 told = told and difference <= portion.tolerance
                 unchanged = wp.bool(False)
-                if wp.static(not flicker):
+                if wp.static(ways == 0):
                     unchanged = seen_b and difference == 0.0 and looks.at_rest and flag == 0
                 if later:
                     flagged[take_place(flagged_count, band)] = p.at
@@ -331,10 +340,7 @@ def make_gather(
                         value = looks.b
                     elif seen_b:
                         value += share * (looks.b - looks.a)
-                    strength = wp.float32(1.0)
-                    if wp.static(flicker):
-                        strength = portion.strength[n]
-                    frames[frame, row_out, column_out] = radiance_of(value, strength)
+                    frames[frame, row_out, column_out] = radiance_of(value, portion.strength, n)
                 else:
                     listed_at = first + take_place(count, band)
                     pixels[listed_at] = place

@@ -1,5 +1,6 @@
-"""Log radiance as it is looked up: of luminance or RGB, once or under two kinds of light."""
+"""Log radiance as it is looked up: of luminance or RGB, once or under several lights that flicker."""
 
+from functools import cache
 from typing import Any
 
 import warp as wp
@@ -11,12 +12,23 @@ wp.set_module_options({"enable_backward": False})
 BLACK = wp.constant(-69.0)
 """Log radiance up to which a pixel has no light at all: black is kept as ln 1e-30, and is 0 again in the frames."""
 
-SIX = wp.types.vector(length=6, dtype=wp.float32)
-"""Log radiance in RGB under the lights at their mean, then without those that flicker."""
 
-LOGS: dict[tuple[int, bool], Any] = {(1, False): wp.float32, (3, False): wp.vec3, (1, True): wp.vec2, (3, True): SIX}
-"""What is looked up, by the number of channels and whether lights flicker: log radiance under the lights as they are,
-or both of `lit`'s."""
+@cache
+def log_type(channels: int, ways: int) -> Any:
+    """Makes the type of what is looked up, a number or a vector.
+
+    channels: 1 (luminance) or 3 (RGB). ways: how many waveforms there are of lights that flicker. Without any it is the
+    log radiance under the lights as they are; otherwise, of all channels, that under the steady lights and those of
+    each waveform at their mean, and at last that under the steady lights alone.
+    """
+    if ways == 0:
+        return wp.float32 if channels == 1 else wp.vec3
+    return wp.types.vector(length=channels * (ways + 1), dtype=wp.float32)
+
+
+def name_of(kind: str, channels: int, ways: int) -> str:
+    """Gives a name to a struct of what is looked up, for two of one name must not differ."""
+    return f"{kind}{channels}{f'lit{ways}' if ways else ''}"
 
 
 RED, GREEN, BLUE = (wp.constant(weight) for weight in REC709)
@@ -56,39 +68,46 @@ def exponential(value: wp.float32) -> wp.float32:
 
 
 @wp.func
-def light(value: float):
-    """Gives the radiance of a logarithm."""
+def light(value: wp.float32):
+    """Gives the radiance of a logarithm; in RGB of each channel."""
     return wp.where(value <= BLACK, 0.0, exponential(value))
 
 
 @wp.func
-def radiance_of(value: wp.float32, strength: float):
-    """Computes the radiance of what was looked up; strength: of lights that flicker."""
-    return light(value)
-
-
-@wp.func
-def radiance_of(value: wp.vec3, strength: float):  # noqa: F811 - overloaded by its type
+def light(value: wp.vec3):  # noqa: F811 - overloaded by its type
     return wp.vec3(light(value[0]), light(value[1]), light(value[2]))
 
 
-@wp.func
-def lit(mean: float, steady: float, strength: float):
-    """Gives the radiance from its logarithms with the lights at their mean and without those that flicker."""
-    rest = light(steady)
-    return rest + strength * wp.max(light(mean) - rest, 0.0)
+@cache
+def make_radiance_of(channels: int, ways: int) -> wp.Function:
+    """Makes the function `radiance_of`; arguments as of `log_type`."""
+    value_type: Any = log_type(channels, ways)
 
+    @wp.func
+    def channel_of(value: value_type, channel: int, strength: wp.array(dtype=float), row: int):
+        """Gives the radiance in one channel under all lights."""
+        rest = light(value[wp.static(channels * ways) + channel])
+        total = rest
+        for way in range(wp.static(ways)):
+            mean = light(value[wp.static(channels) * way + channel])
+            total += strength[wp.static(ways) * row + way] * wp.max(mean - rest, 0.0)
+        return total
 
-@wp.func
-def radiance_of(value: wp.vec2, strength: float):  # noqa: F811 - overloaded by its type
-    return lit(value[0], value[1], strength)
+    @wp.func
+    def radiance_of(value: value_type, strength: wp.array(dtype=float), row: int):
+        """Computes the radiance of what was looked up; strength [rows ways]: of lights that flicker."""
+        if wp.static(ways == 0):
+            return light(value)
+        elif wp.static(channels == 1):
+            return channel_of(value, 0, strength, row)
+        else:
+            return wp.vec3(
+                channel_of(value, 0, strength, row),
+                channel_of(value, 1, strength, row),
+                channel_of(value, 2, strength, row),
+            )
 
-
-@wp.func
-def radiance_of(value: SIX, strength: float):  # noqa: F811 - overloaded by its type
-    return wp.vec3(
-        lit(value[0], value[3], strength), lit(value[1], value[4], strength), lit(value[2], value[5], strength)
-    )
+    return radiance_of
 
 
 @wp.func
@@ -103,29 +122,13 @@ def brighter(value: wp.vec3, by: float):  # noqa: F811 - overloaded by its type
 
 
 @wp.func
-def brighter(value: Any, by: float):  # noqa: F811 - overloaded by its type
-    """Leaves radiance under two kinds of light as it is, for only some of it changes."""
-    return value
-
-
-@wp.func
 def apart(a: wp.float32, b: wp.float32):
     """Computes the largest difference of two logarithms among their channels."""
     return wp.abs(a - b)
 
 
 @wp.func
-def apart(a: wp.vec3, b: wp.vec3):  # noqa: F811 - overloaded by its type
-    return wp.max(wp.abs(a - b))
-
-
-@wp.func
-def apart(a: wp.vec2, b: wp.vec2):  # noqa: F811 - overloaded by its type
-    return wp.max(wp.abs(a - b))
-
-
-@wp.func
-def apart(a: SIX, b: SIX):  # noqa: F811 - overloaded by its type
+def apart(a: Any, b: Any):  # noqa: F811 - overloaded by its type
     return wp.max(wp.abs(a - b))
 
 

@@ -8,7 +8,7 @@ import warp as wp
 
 from evis.gpu.reading_kernels import element, number, pair, pair_of, weighted, whole_number, whole_pair
 from nodes.interpolator.rigid.keyframe_kernels import STRAIGHT, WHOLE
-from nodes.interpolator.rigid.look_up.log_kernels import LOGS, apart, half_black, least, most, within
+from nodes.interpolator.rigid.look_up.log_kernels import apart, half_black, least, log_type, most, name_of, within
 from nodes.renderer.raster.lens.distortion_kernels import angle_of, make_distorted
 from nodes.renderer.raster.lens.view_kernels import CameraView
 
@@ -41,24 +41,24 @@ FAR_AWAY = wp.constant(1.0e6)
 
 
 @cache
-def make_keyframes(channels: int, flicker: bool) -> Any:
+def make_keyframes(channels: int, ways: int) -> Any:
     """Makes the struct of both keyframes of a gap, as `Prepared` has them, in arrays of both [2 E H W], and how the
     bodies [2 P E, N + 2] of the sub-frames have moved since A, then since B: see displacement_kernels. first: where A
-    and B begin; image: of B. channels, flicker: as of LOGS."""
+    and B begin; image: of B. channels, ways: as of `log_type`."""
 
     class Keyframes:
         first: wp.vec2i
-        image: wp.array3d(dtype=LOGS[channels, False])  # type: ignore[valid-type]
+        image: wp.array3d(dtype=log_type(channels, 0))  # type: ignore[valid-type]
         patch: wp.array(dtype=int)
         support: wp.array(dtype=int)
         inverse: wp.array(dtype=float)
-        logs: wp.array(dtype=LOGS[channels, flicker])
+        logs: wp.array(dtype=log_type(channels, ways))
         bare: wp.array(dtype=float)
         texels: wp.array(dtype=wp.vec4)
         turn: wp.array2d(dtype=wp.mat33)
         shift: wp.array2d(dtype=wp.vec3)
 
-    Keyframes.__qualname__ = f"Keyframes{channels}{'lit' if flicker else ''}"
+    Keyframes.__qualname__ = name_of("Keyframes", channels, ways)
     return wp.struct(Keyframes)
 
 
@@ -148,11 +148,11 @@ def make_displacement(lens: str) -> wp.Function:
 
 
 @cache
-def make_fetches(channels: int, flicker: bool) -> tuple[wp.Function, wp.Function, wp.Function, wp.Function]:
+def make_fetches(channels: int, ways: int) -> tuple[wp.Function, wp.Function, wp.Function, wp.Function]:
     """Makes the functions `log_of`, and `whole`, `masked` and `edge` of places about which a patch is seen in full, in
-    the middle, and in part; channels, flicker: as of LOGS."""
-    Keyframes: Any = make_keyframes(channels, flicker)
-    pixel = LOGS[channels, flicker]
+    the middle, and in part; channels, ways: as of `log_type`."""
+    Keyframes: Any = make_keyframes(channels, ways)
+    pixel = log_type(channels, ways)
     log_at = number if pixel is wp.float32 else element
 
     @wp.func
@@ -242,18 +242,18 @@ def make_fetches(channels: int, flicker: bool) -> tuple[wp.Function, wp.Function
 
 
 @cache
-def make_look_up(lens: str, channels: int, flicker: bool, careful: bool, detailed: bool, textured: bool) -> wp.Function:
+def make_look_up(lens: str, channels: int, ways: int, careful: bool, detailed: bool, textured: bool) -> wp.Function:
     """Makes the function `look_up`, which finds the light of a point in a keyframe.
 
-    lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). flicker: as of LOGS. careful: also where a
-    patch is not seen in full. detailed: what is finer than the keyframe's pixels is not found; textured: of textures
+    lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). ways: as of `log_type`. careful: also where
+    a patch is not seen in full. detailed: what is finer than the keyframe's pixels is not found; textured: of textures
     that are, the light alone is.
     """
     bent = lens != "none"
-    Keyframes: Any = make_keyframes(channels, flicker)
-    pixel = LOGS[channels, flicker]
+    Keyframes: Any = make_keyframes(channels, ways)
+    pixel = log_type(channels, ways)
     displacement = make_displacement(lens)
-    log_of, whole, masked, edge = make_fetches(channels, flicker)
+    log_of, whole, masked, edge = make_fetches(channels, ways)
 
     @wp.func
     def nearness(s: Sight, q: wp.vec3):

@@ -17,7 +17,7 @@ wp.set_module_options({"enable_backward": False})
 class Portion:
     """Holds instants that are looked up together: those in `count` slots from slot0 on of `packed` [P E, H, W]; slot
     s is at index[s] / upsampling of the gap and frame[s] of `frames` in each environment's output, and lights that
-    flicker have that `strength` then, [P E].
+    flicker have that `strength` then, [P E ways].
 
     quiet [E, H, W]: z-buffer entries with which nothing has changed. pieces: of each triangle, its body (the
     world's index being their number) and its front's patch. tolerance: difference of the keyframes' log radiance up
