@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from evis.scene.errors import SceneError
-from evis.scene.images.colour import linear_from_srgb
-from evis.scene.images.pictures import texels_of
+from evis.scene.images.colour import linear_from_codes, linear_from_srgb
+from evis.scene.images.pictures import codes_of
 from evis.scene.mesh.wavefront import layout_of
 from evis.scene.model import Material
 
@@ -100,7 +100,8 @@ def _gltf(path: Path, source: Any, exact: Sequence[Mapping[str, Any]], textures:
         albedo = old.get("diffuseFactor", [1, 1, 1, 1])
         roughness, metallic = 1.0 - float(old.get("glossinessFactor", 1.0)), 0.0
     elif "metallicRoughnessTexture" in pbr and source.metallicRoughnessTexture is not None:
-        values = np.asarray(source.metallicRoughnessTexture.convert("RGB"), np.float64).mean((0, 1)) / 255
+        codes = _codes(path, source.metallicRoughnessTexture)
+        values = codes.mean((0, 1), np.float64) / np.iinfo(codes.dtype).max
         roughness, metallic = roughness * values[1], metallic * values[2]
     strength = float(extensions.get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0))
     emission = strength * np.array(stored.get("emissiveFactor", [0, 0, 0]), np.float64)
@@ -119,8 +120,12 @@ def _gltf(path: Path, source: Any, exact: Sequence[Mapping[str, Any]], textures:
 
 def _image(path: Path, image: Any) -> np.ndarray | None:
     """A Pillow image as linear float32 [h, w, 3]."""
+    return None if image is None else linear_from_codes(_codes(path, image))
+
+
+def _codes(path: Path, image: Any) -> np.ndarray:
     try:
-        return None if image is None else texels_of(image)
+        return codes_of(image)
     except SceneError as error:
         named = Path(image.info["file_path"]).name if "file_path" in image.info else "a texture"
         raise SceneError(f"{path.name} names {named}, {error}") from None

@@ -18,7 +18,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from evis.scene.images.colour import linear_from_bytes
+from evis.scene.images.colour import linear_from_codes
 from evis.scene.model import Mesh
 
 _ROLES = (mujoco.mjtTextureRole.mjTEXROLE_RGB, mujoco.mjtTextureRole.mjTEXROLE_RGBA)
@@ -44,7 +44,7 @@ def pixels(model: Any, texture: int) -> np.ndarray:
     data = np.array(model.tex_data[start : start + height * width * channels]).reshape(height, width, channels)
     data = np.repeat(data[..., :1], 3, axis=-1) if channels < 3 else data[..., :3]
     if model.tex_colorspace[texture] != mujoco.mjtColorSpace.mjCOLORSPACE_LINEAR:
-        value = linear_from_bytes(data)
+        value = linear_from_codes(data)
     else:
         value = data.astype(np.float32) / np.float32(255.0)
     if model.tex_type[texture] != mujoco.mjtTexture.mjTEXTURE_2D and height == width:
