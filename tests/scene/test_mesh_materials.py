@@ -228,6 +228,19 @@ def test_an_stl_that_is_cut_off_says_so(tmp_path):
         load_parts(tmp_path / "a.stl", np.ones(3))
 
 
+@pytest.mark.parametrize("colours", [{}, {"COLOR_0": np.full((4, 3), 0.5, np.float32)}])
+def test_texture_coordinates_of_a_gltf_without_material_are_for_that_of_the_scene(tmp_path, colours):
+    path = gltf(tmp_path / "a.gltf", {"POSITION": CORNERS, "TEXCOORD_0": UV, **colours}, [{"name": "m"}])
+    tree = json.loads(path.read_text())
+    del tree["meshes"][0]["primitives"][0]["material"], tree["materials"]
+    path.write_text(json.dumps(tree))
+    (part,) = load_parts(path, np.ones(3))
+    assert np.allclose(part.mesh.uv, np.stack((UV[:, 0], 1 - UV[:, 1]), axis=-1)[FACES])
+    assert (part.material is None) == (not colours) and (part.mesh.colours is None) == (not colours)
+    if colours:
+        assert part.material.name == "a_white" and np.allclose(part.mesh.colours, 0.5)
+
+
 def obj(folder: Path, text: str) -> dict:
     """Texture coordinates at the vertices, by the material's name, of an OBJ beside a.mtl, b.mtl and sub/c.mtl."""
     (folder / "sub").mkdir(exist_ok=True)

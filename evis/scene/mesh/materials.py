@@ -18,6 +18,7 @@ import numpy as np
 from evis.scene.errors import SceneError
 from evis.scene.images.colour import linear_from_codes, linear_from_srgb
 from evis.scene.images.pictures import codes_of
+from evis.scene.mesh.gltf_plain import NO_MATERIAL
 from evis.scene.mesh.wavefront import layout_of
 from evis.scene.model import Material
 
@@ -26,7 +27,9 @@ _OLD = "KHR_materials_pbrSpecularGlossiness"
 
 
 def is_stand_in(source: Any) -> bool:
-    """Tells whether trimesh made a material for texture coordinates of which the file says no more."""
+    """Tells whether a material was made for texture coordinates of which the file says no more."""
+    if hasattr(source, "baseColorFactor"):
+        return bool(source.name == NO_MATERIAL)
     image = getattr(source, "image", None)
     return image is not None and image.format is None
 
@@ -51,7 +54,7 @@ def absent_pictures(exact: Sequence[Mapping[str, Any]], scene: Any) -> list[str]
     found = []
     for geometry in scene.geometry.values():
         source: Any = getattr(getattr(geometry, "visual", None), "material", None)
-        if not hasattr(source, "baseColorFactor"):
+        if not hasattr(source, "baseColorFactor") or is_stand_in(source):
             continue
         stored = exact[int(source.name)]
         told = {**stored, **stored.get("pbrMetallicRoughness", {})}
