@@ -291,6 +291,10 @@ def test_an_obj_may_be_spelled_in_other_ways(tmp_path, change):
     assert found == {("m_A", 1, 0, 0, True): {(x, y): (x, y) for x in (0, 1) for y in (0, 1)}}
 
 
-def test_a_face_with_a_number_0_is_named(tmp_path):
-    with pytest.raises(SceneError, match=r"m\.obj .*a face names number 0; .*count from 1"):
-        obj(tmp_path, SQUARE + "f 0/1 2/2 3/3\n")
+@pytest.mark.parametrize(
+    ("face", "said"),
+    [("f 0/1 2/2 3/3\n", "number 0; .*count from 1"), ("f 1/1 2/2 3/9\n", "texture coordinates 9; there are 4")],
+)
+def test_a_face_that_counts_wrong_is_named(tmp_path, face, said):
+    with pytest.raises(SceneError, match=rf"m\.obj .*a face names {said}"):
+        obj(tmp_path, SQUARE + face)

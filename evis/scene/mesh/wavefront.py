@@ -19,6 +19,7 @@ _ZERO = re.compile(rb"^f [^\n]*(?<=[ \t/])0+(?=[/\s]|\Z)", re.MULTILINE)
 _USE = re.compile(rb"^(usemtl [^\n]*)$", re.MULTILINE)
 _LIBRARY = re.compile(rb"^mtllib ([^\n]*)$", re.MULTILINE)
 _LAID = re.compile(rb"^f [^\n]*\d/\d", re.MULTILINE)
+_LAID_BY = re.compile(rb"[ \t]\d+/(\d+)")
 _BARE_FACE = re.compile(rb"^f [^\n]*(?<=[ \t])\d+(?://|\s|\Z)", re.MULTILINE)
 _BARE = re.compile(rb"(?<=[ \t])(\d+)(?:/(?=/)|(?=\s|\Z))")
 _COORDINATES = re.compile(rb"^vt [^\n]*", re.MULTILINE)
@@ -43,11 +44,17 @@ def without_libraries(content: bytes) -> tuple[bytes, list[str]]:
 def laid_throughout(content: bytes) -> bytes:
     """Returns an OBJ, as `absolute` gives it, in which all corners of a material have texture coordinates, or none.
 
-    Those that have none beside others get 0, 0, as other programs show them; trimesh would leave out those of all.
+    Those that have none beside others get 0, 0, as other programs show them; trimesh would leave out those of all, as
+    it would for a number that is too large. Raises ValueError for such a one.
     """
-    if not (_LAID.search(content) and _BARE_FACE.search(content)):
+    if not _LAID.search(content):
         return content
     known = _COORDINATES.findall(content)
+    most = max(map(int, _LAID_BY.findall(b"\n".join(_FACE.findall(content)))), default=0)
+    if most > len(known) > 0:
+        raise ValueError(f"a face names texture coordinates {most}; there are {len(known)}")
+    if not _BARE_FACE.search(content):
+        return content
     pieces = _USE.split(content)
     names = [b"", *pieces[1::2]]
     laid = {name for name, text in zip(names, pieces[::2]) if _LAID.search(text)}

@@ -166,13 +166,15 @@ def _actuator(fields: Fields, model: Any, number: int) -> list[Change]:
     if place is None:
         kind = _GAIN(int(model.actuator_gaintype[number])).name.removeprefix("mjGAIN_").lower()
         key = "gain" if fields.has("gain") else "gain_scale"
-        raise fields.error(key, f"is for actuators whose force is a gain times their control; that of this is of {kind}")
+        raise fields.error(
+            key, f"is for actuators whose force is a gain times their control; that of this is of {kind}"
+        )
     return _number(fields, "gain", _gain_sign(model, number) * float(model.actuator_gainprm[number, place]))
 
 
 def _gain_place(model: Any, number: int) -> int | None:
-    """Which of an actuator's parameters is its gain: of a damper its `kv`, of a muscle its `force`, or its `scale` where
-    it has no force. None for one that has several, or none.
+    """Which of an actuator's parameters is its gain: of a damper its `kv`, of a muscle its `force`, or its `scale`
+    where it has no force. None for one that has several, or none.
     """
     kind, values = _GAIN(int(model.actuator_gaintype[number])), model.actuator_gainprm[number]
     if kind == _GAIN.mjGAIN_FIXED:

@@ -98,7 +98,9 @@ def _halved(owner: np.ndarray, share: np.ndarray, directions: np.ndarray) -> tup
         axis = cube_face(corners.mean(axis=1)) // 2
         major = np.abs(np.take_along_axis(corners, axis[:, None, None], axis=-1)[..., 0])
         places = corners / np.maximum(major, 1e-12)[..., None]
-        middles = (corners + np.roll(corners, -1, axis=1)) / np.maximum(major + np.roll(major, -1, axis=1), 1e-12)[..., None]
+        middles = (corners + np.roll(corners, -1, axis=1)) / np.maximum(major + np.roll(major, -1, axis=1), 1e-12)[
+            ..., None
+        ]
         error = np.abs(middles - 0.5 * (places + np.roll(places, -1, axis=1))).max(axis=-1)
         bent = error.max(axis=-1) > _ERROR
         if not bent.any():
