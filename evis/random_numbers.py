@@ -22,8 +22,8 @@ def mix(z: np.ndarray) -> np.ndarray:
 def seed_of_camera(seed: int, camera: str) -> int:
     """Gives the seed of the sensors of a camera: no two of a rig have the same noise, as no two that are built have.
 
-    cam0, as a camera is called that is alone, has that of the run. The result goes up by one from environment to
-    environment as `seed` does.
+    camera: with its namespace, where it has one, as `Node.below` gives it. cam0, as a camera is called that is alone,
+    has that of the run. The result goes up by one from environment to environment as `seed` does.
     """
     if camera == "cam0":
         return seed

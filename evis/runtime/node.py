@@ -6,6 +6,7 @@ carries away what it publishes, whether the other end is in this process, anothe
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from evis.runtime.tap import TapSubscription
 
 
+_SHARE = re.compile(r"share\d+")
+"""What stands before the name of a node's copy for a share of the environments."""
 Arrays = Mapping[str, tuple[tuple[int, ...], Any]]
 """What is asked of a loan: name -> (shape, dtype)."""
 
@@ -145,6 +148,10 @@ class Node:
         self.params = resolve(name, self.PARAMS, shared) | ({EACH: params[EACH]} if EACH in params else {})
         self.runtime: Runtime  # set by the executor before setup
         self._totals: dict[str, float] = {}
+
+    def below(self, name: str) -> str:
+        """Returns a name below the namespace that a launch file puts the node in: `robot/cam0`, or `cam0` without."""
+        return "/".join((*(part for part in self.name.split("/")[:-1] if not _SHARE.fullmatch(part)), name))
 
     # -- what the planner asks, before anything is constructed -------------------------------------------------------
 

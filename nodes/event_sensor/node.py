@@ -196,7 +196,7 @@ class EventSensorNode(Node):
         from nodes.event_sensor.environments.reset_groups import seed_of_time
         from nodes.event_sensor.make import make_sensor
 
-        seed = seed_of_camera(seed, self.params["camera"])
+        seed = seed_of_camera(seed, self.below(self.params["camera"]))
         return make_sensor(
             p, (height, width), envs, colour=self.params["colour"], device=self.params["device"], seed=seed,
             time_seed=seed_of_time(seed, number), marked=self._marked,

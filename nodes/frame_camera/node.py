@@ -86,7 +86,7 @@ class FrameCameraNode(Node):
 
         p = self.params
         seeds = seeds_of({**p, "envs": envs})
-        return FrameCamera(self._settings, seeds, shape, p["device"], p["defocus_px"] or 0.0, p["camera"])
+        return FrameCamera(self._settings, seeds, shape, p["device"], p["defocus_px"] or 0.0, self.below(p["camera"]))
 
     def rewind(self, params: Mapping[str, Any]) -> bool:
         """Begins anew; only the seed may differ."""

@@ -102,7 +102,7 @@ class ImuNode(Node):
         from evis.random_numbers import seed_of_camera
         from nodes.imu.inertial import InertialUnit
 
-        return InertialUnit(replace(self._model, seed=seed_of_camera(seed, self.params["camera"])))
+        return InertialUnit(replace(self._model, seed=seed_of_camera(seed, self.below(self.params["camera"]))))
 
     def _body(self, state: WorldState) -> int:
         """Index of the camera in the state. Raises ValueError for several environments and for an unknown camera."""

@@ -28,8 +28,8 @@ class Wire:
         self.counted[name] = self.counted.get(name, 0) + amount
 
 
-def start(**params):
-    node = ImuNode("imu", params)
+def start(name="imu", **params):
+    node = ImuNode(name, params)
     node.runtime = Wire()
     node.setup()
     return node
@@ -86,6 +86,16 @@ def test_units_of_a_rig_have_noise_of_their_own():
     for about in ("acceleration", "angular_velocity"):
         noise = [(getattr(r, about) - getattr(r, about).mean(axis=0)).ravel() for r in read]
         assert np.abs(np.corrcoef(noise) - np.eye(3)).max() < 0.1
+
+
+def test_units_of_two_namespaces_have_noise_of_their_own_and_shares_of_one_the_same():
+    nodes = [start(name, accel_noise=0.1) for name in ("imu", "one/imu", "two/imu", "share0/two/imu", "share1/imu")]
+    for node in nodes:
+        for t in ([0], [0, 500 * MS, 1000 * MS]):
+            node.update({"state": state(t)})
+    noise = [read - read.mean(axis=0) for read in (node.runtime.messages[1].acceleration for node in nodes)]
+    assert np.abs(np.corrcoef([n.ravel() for n in noise[:3]]) - np.eye(3)).max() < 0.1
+    assert np.array_equal(noise[3], noise[2]) and np.array_equal(noise[4], noise[0])
 
 
 def test_what_was_clipped_is_counted_once():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from evis.scene import SceneError
-from evis.scene.images.colour import linear_from_bytes
+from evis.scene.images.colour import linear_from_codes
 from evis.scene.mesh.files import load_parts
 
 COLOURS = np.array([(1, 0, 0), (0, 0.5, 0.003), (16 / 255, 0, 1)])
@@ -83,7 +83,7 @@ def test_ply_vertices(tmp_path, kind, largest, alpha):
 
 def test_a_dark_code_by_hand():
     """((16 / 255 + 0.055) / 1.055)^2.4 and 8 / 255 / 12.92."""
-    assert np.allclose(linear_from_bytes(np.array([16, 8])), [0.0051815, 0.0024282], rtol=1e-4)
+    assert np.allclose(linear_from_codes(np.array([16, 8], np.uint8)), [0.0051815, 0.0024282], rtol=1e-4)
 
 
 def test_ply_faces(tmp_path):

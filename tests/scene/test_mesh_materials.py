@@ -226,3 +226,75 @@ def test_an_stl_that_is_cut_off_says_so(tmp_path):
     (tmp_path / "a.stl").write_bytes(bytes(80) + (3).to_bytes(4, "little") + b"\xff" * 50)
     with pytest.raises(SceneError, match="it has 134 bytes, where 3 triangles have 234"):
         load_parts(tmp_path / "a.stl", np.ones(3))
+
+
+@pytest.mark.parametrize("colours", [{}, {"COLOR_0": np.full((4, 3), 0.5, np.float32)}])
+def test_texture_coordinates_of_a_gltf_without_material_are_for_that_of_the_scene(tmp_path, colours):
+    path = gltf(tmp_path / "a.gltf", {"POSITION": CORNERS, "TEXCOORD_0": UV, **colours}, [{"name": "m"}])
+    tree = json.loads(path.read_text())
+    del tree["meshes"][0]["primitives"][0]["material"], tree["materials"]
+    path.write_text(json.dumps(tree))
+    (part,) = load_parts(path, np.ones(3))
+    assert np.allclose(part.mesh.uv, np.stack((UV[:, 0], 1 - UV[:, 1]), axis=-1)[FACES])
+    assert (part.material is None) == (not colours) and (part.mesh.colours is None) == (not colours)
+    if colours:
+        assert part.material.name == "a_white" and np.allclose(part.mesh.colours, 0.5)
+
+
+def obj(folder: Path, text: str) -> dict:
+    """Texture coordinates at the vertices, by the material's name, of an OBJ beside a.mtl, b.mtl and sub/c.mtl."""
+    (folder / "sub").mkdir(exist_ok=True)
+    (folder / "a.mtl").write_text("newmtl A\nKd 1 0 0\nmap_Kd white.png\n")
+    (folder / "b.mtl").write_text("newmtl B\nKd 0 1 0\nnewmtl A\nKd 0 0 1\n")
+    (folder / "sub" / "c.mtl").write_text("newmtl C\nmap_Kd white.png\n")
+    for place in (folder, folder / "sub"):
+        Image.new("RGB", (1, 1), "white").save(place / "white.png")
+    (folder / "m.obj").write_text(text, newline="")
+    found = {}
+    for part in load_parts(folder / "m.obj", np.ones(3)):
+        assert part.lacks == () and part.material is not None
+        corners = zip(part.mesh.vertices[part.mesh.faces].reshape(-1, 3), part.mesh.uv.reshape(-1, 2))
+        key = (part.material.name, *part.material.albedo.tolist(), part.material.texture is not None)
+        found[key] = {tuple(p[:2].tolist()): tuple(uv.tolist()) for p, uv in corners}
+    return found
+
+
+def test_all_libraries_of_an_obj_count(tmp_path):
+    """Each line and each name of one; the first that defines a material wins; pictures lie beside their MTL too."""
+    faces = "usemtl A\nf 1/1 2/2 3/3\nusemtl B\nf 1/1 3/3 4/4\nusemtl C\nf 1/1 3/3 4/4\n"
+    expected = {("m_A", 1, 0, 0, True), ("m_B", 0, 1, 0, False), ("m_C", 1, 1, 1, True)}
+    for names in ("mtllib a.mtl\nmtllib b.mtl\nmtllib sub/c.mtl\n", "# mtllib no.mtl\nmtllib a.mtl b.mtl sub/c.mtl\n"):
+        assert set(obj(tmp_path, names + SQUARE + faces)) == expected
+    (tmp_path / "lone.obj").write_text("mtllib a.mtl no.mtl\n" + SQUARE + "usemtl A\n" + QUAD)
+    (part,) = load_parts(tmp_path / "lone.obj", np.ones(3))
+    assert part.lacks == ("names no.mtl, which is not there",) and part.material.name == "lone_A"
+
+
+@pytest.mark.parametrize("faces", ["f 1/1 2/2 3/3\nf 1 3 4\n", "f 1/1/1 2/2/1 3/3/1\nf 1//1 3//1 4//1\n"])
+def test_faces_without_coordinates_leave_those_of_others(tmp_path, faces):
+    (found,) = obj(tmp_path, "mtllib a.mtl\n" + SQUARE + "vn 0 0 1\nusemtl A\n" + faces).values()
+    assert found[1, 0] == (1, 0) and found[0, 1] == (0, 0)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: text.replace(" ", "\t"),
+        lambda text: text.replace("\n", "\n  "),
+        lambda text: text.replace("\n", "  # usemtl B\n", 6),
+        lambda text: text.replace("\n", "\r"),
+        lambda text: "\ufeff" + text,
+    ],
+)
+def test_an_obj_may_be_spelled_in_other_ways(tmp_path, change):
+    found = obj(tmp_path, change(SQUARE + "mtllib a.mtl\nusemtl A\n" + QUAD))
+    assert found == {("m_A", 1, 0, 0, True): {(x, y): (x, y) for x in (0, 1) for y in (0, 1)}}
+
+
+@pytest.mark.parametrize(
+    ("face", "said"),
+    [("f 0/1 2/2 3/3\n", "number 0; .*count from 1"), ("f 1/1 2/2 3/9\n", "texture coordinates 9; there are 4")],
+)
+def test_a_face_that_counts_wrong_is_named(tmp_path, face, said):
+    with pytest.raises(SceneError, match=rf"m\.obj .*a face names {said}"):
+        obj(tmp_path, SQUARE + face)

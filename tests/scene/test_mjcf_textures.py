@@ -349,6 +349,30 @@ def test_a_cube_texture_is_uniform_where_it_says(tmp_path):
     assert np.isclose(wide["false"], 1 - 1 / 64, atol=1e-3) and np.isclose(wide["true"], 0.25, atol=1e-3)
 
 
+@pytest.mark.parametrize("shape", ['type="box" size="4 1 0.3"', 'type="cylinder" size="1 0.2"'])
+def test_a_cube_texture_bends_at_its_edges(tmp_path, shape):
+    """Points all over the triangles have the texel of their direction, by OpenGL's table of faces."""
+    asset = '<texture name="t" type="cube" builtin="flat" width="1024" height="6144"/>'
+    asset += '<material name="m" texture="t" texuniform="true"/>'
+    mesh = load(tmp_path, asset, f'<geom {shape} material="m"/>').instances[0].mesh
+    random = np.random.Generator(np.random.Philox(5))
+    corners, uv = mesh.vertices[mesh.faces].astype(float), mesh.uv.astype(float)
+    share = random.dirichlet([1, 1, 1], (40, len(corners)))
+    points = np.einsum("nfk,fkx->nfx", share, corners).reshape(-1, 3)
+    u, v = np.einsum("nfk,fkx->nfx", share, uv).reshape(-1, 2).T
+    axis = np.abs(points).argmax(axis=1)
+    m = np.take_along_axis(points, axis[:, None], axis=1)[:, 0]
+    x, y, z = points.T
+    sc = np.select([axis == 0, axis == 1, axis == 2], [-np.sign(m) * z, x, np.sign(m) * x])
+    tc = np.select([axis == 0, axis == 1, axis == 2], [-y, np.sign(m) * z, -y])
+    below = 6 * (1 - v) - (2 * axis + (m < 0))
+    assert np.abs(u - 0.5 * (sc / np.abs(m) + 1)).max() < 0.015
+    assert np.abs(below - 0.5 * (tc / np.abs(m) + 1)).max() < 0.015
+    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
+    assert np.isclose(area, 2.8 * np.pi if "cylinder" in shape else 8 * (4 * 1 + 4 * 0.3 + 1 * 0.3), rtol=0.01)
+    assert len(corners) < 4000
+
+
 FACES = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (0, 1, 1), (1, 0, 1)]
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,7 @@ from PIL import Image
 from evis.scene import load_scene
 from evis.scene.errors import SceneError
 from evis.scene.load import drawn_places, folder_args
+from evis.scene.mesh.files import load_parts
 from evis.scene.parameters import scene_of
 
 SCENE = """\
@@ -104,6 +107,28 @@ def test_sixteen_bits_and_exr(scene: str, tmp_path: Path) -> None:
         assert np.allclose(load_scene(scene, {"textures": str(tmp_path / name)}).materials[0].texture, value, atol=1e-4)
     with pytest.raises(SceneError, match=r"p\.exr has texels up to 3; .*scale it down"):
         load_scene(scene, {"textures": str(tmp_path / "bright")})
+
+
+@pytest.mark.parametrize(("kind", "channels"), [(2, 3), (6, 4), (4, 2)])
+def test_all_bits_of_sixteen_count_of_colours_too(scene: str, tmp_path: Path, kind: int, channels: int) -> None:
+    """Of RGB, RGBA and grey with alpha; the PNG is written by its specification, darker than 8 bits can tell."""
+    codes = np.random.Generator(np.random.Philox(1)).integers(1, 600, (4, 4, channels), np.uint16)
+
+    def chunk(name: bytes, body: bytes) -> bytes:
+        return struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+
+    rows = b"".join(b"\0" + row.astype(">u2").tobytes() for row in codes)
+    head = struct.pack(">IIBBBBB", 4, 4, 16, kind, 0, 0, 0)
+    png = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
+    (tmp_path / "deep").mkdir()
+    (tmp_path / "deep" / "d.png").write_bytes(png)
+    (tmp_path / "m.mtl").write_text("newmtl m\nmap_Kd deep/d.png\n")
+    (tmp_path / "m.obj").write_text("mtllib m.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n")
+    expected = codes[..., :3] if channels > 2 else codes[..., :1]
+    texture = load_scene(scene, {"textures": str(tmp_path / "deep")}).materials[0].texture
+    assert np.allclose(texture, expected / 65535 / 12.92, rtol=1e-5, atol=0)
+    (part,) = load_parts(tmp_path / "m.obj", np.ones(3))
+    assert part.material is not None and np.array_equal(part.material.texture, texture)
 
 
 def test_what_cannot_be_used_is_one_line(scene: str, tmp_path: Path) -> None:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import io
 import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from evis.files.allowance import Allowance
+from evis.media.deep_colour import deep_colour
 from evis.media.frames.ends import ends_of
 from evis.media.frames.folder import FolderFrames
 from evis.media.frames.source import PIXEL_BYTES, FrameOptions, FramesError
@@ -17,8 +17,6 @@ from evis.media.frames.tone import shaped
 
 KINDS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".tif": "TIFF", ".tiff": "TIFF"}
 """Formats by the end of a file's name, as Pillow calls them."""
-_DEEP_COLOUR = ("RGB;16", "RGBA;16", "RGBX;16")
-"""Raw modes of colour in 16 bits, of which Pillow keeps the high bytes alone; after them comes the order of bytes."""
 
 
 class ImageFrames(FolderFrames):
@@ -54,31 +52,11 @@ def codes(file: bytes, form: str = "PNG") -> np.ndarray:
         Allowance(len(file)).check(image.width * image.height * PIXEL_BYTES)
         if getattr(image, "n_frames", 1) > 1 and form == "TIFF":
             raise ValueError(f"it holds {getattr(image, 'n_frames', 0)} pages; write each to a file of its own")
-        rawmode = str(_rawmode(image))
         if image.mode in ("I", "I;16", "I;16B"):
             return np.asarray(image).astype(np.uint16)
         if image.mode == "F":
             raise ValueError("its pixels are floats; write linear floats as EXR or .npz")
-        if rawmode.startswith(_DEEP_COLOUR):
-            high = np.asarray(image)
-        else:
-            mode = "L" if image.mode in ("1", "L", "LA") else "RGB"
-            if rawmode == "LA;16B":
-                raise ValueError("16 bit grey with alpha is not supported; save it without alpha")
-            return np.asarray(image.convert(mode))
-    # read as if the bytes were in the other order, it gives the low ones
-    with Image.open(io.BytesIO(file), formats=[form]) as image:
-        other = rawmode[:-1] + ("L" if rawmode.endswith("B") else "B")
-        image.tile = [tile._replace(args=_with_rawmode(tile.args, other)) for tile in image.tile]
-        low = np.asarray(image)
-    return (high[..., :3].astype(np.uint16) << 8) | low[..., :3]
-
-
-def _rawmode(image: Any) -> Any:
-    """How the bytes of a pixel lie in the file, as the first of a decoder's arguments says."""
-    args = image.tile[0].args if image.tile else None
-    return args[0] if isinstance(args, tuple) else args
-
-
-def _with_rawmode(args: Any, rawmode: str) -> Any:
-    return (rawmode, *args[1:]) if isinstance(args, tuple) else rawmode
+        deep = deep_colour(image)
+        if deep is not None:
+            return deep
+        return np.asarray(image.convert("L" if image.mode in ("1", "L", "LA") else "RGB"))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from evis.media import colour
@@ -12,9 +14,11 @@ def linear_from_srgb(value: np.ndarray) -> np.ndarray:
     return colour.linear_from_srgb(np.asarray(value, np.float64)).astype(np.float32)
 
 
-_BYTES = linear_from_srgb(np.arange(256) / 255)
+@lru_cache
+def _linear(codes: int) -> np.ndarray:
+    return linear_from_srgb(np.arange(codes) / (codes - 1))
 
 
-def linear_from_bytes(image: np.ndarray) -> np.ndarray:
-    """Converts 8-bit display values of any shape to linear light, float32."""
-    return _BYTES[np.asarray(image, np.uint8)]
+def linear_from_codes(image: np.ndarray) -> np.ndarray:
+    """Converts display values of 8 or 16 bits, uint8 or uint16 of any shape, to linear light, float32."""
+    return _linear(np.iinfo(image.dtype).max + 1)[image]

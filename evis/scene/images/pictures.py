@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from evis.files.allowance import Allowance, AllowanceError
+from evis.media.deep_colour import deep_colour
 from evis.scene.errors import SceneError
-from evis.scene.images.colour import linear_from_bytes, linear_from_srgb
+from evis.scene.images.colour import linear_from_codes
 from evis.scene.sources import note
 
 MAX_TEXELS = 1 << 26
@@ -47,23 +48,25 @@ def check_picture(source: Path | bytes) -> None:
 
 
 def load_picture(source: Path | bytes) -> np.ndarray:
-    """Loads a PNG, JPEG or other 8-bit picture, taken as sRGB, as linear float32 [h, w, 3].
+    """Loads a PNG, JPEG or other picture of 8 or 16 bits a channel, taken as sRGB, as linear float32 [h, w, 3].
 
     Raises SceneError whose text the caller puts the name before.
     """
     with _opened(source) as picture:
-        return texels_of(picture)
+        return linear_from_codes(codes_of(picture))
 
 
-def texels_of(picture: Any) -> np.ndarray:
-    """Returns the texels of a picture that Pillow has open and `check_picture` has let pass."""
+def codes_of(picture: Any) -> np.ndarray:
+    """Returns the values of a picture that Pillow has open and has not loaded, uint8 or uint16 [h, w, 3], all bits of
+    16. Raises SceneError as `load_picture`.
+    """
     try:
-        if picture.mode.startswith("I;16"):  # grey of 16 bits, of which Pillow's conversion would leave the lowest 8
-            grey = linear_from_srgb(np.asarray(picture, np.float64) / 65535)
-            return np.repeat(grey[..., None], 3, axis=2)
+        if picture.mode.startswith("I;16"):  # grey, of which Pillow's conversion would leave the lowest 8 bits
+            return np.repeat(np.asarray(picture).astype(np.uint16)[..., None], 3, axis=2)
         if picture.mode in ("I", "F"):
             raise ValueError(f"its texels are of the kind {picture.mode}; save it with 8 or 16 bits a channel")
-        return linear_from_bytes(np.asarray(picture.convert("RGB")))
+        deep = deep_colour(picture)
+        return np.asarray(picture.convert("RGB")) if deep is None else deep
     except Exception as error:  # Pillow raises OSError, SyntaxError, ValueError and others for damaged files
         raise SceneError(f"which is a damaged picture: {_line(error)}") from None
 

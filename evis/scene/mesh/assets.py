@@ -14,6 +14,9 @@ from evis.scene.images.pictures import check_picture
 from evis.scene.mesh.wavefront import file_of, in_utf8
 from evis.scene.sources import note
 
+LIBRARIES = "all libraries"
+"""By which trimesh, which reads one MTL, asks for all that an OBJ names, as one."""
+
 
 class Assets(Resolver):  # type: ignore[misc]
     """Gives trimesh the files that a mesh names, if they lie in the scene's folders and are no larger than allowed.
@@ -26,19 +29,18 @@ class Assets(Resolver):  # type: ignore[misc]
         self.refusals: list[SceneError] = []
         self.absent: list[str] = []
         """What the file names and is not there, each once."""
+        self.libraries: list[str] = []
+        """What an OBJ names as its MTL, a text for each line: a file, or several."""
+        self._beside = [path.parent]
         self.parent, self.file_name = str(path.parent), path.name
 
     def get(self, key: Any) -> bytes:
         """Returns the content of a file. Raises SceneError, or FileNotFoundError where there is none."""
+        if key == LIBRARIES:
+            return self._libraries()
         name = file_of(str(key).strip())
         try:
-            path = self.find(name)
-            if path is None:
-                told = f"names {name}, which is not there"
-                self.absent += [] if told in self.absent else [told]
-                raise FileNotFoundError(name)
-            if path.suffix.lower() == ".mtl":
-                return in_utf8(note(path).read_bytes())
+            path = self._there(name)
             if name not in self.buffers:
                 self._check_picture(path, name)
             return note(path).read_bytes()
@@ -46,19 +48,44 @@ class Assets(Resolver):  # type: ignore[misc]
             self.refusals.append(error)
             raise
 
+    def _there(self, name: str) -> Path:
+        path = self.find(name)
+        if path is None:
+            told = f"names {name}, which is not there"
+            self.absent += [] if told in self.absent else [told]
+            raise FileNotFoundError(name)
+        return path
+
+    def _libraries(self) -> bytes:
+        """All MTL of an OBJ as one. What several define is that of the first, and trimesh takes the last."""
+        read = []
+        try:
+            for text in self.libraries:
+                for name in [text] if self.find(text) is not None else text.split():
+                    try:
+                        path = self._there(name)
+                    except FileNotFoundError:
+                        continue
+                    self._beside += [] if path.parent in self._beside else [path.parent]
+                    read.append(in_utf8(note(path).read_bytes().removeprefix(b"\xef\xbb\xbf")))
+        except SceneError as error:
+            self.refusals.append(error)
+            raise
+        return b"\n".join(reversed(read))
+
     def find(self, name: str) -> Path | None:
-        """Finds the file that a mesh names: as it is written, percent-decoded, or by its last part beside the mesh.
+        """Finds the file that a mesh names: as it is written, percent-decoded, or by its last part, beside the mesh and
+        beside its MTL.
 
         Raises SceneError for one outside of the folders.
         """
-        folder = self.path.parent
         for text in dict.fromkeys((name, unquote(name))):
-            found = first_file([folder / text.removeprefix("file://")])
+            found = first_file([folder / text.removeprefix("file://") for folder in self._beside])
             if found is not None:
                 self.folders.check(found, f"{self.path.name}: '{name}'")
                 return found
         # A program that wrote the mesh elsewhere left its own folders in the name.
-        beside = first_file([folder / Path(unquote(name)).name])
+        beside = first_file([folder / Path(unquote(name)).name for folder in self._beside])
         if beside is not None:
             self.folders.check(beside, f"{self.path.name}: '{name}'")
         return beside

@@ -19,7 +19,7 @@ from evis.scene.mesh.gltf_plain import plain
 from evis.scene.mesh.materials import absent_pictures, is_stand_in, layout, read_material
 from evis.scene.mesh.normals import crease_normals
 from evis.scene.mesh.polygons import cut_polygons
-from evis.scene.mesh.wavefront import absolute, in_utf8
+from evis.scene.mesh.wavefront import absolute, in_utf8, laid_throughout, spelled_plainly, without_libraries
 from evis.scene.model import Material, Mesh
 from evis.scene.sources import note
 
@@ -177,7 +177,14 @@ def _content(path: Path, assets: Any) -> tuple[bytes, str, list[dict[str, Any]]]
         count = int.from_bytes(content[80:84], "little")
         raise ValueError(f"it has {len(content)} bytes, where {count} triangles have {84 + 50 * count}")
     content = in_utf8(content)
-    return (cut_polygons(absolute(content)) if kind == "obj" else content), kind, []
+    if kind == "obj":
+        from evis.scene.mesh.assets import LIBRARIES
+
+        content, assets.libraries = without_libraries(spelled_plainly(content))
+        content = cut_polygons(laid_throughout(absolute(content)))
+        if assets.libraries:
+            content = f"mtllib {LIBRARIES}\n".encode() + content
+    return content, kind, []
 
 
 def _binary(content: bytes, kind: str) -> bool:

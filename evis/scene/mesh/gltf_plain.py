@@ -20,6 +20,8 @@ _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126:
 _PARTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _FLOAT = 5126
 _FAN = 6
+NO_MATERIAL = "none"
+"""Name of what stands for the material of a mesh that has none, where the others are named by their numbers."""
 _READ = ("KHR_materials_", "KHR_texture_transform", "KHR_mesh_quantization", "KHR_lights_punctual", "EXT_texture_webp")
 """Beginnings of extensions that a file may ask for: what they say is read, or what a picture may do without."""
 
@@ -37,10 +39,16 @@ def plain(tree: dict[str, Any], buffers: list[bytes]) -> bytes:
     new = _Numbers(tree, buffers)
     for number, material in enumerate(tree.get("materials", [])):
         material["name"] = str(number)
+    bare = None
     for mesh in tree.get("meshes", []):
         for primitive in mesh.get("primitives", []):
             if primitive.get("mode") == _FAN:
                 raise SceneError("has fans of triangles, which are not read; export it as plain triangles")
+            if "material" not in primitive and "TEXCOORD_0" in primitive["attributes"]:
+                # trimesh leaves the coordinates out where there is no material; a scene may have one for them.
+                bare = len(tree.setdefault("materials", [])) if bare is None else bare
+                tree["materials"][bare:] = [{"name": NO_MATERIAL}]
+                primitive["material"] = bare
             _lay(tree, primitive, new)
             attributes = primitive["attributes"]
             for key in ("POSITION", "TEXCOORD_0", "COLOR_0"):

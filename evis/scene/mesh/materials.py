@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 
 from evis.scene.errors import SceneError
-from evis.scene.images.colour import linear_from_srgb
-from evis.scene.images.pictures import texels_of
+from evis.scene.images.colour import linear_from_codes, linear_from_srgb
+from evis.scene.images.pictures import codes_of
+from evis.scene.mesh.gltf_plain import NO_MATERIAL
 from evis.scene.mesh.wavefront import layout_of
 from evis.scene.model import Material
 
@@ -26,7 +27,9 @@ _OLD = "KHR_materials_pbrSpecularGlossiness"
 
 
 def is_stand_in(source: Any) -> bool:
-    """Tells whether trimesh made a material for texture coordinates of which the file says no more."""
+    """Tells whether a material was made for texture coordinates of which the file says no more."""
+    if hasattr(source, "baseColorFactor"):
+        return bool(source.name == NO_MATERIAL)
     image = getattr(source, "image", None)
     return image is not None and image.format is None
 
@@ -51,7 +54,7 @@ def absent_pictures(exact: Sequence[Mapping[str, Any]], scene: Any) -> list[str]
     found = []
     for geometry in scene.geometry.values():
         source: Any = getattr(getattr(geometry, "visual", None), "material", None)
-        if not hasattr(source, "baseColorFactor"):
+        if not hasattr(source, "baseColorFactor") or is_stand_in(source):
             continue
         stored = exact[int(source.name)]
         told = {**stored, **stored.get("pbrMetallicRoughness", {})}
@@ -100,7 +103,8 @@ def _gltf(path: Path, source: Any, exact: Sequence[Mapping[str, Any]], textures:
         albedo = old.get("diffuseFactor", [1, 1, 1, 1])
         roughness, metallic = 1.0 - float(old.get("glossinessFactor", 1.0)), 0.0
     elif "metallicRoughnessTexture" in pbr and source.metallicRoughnessTexture is not None:
-        values = np.asarray(source.metallicRoughnessTexture.convert("RGB"), np.float64).mean((0, 1)) / 255
+        codes = _codes(path, source.metallicRoughnessTexture)
+        values = codes.mean((0, 1), np.float64) / np.iinfo(codes.dtype).max
         roughness, metallic = roughness * values[1], metallic * values[2]
     strength = float(extensions.get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0))
     emission = strength * np.array(stored.get("emissiveFactor", [0, 0, 0]), np.float64)
@@ -119,8 +123,12 @@ def _gltf(path: Path, source: Any, exact: Sequence[Mapping[str, Any]], textures:
 
 def _image(path: Path, image: Any) -> np.ndarray | None:
     """A Pillow image as linear float32 [h, w, 3]."""
+    return None if image is None else linear_from_codes(_codes(path, image))
+
+
+def _codes(path: Path, image: Any) -> np.ndarray:
     try:
-        return None if image is None else texels_of(image)
+        return codes_of(image)
     except SceneError as error:
         named = Path(image.info["file_path"]).name if "file_path" in image.info else "a texture"
         raise SceneError(f"{path.name} names {named}, {error}") from None

@@ -9,24 +9,79 @@ import numpy as np
 _MOST = {"-s": 3, "-o": 3, "-t": 3, "-mm": 2}
 """Most words after an option; the others have one."""
 
-_BACK = re.compile(rb"^[ \t]*f[ \t][^\n]*-[^\n]*", re.MULTILINE)
+_BACK = re.compile(rb"^f [^\n]*-[^\n]*", re.MULTILINE)
+_FACE = re.compile(rb"^f [^\n]*", re.MULTILINE)
+_NUMBERS = rb"(v|vt|vn|f|usemtl|mtllib|o|g|s)"
+_ODD = re.compile(rb"^(?:[ \t]+%s[ \t]|%s\t)" % (_NUMBERS, _NUMBERS), re.MULTILINE)
+_KEY = re.compile(rb"^[ \t]*%s[ \t]+" % _NUMBERS, re.MULTILINE)
+_REMARK = re.compile(rb"^((?:(?:v|vt|vn|f) [^\n#]*)?|[ \t]*)#[^\n]*", re.MULTILINE)
+_ZERO = re.compile(rb"^f [^\n]*(?<=[ \t/])0+(?=[/\s]|\Z)", re.MULTILINE)
+_USE = re.compile(rb"^(usemtl [^\n]*)$", re.MULTILINE)
+_LIBRARY = re.compile(rb"^mtllib ([^\n]*)$", re.MULTILINE)
+_LAID = re.compile(rb"^f [^\n]*\d/\d", re.MULTILINE)
+_LAID_BY = re.compile(rb"[ \t]\d+/(\d+)")
+_BARE_FACE = re.compile(rb"^f [^\n]*(?<=[ \t])\d+(?://|\s|\Z)", re.MULTILINE)
+_BARE = re.compile(rb"(?<=[ \t])(\d+)(?:/(?=/)|(?=\s|\Z))")
+_COORDINATES = re.compile(rb"^vt [^\n]*", re.MULTILINE)
 
-_REMARK = re.compile(rb"^([ \t]*f[ \t][^\n#]*)#[^\n]*", re.MULTILINE)
+
+def spelled_plainly(content: bytes) -> bytes:
+    """Returns an OBJ whose lines begin with a key and one space, none with a remark behind numbers, as trimesh needs
+    them: it sees no faces behind blanks or tabs, and takes what is in remarks for what the file says.
+    """
+    content = content.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    content = content.replace(b"\\\n", b"")
+    if _ODD.search(content):
+        content = _KEY.sub(rb"\1 ", content)
+    return _REMARK.sub(rb"\1", content) if b"#" in content else content
+
+
+def without_libraries(content: bytes) -> tuple[bytes, list[str]]:
+    """Returns an OBJ, as `spelled_plainly` gives it, that names no MTL, and what stood behind each `mtllib`."""
+    return _LIBRARY.sub(b"", content), [name.decode().strip() for name in _LIBRARY.findall(content)]
+
+
+def laid_throughout(content: bytes) -> bytes:
+    """Returns an OBJ, as `absolute` gives it, in which all corners of a material have texture coordinates, or none.
+
+    Those that have none beside others get 0, 0, as other programs show them; trimesh would leave out those of all, as
+    it would for a number that is too large. Raises ValueError for such a one.
+    """
+    if not _LAID.search(content):
+        return content
+    known = _COORDINATES.findall(content)
+    most = max(map(int, _LAID_BY.findall(b"\n".join(_FACE.findall(content)))), default=0)
+    if most > len(known) > 0:
+        raise ValueError(f"a face names texture coordinates {most}; there are {len(known)}")
+    if not _BARE_FACE.search(content):
+        return content
+    pieces = _USE.split(content)
+    names = [b"", *pieces[1::2]]
+    laid = {name for name, text in zip(names, pieces[::2]) if _LAID.search(text)}
+    place = rb"\1/%d" % (len(known) + 1)
+    pieces[::2] = [
+        _FACE.sub(lambda face: _BARE.sub(place, face[0]), text) if name in laid else text
+        for name, text in zip(names, pieces[::2])
+    ]
+    numbers = len(known[0].split()) - 1 if known else 2
+    return b"".join([*pieces, b"\nvt", b" 0" * numbers, b"\n"])
 
 
 def absolute(content: bytes) -> bytes:
-    """Returns an OBJ whose faces count vertices, texture coordinates and normals from the start of the file.
+    """Returns an OBJ, as `spelled_plainly` gives it, whose faces count vertices, texture coordinates and normals from
+    the start of the file.
 
-    Numbers below 0 count back from the face, where trimesh counts from the end of the file. Nor does it read a face
-    with a remark behind it, which is left out.
+    Numbers below 0 count back from the face, where trimesh counts from the end of the file. Raises ValueError for one
+    that leads nowhere.
     """
-    content = _REMARK.sub(rb"\1", content.replace(b"\\\r\n", b"").replace(b"\\\n", b""))
+    if _ZERO.search(content):
+        raise ValueError("a face names number 0; vertices, texture coordinates and normals count from 1")
     faces = list(_BACK.finditer(content))
     if not faces:
         return content
     at = [face.start() for face in faces]
     before = [
-        np.searchsorted([match.start() for match in re.finditer(rb"^[ \t]*%s[ \t]" % kind, content, re.MULTILINE)], at)
+        np.searchsorted([match.start() for match in re.finditer(rb"^%s " % kind, content, re.MULTILINE)], at)
         for kind in (b"v", b"vt", b"vn")
     ]
     pieces, last = [], 0

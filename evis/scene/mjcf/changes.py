@@ -14,7 +14,8 @@ NAME may hold `*` and `?`, and then stands for all that match; each of them draw
 inertia too; friction of a body is that of all its geoms (the sliding one, or three numbers), friction of a joint its
 dry friction. position and velocity of a hinge or slide joint are those of the start; shift, there and of a body with
 a free joint [m], and the turn of such a body (in the world), are added to the model's start. gain is that of an
-actuator, and of a position or velocity servo its feedback too. strength is a factor.
+actuator, and of a position or velocity servo its feedback too; of a damper its kv, of a muscle its force. strength is
+a factor.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from evis.scene.mjcf.frames import name_of
 from evis.scene.model import ModelChange, Scene
 from evis.scene.yaml.reader import Fields
 
-_OBJ, _JOINT = mujoco.mjtObj, mujoco.mjtJoint
+_OBJ, _JOINT, _GAIN = mujoco.mjtObj, mujoco.mjtJoint, mujoco.mjtGain
 PHYSICS = {
     "bodies": (_OBJ.mjOBJ_BODY, "body"),
     "geoms": (_OBJ.mjOBJ_GEOM, "geom"),
@@ -159,7 +160,33 @@ def _joint(fields: Fields, model: Any, number: int) -> list[Change]:
 
 
 def _actuator(fields: Fields, model: Any, number: int) -> list[Change]:
-    return _number(fields, "gain", float(model.actuator_gainprm[number, 0]))
+    if not (fields.has("gain") or fields.has("gain_scale")):
+        return []
+    place = _gain_place(model, number)
+    if place is None:
+        kind = _GAIN(int(model.actuator_gaintype[number])).name.removeprefix("mjGAIN_").lower()
+        key = "gain" if fields.has("gain") else "gain_scale"
+        raise fields.error(
+            key, f"is for actuators whose force is a gain times their control; that of this is of {kind}"
+        )
+    return _number(fields, "gain", _gain_sign(model, number) * float(model.actuator_gainprm[number, place]))
+
+
+def _gain_place(model: Any, number: int) -> int | None:
+    """Which of an actuator's parameters is its gain: of a damper its `kv`, of a muscle its `force`, or its `scale`
+    where it has no force. None for one that has several, or none.
+    """
+    kind, values = _GAIN(int(model.actuator_gaintype[number])), model.actuator_gainprm[number]
+    if kind == _GAIN.mjGAIN_FIXED:
+        return 0
+    if kind == _GAIN.mjGAIN_MUSCLE:
+        return 2 if values[2] >= 0 else 3
+    return 2 if kind == _GAIN.mjGAIN_AFFINE and not values[:2].any() else None
+
+
+def _gain_sign(model: Any, number: int) -> float:
+    """-1 for a damper, whose `kv` stands in the model with the other sign."""
+    return -1.0 if _GAIN(int(model.actuator_gaintype[number])) == _GAIN.mjGAIN_AFFINE else 1.0
 
 
 _READERS: dict[str, Callable[[Fields, Any, int], list[Change]]] = {
@@ -195,12 +222,17 @@ def _apply(model: Any, change: ModelChange) -> None:
         count = {_JOINT.mjJNT_FREE: 6, _JOINT.mjJNT_BALL: 3}.get(_JOINT(int(model.jnt_type[n])), 1)
         getattr(model, _DOFS[key])[first : first + count] = values[0]
     elif key == "gain":
-        old, feedback = model.actuator_gainprm[n, 0], model.actuator_biasprm[n, 1:3]
-        # That of position where there is any: what is of velocity then is damping, whose number is its own.
-        which = 0 if feedback[0] else 1
-        if old and feedback[which] == -old:
-            feedback[which] = -values[0]
-        model.actuator_gainprm[n, 0] = values[0]
+        place = _gain_place(model, n)
+        assert place is not None  # `_actuator` refuses the others
+        old, feedback = model.actuator_gainprm[n, place], model.actuator_biasprm[n, 1:3]
+        if _GAIN(int(model.actuator_gaintype[n])) == _GAIN.mjGAIN_MUSCLE:
+            model.actuator_biasprm[n, place] = values[0]  # its passive force has the same peak
+        elif place == 0:
+            # That of position where there is any: what is of velocity then is damping, whose number is its own.
+            which = 0 if feedback[0] else 1
+            if old and feedback[which] == -old:
+                feedback[which] = -values[0]
+        model.actuator_gainprm[n, place] = _gain_sign(model, n) * values[0]
 
 
 def apply_start(model: Any, data: Any, changes: Sequence[ModelChange]) -> None:

@@ -18,7 +18,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from evis.scene.images.colour import linear_from_bytes
+from evis.scene.images.colour import linear_from_codes
+from evis.scene.mjcf.cube_faces import cube_face, divide
 from evis.scene.model import Mesh
 
 _ROLES = (mujoco.mjtTextureRole.mjTEXROLE_RGB, mujoco.mjtTextureRole.mjTEXROLE_RGBA)
@@ -44,7 +45,7 @@ def pixels(model: Any, texture: int) -> np.ndarray:
     data = np.array(model.tex_data[start : start + height * width * channels]).reshape(height, width, channels)
     data = np.repeat(data[..., :1], 3, axis=-1) if channels < 3 else data[..., :3]
     if model.tex_colorspace[texture] != mujoco.mjtColorSpace.mjCOLORSPACE_LINEAR:
-        value = linear_from_bytes(data)
+        value = linear_from_codes(data)
     else:
         value = data.astype(np.float32) / np.float32(255.0)
     if model.tex_type[texture] != mujoco.mjtTexture.mjTEXTURE_2D and height == width:
@@ -127,18 +128,16 @@ def _of_shape(model: Any, geom: int, mesh: Mesh) -> np.ndarray:
 def _cube(model: Any, geom: int, mesh: Mesh, width: int) -> np.ndarray:
     """uv of a cube texture whose six faces lie one below the other (+x, -x, +y, -y, +z, -z).
 
-    Each triangle takes the face of the cube that it looks at most. Orientation within a face as in OpenGL's cube maps.
+    The mesh is divided where it goes from one face of the cube to another. Orientation within a face as in OpenGL's
+    cube maps.
     """
-    corners = _directions(model, geom, mesh)
-    middle = corners.mean(axis=1)
-    axis = np.argmax(np.abs(middle), axis=-1)
-    negative = np.take_along_axis(middle, axis[:, None], -1)[:, 0] < 0
+    corners = divide(mesh, _directions(model, geom, mesh))
+    face = cube_face(corners.mean(axis=1))
     x, y, z = np.moveaxis(corners, -1, 0)
     # (s, t) for each face, before the division by the major coordinate
     table = [(-z, -y), (z, -y), (x, z), (x, -z), (x, -y), (-x, -y)]
-    face = 2 * axis + negative
     s, t = (np.stack([row[i] for row in table])[face, np.arange(len(face))] for i in (0, 1))
-    major = np.abs(np.take_along_axis(corners, axis[:, None, None], -1)[..., 0])
+    major = np.abs(np.take_along_axis(corners, (face // 2)[:, None, None], axis=-1)[..., 0])
     edge = 1.0 - 1.0 / width  # half a texel off the neighbouring face
     s, t = (0.5 + 0.5 * np.clip(v / np.maximum(major, 1e-9), -edge, edge) for v in (s, t))
     return np.stack((s, 1.0 - (face[:, None] + t) / 6.0), axis=-1).astype(np.float32)

@@ -74,6 +74,11 @@ def test_numbers_by_name_and_by_pattern(tmp_path: Path) -> None:
         ('position kp="3" kv="3"', 'position kp="6" kv="3"'),
         ('position kp="3" kv="0.5"', 'position kp="6" kv="0.5"'),
         ('velocity kv="3"', 'velocity kv="6"'),
+        ('damper kv="3"', 'damper kv="6"'),
+        ('cylinder area="3" bias="1 2 3"', 'cylinder area="6" bias="1 2 3"'),
+        ('muscle lengthrange="0 1" force="3"', 'muscle lengthrange="0 1" force="6"'),
+        ('muscle lengthrange="0 1" scale="3"', 'muscle lengthrange="0 1" scale="6"'),
+        ('general gainprm="-3"', 'general gainprm="-6"'),
     ],
 )
 def test_a_gain_goes_with_its_own_feedback_alone(before: str, after: str, tmp_path: Path) -> None:
@@ -91,6 +96,19 @@ def test_a_gain_goes_with_its_own_feedback_alone(before: str, after: str, tmp_pa
         (model.actuator_biasprm, own.actuator_biasprm),
     ):
         np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize(
+    "actuator", ['dcmotor motorconst="0.05" resistance="1"', 'general gaintype="affine" gainprm="1 2 3"']
+)
+def test_a_gain_of_several_numbers_is_refused(actuator: str, tmp_path: Path) -> None:
+    (tmp_path / "m.xml").write_text(
+        f"""<mujoco><worldbody><body><joint name="j" type="hinge"/><geom size="1"/></body></worldbody>
+        <actuator><{actuator} name="servo" joint="j"/></actuator></mujoco>"""
+    )
+    (tmp_path / "s.yaml").write_text("mjcf: m.xml\nmodel: {actuators: {servo: {gain: 2}}}\ncameras: {c: {fov: 1}}\n")
+    with pytest.raises(SceneError, match=r"s\.yaml:2: .*gain is for actuators whose force"):
+        load_scene(str(tmp_path / "s.yaml"))
 
 
 def test_the_start_is_drawn(tmp_path: Path) -> None:
