@@ -327,7 +327,7 @@ def test_messages_of_another_recorder_are_named_and_not_denied(tmp_path):
     events = "/dvs/events is dvs_msgs/msg/EventArray; .*; `evis events convert .*a.mcap OUT --topic /dvs/events` writes"
     with pytest.raises(BagError, match=events):
         export(path, "/dvs/events", tmp_path / "a.npz")
-    with pytest.raises(BagError, match="/points is sensor_msgs/msg/PointCloud2; no such message can be exported$"):
+    with pytest.raises(BagError, match=r"/points is sensor_msgs/msg/PointCloud2; no such message can be exported$"):
         export(path, "/points", tmp_path / "a.npz")
 
 
