@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -51,9 +52,10 @@ class TopicReader:
         self._context, self._poller = zmq.Context(), zmq.Poller()
         self._subscribers: dict[Subscriber, str] = {}
         self._lost = 0
-        names = [topic]
+        names, self._later = [topic], set[str]()
         if topic in SYSTEM_TOPICS:
             names = [system_topic(topic, process) for process in sorted({n.process for n in plan.nodes.values()})]
+            self._later = set(names) - {system_topic(topic, process) for process in plan.processes()}
         elif plan.nodes[plan.topics[topic].node].dormant:
             ask_for(plan.directory, topic)
         for name in names:
@@ -67,9 +69,17 @@ class TopicReader:
         self._wait_for_connections()
 
     def _wait_for_connections(self) -> None:
-        """What the caller asks of the graph from now on comes after its subscription, so nothing of it is missed."""
+        """What the caller asks of the graph from now on comes after its subscription, so nothing of it is missed.
+
+        A process that starts on demand, and has not, is not waited for: the others' messages would grow old meanwhile.
+        """
+        there = [
+            subscriber
+            for subscriber, name in self._subscribers.items()
+            if name not in self._later or Path(subscriber.endpoints.tap.removeprefix("ipc://")).exists()
+        ]
         deadline = time.monotonic() + _CONNECTION_S
-        while time.monotonic() < deadline and not all(s.connected() for s in self._subscribers):
+        while time.monotonic() < deadline and not all(s.connected() for s in there):
             time.sleep(0.001)
 
     @property

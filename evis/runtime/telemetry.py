@@ -21,8 +21,9 @@ from msgs.world import Clock
 
 PERIOD_S = 1.0
 """Interval of /diagnostics [s]."""
-TAP_HZ = 1000.0
-"""System messages are small and rare: no rate limit that would hide a warning."""
+TAP_HZ = {"/clock": 1000.0, "/diagnostics": 0.0}
+"""Most messages a second that a tap gets. Of /diagnostics it gets all: nodes of one process tell theirs at once, and a
+limit would hide the second of two warnings."""
 Say = Callable[[str, str, str], None]
 """Takes a node's name, a level and a line."""
 
@@ -61,7 +62,9 @@ class Telemetry:
                 self.publishers[topic] = LocalPublisher(topic, process, kind)
                 continue
             endpoints = endpoints_for(plan.directory, system_topic(topic, process))
-            self.publishers[topic] = Publisher(context, topic, process, endpoints, [], message_type=kind, tap_hz=TAP_HZ)
+            self.publishers[topic] = Publisher(
+                context, topic, process, endpoints, [], message_type=kind, tap_hz=TAP_HZ[topic]
+            )
 
     def start_clock(self) -> None:
         """Notes that the graph starts now: the origin of the real-time factor."""

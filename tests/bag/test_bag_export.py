@@ -312,6 +312,25 @@ def test_command_line_errors(tmp_path, words, status, text):
     assert text in err and err.count("\n") == 1
 
 
+def test_messages_of_another_recorder_are_named_and_not_denied(tmp_path):
+    """A bag as rosbag2 writes it: what the topic holds, and for events what reads them."""
+    from mcap.writer import Writer
+
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2")
+        for topic, kind in (("/dvs/events", "dvs_msgs/msg/EventArray"), ("/points", "sensor_msgs/msg/PointCloud2")):
+            channel = writer.register_channel(topic, "cdr", writer.register_schema(kind, "ros2msg", b""))
+            writer.add_message(channel, 0, b"", 0)
+        writer.finish()
+    events = "/dvs/events is dvs_msgs/msg/EventArray; .*; `evis events convert .*a.mcap OUT --topic /dvs/events` writes"
+    with pytest.raises(BagError, match=events):
+        export(path, "/dvs/events", tmp_path / "a.npz")
+    with pytest.raises(BagError, match=r"/points is sensor_msgs/msg/PointCloud2; no such message can be exported$"):
+        export(path, "/points", tmp_path / "a.npz")
+
+
 def test_export_of_a_torn_bag_says_so(tmp_path, capsys):
     """What is there is written, and standard error names the tear and the remedy; of a whole bag, nothing."""
     path = bag(tmp_path / "a.mcap")

@@ -9,9 +9,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import msgpack
 import pytest
 from command import environment
 
@@ -107,14 +109,15 @@ def test_rates_are_the_publishers(running: Path, evis_here: Evis) -> None:
     """
     before = _published(evis_here)
     body = until(lambda: (b := _measured(evis_here, "hz", "1.5"))["window_s"] > 1 and b["hz"] <= 200 and b)
-    assert body["hz"] == pytest.approx((body["published"] - 1) / body["window_s"]) and body["hz"] > 0
+    # of what comes steadily, as far as the machine lets it
+    assert body["hz"] == pytest.approx((body["published"] - 1) / body["window_s"], rel=0.5)
     assert body["published"] > body["seen"] or body["hz"] < 35
     stale = after = _published(evis_here)
     while after == stale:  # until the first heartbeat behind the measurement
         time.sleep(0.05)
         after = _published(evis_here)
     assert body["published"] <= after - before
-    assert _measured(evis_here, "bw", "1")["mean_bytes"] == 64
+    assert 64 < _measured(evis_here, "bw", "1")["mean_bytes"] < 64 + 300  # the array, and a header
     delay = _measured(evis_here, "delay", "1")
     assert delay["least_s"] == 0 <= delay["mean_s"] <= delay["most_s"]
     assert "0 message(s)" in evis_here("topic", "hz", "/cam0/labels", "--window", "0.5").line
@@ -126,7 +129,30 @@ def test_senders_of_one_topic_are_counted_each_by_its_own_numbers() -> None:
     for k in range(4):
         measure.add(10 + 0.5 * k, Diagnostics(Header(0, seq=100 + k, clock="wall")), "a")
         measure.add(10.25 + 0.5 * k, Diagnostics(Header(0, seq=7 + k, clock="wall")), "b")
-    assert measure.hz() == {"hz": 4.0, "published": 8, "seen": 8, "window_s": 1.75}
+    assert measure.hz() == {"hz": pytest.approx(4), "published": 8, "seen": 8, "window_s": 1.75}
+
+
+def test_what_comes_in_bursts_is_counted_at_its_rate() -> None:
+    """Processes of 1, 3 and 1 nodes, each heard once a second for 3 s, and one heard once: a third of one a second."""
+    measure = TopicRates()
+    for k in range(3):
+        for start, name, nodes in ((10.1, "a", 1), (10.4, "b", 3), (11.1, "c", 1)):
+            for j in range(nodes):
+                measure.add(start + k + 0.001 * j, Diagnostics(Header(0, seq=nodes * k + j, clock="wall")), name)
+    measure.add(13.1, Diagnostics(Header(0, seq=7, clock="wall")), "d")
+    assert measure.hz()["hz"] == pytest.approx(1 + 3 + 1 + 1 / 3, rel=1e-3)
+
+
+def test_bandwidth_counts_what_is_no_array() -> None:
+    """Diagnostics have no arrays: what msgpack makes of their fields, twice a second."""
+    measure, header = TopicRates(), Header(5, seq=3, clock="wall")
+    said = {"node": "physics", "level": "ok", "text": "", "values": {"updates": 7}}
+    whole = {"type": "Diagnostics", "version": 1, "header": [5, 3, "wall", 0], "scalars": said, "arrays": []}
+    for k in range(3):
+        measure.add(10 + 0.5 * k, Diagnostics(replace(header, seq=3 + k), **said))
+    assert measure.bw() == {
+        "bytes_per_s": pytest.approx(2 * len(msgpack.packb(whole))), "mean_bytes": len(msgpack.packb(whole)), "seen": 3
+    }  # fmt: skip
 
 
 def test_node_list_and_info(running: Path, evis_here: Evis) -> None:

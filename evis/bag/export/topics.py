@@ -16,6 +16,7 @@ from evis.bag.decoded import decoded_events
 from evis.bag.export import exr, frames, label_images, label_pngs, labels, png, trajectory
 from evis.bag.reader import BagReader
 from evis.bag.ros import jsonform
+from evis.events.files.rosbag.messages import TYPES, plain_type
 from evis.files.whole_file import whole_file
 from msgs.camera import Keyframe
 from msgs.fields import array_specs
@@ -122,6 +123,14 @@ def _resolve(reader: BagReader, topic: str) -> tuple[str, int | None]:
         numbers = {s.env for s in reader.streams.values() if s.topic == match[2]}
         if int(match[1]) in numbers:
             return match[2], int(match[1])
+    layout = reader.scanner.layout
+    for schema in (layout.schemas.get(c.schema_id) for c in layout.channels.values() if c.topic == topic):
+        kind = schema.name if schema else "of no type"
+        events = f"; `evis events convert {reader.path} OUT --topic {topic}` writes its events"
+        raise BagError(
+            f"{reader.path}: {topic} is {kind}; no such message can be exported"
+            + (events if plain_type(kind) in TYPES else "")
+        )
     known = ", ".join(sorted(reader.topics)) or "none"
     raise BagError(f"{reader.path} has no topic '{topic}'; it has {known}")
 

@@ -4,7 +4,45 @@ from __future__ import annotations
 
 import time
 
+from msgs.codec import encode
 from msgs.header import Message
+
+_BURST = 0.25
+"""Messages of a sender within a smaller part of all the time say nothing of its rate but how many they were."""
+
+
+class _Sender:
+    """Counts the messages of one sender by their numbers, and fits the rate at which these grow.
+
+    What comes in bursts, as the heartbeats of all nodes of a process, has more messages than its first and last one
+    lie apart at its rate; a line through all of them does not care.
+    """
+
+    def __init__(self, arrived: float, seq: int) -> None:
+        self._first, self._last = (arrived, seq), (arrived, seq)
+        self._n = 0
+        self._sums = [0.0] * 4  # t, seq, t^2, t seq, from the first message
+
+    def add(self, arrived: float, seq: int) -> None:
+        t, number = arrived - self._first[0], seq - self._first[1]
+        self._n += 1
+        self._sums = [s + v for s, v in zip(self._sums, (t, number, t * t, t * number))]
+        self._last = arrived, seq
+
+    @property
+    def newest(self) -> int:
+        return self._last[1]
+
+    @property
+    def published(self) -> int:
+        return self._last[1] - self._first[1] + 1
+
+    def hz(self, span: float) -> float:
+        """Returns messages per second; span: time in which any sender was heard [s]."""
+        if self._last[0] - self._first[0] <= _BURST * span:
+            return self.published / span
+        t, number, squares, products = (s / self._n for s in self._sums)
+        return (products - t * number) / (squares - t * t)
 
 
 class TopicRates:
@@ -17,22 +55,21 @@ class TopicRates:
         self.messages = 0
         self._bytes = 0
         self._first = self._last = (0.0, 0)
-        self._numbers: dict[str, tuple[int, int]] = {}
-        """First and last sequence number of each sender."""
+        self._senders: dict[str, _Sender] = {}
         self._lags: list[float] = []
         self._wall = False
 
     def add(self, arrived: float, message: Message, sender: str = "") -> None:
         """Takes one message that came at `arrived` (time.monotonic()). sender: each numbers its own."""
         header = message.header
-        if header.seq < self._numbers.get(sender, (0, header.seq))[1]:  # a publisher that started again
+        if sender in self._senders and header.seq < self._senders[sender].newest:  # a publisher that started again
             self._begin()
         self._last = arrived, header.stamp_ns
         if not self.messages:
             self._first = self._last
-        self._numbers[sender] = self._numbers.get(sender, (header.seq, 0))[0], header.seq
+        self._senders.setdefault(sender, _Sender(arrived, header.seq)).add(arrived, header.seq)
         self.messages += 1
-        self._bytes += sum(int(array.nbytes) for array in message.arrays().values())
+        self._bytes += sum(memoryview(frame).nbytes for frame in encode(message))
         self._wall = header.clock == "wall"
         if self._wall:
             self._lags.append(time.time() - header.stamp_ns / 1e9)
@@ -46,16 +83,15 @@ class TopicRates:
 
     def hz(self) -> dict[str, float | int]:
         """Returns messages per second at the publishers, and how many of them this tap saw."""
-        published = sum(last - first + 1 for first, last in self._numbers.values())
         return {
-            "hz": (published - 1) / self._span,
-            "published": published,
+            "hz": sum(sender.hz(self._span) for sender in self._senders.values()),
+            "published": sum(sender.published for sender in self._senders.values()),
             "seen": self.messages,
             "window_s": self._span,
         }
 
     def bw(self) -> dict[str, float | int]:
-        """Returns array bytes per second at the publisher, from the mean size of the messages seen."""
+        """Returns bytes per second at the publisher, headers and arrays, from the mean size of the messages seen."""
         mean = self._bytes / self.messages
         return {"bytes_per_s": float(self.hz()["hz"]) * mean, "mean_bytes": mean, "seen": self.messages}
 

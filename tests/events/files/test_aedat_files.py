@@ -152,6 +152,17 @@ def test_aedat3_events_frames_imu_and_triggers(tmp_path):
     assert events.imu.temperature.tolist() == [31.5]
 
 
+def test_aedat3_special_events_are_triggers_with_the_ids_of_aedat4(tmp_path):
+    """All of libcaer's, 0 to 17; a counter that turns and a row without events (0 and 5) are none."""
+    data = AEDAT3_HEAD + aedat3_packet(0, 8, [struct.pack("<Ii", code << 1 | 1, code) for code in range(18)])
+    with open_recording(save(tmp_path / "a.aedat", data)) as recording:
+        found = recording.read().triggers
+    reset, inputs, generator = [(4, 1)], [(i, v) for i in (0, 5, 6) for v in (1, 0, 1)], [(1, 1), (1, 0)]
+    frames = [(2, 1), (2, 0), (3, 1), (3, 0)]
+    assert list(zip(found.id.tolist(), found.value.tolist())) == reset + inputs + generator + frames
+    assert found.t.tolist() == [code * 1000 for code in range(18) if code not in (0, 5)]
+
+
 def test_aedat3_seeks_by_packet(tmp_path):
     """Over many packets, to events at and between their borders."""
     events = small_events(1000, 346, 260)

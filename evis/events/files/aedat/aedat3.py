@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from evis.events.arrays import Events, Frame, Imu, Triggers
+from evis.events.files.aedat.aedat4_packets import SOURCES
 from evis.events.files.reading.block_recording import BlockRecording, take_size
 from evis.events.recording import HEAD, OpenOptions, RecordingError, RecordingInfo
 from evis.files.descriptor import DescriptorOwner
@@ -24,8 +25,11 @@ HEADER = np.dtype([("type", "<i2"), ("source", "<i2"), ("size", "<i4"), ("offset
                    ("capacity", "<i4"), ("number", "<i4"), ("valid", "<i4")])  # fmt: skip
 _PAIR = np.dtype([("data", "<u4"), ("t", "<i4")])
 _FRAME = np.dtype([("info", "<u4"), ("times", "<i4", 4), ("size", "<i4", 2), ("place", "<i4", 2)])
-_EDGES = {2: 1, 3: 0, 4: 1}
-"""Special event -> trigger value: external rising, falling, pulse."""
+_AS_AEDAT4 = {1: 0, 2: 1, 3: 2, 4: 3, 12: 4, 13: 5, 14: 6, 15: 7, 16: 8, 17: 9}
+_EDGES = {code: SOURCES[source] for code, source in _AS_AEDAT4.items()}
+"""Special event -> (id, value) of a trigger, ids as in AEDAT 4, which knows no second and third input (5 and 6)."""
+_EDGES |= {first + i: (channel, value) for first, channel in ((6, 5), (9, 6)) for i, value in enumerate((1, 0, 1))}
+_BY_CODE = np.array([_EDGES.get(code, (0, -1)) for code in range(128)], np.int8).T
 GRAVITY = 9.80665
 """[m/s^2]"""
 _PART = 1 << 21
@@ -155,10 +159,9 @@ class Aedat3Recording(DescriptorOwner, BlockRecording):
             if kind == POLARITY:
                 x, y = (data >> 17).astype(np.uint16), (data >> 2 & 0x7FFF).astype(np.uint16)
                 return Events(t, x, y, (data >> 1 & 1).astype(np.uint8))
-            code = data >> 1 & 0x7F
-            edge = np.isin(code, list(_EDGES))
-            value = np.array([_EDGES[c] for c in code[edge].tolist()], np.uint8)
-            events.triggers = Triggers(t[edge], np.zeros(len(value), np.uint8), value)
+            ids, values = _BY_CODE[:, data >> 1 & 0x7F]
+            edge = values >= 0
+            events.triggers = Triggers(t[edge], ids[edge].astype(np.uint8), values[edge].astype(np.uint8))
         elif kind == FRAME:
             events.frames = [f for f in (self._frame(r, turns) for r in rows) if f is not None]
         else:

@@ -1,0 +1,45 @@
+"""What a process says of its nodes reaches who listens, all of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import zmq
+
+from evis.bus import Subscriber, endpoints_for
+from evis.config.secret import Redactor
+from evis.runtime.host import system_topic
+from evis.runtime.plan import Plan
+from evis.runtime.profile import Profile
+from evis.runtime.telemetry import Telemetry
+from msgs.diagnostics import Diagnostics
+
+NODES = [f"node{k}" for k in range(12)]
+
+
+def test_nodes_of_one_process_are_all_heard_though_they_speak_at_once(tmp_path: Path) -> None:
+    """Twelve heartbeats and twelve warnings in a row, to a tap at the rate of a viewer."""
+    context = zmq.Context()
+    telemetry = Telemetry(
+        Plan("graph", "1", str(tmp_path)), "all", context, Profile(), Redactor([]), say=lambda *_: None
+    )
+    publisher = telemetry.publishers["/diagnostics"]
+    publisher.start()
+    where = endpoints_for(str(tmp_path), system_topic("/diagnostics", "all"))
+    tap = Subscriber(context, "/diagnostics", "x", "tap", where, message_type=Diagnostics, tap=True)
+    tap.start()
+    while not publisher.wanted():
+        publisher.pump()
+    host: Any = SimpleNamespace(join=SimpleNamespace(queues={}), publishers={})
+    telemetry.periodic(dict.fromkeys(NODES, host), force=True)
+    for name in NODES:
+        telemetry.say(None, name, "warning", "hot")
+    heard: list[Any] = []
+    while (message := tap.receive(0.3)) is not None:
+        heard.append(message)
+    tap.close()
+    publisher.close()
+    context.destroy(linger=0)
+    assert [(m.node, m.level) for m in heard] == [(n, level) for level in ("ok", "warning") for n in NODES]
