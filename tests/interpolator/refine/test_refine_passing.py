@@ -228,6 +228,15 @@ def test_what_turns_is_as_fast_as_its_ends():
     assert parts_of(scene) == (16, False)
 
 
+@pytest.mark.parametrize("tilt", [0.0, 0.1, 0.3])
+def test_a_long_rod_that_goes_aslant_is_on_a_point_no_longer_than_it_is_wide(tilt):
+    """One of 2 m, 4 mm wide, at 20 m/s hides a lamp for 0.2 ms, over the cosine of its tilt."""
+    flight = Prescribed(pose(0, -1.4, ROD, (0.0, 0.0, tilt)), [Linear(np.array([20.0, 0.0, 0.0]))])
+    slim = (box((0.002, 1.0, 0.002)), plain(0.2), flight)
+    scene = world([(quad(6.0), plain(0.5), Prescribed(pose(z=WALL))), slim], lights=[replace(lamp(), vector=LIGHT)])
+    assert parts_of(scene) == (16, False)
+
+
 def test_a_sun_that_turns_sweeps_with_the_shadows_of_posts():
     """Those of posts 0.5 m high, 1 cm wide, fall up to four times their radius away."""
     turn = Prescribed(pose(), [Spin(np.array([0.0, 1.0, 0.0]), 20.0)])

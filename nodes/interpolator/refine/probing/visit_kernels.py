@@ -146,6 +146,21 @@ def find_visits(
         last_axes = axes
 
 
+@wp.func
+def width_over(fine: wp.vec3d, along: wp.vec3d, length: wp.float64):
+    """Gives half the width [m] of a box of half sides `fine` along a way, in its own frame, of a length: how far it
+    reaches along it or, if that is less, what of the way lies in it, as of a long wire that goes aslant.
+
+    A plate counts there as thick as it is wide: that a lamp shines along it is rare.
+    """
+    thick = fine[0] + fine[1] + fine[2] - wp.min(fine) - wp.max(fine)
+    width = (wp.abs(along[0]) * fine[0] + wp.abs(along[1]) * fine[1] + wp.abs(along[2]) * fine[2]) / length
+    for axis in range(3):
+        if thick > wp.float64(0.0) and wp.abs(along[axis]) > wp.float64(0.0):
+            width = wp.min(width, wp.max(fine[axis], thick) * length / wp.abs(along[axis]))
+    return width
+
+
 @wp.kernel
 def find_briefest(
     # in
@@ -177,10 +192,9 @@ def find_briefest(
         way = wp.transform_point(after, at) - wp.transform_point(before, at)
         length = wp.length(way)
         if length > wp.float64(0.0):
-            along = wp.transpose(axes) * way
-            sides = wp.abs(along[0]) * fine[0] + wp.abs(along[1]) * fine[1] + wp.abs(along[2]) * fine[2]
-            if sides > wp.float64(0.0):
-                least = wp.min(least, wp.float64(2.0) * sides / length / (length + shine[env]))
+            width = width_over(fine, wp.transpose(axes) * way, length)
+            if width > wp.float64(0.0):
+                least = wp.min(least, wp.float64(2.0) * width / (length + shine[env]))
     briefest[n, env, j] = least
 
 
