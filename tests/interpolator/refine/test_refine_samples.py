@@ -228,7 +228,7 @@ def test_a_pole_between_two_frames_is_not_missed():
     pole = Prescribed(start, [Linear(np.array([speed, 0.0, 0.0]))])
     scene = world([(quad(4.0), plain(0.2), Prescribed(pose(z=3.0))), (box((half, 2.0, half)), plain(0.9), pole)])
     frames, (pixels, ns, values) = refined(scene, 4, 20_000)
-    width = frames.shape[2]
+    height, width = frames.shape[1:]
     row = height // 2
     unseen, found = 0, []
     for x in range(4, width - 4):
@@ -316,7 +316,7 @@ def test_a_wall_that_comes_so_fast_that_its_depth_alone_tells_of_another():
     flight = Prescribed(pose(1.0, 0.0, 3.0 + speed * START * 1e-9), [Linear(np.array([0.0, 0.0, -speed]))])
     scene = world([(quad(4.0), paint, flight)])
     frames, (pixels, ns, values) = refined(scene, 2, 20_000)
-    width = frames.shape[2]
+    height, width = frames.shape[1:]
     renderer = Renderer(scene, scene.cameras[0])
     stamps = START + np.linspace(0, 1, 81)[1:-1] * GAP
     states = [closed_form(scene, np.array([round(t)])).pose[:, 0] for t in stamps]
