@@ -16,6 +16,9 @@ ENOUGH = 8
 """Frames per period from which on a sinusoid keeps nine tenths of its change, at any phase, up to a depth of 0.5."""
 
 
+SLOW = 0.125
+"""Part of a half turn per frame: a body that turns by less at the end of an interval is taken to be slow within it."""
+
 FOLLOWED = 64
 """Periods of a light between two keyframes up to which single pixels are looked at whenever it changes."""
 
@@ -62,6 +65,10 @@ class Turns:
         moving: int [B], bodies, and twist float64 [E, S, B, 6], theirs, as of WorldState.
         """
         if not self._rate or not self._watched[moving].any():
+            return []
+        # What turns so fast does so for longer than an interval, so that most are told by its end alone.
+        end = twist[:, -1, :, 3:]
+        if np.abs(end).max(initial=0.0) * np.sqrt(3.0) < SLOW * np.pi * self._rate:
             return []
         omega = twist[..., 3:]
         half_turns = np.sqrt(np.einsum("...i,...i", omega, omega).max(axis=(0, 1))) / np.pi

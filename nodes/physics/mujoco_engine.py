@@ -150,7 +150,7 @@ class MujocoEngine:
         self._warp = warp is not None
         self._prepared = -1
         """The stamp up to which steps were requested."""
-        self._foreseen: list[int] = []
+        self._foreseen: set[int] = set()
         """Environments whose steps were requested before it was known that they will be wanted."""
         self.checked = 0
         """How often an environment was stepped to a stamp with a check of each state."""
@@ -178,7 +178,7 @@ class MujocoEngine:
             self._reset(k)
         if self._shadow is not None:
             self._shadow.begin(self.data[self._shadowed])
-        self._prepared, self._foreseen, self._constrained = -1, [], False
+        self._prepared, self._foreseen, self._constrained = -1, set(), False
         self._begin_course()
 
     def _begin_course(self) -> None:
@@ -188,7 +188,7 @@ class MujocoEngine:
     def leave(self, env: int) -> None:
         """Stops stepping an environment."""
         self._left.add(env)
-        self._foreseen = [k for k in self._foreseen if k != env]
+        self._foreseen = self._foreseen - {env}
 
     def anew(self, envs: Sequence[int], seeds: Sequence[int | None], numbers: Sequence[int]) -> MujocoEngine:
         """Makes an engine of these environments alone, at their start and stamp 0; they are moved by it from then on.
@@ -219,10 +219,10 @@ class MujocoEngine:
             check_controls(controls, self.envs, self.controls)
             changed = np.flatnonzero((self._controls != controls).any(axis=1)).tolist()
             others = [k for k in changed if k not in self._left]
-        wrong = self._foreseen if self._prepared != to_ns else [k for k in self._foreseen if k in others]
+        wrong = self._foreseen if self._prepared != to_ns else self._foreseen & set(others)
         if wrong:
-            self.data.take_back(wrong)
-            self._foreseen = [k for k in self._foreseen if k not in wrong]
+            self.data.take_back(sorted(wrong))
+            self._foreseen = self._foreseen - wrong
         for k in others:
             self._rests[k].wake()
         if controls is not None:
@@ -237,7 +237,7 @@ class MujocoEngine:
         """Asks for the steps up to a stamp that will come, as far as can be told now; `begin` then takes them."""
         if self._batch is not None:
             self.prepare(to_ns)
-            self._foreseen = self._awake() if to_ns > self._course.grid else []
+            self._foreseen = set(self._awake()) if to_ns > self._course.grid else set()
 
     def begin(self) -> None:
         """Begins to take the steps asked for while others work."""
@@ -251,7 +251,7 @@ class MujocoEngine:
         """
         if self._prepared != to_ns or controls is not None:
             self.prepare(to_ns, controls)
-        ahead, self._prepared, self._foreseen = set(self._foreseen), -1, []
+        ahead, self._prepared, self._foreseen = self._foreseen, -1, set()
         if self.envs > len(self._left) and not self._awake():
             return self._told(self._course.rest(to_ns))
         grid = self._course.grid

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
@@ -22,6 +22,9 @@ from nodes.renderer.materials.ggx import alpha_of, is_plain
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.shadows.boxes import half_extents
 from nodes.renderer.shadows.ray_kernels import Casters
+
+if TYPE_CHECKING:
+    from nodes.interpolator.rigid.slots import Poses
 
 MOVED, SHADED = int(change_kernels.MOVED), int(change_kernels.SHADED)
 LIT_ANEW, AROUND = int(change_kernels.LIT_ANEW), int(change_kernels.AROUND)
@@ -90,24 +93,22 @@ class LightChange:
         self._v.place_at(poses, casters.rotation[mine], casters.translation[mine], change.eye_then[mine])
         self._place_cameras(poses, change.place_then[mine])
 
-    def begin(self, moved: np.ndarray, before: np.ndarray, rest: np.ndarray, still: np.ndarray) -> np.ndarray:
+    def begin(self, poses: Poses, still: np.ndarray) -> np.ndarray:
         """Finds which bodies' light may change in a gap, and sends that to the device.
 
         Args:
-            moved: poses of the movers at the sub-frames, float64 [K, E, M, 7].
-            before, rest: poses of all bodies at both keyframes, float64 [E, N, 7].
+            poses: of the gap.
             still: flags of `keyframe_kernels.find_quiet`, int32 [E, N + 2].
 
         Returns:
             `still` without those whose light a lamp may change at any pixel.
         """
-        before = of_bodies(before, self._movers)
-        flags = self._flags_of(moved, before)
+        flags = self._flags_of(poses.gone)
         if not np.array_equal(flags, self._flags):
             self.kernel.flags.assign(flags)
             self._flags = flags
         if (flags & (SHADED | AROUND)).any() or (self.kernel.open.size and (flags & MOVED).any()):
-            self._sweep.send(moved, before, self._origin_of())
+            self._sweep.send(poses.moved, of_bodies(poses.before, self._movers), self._origin_of())
         changed = (flags & (MOVED | LIT_ANEW)) != 0
         if not changed.any():
             return still
@@ -156,13 +157,12 @@ class LightChange:
         dim = (self._envs, v.shape[1], v.shape[2] // v.span)
         wp.launch(swept_kernels.disquiet, dim, [v.view, v.span, self.kernel, pieces, quiet], device=v.device)
 
-    def _flags_of(self, moved: np.ndarray, before: np.ndarray) -> np.ndarray:
-        """Flags int32 [E, N + 1] of bodies and the world; before: of the movers."""
-        gone = (moved != before).any(axis=0)
+    def _flags_of(self, gone: np.ndarray) -> np.ndarray:
+        """Flags int32 [E, N + 1] of bodies and the world; gone: see Poses."""
         relative = np.zeros((self._envs, self._bodies + 1), bool)
         relative[:, self._movers] = gone[..., self._columns].any(-1)
         # A camera that moves changes no light.
-        anything = gone[:, self._telling].any(axis=(1, 2))
+        anything: np.ndarray = np.any(gone[:, self._telling], axis=(1, 2), keepdims=True)[:, 0, 0]
         # Also while a lamp on something that may move rests: sweeps are told for those alone that never move.
         if len(self._lamps):
             relative[anything] = True

@@ -284,8 +284,7 @@ class Rigid:
         self.pair.b.take(b.image)
         flags = self._places.still(self.layout.flicker, held)
         if self.change is not None:
-            poses = self._places.poses
-            flags = self.change.begin(poses.moved, poses.before, poses.rest, flags)
+            flags = self.change.begin(self._places.poses, flags)
         if flags is not self._flags and not np.array_equal(flags, self._flags):
             self._still.assign(flags)
         self._flags = flags
@@ -353,8 +352,8 @@ class Rigid:
             wp.synchronize_event(there)
         count, sampled = (told.numpy() for told in self._told[turn])
         samples = self.layout.envs * (self.layout.upsampling - 1) * self.size[0] * self.size[1]
-        log_type = samples if self.layout.on_device else int(sampled.sum())
-        return Report(nonfinite=int(count[-1]), reshaded=int(count[:-1].sum()), samples=samples, sampled=log_type)
+        looked_up = samples if self.layout.on_device else int(sampled.sum())
+        return Report(nonfinite=int(count[-1]), reshaded=int(count[:-1].sum()), samples=samples, sampled=looked_up)
 
     def _find_quiet(self) -> None:
         """Pixels that do not change unless something comes before them."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -18,12 +19,23 @@ HELD = int(keyframe_kernels.HELD)
 
 @dataclass(frozen=True)
 class Poses:
-    """Holds the poses of a gap: moved float64 [K, E, M, 7], of the bodies that may move; before and rest float64
+    """Holds the poses of a gap: moved float64 [K, E, M, 7], of the bodies `movers` int64 [M]; before and rest float64
     [E, N, 7], of all at the keyframes."""
 
     moved: np.ndarray
     before: np.ndarray
     rest: np.ndarray
+    movers: np.ndarray
+
+    @cached_property
+    def gone(self) -> np.ndarray:
+        """Tells which numbers of the movers' poses differ at any sub-frame from those before, bool [E, M, 7]."""
+        before = of_bodies(self.before, self.movers)
+        # One sub-frame after the other: a reduction of all at once goes over memory in large steps.
+        gone = np.zeros(before.shape, bool)
+        for then in self.moved:
+            gone |= then != before
+        return gone
 
 
 class Slots:
@@ -47,7 +59,7 @@ class Slots:
         self._none = np.zeros((self._envs, bodies + 2), np.int32)
         place = np.flatnonzero(self._movers == visibility.camera_body)
         self._camera = int(place[0]) if len(place) else None
-        self.poses = Poses(np.zeros((0, 0, 0, 7)), np.zeros((0, 0, 7)), np.zeros((0, 0, 7)))
+        self.poses = Poses(np.zeros((0, 0, 0, 7)), np.zeros((0, 0, 7)), np.zeros((0, 0, 7)), np.zeros(0, np.int64))
 
     def begin(self, stamps: np.ndarray, a: States, b: States, held: np.ndarray, poses: Poses | None = None) -> None:
         """Begins a gap with sub-frames at stamps int64 [K] ns between keyframes a and b; [E, K] where environments
@@ -67,7 +79,7 @@ class Slots:
         moved = self._placement.moved(stamps, b) if stamps.ndim == 1 else self._moved_apart(stamps, b, held)
         if held.any():
             moved[:, held] = moved[-1, held]
-        return Poses(moved, a.end_pose, b.end_pose)
+        return Poses(moved, a.end_pose, b.end_pose, self._movers)
 
     def _moved_apart(self, stamps: np.ndarray, b: States, held: np.ndarray) -> np.ndarray:
         """Poses of the movers [K, E, M, 7] in environments whose times differ; b's where they are held."""
@@ -107,7 +119,7 @@ class Slots:
             still = np.ones(rest.shape[:2], bool)
             if not self._others_stay:
                 still = (rest == before).all(axis=-1)
-            still[:, self._movers] = (self.poses.moved == of_bodies(before, self._movers)).all(axis=(0, 3))
+            still[:, self._movers] = ~self.poses.gone.any(axis=2)
             lit = rests & (not flicker)
             flags[:, :-2] = still & lit[:, None]
             # What emits no light changes with the lamps, but the sky does not.

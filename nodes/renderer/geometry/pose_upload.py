@@ -43,8 +43,9 @@ class PoseUpload:
         """Bodies int64 [M] whose poses `advance` takes."""
         self.now = wp.zeros(shape, dtype=wp.transformd, device=device)
         self.before = wp.zeros(shape, dtype=wp.transformd, device=device)
-        self.last: np.ndarray | None = None
-        """What `now` holds, or will when what is `coming` has arrived, float64 [E, N, 7]."""
+        self._last: np.ndarray | None = None
+        self._missing: np.ndarray | None = None
+        """Poses of the bodies `sent` that `_last` has not yet."""
         self.coming = 0
         """0, or which buffer it comes from, from 1 on."""
         self._latest: np.ndarray | None = None
@@ -66,11 +67,23 @@ class PoseUpload:
     def put(self, poses: np.ndarray) -> None:
         """Puts checked poses into `now`."""
         self._together, self.coming, self._latest = False, 0, None
-        self.last = self._write(self.now, poses, self._slots)
+        self._last, self._missing = self._write(self.now, poses, self._slots), None
         if self._host.size:
             # The buffer that they went through must not change while they are sent.
             self._host[...] = poses
-            self.last = self._host
+            self._last = self._host
+
+    @property
+    def begun(self) -> bool:
+        """Tells whether there is a last update."""
+        return self._last is not None
+
+    @property
+    def last(self) -> np.ndarray | None:
+        """Gives what `now` holds, or will when what is `coming` has arrived, float64 [E, N, 7]."""
+        if self._missing is not None and self._last is not None:
+            self._last[:, self.sent], self._missing = self._missing, None
+        return self._last
 
     def put_before(self, poses: np.ndarray) -> None:
         """Puts checked poses into `before`."""
@@ -80,7 +93,7 @@ class PoseUpload:
     def advance(self, fresh: np.ndarray) -> None:
         """Takes checked poses float64 [E, M, 7] of the bodies `sent`: `arrive` then makes `now` `before`, and them
         `now`."""
-        assert self.last is not None
+        assert self._last is not None
         if self.sparse and not self._together:
             wp.copy(self.before, self.now)
         turn = next(self._turns)
@@ -98,14 +111,17 @@ class PoseUpload:
             view = self._write(self._landing, fresh, self._copied)
         self._latest = view
         if self.sparse:
-            self.last[:, self.sent] = fresh
+            # Of many bodies in many environments hardly anybody asks for this.
+            self._missing = view
         else:
-            self.last = view
+            self._last = view
 
     def latest(self) -> np.ndarray:
         """Gives the poses float64 [E, M, 7] in `last` of the bodies `sent`."""
+        if self._latest is not None:
+            return self._latest
         assert self.last is not None
-        return self.last.take(self.sent, axis=1) if self._latest is None else self._latest
+        return self.last.take(self.sent, axis=1)
 
     def arrive(self) -> None:
         """Moves what is `coming` into `now`: a launch only; then call `arrived`, also after what was recorded of it."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
@@ -73,12 +74,24 @@ def _shared(poses: np.ndarray) -> bool:
 class InstancePoses:
     """Computes where everything is, seen from the camera, at one instant, in float64 on the host, when it is asked for.
 
-    bodies: poses float64 [E, N, 7]; index: of the camera's body; on: body of each instance int64 [I] (-1 = world);
-    rest: rotations float64 [I, 3, 3] and translations float64 [I, 3] of the instances in their bodies' frames.
+    bodies: poses float64 [E, N, 7], or what gives them; index: of the camera's body; on: body of each instance int64
+    [I] (-1 = world); rest: rotations float64 [I, 3, 3] and translations float64 [I, 3] of the instances in their
+    bodies' frames.
     """
 
-    def __init__(self, bodies: np.ndarray, index: int, on: np.ndarray, rest: tuple[np.ndarray, np.ndarray]) -> None:
-        self.bodies, self._index, self._on, self._rest = bodies, index, on, rest
+    def __init__(
+        self,
+        bodies: np.ndarray | Callable[[], np.ndarray],
+        index: int,
+        on: np.ndarray,
+        rest: tuple[np.ndarray, np.ndarray],
+    ) -> None:
+        self._bodies, self._index, self._on, self._rest = bodies, index, on, rest
+
+    @property
+    def bodies(self) -> np.ndarray:
+        """Gives the poses float64 [E, N, 7] of the bodies."""
+        return self._bodies() if callable(self._bodies) else self._bodies
 
     @cached_property
     def camera(self) -> np.ndarray:

@@ -103,8 +103,8 @@ class Visibility(SceneArrays):
         displaced: whether the last instant is the previous keyframe. None, and nothing done, where there is no last one
         or nothing has moved since. Raises ValueError naming a body whose pose is not finite.
         """
-        upload, last = self._upload, self._upload.last
-        if last is None:
+        upload = self._upload
+        if not upload.begun:
             return None
         fresh = check_shape(poses, self.envs, self.names)
         if upload.sparse:
@@ -113,12 +113,12 @@ class Visibility(SceneArrays):
         latest, one = upload.latest(), self._telling
         if fresh[:1, one].tobytes() == latest[:1, one].tobytes() and same_bytes(fresh, latest):
             return None
-        still_same = self._layered and (upload.sparse or self._still_same(last, fresh))
+        still_same = self._layered and (upload.sparse or self._still_same(self._last_poses(), fresh))
         upload.advance(fresh)
         # Of a camera that moves nothing is kept, and who looks after still bodies need not look.
         self.still_place += not (still_same or upload.sparse)
         self.moved, self.still_displaced = displaced, displaced and not still_same
-        return self._instance_poses_of(last if upload.sparse else fresh)
+        return self._instance_poses_of(self._last_poses if upload.sparse else fresh)
 
     def send(self, fresh: np.ndarray) -> InstancePoses:
         """Sends the next instant, from the last one on: poses float64 [E, M, 7] of the bodies that may move, in their
@@ -126,11 +126,16 @@ class Visibility(SceneArrays):
 
         For a visibility that is `sparse`. Raises ValueError naming a body whose pose is not finite.
         """
-        upload, last = self._upload, self._upload.last
-        assert upload.sparse and last is not None
+        upload = self._upload
+        assert upload.sparse and upload.begun
         check_values(fresh, self._sent_names)
         upload.advance(fresh)
-        return self._instance_poses_of(last)
+        return self._instance_poses_of(self._last_poses)
+
+    def _last_poses(self) -> np.ndarray:
+        last = self._upload.last
+        assert last is not None
+        return last
 
     def arrive(self) -> None:
         """Moves what `advance` or `send` sent into `poses`: a launch only, if `coming`."""
@@ -158,7 +163,7 @@ class Visibility(SceneArrays):
         self.still_displaced = self.moved
         self._upload.put(frames.bodies)
 
-    def _instance_poses_of(self, poses: np.ndarray) -> InstancePoses:
+    def _instance_poses_of(self, poses: np.ndarray | Callable[[], np.ndarray]) -> InstancePoses:
         geometry = self.geometry
         return InstancePoses(poses, self.camera_body, geometry.body, (geometry.rotation, geometry.translation))
 

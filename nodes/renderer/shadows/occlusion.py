@@ -21,8 +21,8 @@ TREE_FROM = 16
 WORN = 0.5
 """Movers that have gone on average this many times their size since the tree was built let it be built anew."""
 
-CHECKED = 8
-"""Images after which that is looked at again."""
+CHECKED, ASKED = 8, 4096
+"""Images after which that is looked at again, and at how many instances at most, but of one environment at least."""
 
 
 class Occluders:
@@ -140,7 +140,9 @@ class Occluders:
     def _build_moving(self, frames: InstancePoses) -> None:
         """The tree of moving instances, if there is none or it fits badly."""
         v = self._visibility
-        places = frames.bodies[:, np.maximum(v.geometry.body[self._moving], 0), :3].reshape(-1, 3)
+        # Of many environments a part tells how far things have gone.
+        some = frames.bodies[:: max(1, len(frames.bodies) * len(self._moving) // ASKED)]
+        places = some[:, np.maximum(v.geometry.body[self._moving], 0), :3].reshape(-1, 3)
         if self._moving_tree is not None:
             gone = places - self._built
             worn = np.linalg.norm(gone - gone.mean(0), axis=1).mean()
