@@ -48,6 +48,9 @@ if TYPE_CHECKING:
 
 MAX_STEP_NS = 1_000_000
 """Longest sub-step [ns]; a model with a longer timestep is stepped in equal parts of it."""
+RECORDED_FROM = 64
+"""Environments from which on a kernel writes what MuJoCo's threads have recorded: for fewer numpy has done so, with the
+same bits, before a kernel has been given its arrays."""
 PART = 1 << 18
 """Numbers of a state, of all environments and steps whose states are worked on at once: they stay in a core's cache."""
 
@@ -139,8 +142,7 @@ class MujocoEngine:
         pool = Workers(threads, "states") if batched and threads > 1 else None
         self._course = Course(self._assembly, self.model, self.step_ns, joints, accelerations, pool)
         self._recorded: RecordedCourse | None = None
-        if batched and warp is None:
-            # A single environment has no use for it.
+        if batched and warp is None and envs >= RECORDED_FROM:
             from nodes.physics.dynamics.batch.recorded import RecordedCourse
 
             self._recorded = RecordedCourse(self.model, limits.reach.of_body, self._assembly.own, threads)
