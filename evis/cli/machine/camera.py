@@ -48,6 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             help="an emulated camera (evk4, davis346, ...) that sends --file; "
             "or a recording that stands in for a device, at real pace",
         )
+        one.add_argument("--topic", default="", metavar="NAME", help="of a --file with several event topics (the first)")
         one.add_argument("--faults", default="", metavar="F", help="how it misbehaves: busy, stall_every=50, ...")
     info, stream = actions.choices["info"], actions.choices["stream"]
     info.add_argument("--settings", action="store_true", help="also the settings that it takes, with units and ranges")
@@ -90,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
             raise UsageError(f"--{error}") from None
     _check_effect(args)
     streams = args.action == "stream"
-    with find_driver(args.file, args.emulate, args.serial, speed, duration, args.faults, streams) as driver:
+    with find_driver(args.file, args.emulate, args.serial, speed, duration, args.faults, streams, args.topic) as driver:
         return _info(driver, args) if args.action == "info" else _stream(driver, args, speed)
 
 
@@ -99,7 +100,7 @@ def _check_effect(args: argparse.Namespace) -> None:
     from nodes.camera.effects import without_effect
 
     idle = without_effect(args.file, args.emulate)
-    options = {"settings": "set", "reconnect": "reconnect", "faults": "faults", "pace": "pace"}
+    options = {"settings": "set", **{name: name for name in ("reconnect", "faults", "pace", "topic")}}
     for name, option in options.items():
         if name in idle and getattr(args, option, None):
             raise UsageError(f"--{option} has no effect: {idle[name]}; leave it out")
