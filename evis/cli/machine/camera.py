@@ -128,6 +128,7 @@ def _shown(value: Any) -> str:
 
 
 def _info(driver: Driver, args: argparse.Namespace) -> int:
+    from evis.config.params import in_full
     from nodes.camera.interface.settings import describe
 
     about = dataclasses.asdict(driver.info())
@@ -143,7 +144,7 @@ def _info(driver: Driver, args: argparse.Namespace) -> int:
         print(f"{name:{width}}  {value if value not in ('', [], {}) else '-'}")
     for name, facts in settings.items():
         low, high = facts["minimum"], facts["maximum"]
-        span = "" if low is None else f"{low:g} to {high:g}" if high is not None else f"at least {low:g}"
+        span = "" if low is None else f"{in_full(low)} to {in_full(high)}" if high is not None else f"at least {in_full(low)}"
         of = f" ({', '.join(filter(None, (facts['unit'], span)))})" if facts["unit"] or span else ""
         print(f"  {name}={_shown(facts['default'])}".ljust(32) + f"  {facts['help']}{of}")
     return 0
