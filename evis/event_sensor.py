@@ -80,7 +80,11 @@ class EventSensor:
     ) -> None:
         self.height, self.width, self.envs = (
             _whole_from_one(name, value, most)
-            for name, value, most in (("height", height, LARGEST_SIDE), ("width", width, LARGEST_SIDE), ("envs", envs, None))
+            for name, value, most in (
+                ("height", height, LARGEST_SIDE),
+                ("width", width, LARGEST_SIDE),
+                ("envs", envs, None),
+            )
         )
         self.colour, self.seed = colour, _seed(seed)
         self.parameters = _resolved(preset, parameters)

@@ -55,7 +55,7 @@ def _all_or_nothing(out: Path) -> Iterator[None]:
         yield
     except BaseException as error:
         if empty:
-            for path in (out.iterdir() if was_there else [out]):
+            for path in out.iterdir() if was_there else [out]:
                 shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
         number = refused_by_place(error)
         if not number:

@@ -24,9 +24,7 @@ def triangle(path: Path, corners: int = 3, **change: Any) -> Path:
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0}],
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
-        "buffers": [
-            {"uri": f"data:application/octet-stream;base64,{data}", "byteLength": len(points) + len(indices)}
-        ],
+        "buffers": [{"uri": f"data:application/octet-stream;base64,{data}", "byteLength": len(points) + len(indices)}],
         "bufferViews": [
             {"buffer": 0, "byteLength": len(points)},
             {"buffer": 0, "byteOffset": len(points), "byteLength": len(indices)},

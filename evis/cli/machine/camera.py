@@ -48,7 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             help="an emulated camera (evk4, davis346, ...) that sends --file; "
             "or a recording that stands in for a device, at real pace",
         )
-        one.add_argument("--topic", default="", metavar="NAME", help="of a --file with several event topics (the first)")
+        one.add_argument(
+            "--topic", default="", metavar="NAME", help="of a --file with several event topics (the first)"
+        )
         one.add_argument("--faults", default="", metavar="F", help="how it misbehaves: busy, stall_every=50, ...")
     info, stream = actions.choices["info"], actions.choices["stream"]
     info.add_argument("--settings", action="store_true", help="also the settings that it takes, with units and ranges")
@@ -144,7 +146,13 @@ def _info(driver: Driver, args: argparse.Namespace) -> int:
         print(f"{name:{width}}  {value if value not in ('', [], {}) else '-'}")
     for name, facts in settings.items():
         low, high = facts["minimum"], facts["maximum"]
-        span = "" if low is None else f"{in_full(low)} to {in_full(high)}" if high is not None else f"at least {in_full(low)}"
+        span = (
+            ""
+            if low is None
+            else f"{in_full(low)} to {in_full(high)}"
+            if high is not None
+            else f"at least {in_full(low)}"
+        )
         of = f" ({', '.join(filter(None, (facts['unit'], span)))})" if facts["unit"] or span else ""
         print(f"  {name}={_shown(facts['default'])}".ljust(32) + f"  {facts['help']}{of}")
     return 0

@@ -33,7 +33,9 @@ class Configuration:
                 raise ValueError(f"{f.name} is {value}; it must be finite")
             if (low is not None and value < low) or (high is not None and value > high):
                 span = f"at least {in_full(low)}" if high is None else f"{in_full(low)} to {in_full(high)}"
-                raise ValueError(f"{f.name} is {in_full(value)} {unit}; it must be {span} {unit}".replace(" ;", ";").rstrip())
+                raise ValueError(
+                    f"{f.name} is {in_full(value)} {unit}; it must be {span} {unit}".replace(" ;", ";").rstrip()
+                )
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Any:

@@ -10,9 +10,8 @@ import numpy as np
 
 from evis.events.arrays import Events, Triggers
 from evis.events.codecs import decoder
-from evis.events.codecs.encoder import REBASE
+from evis.events.codecs.encoder import REBASE, merge
 from evis.events.codecs.encoder import Encoder as _Encoder
-from evis.events.codecs.encoder import merge
 from evis.events.codecs.inivation.words import MAX_OFFSET_US
 
 OFFSET, OUTSIDE, RESETS = 1, 2, 3

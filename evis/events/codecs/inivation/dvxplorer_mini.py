@@ -13,9 +13,8 @@ import numpy as np
 
 from evis.events.arrays import Events
 from evis.events.codecs import decoder
-from evis.events.codecs.encoder import REBASE
+from evis.events.codecs.encoder import REBASE, find_groups
 from evis.events.codecs.encoder import Encoder as _Encoder
-from evis.events.codecs.encoder import find_groups
 from evis.events.codecs.inivation.dvxplorer import folded
 
 GROUPS, REFERENCE, COLUMN = 1 << 31, 1 << 27, 1 << 26
