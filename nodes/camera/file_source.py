@@ -47,7 +47,8 @@ class FileSource(Driver):
 
     Packets end at whole multiples of packet_ms on the device's clock, so that two cameras of one clock have the same
     stamps. A cut goes before the first event later than the boundary: events whose time steps back stay in their place
-    and are counted. now [ns] and sleep [s] are the wall clock; a test gives its own. topic: of a bag with several event topics.
+    and are counted. now [ns] and sleep [s] are the wall clock; a test gives its own. topic: of a bag
+    with several event topics.
     """
 
     SETTINGS = FileSettings

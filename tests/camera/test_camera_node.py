@@ -195,5 +195,5 @@ def test_the_topic_of_a_bag_with_several_is_chosen(emulate, tmp_path):
     for topic, pixel in (("/cam1/events", 20), ("", 10)):
         runtime = play(Runtime(), file=str(path), emulate=emulate, pace="fast", topic=topic)
         assert joined(runtime.messages["events"]).x.tolist() == [pixel, pixel]
-    with pytest.raises(ValueError, match="/cam2/events.*/cam1/events"):
+    with pytest.raises(ValueError, match=r"/cam2/events.*/cam1/events"):
         play(Runtime(), file=str(path), emulate=emulate, pace="fast", topic="/cam2/events")

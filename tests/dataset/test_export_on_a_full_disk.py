@@ -1,4 +1,4 @@
-"""`evis bag export --layout` on a disk that is full: one line that names the folder, nothing left, no broken process."""
+"""`evis bag export --layout` on a disk that is full: one line that names the folder, and nothing is left."""
 
 from __future__ import annotations
 

@@ -150,7 +150,8 @@ class _Pieces(Feed):
 class RecordingFeed(_Pieces):
     """Supplies a recording as the model sends it: the file's own bytes where it holds them, else encoded anew.
 
-    speed: device time per real time, 0 = as fast as it is read. duration_s: 0 = all. topic: of a bag with several; "" = the first.
+    speed: device time per real time, 0 = as fast as it is read. duration_s: 0 = all. topic: of a bag with several;
+    "" = the first.
     """
 
     def __init__(self, path: str, model: Model, speed: float, duration_s: float = 0.0, topic: str = "") -> None:
