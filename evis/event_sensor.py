@@ -14,7 +14,7 @@ import warp as wp
 from evis.gpu.exchange import NUMPY, as_kind, as_warp, kind_of
 from nodes.event_sensor.input.further import Further
 from nodes.event_sensor.make import make_sensor
-from nodes.event_sensor.parameters import frames_only, resolve_sensor
+from nodes.event_sensor.parameters import LARGEST_SIDE, frames_only, resolve_sensor
 
 _OWNER = "event sensor"
 
@@ -79,7 +79,12 @@ class EventSensor:
         **parameters: Any,
     ) -> None:
         self.height, self.width, self.envs = (
-            _at_least_one(name, value) for name, value in (("height", height), ("width", width), ("envs", envs))
+            _whole_from_one(name, value, most)
+            for name, value, most in (
+                ("height", height, LARGEST_SIDE),
+                ("width", width, LARGEST_SIDE),
+                ("envs", envs, None),
+            )
         )
         self.colour, self.seed = colour, _seed(seed)
         self.parameters = _resolved(preset, parameters)
@@ -242,9 +247,10 @@ class EventSensor:
         )  # fmt: skip
 
 
-def _at_least_one(name: str, value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-        raise ValueError(f"{_OWNER}: {name} is {value!r}; it must be a whole number, 1 or more")
+def _whole_from_one(name: str, value: Any, most: int | None) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1 or (most and value > most):
+        upwards = f"to {most}" if most else "or more"
+        raise ValueError(f"{_OWNER}: {name} is {value!r}; it must be a whole number, 1 {upwards}")
     return int(value)
 
 

@@ -67,6 +67,10 @@ class BagReader(DescriptorOwner):
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
+        if self.path.is_dir():
+            inside = sorted(p.name for p in self.path.glob("*.mcap"))
+            there = f"it holds {', '.join(inside[:3])}" if inside else "it holds none"
+            raise BagError(f"{self.path} is a folder; name the .mcap in it ({there})")
         try:
             self._descriptor = os.open(self.path, os.O_RDONLY | os.O_CLOEXEC)
             try:

@@ -27,7 +27,7 @@ class Recovery:
 def recover(source: str | Path, target: str | Path | None = None) -> Recovery:
     """Writes the readable part of `source` to `target` (default `<name>.recovered.mcap`). The source is not changed.
 
-    Raises BagError where there is no bag to read or the target cannot be written.
+    Raises BagError where there is no bag to read or the target cannot be written: then what was there before stays.
     """
     source = Path(source)
     target = Path(target) if target else source.with_name(source.stem + ".recovered.mcap")
@@ -35,38 +35,49 @@ def recover(source: str | Path, target: str | Path | None = None) -> Recovery:
         raise BagError(f"cannot recover {source} into itself; give another name")
     with BagReader(source) as reader:
         container = Container(target)
-        saved, damaged, messages = 0, 0, 0
         try:
-            layout = reader.scanner.layout
-            for schema in layout.schemas.values():
-                container.put(schema)
-            for channel in layout.channels.values():
-                container.put(channel)
-            episodes = sorted(layout.episodes)
-            for name, values in layout.metadata.items():
-                if name != "episode":
-                    container.add_metadata(name, values)
-            for chunk in layout.chunks:
-                while episodes and chunk.at > episodes[0]:
-                    container.add_metadata("episode", {})
-                    episodes.pop(0)
-                try:
-                    data = reader.scanner.chunk_data(chunk)
-                    indexes = _indexes(data, frozenset(layout.channels))
-                except scan.TooLargeError:
-                    raise
-                except BagError:
-                    damaged += 1
-                    continue
-                if indexes:
-                    container.put_chunk(
-                        chunk.compression, chunk.full, chunk.crc, [reader.scanner.stored(chunk)], indexes
-                    )  # fmt: skip
-                    saved += 1
-                    messages += sum(len(v) for v in indexes.values())
-        finally:
+            result = _copied(reader, container)
             container.close()
-        return Recovery(target, messages, saved, damaged, reader.problem)
+        except BaseException as error:
+            container.withdraw()  # what is missing here is still in the source
+            if not isinstance(error, BagError) or container.cause is None:
+                raise
+            why = container.cause.strerror if isinstance(container.cause, OSError) else container.cause
+            raise BagError(
+                f"{target}: {why}; nothing is left of it; free some room or name a file on another disk"
+            ) from None
+        return result
+
+
+def _copied(reader: BagReader, container: Container) -> Recovery:
+    """Copies all that is right to an open file."""
+    saved, damaged, messages = 0, 0, 0
+    layout = reader.scanner.layout
+    for schema in layout.schemas.values():
+        container.put(schema)
+    for channel in layout.channels.values():
+        container.put(channel)
+    episodes = sorted(layout.episodes)
+    for name, values in layout.metadata.items():
+        if name != "episode":
+            container.add_metadata(name, values)
+    for chunk in layout.chunks:
+        while episodes and chunk.at > episodes[0]:
+            container.add_metadata("episode", {})
+            episodes.pop(0)
+        try:
+            data = reader.scanner.chunk_data(chunk)
+            indexes = _indexes(data, frozenset(layout.channels))
+        except scan.TooLargeError:
+            raise
+        except BagError:
+            damaged += 1
+            continue
+        if indexes:
+            container.put_chunk(chunk.compression, chunk.full, chunk.crc, [reader.scanner.stored(chunk)], indexes)
+            saved += 1
+            messages += sum(len(v) for v in indexes.values())
+    return Recovery(container.path, messages, saved, damaged, reader.problem)
 
 
 def _indexes(data: memoryview, known: frozenset[int]) -> dict[int, list[tuple[int, int]]]:

@@ -65,9 +65,9 @@ class Param:
             raise ParamError(f"{owner}: {key} is '{value}', must be one of {allowed}{hint}")
         unit = f" {self.unit}" if self.unit else ""
         if self.minimum is not None and value < self.minimum:
-            raise ParamError(f"{owner}: {key} is {value}{unit}, the least is {self.minimum:g}{unit}")
+            raise ParamError(f"{owner}: {key} is {value}{unit}, the least is {in_full(self.minimum)}{unit}")
         if self.maximum is not None and value > self.maximum:
-            raise ParamError(f"{owner}: {key} is {value}{unit}, the most is {self.maximum:g}{unit}")
+            raise ParamError(f"{owner}: {key} is {value}{unit}, the most is {in_full(self.maximum)}{unit}")
         return value
 
     def _file(self, owner: str, key: str, value: str) -> str:
@@ -150,8 +150,14 @@ def limits(param: Param) -> str:
     """Describes the range in words, with the unit."""
     if param.minimum is None:
         return param.unit
-    upwards = f"to {param.maximum:g}" if param.maximum is not None else "or more"
-    return f"{param.minimum:g} {upwards} {param.unit}".strip()
+    upwards = f"to {in_full(param.maximum)}" if param.maximum is not None else "or more"
+    return f"{in_full(param.minimum)} {upwards} {param.unit}".strip()
+
+
+def in_full(value: float) -> str:
+    """Formats a number briefly, 2.5 or 1e+09, and with all its digits where six do not tell it: 16777216."""
+    brief = f"{value:g}"
+    return brief if float(brief) == value else f"{value:.15g}"
 
 
 def describe_value(value: Any) -> str:
@@ -160,4 +166,4 @@ def describe_value(value: Any) -> str:
         return ",".join(map(describe_value, value)) or "none"
     if isinstance(value, bool):
         return str(value).lower()
-    return f"{value:g}" if isinstance(value, float) else str(value) or "none"
+    return in_full(value) if isinstance(value, float) else str(value) or "none"

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +15,7 @@ import numpy as np
 from evis.bag import BagError, environments
 from evis.bag.reader import BagReader
 from evis.dataset.about import About
+from evis.dataset.errors import refused_by_place
 from evis.dataset.layouts import LayoutError, writer_of
 from evis.dataset.layouts.sample import DENSE, EVENTS, TABLES
 from evis.events.codecs.decoder import Decoder, make_decoder
@@ -28,16 +32,37 @@ _LOOK = 2
 def export(bag: str | Path, layout: str, out: str | Path, env: int | None = None) -> dict[str, Any]:
     """Writes a bag into an empty folder in one of the layouts, and tells what was written.
 
-    env: the environment to take of several. Raises BagError, and LayoutError for what the layout cannot hold.
+    env: the environment to take of several. Raises BagError, LayoutError for what the layout cannot hold, and OSError
+    where the disk refuses; then nothing of the sequence is left.
     """
     with BagReader(bag) as reader:
         sequence = BagSequence(reader, env)
-        writer = writer_of(layout)(Path(out), sequence.about)
-        for step in sequence.steps():
-            writer.add(step)
-        writer.close()
+        with _all_or_nothing(Path(out)):
+            writer = writer_of(layout)(Path(out), sequence.about)
+            for step in sequence.steps():
+                writer.add(step)
+            writer.close()
         result = {"layout": layout, "out": str(out), "events": sum(writer.counts.values()), "notes": writer.notes}
         return result | ({"problem": reader.problem} if reader.problem else {})
+
+
+@contextlib.contextmanager
+def _all_or_nothing(out: Path) -> Iterator[None]:
+    """Takes away what an error left in a folder that was empty or not there. Raises OSError that names the folder."""
+    was_there = out.is_dir()
+    empty = not was_there or not any(out.iterdir())
+    try:
+        yield
+    except BaseException as error:
+        if empty:
+            for path in out.iterdir() if was_there else [out]:
+                shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
+        number = refused_by_place(error)
+        if not number:
+            raise
+        raise OSError(
+            f"{out}: {os.strerror(number)}; nothing is left of it; name a folder where there is room"
+        ) from None
 
 
 class BagSequence:

@@ -15,6 +15,7 @@ from evis.scene.parameters import SCENE, camera_of, ends_alone, scene_of, worlds
 from msgs.audit import Audit as AuditMessage
 from msgs.camera import Frames, Keyframe, Samples
 from msgs.header import Header, Message
+from msgs.own_time import ORIGIN
 from msgs.world import WorldState
 from nodes.event_sensor.parameters import NODE, PRESET, source_of
 from nodes.event_sensor.scene_parameters import resolve_with_scene
@@ -169,7 +170,7 @@ class AuditNode(Node):
                 further = Further(message.first, message.offset, value)
         header = message.header
         if message.own is not None:
-            self._end()
+            self._end(message.own)
             return
         if header.stamp_ns <= self._header.stamp_ns:
             self._audit.finish()  # time has gone back to begin an episode
@@ -177,12 +178,12 @@ class AuditNode(Node):
         if self._audit.push(image, t, message.episodes, state, margin, further):
             self._publish()
 
-    def _end(self) -> None:
+    def _end(self, own: np.ndarray) -> None:
         """Environments that were reset by themselves have times of their own, which brute force does not follow."""
         if not self._ended:
             self.finish()
             self._ended = True
-            self.warn(f"the audit ends at {self._header.stamp_ns * 1e-9:g} s, for an environment is reset by itself")
+            self.warn(f"the audit ends at {self._header.stamp_ns * 1e-9:g} s, for {_who_is_reset(own)}")
 
     def finish(self) -> None:
         """Says how it ended."""
@@ -223,3 +224,9 @@ class AuditNode(Node):
 def _source(params: Mapping[str, Any]) -> str:
     """The input port: that of the sensor."""
     return source_of(params["source"], lambda: resolve_with_scene("audit", params))
+
+
+def _who_is_reset(own: np.ndarray) -> str:
+    """Says whether environments are reset by themselves or all at once. own: rows of `msgs.own_time`."""
+    together = bool((own[:, ORIGIN] == own[0, ORIGIN]).all()) and len(own) > 1
+    return "all environments are reset at once, by their numbers" if together else "an environment is reset by itself"

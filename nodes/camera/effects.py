@@ -16,6 +16,10 @@ def without_effect(file: str | None, emulate: str | None) -> Mapping[str, str]:
         return {}
     no_device = "it is for an emulated camera"
     if not (file or emulate):
-        return {"faults": no_device, "pace": "a camera gives events as they happen"}
+        return {
+            "faults": no_device,
+            "pace": "a camera gives events as they happen",
+            "topic": "it is for a recording",
+        }
     found = dict.fromkeys(("settings", "reconnect"), "a recording is played in place of a camera")
     return found | {"faults": no_device} | ({"pace": "emulate plays at real pace"} if emulate else {})

@@ -47,7 +47,8 @@ class FileSource(Driver):
 
     Packets end at whole multiples of packet_ms on the device's clock, so that two cameras of one clock have the same
     stamps. A cut goes before the first event later than the boundary: events whose time steps back stay in their place
-    and are counted. now [ns] and sleep [s] are the wall clock; a test gives its own.
+    and are counted. now [ns] and sleep [s] are the wall clock; a test gives its own. topic: of a bag
+    with several event topics.
     """
 
     SETTINGS = FileSettings
@@ -57,8 +58,9 @@ class FileSource(Driver):
         path: str | Path,
         now: Callable[[], int] = time.monotonic_ns,
         sleep: Callable[[float], None] = time.sleep,
+        topic: str = "",
     ) -> None:
-        self.path = Path(path)
+        self.path, self._topic = Path(path), topic
         self._now, self._sleep = now, sleep
         self._recording: Recording | None = None
         self._settings = FileSettings()
@@ -70,7 +72,7 @@ class FileSource(Driver):
         self._ended = False
 
     def open(self) -> None:
-        self._recording = open_recording(self.path)
+        self._recording = open_recording(self.path, topic=self._topic)
 
     def info(self) -> DeviceInfo:
         about = self._open_recording().info

@@ -55,15 +55,20 @@ def on_usb(bus: Bus | None = None) -> list[UsbDriver]:
     return drivers
 
 
-def open_file(path: str) -> FileSource:
-    """Makes a driver that plays a recording; it is not opened yet."""
+def open_file(path: str, topic: str = "") -> FileSource:
+    """Makes a driver that plays a recording; it is not opened yet. topic: of a bag with several; "" = the first."""
     from nodes.camera.file_source import FileSource
 
-    return FileSource(path)
+    return FileSource(path, topic=topic)
 
 
 def open_emulated(
-    name: str, path: str | None, speed: float = 1.0, duration_s: float = 0.0, faults: str = ""
+    name: str,
+    path: str | None,
+    speed: float = 1.0,
+    duration_s: float = 0.0,
+    faults: str = "",
+    topic: str = "",
 ) -> UsbDriver:
     """Returns the real driver of a model on an emulated device that sends a recording; not opened yet.
 
@@ -75,7 +80,7 @@ def open_emulated(
     from nodes.camera.emulated.feed import LiveFeed, RecordingFeed
 
     model: Model = model_named(name)
-    feed = RecordingFeed(path, model, speed, duration_s) if path else LiveFeed()
+    feed = RecordingFeed(path, model, speed, duration_s, topic) if path else LiveFeed()
     return driver_on(model, feed, Faults.of(faults), live=speed == 1.0)
 
 
@@ -87,12 +92,13 @@ def find_driver(
     duration_s: float = 0.0,
     faults: str = "",
     streams: bool = True,
+    topic: str = "",
 ) -> Driver:
     """Returns the driver for what was given. Raises ValueError, OSError for a device that is not there.
 
     file: a recording. emulate: a camera model, whose emulated device sends `file`; or a recording, which then stands in
     for a device. serial: a camera on USB; the first one when nothing is given. streams: an emulated camera must have
-    something to send.
+    something to send. topic: of a recording with several event topics; "" = the first.
     """
     if emulate and is_model(emulate):
         if serial:
@@ -100,13 +106,13 @@ def find_driver(
         model_named(emulate)
         if streams and not file:
             raise ValueError(f"an emulated {emulate} sends a recording: give it with file:=REC or --file REC")
-        return open_emulated(emulate, file, speed, duration_s, faults)
+        return open_emulated(emulate, file, speed, duration_s, faults, topic)
     given = [name for name, value in (("file", file), ("emulate", emulate), ("serial", serial)) if value]
     if len(given) > 1:
         raise ValueError(f"{' and '.join(given)} are given; a camera is one of file, emulate and serial")
     path = file or emulate
     if path:
-        return open_file(path)
+        return open_file(path, topic)
     return _find_on_usb(serial)
 
 

@@ -48,6 +48,7 @@ class CameraNode(Node):
     PARAMS = {
         "camera": Param(str, "cam0", "name of the camera in the topics"),
         "file": Param(str, None, "recording to play in place of a camera", optional=True),
+        "topic": Param(str, "", "event topic to play, of a file that has several (the first)"),
         "emulate": Param(
             str,
             None,
@@ -104,7 +105,9 @@ class CameraNode(Node):
             speed = parse_pace(p["pace"])
         except ValueError as e:
             raise ParamError(f"{self.name}: {e}") from None
-        self.driver = find_driver(p["file"], p["emulate"], p["serial"], speed, p["duration"], p["faults"])
+        self.driver = find_driver(
+            p["file"], p["emulate"], p["serial"], speed, p["duration"], p["faults"], topic=p["topic"]
+        )
         self.driver.open()
         if isinstance(self.driver, FileSource):
             played_as_device = p["emulate"] and not is_model(p["emulate"])

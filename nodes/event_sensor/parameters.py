@@ -18,6 +18,8 @@ MODELS = ("evis", "evis-paper", "esim", "v2e", "dvs_voltmeter")
 CROSSINGS = ("frame", "linear", "monotone", "cubic", "hermite")
 LOOK_AHEAD = ("monotone", "cubic")
 """Those whose curve needs the frame after the step."""
+LARGEST_SIDE = 1 << 16
+"""Most rows and columns: coordinates are uint16."""
 NEED_SLOPES = ("hermite",)
 """Crossings for frames with dL/dt, which no node makes: `evis events simulate` takes them from a file."""
 

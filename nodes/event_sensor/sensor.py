@@ -47,7 +47,7 @@ from nodes.event_sensor.model.features import marks
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS
 from nodes.event_sensor.optics.optics import Optics
-from nodes.event_sensor.parameters import LOOK_AHEAD, frames_only, resolve_sensor
+from nodes.event_sensor.parameters import LARGEST_SIDE, LOOK_AHEAD, frames_only, resolve_sensor
 from nodes.event_sensor.readout.device_events import CALLS, DeviceEvents, Pending, Ready
 from nodes.event_sensor.readout.packet import Events as Events
 from nodes.event_sensor.readout.packet import merged, parted
@@ -89,7 +89,7 @@ class EventSensor:
         **parameters: Any,
     ) -> None:
         """Raises ValueError for a size or a parameter out of range."""
-        if not (1 <= height <= 65536 and 1 <= width <= 65536 and envs >= 1 and channels in (1, 3)):
+        if not (1 <= height <= LARGEST_SIDE and 1 <= width <= LARGEST_SIDE and envs >= 1 and channels in (1, 3)):
             raise ValueError(f"event sensor cannot have {envs} x {height} x {width} pixels in {channels} channels")
         p = resolve_sensor("event sensor", preset, parameters)
         for side in ("threshold_on", "threshold_off"):

@@ -11,6 +11,8 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
+from evis.bag import BagError
+from evis.bag.reader import BagReader
 from evis.bag.writer import BagWriter, describe_run
 
 KEYFRAMES = 6
@@ -153,7 +155,6 @@ def test_bags_of_other_programs(tmp_path):
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import get_types_from_msg
 
-    from evis.bag.reader import BagReader
     from evis.bag.ros.schemas import DEFINITIONS
 
     store = get_typestore(Stores.ROS2_HUMBLE)
@@ -186,3 +187,12 @@ def test_bags_of_other_programs(tmp_path):
         [0, 1],
     ]
     assert found["/d/events"].encoding == "evt3" and found["/d/events"].raw.tobytes() == words.tobytes()
+
+
+@pytest.mark.parametrize(("names", "there"), [(["a_0.mcap", "metadata.yaml"], "a_0.mcap"), ([], "none")])
+def test_a_folder_is_told_with_what_to_name(tmp_path, names, there):
+    """ROS 2 keeps a bag as a folder."""
+    for name in names:
+        (tmp_path / name).touch()
+    with pytest.raises(BagError, match=f"is a folder; name the .mcap in it .it holds {there}."):
+        BagReader(tmp_path)

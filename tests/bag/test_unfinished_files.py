@@ -1,5 +1,6 @@
 """A disk that takes no more leaves no part of a file, what was finished before, and one line that says so."""
 
+import errno
 import importlib.util
 import os
 import resource
@@ -10,6 +11,8 @@ import sys
 import numpy as np
 import pytest
 
+from evis.bag import BagError
+from evis.bag.mcap import container
 from evis.bag.writer import BagWriter
 from evis.files.whole_file import whole_file
 from msgs.camera import Keyframe
@@ -98,3 +101,34 @@ def test_a_link_stays_one(tmp_path):
         place.write_text("new")
     assert (tmp_path / "link.txt").is_symlink() and (tmp_path / "real.txt").read_text() == "new"
     assert len(list(tmp_path.iterdir())) == 2
+
+
+@pytest.mark.parametrize("older", [True, False])
+def test_a_bag_that_has_no_room_is_not_recovered_in_part(tmp_path, older):
+    """What it would lack is still in its source; an older file of its name is as it was."""
+    values = np.random.default_rng(0).normal(size=(1, 80, 100, 3)).astype(np.float32)
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        writer.write("/cam0/keyframe", Keyframe(Header(0, 0), radiance=values, episodes=np.zeros(1, np.int32)))
+    out = tmp_path / "out.mcap"
+    if older:
+        out.write_bytes(b"older")
+    status, error = limited("bag", "recover", tmp_path / "a.mcap", out)
+    assert status == 1 and len(error.splitlines()) == 1
+    assert f"{out}: File too large; nothing is left of it" in error and "recording" not in error
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mcap", *(["out.mcap"] if older else [])]
+    assert not older or out.read_bytes() == b"older"
+
+
+def test_a_disk_without_room_for_the_first_bytes_keeps_what_was_there(tmp_path, monkeypatch):
+    """The name is taken only by a file in which something is."""
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    (tmp_path / "a.mcap").write_bytes(b"older")
+    monkeypatch.setattr(container.os, "writev", full)
+    for name, content in (("a.mcap", b"older"), ("b.mcap", None)):
+        with pytest.raises(BagError, match=f"{name}: No space left on device; nothing could be written"):
+            BagWriter(tmp_path / name)
+        assert content is None or (tmp_path / name).read_bytes() == content
+    assert [path.name for path in tmp_path.iterdir()] == ["a.mcap"]

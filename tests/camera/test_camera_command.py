@@ -12,6 +12,7 @@ from camera_rig import write
 
 from evis.cli import main
 from evis.cli.machine import camera
+from evis.config.params import in_full
 
 
 def call(capsys, *arguments: str) -> str:
@@ -76,3 +77,13 @@ def test_info_parts_each_name_from_its_value(capsys):
     assert camera.run(parser.parse_args(["info", "--emulate", "davis346"])) == 0
     shown = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())
     assert shown["sensor"] == "DAVIS346" and shown["width"] == "346" and shown["dvs_orientation"] == "0"
+
+
+def test_limits_have_all_their_digits(capsys):
+    """2^24 rows or lines are no 1.67772e+07; a power of ten stays short."""
+    assert (in_full(2**24), in_full(1e9), in_full(0.25)) == ("16777216", "1e+09", "0.25")
+    for model in ("evk4", "davis346", "dvxplorer"):
+        told = call(capsys, "info", "--emulate", model, "--settings", "--json")
+        numbers = [f[side] for f in json.loads(told)["settings"].values() for side in ("minimum", "maximum")]
+        shown = call(capsys, "info", "--emulate", model, "--settings")
+        assert all(f" {in_full(n)}" in shown or f"({in_full(n)}" in shown for n in numbers if n is not None)

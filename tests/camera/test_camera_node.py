@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 from camera_rig import DATA, Runtime, joined, play, write
 
+from evis.bag.writer import BagWriter
 from evis.config.params import ParamError
+from msgs.camera import EventPacket
+from msgs.header import Header
 
 REAL = ["derived/gen31_vga_from_bag1.raw", "prophesee/faery_evt2.raw"]
 MS = 1_000_000
@@ -177,3 +180,20 @@ def test_wrong_use_is_named(params, error, text, no_camera):
     with pytest.raises(error, match=text) as caught:
         play(Runtime(), **params)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("emulate", [None, "davis346"])
+def test_the_topic_of_a_bag_with_several_is_chosen(emulate, tmp_path):
+    """The right camera's events are those at its pixel; a topic that is not there is named with those that are."""
+    path = tmp_path / "stereo.mcap"
+    with BagWriter(path) as writer:
+        for k, camera in enumerate(("cam0", "cam1")):
+            t, at = np.array([2 * MS, 3 * MS]), np.full(2, 10 * (k + 1), np.uint16)
+            packet = EventPacket(Header(4 * MS), np.array([0, 2]), t, at, at, np.ones(2, np.uint8))
+            packet.width, packet.height = 346, 260
+            writer.write(f"/{camera}/events", packet)
+    for topic, pixel in (("/cam1/events", 20), ("", 10)):
+        runtime = play(Runtime(), file=str(path), emulate=emulate, pace="fast", topic=topic)
+        assert joined(runtime.messages["events"]).x.tolist() == [pixel, pixel]
+    with pytest.raises(ValueError, match=r"/cam2/events.*/cam1/events"):
+        play(Runtime(), file=str(path), emulate=emulate, pace="fast", topic="/cam2/events")

@@ -48,5 +48,5 @@ def test_a_dvs128_gets_events_and_triggers_in_order(tmp_path):
 def test_negative_times_are_refused(name, tmp_path):
     """By every wire, none moves them to 0."""
     recorded(tmp_path / "a.npz", range(-50, 50))
-    with pytest.raises(ValueError, match=r"negative time -50000 ns; use --rebase or \.npz"):
+    with pytest.raises(ValueError, match=r"negative time -50000 ns; use --rebase"):
         run(played(name, tmp_path / "a.npz"))

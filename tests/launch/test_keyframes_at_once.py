@@ -311,6 +311,8 @@ def test_several_at_once_only_where_nobody_waits() -> None:
     with pytest.raises(ConnectionRefusedError, match=r"robot_arm takes no /action .* makes 4 keyframes at once"):
         taker(asked, "/action")
     assert taker(composed("falling_objects", batch=4), "/action") == "physics", "which says that it has no actuators"
+    with pytest.raises(LaunchError, match=r"batch:=4 with envs:=3: environments are a batch already; leave one out"):
+        composed("spinning_disk", batch=4, envs=3)
     with pytest.raises(LaunchError, match="batch:=4 makes several keyframes at once, but a realtime graph keeps"):
         composed("spinning_disk", pace="realtime", batch=4)
     stepped = Options(view=False, grouping="compose", stepped=True)

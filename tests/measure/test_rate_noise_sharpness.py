@@ -131,3 +131,15 @@ def test_window_too_short():
     """One clear line."""
     with pytest.raises(ValueError, match="window of 10 ns is too short"):
         Measurement(*SIZE, window_ns=10)
+
+
+@pytest.mark.parametrize("apart", [10_000_000, 10])
+def test_the_end_of_a_stream_is_no_peak(apart):
+    """Events at even distances have the same rate everywhere, also where the last one begins a window; three within
+    20 ns are not spread over 10 ms.
+    """
+    rate = Rate(10_000_000)
+    rate.add(np.arange(3) * apart, np.ones(3, np.uint8))
+    told = rate.report()
+    wanted = 1e9 / apart if apart == 10_000_000 else told["event_rate_hz"]
+    assert told["rate"]["peak_hz"] == pytest.approx(wanted) and told["rate"]["median_hz"] == pytest.approx(wanted)

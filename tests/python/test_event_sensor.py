@@ -228,7 +228,9 @@ BAD: list[tuple[str, Any]] = [
     ("uint8; they must be linear", lambda: evis.EventSensor(6, 8)(np.ones((13, 6, 8), np.uint8), stamps())),
     ("whole nanoseconds", lambda: evis.EventSensor(6, 8)(video(), stamps() * 1e-9)),
     ("13 stamps|12 stamps", lambda: evis.EventSensor(6, 8)(video(), stamps()[:12])),
-    ("height is 0; it must be a whole number, 1 or more", lambda: evis.EventSensor(0, 8)),
+    ("height is 0; it must be a whole number, 1 to 65536", lambda: evis.EventSensor(0, 8)),
+    ("height is 70000; it must be a whole number, 1 to 65536", lambda: evis.EventSensor(70_000, 2)),
+    ("width is 65537; it must be a whole number, 1 to 65536", lambda: evis.EventSensor(2, 65537)),
     ("height is 5.5; it must be", lambda: evis.EventSensor(5.5, 8)),  # type: ignore[arg-type]
     ("width is '8'; it must be", lambda: evis.EventSensor(6, "8")),  # type: ignore[arg-type]
     ("envs is 0; it must be", lambda: evis.EventSensor(6, 8, envs=0)),

@@ -30,6 +30,7 @@ from evis.bag.mcap.packing import LARGE, LARGEST, Packed, Packer, Piece
 from evis.bag.mcap.summary import ChunkEntry, Summary, message_index, record_bytes
 from evis.bag.mcap.sync import Syncer
 from evis.bag.threads import ALONE, Threads
+from evis.files.whole_file import written_at
 
 CHUNK_BYTES = 1 << 20
 CHUNK_PERIOD_S = 0.1
@@ -68,8 +69,8 @@ class Container:
         self._body = bytearray()
         self._indexes: _Indexes = {}
         self._aside, self._behind = threads.count > 1, Behind()
-        self._cause: Exception | None = None
-        """What `failure` tells of."""
+        self.cause: Exception | None = None
+        """What the system refused, of which `failure` tells."""
         self._full: list[tuple[Piece, _Indexes]] = []
         """Chunks that are complete and not yet written, within `together`."""
         self._together = False
@@ -85,7 +86,7 @@ class Container:
             if sync:
                 self.syncer = self._started_syncer()
         except BagError:
-            self.close()
+            self.withdraw()
             raise
         self._flusher = threading.Thread(target=self._flush_in_time, name="bag-flush", daemon=True)
         if math.isfinite(chunk_period_s):  # without it chunks are as large as they are meant to be, whatever the time
@@ -263,7 +264,7 @@ class Container:
 
     def _raise(self) -> None:
         error = self._behind.error
-        if error is not None and error is not self._cause:
+        if error is not None and error is not self.cause:
             self._fail(error)
         if self.failure:
             self._failure_told = True
@@ -283,10 +284,12 @@ class Container:
 
     def _fail(self, error: Exception) -> None:
         """Cuts the file back to its last whole record, and keeps the failure for who comes next."""
-        self._cause = error
+        self.cause = error
         why = error.strerror if isinstance(error, OSError) else error
         self.failure = BagError(
-            f"{self.path}: {why} after {self.end / 1e6:.1f} MB; recording has stopped, "
+            f"{self.path}: {why}; nothing could be written"
+            if not self.end
+            else f"{self.path}: {why} after {self.end / 1e6:.1f} MB; recording has stopped, "
             f"the {self._summary.messages} messages until then can be read"
         )
         with contextlib.suppress(OSError):
@@ -360,6 +363,17 @@ class Container:
                 self._behind.close()
                 self._packer.close()
                 os.close(self._descriptor)
+
+    def withdraw(self) -> None:
+        """Closes the file and takes it away, and puts an older one of its name back to its place."""
+        with contextlib.suppress(BagError):
+            self.close()
+        place = written_at(self.path)
+        with contextlib.suppress(OSError):
+            if self.backup:
+                self.backup.replace(place)
+            elif place.is_file():
+                place.unlink()
 
     def _finish_sync(self) -> None:
         if self.syncer and not self.failure:

@@ -13,6 +13,7 @@ from evis.cli.events.files import (
     blocks_of,
     check_output,
     colourless,
+    counted_from_zero,
     holds_whole_us,
     open_input,
     percent,
@@ -44,7 +45,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         if not about.width:
             raise ValueError(f"{args.source}: holds no events and no sensor size; there is nothing to convert")
         shift = (recording.next_t_ns or 0) + round(args.start * 1e9) if args.rebase else 0
-        with open_writer(args.out, about.width, about.height, args.encoding) as writer:
+        with (
+            counted_from_zero(args.rebase),
+            open_writer(args.out, about.width, about.height, args.encoding) as writer,
+        ):
             for events in blocks_of(recording, args):
                 if shift:
                     _shift(events, shift)

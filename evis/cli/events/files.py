@@ -118,6 +118,21 @@ def check_output(path: str, encoding: str) -> None:
         raise UsageError(f"{path}: {suffix} has no encoding '{encoding}'; {there}")
 
 
+@contextmanager
+def counted_from_zero(rebase: bool) -> Iterator[None]:
+    """Tells what helps where times do not fit a format although --rebase was given. Raises RecordingError."""
+    from evis.events.codecs.encoder import REBASE
+    from evis.events.recording import RecordingError
+
+    try:
+        yield
+    except ValueError as error:
+        if not rebase or REBASE not in str(error):
+            raise
+        helps = "with --rebase too: sort the events by time, or write .npz"
+        raise RecordingError(str(error).replace(REBASE, helps)) from None
+
+
 def holds_whole_us(path: str) -> bool:
     """Says whether a file by this name is written in a format that rounds times to whole us."""
     from evis.events.recording import WHOLE_US

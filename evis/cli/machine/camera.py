@@ -48,6 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             help="an emulated camera (evk4, davis346, ...) that sends --file; "
             "or a recording that stands in for a device, at real pace",
         )
+        one.add_argument(
+            "--topic", default="", metavar="NAME", help="of a --file with several event topics (the first)"
+        )
         one.add_argument("--faults", default="", metavar="F", help="how it misbehaves: busy, stall_every=50, ...")
     info, stream = actions.choices["info"], actions.choices["stream"]
     info.add_argument("--settings", action="store_true", help="also the settings that it takes, with units and ranges")
@@ -90,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
             raise UsageError(f"--{error}") from None
     _check_effect(args)
     streams = args.action == "stream"
-    with find_driver(args.file, args.emulate, args.serial, speed, duration, args.faults, streams) as driver:
+    with find_driver(args.file, args.emulate, args.serial, speed, duration, args.faults, streams, args.topic) as driver:
         return _info(driver, args) if args.action == "info" else _stream(driver, args, speed)
 
 
@@ -99,7 +102,7 @@ def _check_effect(args: argparse.Namespace) -> None:
     from nodes.camera.effects import without_effect
 
     idle = without_effect(args.file, args.emulate)
-    options = {"settings": "set", "reconnect": "reconnect", "faults": "faults", "pace": "pace"}
+    options = {"settings": "set", **{name: name for name in ("reconnect", "faults", "pace", "topic")}}
     for name, option in options.items():
         if name in idle and getattr(args, option, None):
             raise UsageError(f"--{option} has no effect: {idle[name]}; leave it out")
@@ -127,6 +130,7 @@ def _shown(value: Any) -> str:
 
 
 def _info(driver: Driver, args: argparse.Namespace) -> int:
+    from evis.config.params import in_full
     from nodes.camera.interface.settings import describe
 
     about = dataclasses.asdict(driver.info())
@@ -142,7 +146,13 @@ def _info(driver: Driver, args: argparse.Namespace) -> int:
         print(f"{name:{width}}  {value if value not in ('', [], {}) else '-'}")
     for name, facts in settings.items():
         low, high = facts["minimum"], facts["maximum"]
-        span = "" if low is None else f"{low:g} to {high:g}" if high is not None else f"at least {low:g}"
+        span = (
+            ""
+            if low is None
+            else f"{in_full(low)} to {in_full(high)}"
+            if high is not None
+            else f"at least {in_full(low)}"
+        )
         of = f" ({', '.join(filter(None, (facts['unit'], span)))})" if facts["unit"] or span else ""
         print(f"  {name}={_shown(facts['default'])}".ljust(32) + f"  {facts['help']}{of}")
     return 0

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import errno
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from evis.dataset.errors import refused_by_place
 from evis.dataset.making.finished import Entry
 from evis.dataset.making.worker import Maker
 from evis.dataset.recipe import Plan
-
-HOPELESS = (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS)
-"""Faults of the place that is written to: nothing else can be written there either."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +60,7 @@ class Answerer:
                 made = self._maker.make_together(wanted)
                 return [_told(plan, one) for plan, one in zip(wanted, made)]
             except Exception as error:
-                if _refused(error):
+                if refused_by_place(error):
                     return [_told(plan, error) for plan in wanted]
                 self._apart.add(wanted[0].scene)  # by themselves they may well do
         return [self._answer(plan) for plan in wanted]
@@ -81,17 +78,9 @@ def _told(plan: Plan, made: Entry | Exception) -> dict[str, Any]:
         return {"index": plan.index, "entry": made.as_dict()}
     if isinstance(made, MemoryError):
         return {"index": plan.index, "cause": "the worker ran out of memory"}
-    if number := _refused(made):
+    if number := refused_by_place(made):
         return {"index": plan.index, "cause": f"{plan.path}: {os.strerror(number)}", "hopeless": True}
     text = " ".join(str(made).split()) or type(made).__name__
     if not isinstance(made, (ValueError, OSError)):
         text = f"{type(made).__name__}: {text}"
     return {"index": plan.index, "cause": text}
-
-
-def _refused(error: Exception) -> int:
-    """The number of the fault for which nothing else can be written either; 0 for any other error."""
-    if isinstance(error, OSError) and error.errno in HOPELESS:
-        return error.errno
-    # HDF5 says it in the text alone.
-    return next((number for number in HOPELESS[:2] if os.strerror(number) in str(error)), 0)

@@ -12,6 +12,8 @@ import numpy as np
 from evis.events.arrays import Events
 from evis.events.codecs.decoder import CODECS
 
+REBASE = "use --rebase, which subtracts the first time, or write .npz"
+"""What helps where a format counts from 0 and times begin below it or too far behind."""
 MAX_TURNS = 10_000
 """Turns of the counter that an encoder writes to reach a time; more means that the times do not count from 0."""
 
@@ -117,7 +119,7 @@ class Encoder(abc.ABC):
         self._check_samples(events)
         for t in (events.t, events.triggers.t):
             if len(t) and int(t.min()) < 0:
-                raise ValueError(f"{self.encoding} cannot hold the negative time {t.min()} ns; use --rebase or .npz")
+                raise ValueError(f"{self.encoding} cannot hold the negative time {t.min()} ns; {REBASE}")
 
     def _check_samples(self, events: Events) -> None:
         if len(events.imu) or events.frames:
@@ -177,7 +179,7 @@ class PropheseeEncoder(Encoder):
         if (high - before) >> self.high_bits > MAX_TURNS:
             raise ValueError(
                 f"{self.encoding} counts from 0 in turns of {turn:.4g} s; a jump to {high * turn / 2 / half:.6g} s is "
-                "too far: subtract the first time (--rebase) or write .npz"
+                f"too far; {REBASE}"
             )
         count = -(-(high - before) // half) - 1
         if before >= 0:

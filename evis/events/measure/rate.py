@@ -39,7 +39,11 @@ class Rate:
         values = both / lengths * 1e9
         starts = first + window * np.arange(len(both), dtype=np.int64)
         series = [[int(t), round(float(v), 3)] for t, v in zip(starts, values)]
-        spread = {"window_ns": window, "peak_hz": float(values.max()), "median_hz": float(np.median(values))}
+        # The stream may end soon after its last window begins, whose rate then tells nothing; where there is no other
+        # one, the rate over all of the stream does.
+        ends_soon = last - first - (len(both) - 1) * window < window / 2
+        whole = both / span if len(both) == 1 else values[:-1] if ends_soon else values
+        spread = {"window_ns": window, "peak_hz": float(whole.max()), "median_hz": float(np.median(whole))}
         return result | {
             "event_rate_hz": (on + off) / span,
             "on_rate_hz": on / span,

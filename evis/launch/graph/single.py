@@ -26,9 +26,16 @@ def who_waits(plan: Plan, nodes: Sequence[Wired], stepped: bool) -> tuple[str, s
         nodes: those of the plan.
         stepped: the caller steps the graph (`evis.Simulation`).
 
-    Raises LaunchError where several keyframes at once are asked for, and somebody waits for each.
+    Raises LaunchError where several keyframes at once are asked for, and somebody waits for each, or where there are
+    several environments.
     """
     asked, awake = [node for node in nodes if (node.params.get(BATCH) or 0) > 1], _awake(plan, nodes)
+    for node in asked:
+        if (envs := node.params.get("envs") or 1) > 1:
+            raise LaunchError(
+                f"{node.spec.where}: {BATCH}:={node.params[BATCH]} with envs:={envs}: environments are a batch "
+                "already; leave one out"
+            )
     waits = _waits(plan, stepped)
     single = waits or ("" if _in_one_process(plan, awake) else SEVERAL_PROCESSES)
     if single and not waits and any(node.divides > 1 for node in awake if not node.cls.SOURCE):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -171,6 +172,8 @@ def _content(path: Path, assets: Any) -> tuple[bytes, str, list[dict[str, Any]]]
         gltf_header.check_header(tree, buffers, path.stat().st_size)
         return plain(tree, buffers), "glb", tree.get("materials", [])
     content = path.read_bytes()
+    if kind == "ply":
+        content = _colours_named(content)
     if _binary(content, kind):
         return content, kind, []
     if kind == "stl" and b"facet" not in content[:4096].lower():
@@ -185,6 +188,17 @@ def _content(path: Path, assets: Any) -> tuple[bytes, str, list[dict[str, Any]]]
         if assets.libraries:
             content = f"mtllib {LIBRARIES}\n".encode() + content
     return content, kind, []
+
+
+def _colours_named(content: bytes) -> bytes:
+    """A PLY whose colours, called diffuse_red or r by some programs, have the usual names: red, green, blue."""
+    header, end, body = content.partition(b"end_header")
+    if not end or re.search(rb"(?m)^property\s+\w+\s+red\s*$", header):
+        return content
+    for name in (b"red", b"green", b"blue"):
+        other = rb"(?:diffuse_" + name + rb"|" + name[:1] + rb")"
+        header = re.sub(rb"(?m)^(property[ \t]+\w+[ \t]+)" + other + rb"(?=\s*$)", rb"\g<1>" + name, header)
+    return header + end + body
 
 
 def _binary(content: bytes, kind: str) -> bool:

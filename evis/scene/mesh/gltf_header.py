@@ -16,6 +16,8 @@ from evis.scene.images.pictures import check_picture
 
 SUFFIXES = (".gltf", ".glb")
 _PARTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+_TRIANGLES = 4
+"""Mode of a primitive whose corners are taken by threes; also where none is given."""
 ELEMENT = 8
 """Most bytes of one number, as meshes are worked on in float64."""
 
@@ -64,6 +66,9 @@ def check_header(tree: dict[str, Any], buffers: list[bytes], size: int) -> None:
     ]
     nodes = tree.get("nodes", [])
     roots = [n for scene in tree.get("scenes", []) for n in scene.get("nodes", [])]
+    if tree.get("meshes") and not roots:
+        raise SceneError("it has meshes and no scene that shows them; write it with a scene")
+    _check_triangles(tree)
     for number in (*roots, *(child for node in nodes for child in node.get("children", []))):
         if "mesh" in nodes[number]:
             allowance.take(meshes[nodes[number]["mesh"]])
@@ -91,6 +96,18 @@ def _content(entry: dict[str, Any], read: Callable[[str], bytes], binary: bytes)
         return binary
     start = str(uri).find("base64,")
     return read(str(uri)) if start < 0 else base64.b64decode(str(uri)[start + 7 :])
+
+
+def _check_triangles(tree: dict[str, Any]) -> None:
+    """Raises SceneError for triangles whose corners are no multiple of three."""
+    for number, mesh in enumerate(tree.get("meshes", [])):
+        for primitive in mesh.get("primitives", []):
+            corners = primitive.get("indices", primitive["attributes"].get("POSITION"))
+            if corners is None or primitive.get("mode", _TRIANGLES) != _TRIANGLES:
+                continue
+            count = tree["accessors"][corners]["count"]
+            if count % 3:
+                raise SceneError(f"mesh {number} has triangles of {count} corners, no multiple of 3; write it anew")
 
 
 def _size(accessor: dict[str, Any]) -> int:

@@ -150,12 +150,13 @@ class _Pieces(Feed):
 class RecordingFeed(_Pieces):
     """Supplies a recording as the model sends it: the file's own bytes where it holds them, else encoded anew.
 
-    speed: device time per real time, 0 = as fast as it is read. duration_s: 0 = all.
+    speed: device time per real time, 0 = as fast as it is read. duration_s: 0 = all. topic: of a bag with several;
+    "" = the first.
     """
 
-    def __init__(self, path: str, model: Model, speed: float, duration_s: float = 0.0) -> None:
+    def __init__(self, path: str, model: Model, speed: float, duration_s: float = 0.0, topic: str = "") -> None:
         super().__init__(speed)
-        self._recording = open_recording(path)
+        self._recording = open_recording(path, topic=topic)
         about = self.about = self._recording.info
         self.same = about.encoding == model.encoding and about.format == "raw"
         first = self._recording.next_t_ns

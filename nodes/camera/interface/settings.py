@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from evis.config.params import in_full
 from evis.config.suggestions import nearest
 
 
@@ -31,8 +32,10 @@ class Configuration:
             if isinstance(value, (int, float)) and not math.isfinite(value):
                 raise ValueError(f"{f.name} is {value}; it must be finite")
             if (low is not None and value < low) or (high is not None and value > high):
-                span = f"at least {low:g}" if high is None else f"{low:g} to {high:g}"
-                raise ValueError(f"{f.name} is {value:g} {unit}; it must be {span} {unit}".replace(" ;", ";").rstrip())
+                span = f"at least {in_full(low)}" if high is None else f"{in_full(low)} to {in_full(high)}"
+                raise ValueError(
+                    f"{f.name} is {in_full(value)} {unit}; it must be {span} {unit}".replace(" ;", ";").rstrip()
+                )
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Any:

@@ -10,7 +10,7 @@ import warp as wp
 
 from evis.config.params import Param, ParamError, resolve
 from nodes.event_sensor.messages.limit import MOST_NOISE, REMEDY, check_noise, longest_step
-from nodes.event_sensor.parameters import SENSOR
+from nodes.event_sensor.parameters import LARGEST_SIDE, SENSOR
 from nodes.event_sensor.peers import kernels
 from nodes.event_sensor.sensor import Events
 
@@ -41,7 +41,7 @@ class Model:
 
     def __init__(self, height: int, width: int, envs: int = 1, *, seed: int = 0, **params: Any) -> None:
         """Raises ValueError for a size or a parameter out of range."""
-        if not (1 <= height <= 65536 and 1 <= width <= 65536 and envs >= 1):
+        if not (1 <= height <= LARGEST_SIDE and 1 <= width <= LARGEST_SIDE and envs >= 1):
             raise ValueError(f"event model {self.NAME} cannot have {envs} x {height} x {width} pixels")
         self.height, self.width, self.envs = height, width, envs
         self.params = self._resolve(params)

@@ -302,3 +302,18 @@ def test_simulate_tells_of_samples_without_a_logarithm(capsys, tmp_path):
     assert result["nonfinite"] == 4 * 8 and "try --dark-level" in result["warnings"][0]
     result = call(capsys, "simulate", tmp_path / "f.npz", tmp_path / "o.npz", "--dark_level", "0.01")
     assert "warnings" not in result and "nonfinite" not in result
+
+
+@pytest.mark.parametrize("ending", ["es", "dat", "raw", "aedat"])
+def test_rebase_is_not_advised_to_who_gave_it(capsys, tmp_path, ending):
+    """Of events that are not in order the first one may not be the earliest."""
+    with open_writer(tmp_path / "a.npz", 9, 9) as writer:
+        writer.write(Events.of([5_000_000, 1_000_000], [1, 2], [1, 2], [0, 1]))
+    words = ["convert", tmp_path / "a.npz", tmp_path / f"a.{ending}"]
+    if ending == "aedat":
+        words[2] = tmp_path / "a.es"
+        with open_writer(tmp_path / "a.npz", 9, 9) as writer:  # an hour and a half of silence
+            writer.write(Events.of([0, 10**17], [1, 2], [1, 2], [0, 1]))
+    with pytest.raises(ValueError, match=r"sort the events.*write \.npz") as told:
+        command.run(parse(*words, "--rebase"))
+    assert "use --rebase" not in str(told.value)

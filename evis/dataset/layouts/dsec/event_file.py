@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from evis.dataset.layouts import LayoutError
@@ -12,6 +11,7 @@ from evis.dataset.layouts.columns import EVENT_TYPES
 from evis.dataset.layouts.hdf5_rows import GrowingRows, blosc
 from evis.dataset.layouts.millisecond_index import NAME, MillisecondIndex
 from evis.events.arrays import Events
+from evis.files.hdf5_writing import NewFile
 
 _US_END = 1 << 32
 """DSEC's times are uint32 us: 71 minutes."""
@@ -22,7 +22,7 @@ class EventFile:
 
     def __init__(self, path: Path, start_us: int) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = h5py.File(path, "w", libver=("earliest", "v110"))
+        self._file = NewFile(path, libver=("earliest", "v110"))
         self._start_us = start_us
         self._index = MillisecondIndex(start_us * 1000)
         packed = blosc() or {"compression": "gzip"}
@@ -39,6 +39,7 @@ class EventFile:
         for name, values in (("t", t.astype(np.uint32)), ("x", events.x), ("y", events.y), ("p", events.p)):
             self._columns[name].add(values)
         self._marks.add(self._index.add(events.t))
+        self._file.check()
 
     def close(self, end_ns: int) -> None:
         """Writes the index to its end."""

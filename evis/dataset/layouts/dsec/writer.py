@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import IO, Any
 
-import h5py
 import numpy as np
 import yaml
 
@@ -25,6 +24,7 @@ from evis.dataset.layouts.rectification import Rectification
 from evis.dataset.layouts.sample import Sample
 from evis.dataset.layouts.stereo_sides import SIDES, sides
 from evis.dataset.layouts.writer import SequenceWriter
+from evis.files.hdf5_writing import NewFile
 from msgs.camera import Image
 
 FLOW_HEAD = "# from_timestamp_us, to_timestamp_us\n"
@@ -53,7 +53,7 @@ class DsecWriter(SequenceWriter):
             self.note(NO_BLOSC)
         for camera, side in self.sides.items():
             self._files[camera] = EventFile(self.directory / "events" / side / "events.h5", about.start_ns // 1000)
-            with h5py.File(self.directory / "events" / side / "rectify_map.h5", "w") as file:
+            with NewFile(self.directory / "events" / side / "rectify_map.h5") as file:
                 packed = blosc() or {"compression": "gzip"}
                 file.create_dataset("rectify_map", data=self._rectified[camera].map, **packed)
         infos = list(about.cameras.values())

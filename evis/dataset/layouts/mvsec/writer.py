@@ -22,6 +22,7 @@ from evis.dataset.layouts.rectification import Rectification
 from evis.dataset.layouts.sample import Sample
 from evis.dataset.layouts.stereo_sides import SIDES, sides
 from evis.dataset.layouts.writer import SequenceWriter
+from evis.files.hdf5_writing import NewFile
 from evis.geometry import se3
 from msgs.camera import CameraInfo, Image
 
@@ -42,7 +43,7 @@ class MvsecWriter(SequenceWriter):
         self.sides = sides(dict(self.about.cameras), self.about.name)
         stem = self.directory / self.about.name
         self._data, self._truth = (
-            h5py.File(f"{stem}_{part}.hdf5", "w", libver=("earliest", "v110")) for part in ("data", "gt")
+            NewFile(f"{stem}_{part}.hdf5", libver=("earliest", "v110")) for part in ("data", "gt")
         )
         self._rectified = {camera: Rectification(info) for camera, info in self.about.cameras.items()}
         self._rows: dict[str, GrowingRows] = {}
@@ -81,16 +82,17 @@ class MvsecWriter(SequenceWriter):
             pixels = np.rint(pixels @ np.array([0.2126, 0.7152, 0.0722])).astype(pixels.dtype)[..., None]
         self._stamped(self._data, f"{group}/image_raw", pixels[..., 0], image.header.stamp_ns * 1e-9)
 
-    def _stamped(self, file: h5py.File, name: str, array: np.ndarray, seconds: float) -> None:
+    def _stamped(self, file: NewFile, name: str, array: np.ndarray, seconds: float) -> None:
         self._grow(file, name, array[None])
         self._grow(file, f"{name}_ts", np.array([seconds]))
 
-    def _grow(self, file: h5py.File, name: str, rows: np.ndarray) -> None:
+    def _grow(self, file: NewFile, name: str, rows: np.ndarray) -> None:
         if name not in self._rows:
             self._rows[name] = GrowingRows(
                 file, name, rows.shape[1:], rows.dtype, compression="gzip", compression_opts=1
             )
         self._rows[name].add(rows)
+        file.check()
 
     def _add_flow(self, group: str, info: CameraInfo, arrays: dict[str, np.ndarray]) -> None:
         start, end = (int(t) for t in arrays["flow_t"])

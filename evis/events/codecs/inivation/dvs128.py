@@ -10,8 +10,8 @@ import numpy as np
 
 from evis.events.arrays import Events, Triggers
 from evis.events.codecs import decoder
+from evis.events.codecs.encoder import REBASE, merge
 from evis.events.codecs.encoder import Encoder as _Encoder
-from evis.events.codecs.encoder import merge
 from evis.events.codecs.inivation.words import MAX_OFFSET_US
 
 OFFSET, OUTSIDE, RESETS = 1, 2, 3
@@ -111,6 +111,5 @@ class Encoder(_Encoder):
     def _limit(self, wraps: int) -> None:
         if wraps > MAX_WRAPS:
             raise ValueError(
-                f"dvs128 counts from 0 in turns of 16.4 ms; a jump of {wraps * 0.016384:.6g} s is too far: subtract "
-                "the first time (--rebase) or write .npz"
+                f"dvs128 counts from 0 in turns of 16.4 ms; a jump of {wraps * 0.016384:.6g} s is too far; {REBASE}"
             )

@@ -13,8 +13,8 @@ import numpy as np
 
 from evis.events.arrays import Events
 from evis.events.codecs import decoder
+from evis.events.codecs.encoder import REBASE, find_groups
 from evis.events.codecs.encoder import Encoder as _Encoder
-from evis.events.codecs.encoder import find_groups
 from evis.events.codecs.inivation.dvxplorer import folded
 
 GROUPS, REFERENCE, COLUMN = 1 << 31, 1 << 27, 1 << 26
@@ -194,8 +194,7 @@ class Encoder(_Encoder):
         turns = (ms >> REFERENCE_BITS) - ((before or 0) >> REFERENCE_BITS)
         if turns > MAX_TURNS:
             raise ValueError(
-                f"dvxplorer_mini counts from 0 in turns of 4194 s; a jump to {ms / 1e3:.6g} s is too far: subtract the "
-                "first time (--rebase) or write .npz"
+                f"dvxplorer_mini counts from 0 in turns of 4194 s; a jump to {ms / 1e3:.6g} s is too far; {REBASE}"
             )
         if not turns:
             return np.array([REFERENCE | ms & REFERENCE_MASK])

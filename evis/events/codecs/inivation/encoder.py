@@ -7,6 +7,7 @@ import abc
 import numpy as np
 
 from evis.events.arrays import Events
+from evis.events.codecs.encoder import REBASE
 from evis.events.codecs.encoder import Encoder as _Encoder
 from evis.events.codecs.inivation.imu import ImuChip
 from evis.events.codecs.inivation.words import TRIGGERS
@@ -61,8 +62,8 @@ class Encoder(_Encoder):
         whole = np.maximum(turns - 1, 0) // MAX_WRAP
         if whole.sum() > MAX_WRAP_WORDS:
             raise ValueError(
-                f"{self.encoding} counts from 0 in turns of 32.8 ms; a jump to {t_us.max() / 1e6:.6g} s is too far: "
-                "subtract the first time (--rebase) or write .npz"
+                f"{self.encoding} counts from 0 in turns of 32.8 ms; a jump to {t_us.max() / 1e6:.6g} s is too far; "
+                f"{REBASE}"
             )
         out = np.zeros((len(t_us), 2 + cells.shape[1]), np.int64)
         use = np.zeros(out.shape, bool)
@@ -105,7 +106,7 @@ class Encoder(_Encoder):
             words = self.imu.words(imu.acceleration[i], imu.angular_velocity[i], float(imu.temperature[i]))
             blocks.append((t // 1000, words))
         if blocks and min(t for t, _ in blocks) < 0:
-            raise ValueError(f"{self.encoding} cannot hold negative times; use --rebase or .npz")
+            raise ValueError(f"{self.encoding} cannot hold negative times; {REBASE}")
         return blocks
 
     def _check_samples(self, events: Events) -> None:

@@ -7,6 +7,7 @@ import os
 import numpy as np
 
 from evis.events.arrays import Events
+from evis.events.codecs.encoder import REBASE
 from evis.events.files.es.layout import EVENT_BYTES, MAGIC, TIME_SHIFT, TYPES, VERSION, longest_time
 from evis.events.files.file_writer import FileWriter, check_size, refuse_encoding
 from evis.events.recording import RecordingError
@@ -37,15 +38,14 @@ class EsWriter(FileWriter):
         step = np.diff(t, prepend=self._last)
         if int(t[0]) < 0:
             raise RecordingError(
-                f"{self.path}: .es counts from 0, and cannot hold the negative time {events.t[0]} ns; use --rebase, or "
-                "write .npz"
+                f"{self.path}: .es counts from 0, and cannot hold the negative time {events.t[0]} ns; {REBASE}"
             )
         if int(step.min()) < 0:
             raise RecordingError(f"{self.path}: .es cannot hold times that step back; sort the events, or write .npz")
         if int(step.max()) > _MAX_PAUSE_US:
             raise RecordingError(
                 f"{self.path}: .es counts from 0, a byte for each {_LONGEST_US} us: "
-                f"{int(step.max()) / 1e6:.0f} s is too long; use --rebase, or write .npz"
+                f"{int(step.max()) / 1e6:.0f} s is too long; {REBASE}"
             )
         pauses = step // _LONGEST_US
         end = np.cumsum(pauses + EVENT_BYTES)

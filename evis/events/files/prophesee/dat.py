@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from evis.events.arrays import Events, Triggers
+from evis.events.codecs.encoder import REBASE
 from evis.events.files.file_writer import FileWriter, check_size, refuse_encoding
 from evis.events.files.reading.block_recording import take_size
 from evis.events.files.reading.record_file import RecordFile
@@ -153,7 +154,7 @@ class DatWriter(FileWriter):
         t = events.t // 1000
         steps = np.diff(t, prepend=self._last if self._last >= 0 else t[0])
         if int(t.min()) < 0 or (self._last < 0 and int(t[0]) >= 1 << 32):
-            raise RecordingError(f"{self.path}: DAT counts from 0 to 4294 s; use --rebase, or write .npz")
+            raise RecordingError(f"{self.path}: DAT counts from 0 to 4294 s; {REBASE}")
         if int(np.abs(steps).max()) >= 1 << 31:
             raise RecordingError(f"{self.path}: DAT cannot hold a pause of {int(np.abs(steps).max()) / 1e6:.0f} s")
         if max(int(events.x.max()), int(events.y.max())) >= _SIDE:
