@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.spaces import Dict, Space
 
 from evis.env.actions import Actions
-from evis.env.observations import Moment, Observation, Setting
+from evis.env.observations import Moment, Observation, Setting, is_number
 from evis.env.picture import Painter
 from evis.env.state import State
 from evis.env.task import Task
@@ -22,6 +22,12 @@ from nodes.event_sensor.parameters import LOOK_AHEAD
 
 Observed = Any
 """An array [E, ...], or a dict of such."""
+_TAKEN = {
+    "envs": "gymnasium.make_vec(..., num_envs=4) makes several",
+    "outputs": "what is observed says what the simulation gives",
+    "seed": "reset(seed=3) says it",
+}
+"""Arguments of a simulation that environments give by themselves."""
 
 
 class Outcome(NamedTuple):
@@ -41,6 +47,7 @@ class Batch:
         self,
         task: str | Task,
         envs: int,
+        /,
         *,
         observation: Observation | Mapping[str, Observation] | None = None,
         normalise: bool = True,
@@ -66,10 +73,10 @@ class Batch:
         if isinstance(task, str) and task not in TASKS:
             raise ValueError(f"there is no task '{task}'; there are {', '.join(TASKS)}")
         self.task: Task = TASKS[task]() if isinstance(task, str) else task
-        chosen = copy.deepcopy(self.task.observation if observation is None else observation)
-        self._parts: dict[str, Observation] = {"": chosen} if isinstance(chosen, Observation) else dict(chosen)
-        if not self._parts:
-            raise ValueError("nothing is observed; give one observation, or several by name")
+        for name, remedy in _TAKEN.items():
+            if name in arguments or name in self.task.arguments:
+                raise ValueError(f"{name} is no argument of an environment; {remedy}")
+        self._parts = _by_name(copy.deepcopy(self.task.observation if observation is None else observation))
         outputs = dict.fromkeys([*(part.output for part in self._parts.values()), "state"])
         # Tells what the sensor is.
         outputs |= dict.fromkeys(f"{part.camera}.info".lstrip(".") for part in self._parts.values() if _of_events(part))
@@ -116,8 +123,8 @@ class Batch:
         self.observation_space = spaces[""] if "" in spaces else Dict(spaces)
         self.steps = np.zeros(self.envs, np.int64)
         """Steps since each environment's reset."""
-        if not 0 <= seconds < np.inf:
-            raise ValueError(f"seconds is {seconds:g}; an episode takes some time, or has no end with 0")
+        if not is_number(seconds) or not 0 <= seconds < np.inf:
+            raise ValueError(f"seconds is {seconds!r:.60}; an episode takes some time, or has no end with 0")
         self._last_step = round(seconds * self.rate) if seconds else None
         self._stamps = [0]
         """Stamps of the keyframes since a reset, as far as they were needed [ns]."""
@@ -228,6 +235,19 @@ class Batch:
     def close(self) -> None:
         """Ends the simulation."""
         self.simulation.close()
+
+
+def _by_name(observation: Any) -> dict[str, Observation]:
+    """The parts of an observation by name, one alone by none. Raises ValueError for what is no observation."""
+    if isinstance(observation, Observation):
+        return {"": observation}
+    if not isinstance(observation, Mapping) or not all(
+        isinstance(name, str) and name and isinstance(part, Observation) for name, part in observation.items()
+    ):
+        raise ValueError(f"observation is {observation!r:.80}; several are observations by name, no name being empty")
+    if not observation:
+        raise ValueError("nothing is observed; give one observation, or several by name")
+    return dict(observation)
 
 
 def _of_events(part: Observation) -> bool:

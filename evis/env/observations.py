@@ -113,6 +113,11 @@ def _pooled_size(block: Block, setting: Setting) -> tuple[int, int]:
     return setting.height // rows, setting.width // columns
 
 
+def is_number(value: Any) -> bool:
+    """Says whether a value is one real number, of Python or numpy."""
+    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+
+
 def _check_count(name: str, value: Any) -> None:
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
         raise ValueError(f"{name} is {value!r:.60}; it must be a whole number, 1 or more")
@@ -184,8 +189,8 @@ class TimeSurface(Observation):
 
     def begin(self, setting: Setting) -> Box:
         """Implements Observation.begin."""
-        if not 0 < self.tau < np.inf:
-            raise ValueError(f"tau is {self.tau:g}; it must be a number of seconds above 0")
+        if not is_number(self.tau) or not 0 < self.tau < np.inf:
+            raise ValueError(f"tau is {self.tau!r:.60}; it must be a number of seconds above 0")
         self._surface = representations.TimeSurface(max(1, round(self.tau * 1e9)))
         return Box(0.0, 1.0, (2, *_pooled_size(self.pool, setting)), np.float32)
 
@@ -245,6 +250,8 @@ class Frames(Observation):
 
     def begin(self, setting: Setting) -> Box:
         """Implements Observation.begin."""
+        if not is_number(self.exposure) or not 0 < self.exposure < np.inf:
+            raise ValueError(f"exposure is {self.exposure!r:.60}; it must be a number above 0")
         return Box(0, 255, (setting.height, setting.width, 1 if self.grey else 3), np.uint8)
 
     def values(self, moment: Moment) -> np.ndarray:
@@ -286,6 +293,8 @@ class Poses(Observation):
 
     def begin(self, setting: Setting) -> Box:
         """Implements Observation.begin."""
+        if isinstance(self.bodies, str):
+            raise ValueError(f"bodies is {self.bodies!r:.60}; names come several, as ({self.bodies!r:.60},)")
         chosen = self.bodies or setting.names
         if missing := [name for name in chosen if name not in setting.names]:
             raise ValueError(f"there is no body '{missing[0]}'; there are {', '.join(setting.names)}")

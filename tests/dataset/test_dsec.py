@@ -54,6 +54,18 @@ def test_the_index_is_right_at_every_millisecond(folder: Path) -> None:
     assert np.array_equal(index, [np.count_nonzero(want["t"] < mark) for mark in marks])
 
 
+@pytest.mark.parametrize("kind", ["forward_flow", "backward_flow"])
+def test_labels_of_an_interval_without_any_have_the_shape_of_others(folder: Path, kind: str) -> None:
+    reader = reader_of("dsec")(folder)
+    all_of_them = reader.labels(kind, 0, 2 * DURATION_NS)
+    stamp = int(all_of_them["t"][-1])
+    none = reader.labels(kind, stamp + 1, stamp + 2)
+    assert len(all_of_them["t"]) and not len(none["t"])
+    joined = {name: np.concatenate([none[name], array]) for name, array in all_of_them.items()}
+    assert all(np.array_equal(joined[name], array, equal_nan=True) for name, array in all_of_them.items())
+    assert all(joined[name].dtype == none[name].dtype == array.dtype for name, array in all_of_them.items())
+
+
 @pytest.mark.parametrize("way", ["forward", "backward"])
 def test_flow_is_that_of_the_labels(folder: Path, way: str) -> None:
     """Where it is valid, to half of 1/128 px; the times are those of its two ends."""

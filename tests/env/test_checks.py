@@ -59,6 +59,16 @@ def test_render_shows_the_camera_with_events() -> None:
         ({"observation": evis.env.CountImage(pool=2.0)}, "pool=2.0 is neither a side"),  # type: ignore[arg-type]
         ({"observation": evis.env.TimeSurface(tau=-1)}, "tau is -1; it must be a number of seconds above 0"),
         ({"observation": evis.env.Poses(("cat",))}, "no body 'cat'; there are cart, pole"),
+        ({"observation": evis.env.Poses("pole")}, "bodies is 'pole'; names come several"),  # type: ignore[arg-type]
+        ({"observation": evis.env.TimeSurface("1")}, "tau is '1'; it must be a number"),  # type: ignore[arg-type]
+        ({"observation": evis.env.Frames(exposure=-1)}, "exposure is -1; it must be a number above 0"),
+        ({"observation": evis.env.Frames(exposure=float("nan"))}, "exposure is nan; it must be a number above 0"),
+        ({"observation": [evis.env.Joints()]}, "several are observations by name"),
+        ({"observation": {"": evis.env.Joints(), "events": evis.env.CountImage()}}, "by name, no name being empty"),
+        ({"seconds": "5"}, "seconds is '5'; an episode takes some time"),
+        ({"seed": 4}, r"seed is no argument of an environment; reset\(seed=3\) says it"),
+        ({"envs": 4}, r"envs is no argument of an environment; gymnasium.make_vec\(..., num_envs=4\)"),
+        ({"outputs": ("events",)}, "outputs is no argument of an environment; what is observed says"),
         ({"render_mode": "human"}, "rgb_array"),
         ({"seconds": -1}, "seconds is -1; an episode takes some time"),
         ({"seconds": float("nan")}, "seconds is nan; an episode takes some time"),

@@ -94,12 +94,12 @@ class DsecReader(SequenceReader):
             part, images = self._images(f"flow/{way}", times.max(1), t0, t1)
             pairs = [codes_to_flow(image) for image in images]
             ends = np.sort(times[part], 1)
-            flow, valid = (_stack([pair[i] for pair in pairs]) for i in range(2))
+            flow, valid = (_stack([pair[i] for pair in pairs], part) for i in range(2))
             return {"t": ends[:, 1], "flow_t": ends, kind: flow, f"{way}_valid": valid}
         if kind == "disparity":
             stamps = self._times_of("disparity/timestamps.txt", 1)[:, 0]
             part, images = self._images("disparity/event", stamps, t0, t1)
-            return {"t": stamps[part], kind: _stack([codes_to_disparity(image) for image in images])}
+            return {"t": stamps[part], kind: _stack([codes_to_disparity(image) for image in images], part)}
         exposures = self._times_of(f"images/{side}/exposure_timestamps.txt", 2)
         stamps = self._times_of("images/timestamps.txt", 1)[:, 0]
         if len(exposures) != len(stamps):
@@ -107,7 +107,7 @@ class DsecReader(SequenceReader):
                 f"{self.directory}/images has {len(stamps)} times, and {len(exposures)} exposures; {ANEW}"
             )
         part, images = self._images(f"images/{side}/rectified", stamps, t0, t1)
-        return {"t": stamps[part], "exposure_ns": exposures[part, 1] - exposures[part, 0], kind: _stack(images)}
+        return {"t": stamps[part], "exposure_ns": exposures[part, 1] - exposures[part, 0], kind: _stack(images, part)}
 
     def _times_of(self, name: str, columns: int) -> np.ndarray:
         """The times of a text [T, columns], ns. Raises LayoutError unless all its lines are there."""
@@ -118,10 +118,12 @@ class DsecReader(SequenceReader):
         return np.array(rows, np.int64).reshape(-1, columns) * 1000
 
     def _images(self, folder: str, stamps: np.ndarray, t0: int, t1: int) -> tuple[slice, list[np.ndarray]]:
+        """Which images are of [t0, t1), and these; where none are, the first, which tells the shape of none."""
         part = within(stamps, t0, t1)
         if (self.directory / folder / f"{len(stamps):06d}.png").exists():
             raise LayoutError(f"{self.directory / folder} has more images than there are times of them; {ANEW}")
-        return part, [picture(self.directory / folder / f"{k:06d}.png") for k in range(part.start, part.stop)]
+        numbers = range(part.start, part.stop) or range(min(1, len(stamps)))
+        return part, [picture(self.directory / folder / f"{k:06d}.png") for k in numbers]
 
 
 def picture(path: Path) -> np.ndarray:
@@ -140,5 +142,5 @@ def _ns(t: np.ndarray, offset_us: int) -> np.ndarray:
     return found
 
 
-def _stack(images: list[np.ndarray]) -> np.ndarray:
-    return np.stack(images) if images else np.empty((0, 0, 0), np.float32)
+def _stack(images: list[np.ndarray], part: slice) -> np.ndarray:
+    return np.stack(images)[: part.stop - part.start] if images else np.empty((0, 0, 0), np.float32)
