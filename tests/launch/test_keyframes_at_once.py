@@ -106,6 +106,7 @@ def run_of(
             marks=pytest.mark.slow,
         ),
         ("spinning_disk", {"time_tolerance": 0.0005, "colour": True}),
+        ("spinning_disk", {"time_tolerance": 0.0005, "supersampling": 2, "margin": 2}),
     ],
 )
 def test_every_message_is_the_same(scene: str, given: dict[str, Any]) -> None:
