@@ -148,6 +148,13 @@ def test_every_message_is_the_same_on_a_gpu(scene: str, preset: str, tolerance: 
         assert published(scene, batch=batch, **given) == want
 
 
+@pytest.mark.gpu
+def test_every_message_of_supersampled_pixels_is_the_same_on_a_gpu() -> None:
+    given = {"device": "cuda", "supersampling": 2, "time_tolerance": 0.0003, "width": 48, "height": 36}
+    want = published("spinning_disk", batch=1, **given)
+    assert published("spinning_disk", batch=4, **given) == want
+
+
 def of_environment(records: list[Record], env: int) -> np.ndarray:
     """Events of one environment, a row each of t, x, y, p."""
     found = []
