@@ -12,10 +12,7 @@ from nodes.renderer import parameters
 def by_frames_alone(camera: Camera, params: Mapping[str, Any]) -> str:
     """Says why the pixels of a camera go by frames alone although there is a tolerance of time; "" where they do
     not."""
-    if (params["supersampling"] or camera.supersampling) > 1:
-        why = "each is the mean of several samples (supersampling)"
-    elif parameters.by_paths(params):
-        why = "their light comes by paths (bounces, sky_occlusion)"
-    else:
+    if not parameters.by_paths(params):
         return ""
+    why = "their light comes by paths (bounces, sky_occlusion)"
     return f"time_tolerance changes nothing: all {camera.width}x{camera.height} pixels go by frames alone, for {why}"

@@ -124,7 +124,8 @@ class Interpolator:
         Returns (stamps int64 [K] ns, frames float32 [E, K, h, w] or, in colour, [E, K, h, w, 3]); K = 1 where all
         environments begin an episode. Environments that begin one while others go on hold this keyframe in all K
         frames. Where the camera is known and keyframes, margin included, are n times its size, they hold n x n samples
-        of every pixel apart, which are averaged in the frames. `report` tells what was filled. Raises ValueError.
+        of every pixel apart, which are averaged in the frames and in `further`. `report` tells what was filled. Raises
+        ValueError.
         """
         self._fit(tuple(image.shape[:3]), margin)
         view = KeyframeView(
@@ -332,7 +333,7 @@ class Interpolator:
         gap = Gap(
             height, width, envs, self.upsampling, margin, 3 if self._colour else 1, str(self._device), self._threads,
             self._scene, camera, self._light, self._worlds,
-            self._time_tolerance_ns if self._samples == 1 else 0.0, in_a_row, self.late,
+            self._time_tolerance_ns, in_a_row, self.late, self._samples,
         )  # fmt: skip
         return METHODS[self._name].make(gap)
 

@@ -192,24 +192,26 @@ class ManyGaps(Interpolator):
             a.image = joined([*[last.image] * (spare + 1), *([images[:-1]] if len(images) > 1 else [])])
         b = KeyframeView(joined([*[last.image] * spare, images]), states=gap.b, stamp_ns=row.stamps[-1], own=gap.ends)
         shape = (self.gaps, *self._frames_shape(self.upsampling, self._samples)[1:])
+        fine = (self.gaps, *self._frames_shape(self.upsampling, 1)[1:])
         method, further = self._method_in_a_row(), None
         if not isinstance(method, Rigid) and self._device.is_cuda:
             method.following = None if self._coming is None else self._coming.gap
             method.meanwhile = before_that
-            report, further = method.between(a, b, gap.held, None), method.further
+            made = None if self._samples == 1 else self._fine(fine, True)
+            report, further = method.between(a, b, gap.held, made), method.further
             before_that()
             out = allocate(shape)
-            method.hand_over(out)
+            if made is None:
+                method.hand_over(out)
         else:
             before_that()
             out = allocate(shape)
-            fine = (self.gaps, *self._frames_shape(self.upsampling, 1)[1:])
             made = out if self._samples == 1 else self._fine(fine, isinstance(out, wp.array))
             report = method.between(a, b, gap.held, made)
             if not isinstance(method, Rigid):
                 further = method.further
-            if self._samples > 1:
-                self._average(made, out)
+        if self._samples > 1:
+            self._average(made, out)
         found: list[Further | None] = [None] * len(images)
         if further is not None:
             found = further.of_each(self.gaps)[spare:]

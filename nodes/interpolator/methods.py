@@ -33,6 +33,7 @@ class Gap:
         time_tolerance_ns: of the time of a crossing, by further samples of single pixels; 0 = frames only.
         in_a_row: the environments are gaps of one, each of which begins where the one before ends; for `rigid`.
         late: the report of a gap may come with the next one.
+        fineness: sub-pixels per pixel and axis, which are averaged when they are there; the keyframes are of these.
     """
 
     height: int
@@ -50,6 +51,7 @@ class Gap:
     time_tolerance_ns: float = 0.0
     in_a_row: bool = False
     late: bool = False
+    fineness: int = 1
 
     @property
     def images(self) -> tuple[int, int, int, int, int, int, str, int]:
@@ -87,7 +89,7 @@ def _rigid(gap: Gap) -> Method:
     options = RigidOptions(**{"tolerance": tolerance_of(1e-9 * gap.time_tolerance_ns), **asked}, single=True)
     rigid = Rigid(gap.scene, gap.camera, *gap.bodies, options, worlds=gap.worlds, in_a_row=gap.in_a_row)
     rigid.begin_build()
-    refined = Refined(rigid, gap.time_tolerance_ns, gap.threads, options.light_samples)
+    refined = Refined(rigid, gap.time_tolerance_ns, gap.threads, options.light_samples, gap.fineness)
     refined.begin_build()
     return refined
 

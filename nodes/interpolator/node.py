@@ -136,7 +136,7 @@ class InterpolatorNode(Node):
     def setup(self) -> None:
         from evis.gpu.devices import device_named
         from nodes.interpolator.interpolator import Interpolator
-        from nodes.renderer.at_once import LEAST_OF_PIXEL, LEAST_OF_RIGID, check_room
+        from nodes.renderer.at_once import LEAST_OF_PIXEL, LEAST_OF_REFINED, LEAST_OF_RIGID, check_room
 
         p = self.params
         self._method = method = usable(p)
@@ -154,8 +154,11 @@ class InterpolatorNode(Node):
         height, width = (n * ((length or 0) + 2 * p["margin"]) for length in size)
         self._expected = (height, width) if all(size) else None
         if self._expected is not None:
-            least = LEAST_OF_RIGID if method == "rigid" else LEAST_OF_PIXEL
-            check_room(self.name, p["device"], p["envs"], width, height, p["upsampling"], least)
+            refined = n > 1 and self._sampled and not parameters.by_paths(p)
+            least = LEAST_OF_REFINED if refined else LEAST_OF_RIGID if method == "rigid" else LEAST_OF_PIXEL
+            # Who takes several samples of a pixel may not know what looking at each of them between frames takes.
+            fineness = n if refined else 1
+            check_room(self.name, p["device"], p["envs"], width, height, p["upsampling"], least, fineness)
         self._device = device_named(p["device"])
         self._gaps = self._at_once(height * width)
         self._fineness = n

@@ -116,7 +116,7 @@ class RendererNode(Node):
             # Whoever loads the scene says what is wrong with it.
             with contextlib.suppress(ValueError, OSError):
                 scene = scene_of("renderer", params, textures=False)
-                return tuple(undersampled(scene, params["frame_rate"], *_between(params, scene)))
+                return tuple(undersampled(scene, params["frame_rate"], *_between(params)))
         return ()
 
     def computes_on(self) -> str:
@@ -136,9 +136,9 @@ class RendererNode(Node):
         self.renderer = self._renderers(worlds.groups(appearance))
         self.renderer.begin(self._wanted())
         if p["frame_rate"]:
-            for line in undersampled(self.scene, p["frame_rate"], *_between(p, self.scene)):
+            for line in undersampled(self.scene, p["frame_rate"], *_between(p)):
                 self.warn(line)
-        self._turns = Turns(self.scene, max(p["frame_rate"], _between(p, self.scene)[0]))
+        self._turns = Turns(self.scene, max(p["frame_rate"], _between(p)[0]))
         self._names = [body.name for body in self.scene.bodies]
         self._begin()
         self.publish("info", self._info(Header(0)))
@@ -414,9 +414,8 @@ def same_lens(a: Camera, b: Camera) -> bool:
     return bool(np.array_equal(a.k, b.k)) and a.distortion == b.distortion
 
 
-def _between(params: Mapping[str, Any], scene: Scene) -> tuple[float, float]:
+def _between(params: Mapping[str, Any]) -> tuple[float, float]:
     """Gives the rate [Hz] at which single pixels are seen between frames, and that of keyframes; 0 where none are."""
-    samples = params["supersampling"] or camera_of(scene, params["camera"]).supersampling
-    if not params["resolved"] or samples > 1 or parameters.by_paths(params):
+    if not params["resolved"] or parameters.by_paths(params):
         return 0.0, 0.0
     return 1.0 / params["resolved"], params["keyframe_rate"]

@@ -118,11 +118,11 @@ def test_beside_single_pixels_250_frames_per_second_do(evis_here, rate, frames):
 
 @pytest.mark.parametrize(
     ("asked", "frames"),
-    # Light by paths and means of samples go by frames alone, of which fewer would be worse.
+    # Light by paths goes by frames alone, of which fewer would be worse.
     [
         ((), 4),
         (("upsampling:=6",), 6),
-        (("supersampling:=2",), 8),
+        (("supersampling:=2",), 4),
         (("defocus:=1",), 8),
         (("image:=true",), 8),
         (("keyframe_rate:=10",), 12),
@@ -139,7 +139,7 @@ def test_a_tolerance_of_time_decides_k_unless_it_is_given(evis_here, asked, fram
     [
         (("time_tolerance:=0.004",), "by samples between them"),  # frames are 8.3 ms apart
         (("time_tolerance:=0.005",), "there are no samples between them"),
-        (("time_tolerance:=0.0003", "supersampling:=2"), "by which all pixels go"),
+        (("time_tolerance:=0.0003", "supersampling:=2"), "by samples between them"),
         (("time_tolerance:=0.0003", "crossing:=cubic"), "by which all pixels go"),
     ],
 )

@@ -257,7 +257,9 @@ def test_rigid_from_keyframes_and_states_alone():
         node.update(messages)
 
 
-@pytest.mark.parametrize(("params", "why"), [({"supersampling": 2}, "mean of several"), ({"bounces": 1}, "by paths")])
+@pytest.mark.parametrize(
+    ("params", "why"), [({"bounces": 1}, "by paths"), ({"bounces": 1, "supersampling": 2}, "by paths")]
+)
 def test_pixels_that_go_by_frames_alone_are_told_and_counted(params, why):
     """Foreseen for --explain, warned of at the start, and counted for the summary; not without a tolerance."""
     scene = {"method": "rigid", "scene": "spinning_disk", "width": 8, "height": 6, "upsampling": 4, **params}
@@ -280,6 +282,13 @@ def test_pixels_that_go_by_frames_alone_are_told_and_counted(params, why):
             message._slot = Slot([])
         deliver(node, messages)
     assert node.runtime.counted["pixels_by_frames_alone"] == 2 * 8 * 6
+
+
+def test_supersampled_pixels_do_not_go_by_frames_alone():
+    scene = {"method": "rigid", "scene": "spinning_disk", "width": 8, "height": 6, "supersampling": 2}
+    given = {name: param.default for name, param in InterpolatorNode.PARAMS.items()} | scene
+    assert InterpolatorNode.foreseen(given | {"time_tolerance": 1e-4}) == ()
+    assert start(**scene, time_tolerance=1e-4).runtime.said == []
 
 
 def test_an_error_of_another_node_is_not_hidden_by_its_end():

@@ -106,6 +106,7 @@ def run_of(
             marks=pytest.mark.slow,
         ),
         ("spinning_disk", {"time_tolerance": 0.0005, "colour": True}),
+        ("spinning_disk", {"time_tolerance": 0.0005, "supersampling": 2, "margin": 2}),
     ],
 )
 def test_every_message_is_the_same(scene: str, given: dict[str, Any]) -> None:
@@ -145,6 +146,13 @@ def test_every_message_is_the_same_on_a_gpu(scene: str, preset: str, tolerance: 
     want = published(scene, batch=1, **given)
     for batch in (4, 16):
         assert published(scene, batch=batch, **given) == want
+
+
+@pytest.mark.gpu
+def test_every_message_of_supersampled_pixels_is_the_same_on_a_gpu() -> None:
+    given = {"device": "cuda", "supersampling": 2, "time_tolerance": 0.0003, "width": 48, "height": 36}
+    want = published("spinning_disk", batch=1, **given)
+    assert published("spinning_disk", batch=4, **given) == want
 
 
 def of_environment(records: list[Record], env: int) -> np.ndarray:

@@ -122,6 +122,15 @@ def node(**params):
     return made
 
 
+def test_what_turns_too_fast_for_frames_is_seen_between_them_by_samples_too():
+    """A disk of 22 half turns per second at 15 frames: told of frames alone, and of light by paths."""
+    given = {name: param.default for name, param in RendererNode.PARAMS.items()}
+    given |= {"scene": "spinning_disk", "scene_args": "omega=70", "frame_rate": 15.0, "keyframe_rate": 15.0}
+    samples = given | {"supersampling": 2, "resolved": 1e-3}
+    told = [RendererNode.foreseen(params) for params in (given, samples, samples | {"bounces": 1})]
+    assert [len(lines) > 0 for lines in told] == [True, False, True]
+
+
 def test_the_node_averages_samples_and_publishes_one_value_per_pixel():
     made = node(supersampling=2, margin=3)
     assert made.runtime.sent["info"].width == 48

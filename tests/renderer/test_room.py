@@ -9,7 +9,7 @@ import evis
 from evis.gpu import room
 from evis.gpu.room import free_memory
 from nodes.renderer import at_once
-from nodes.renderer.at_once import LEAST_OF_RIGID, check_room
+from nodes.renderer.at_once import LEAST_OF_REFINED, LEAST_OF_RIGID, check_room
 
 CPU = SimpleNamespace(is_cuda=False)
 
@@ -60,6 +60,10 @@ def test_the_error_names_sizes_and_how_many_fit(monkeypatch: pytest.MonkeyPatch)
     )
     with pytest.raises(ValueError, match="envs:=3 are the most"):
         check_room("interpolator", "cpu", 10, 100, 100, 5, LEAST_OF_RIGID)
+    # 4 x 4 samples of 50 x 50 pixels, at (700 + 4 x 5) bytes each.
+    with pytest.raises(ValueError, match=r"1 of 200x200 .* are free; take a smaller image, or supersampling:=2$"):
+        check_room("interpolator", "cpu", 1, 200, 200, 5, LEAST_OF_REFINED, 4)
+    check_room("interpolator", "cpu", 1, 100, 100, 5, LEAST_OF_REFINED, 2)
     monkeypatch.setattr(at_once, "free_memory", lambda device: None)
     check_room("renderer", "cpu", 65536, 8192, 8192, 5)
 

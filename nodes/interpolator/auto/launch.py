@@ -105,7 +105,7 @@ def _by_frames_alone(node: NodeSpec) -> bool:
     """Whether the pixels of an interpolator's camera take no samples between frames."""
     p = node.params
     camera = camera_of(scene_of("interpolator", p), p.get("camera") or "cam0")
-    return bool(by_frames_alone(camera, {"supersampling": 0, **p}))
+    return bool(by_frames_alone(camera, p))
 
 
 def _senses_frames_alone(node: NodeSpec) -> bool:

@@ -16,7 +16,8 @@ draws as many probes as what moves asks for, `plain_kernels.py` lists the sample
 needs. Both follow a pixel over a surface by `paths/`: in a keyframe, past probes between which bodies go straight, or
 on what is painted there where no keyframe shows it. `light/` lists those that lamps and shadows ask for.
 `sight_kernels.py` and `evaluator.py` compute them, `interval_kernels.py` halves intervals that are still not
-straight, and `further_kernels.py` sorts all samples by pixel and time. What is listed lies in `lists.py` and is
-counted in `tally.py`, where the kernels that go through a list read its length: so a GPU goes from one to the next
-without the host.
+straight, and `further_kernels.py` sorts all samples by pixel and time. Where pixels are means of several, all this is
+done for each of these sub-pixels, and `means.py` merges what is found. What is listed lies in `lists.py` and is counted
+in `tally.py`, where the kernels that go through a list read its length: so a GPU goes from one to the next without the
+host.
 """

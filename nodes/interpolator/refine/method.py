@@ -31,9 +31,12 @@ class Refined:
     where it is known, to be prepared while a GPU works on that. meanwhile: what else is done then.
     """
 
-    def __init__(self, rigid: Rigid, tolerance_ns: float, threads: int = 1, light_samples: int = 16) -> None:
-        """tolerance_ns: greatest error wanted in the time of a threshold crossing [ns]."""
-        self.rigid, self.refinement = rigid, Refinement(rigid, tolerance_ns, threads, light_samples)
+    def __init__(
+        self, rigid: Rigid, tolerance_ns: float, threads: int = 1, light_samples: int = 16, fineness: int = 1
+    ) -> None:
+        """tolerance_ns: greatest error wanted in the time of a threshold crossing [ns]. fineness: the pixels of `rigid`
+        are sub-pixels, of which so many per axis make a pixel; `further` is then of their means."""
+        self.rigid, self.refinement = rigid, Refinement(rigid, tolerance_ns, threads, light_samples, fineness)
         self.further: Further | None = None
         self.following: Span | None = None
         self.meanwhile: Callable[[], None] | None = None

@@ -18,6 +18,7 @@ from nodes.interpolator.refine.further_kernels import count_samples, make_sort, 
 from nodes.interpolator.refine.instants import Instants, instants_of, least_parts
 from nodes.interpolator.refine.light.flicker import Flicker
 from nodes.interpolator.refine.light.passing import Passing
+from nodes.interpolator.refine.means import Means
 from nodes.interpolator.refine.probing.probes import Ahead, Probes
 from nodes.interpolator.refine.rounds import Kernels, Rounds, Window
 from nodes.interpolator.refine.stage_kernels import Cut, Stage
@@ -61,8 +62,9 @@ class Motion:
 class Refinement:
     """Finds further samples of single pixels between the frames that a `Rigid` made last."""
 
-    def __init__(self, rigid: Rigid, tolerance_ns: float, threads: int, light_samples: int) -> None:
-        """tolerance_ns: greatest error wanted in the time of a threshold crossing [ns]."""
+    def __init__(self, rigid: Rigid, tolerance_ns: float, threads: int, light_samples: int, fineness: int = 1) -> None:
+        """tolerance_ns: greatest error wanted in the time of a threshold crossing [ns]. fineness: sub-pixels per pixel
+        and axis, whose mean the pixel is."""
         self._rigid, self._tolerance_ns = rigid, tolerance_ns
         self._threads, self._light_samples = threads, light_samples
         layout = rigid.layout
@@ -80,6 +82,7 @@ class Refinement:
         self._flicker = Flicker(waveforms, FLICKERING * layout.tolerance, v.device, layout.waveforms)
         self._sort_each, self._rank = make_sort(channels)
         self._kernels, self._passing = Kernels.of(rigid), Passing(rigid)
+        self._means = Means(rigid, fineness, tolerance_ns) if fineness > 1 else None
         self._held, self._parts = (wp.zeros(layout.envs, dtype=wp.int32, device=v.device) for _ in range(2))
         self.as_long_as_ns = 0
         """Length of a gap as finely as which shorter ones are divided [ns], so as to be prepared for it."""
@@ -98,7 +101,8 @@ class Refinement:
         sort = self._sort_each if self._device.is_cpu else self._rank
         window = self._kernels.to_build(self._rigid.shading.occluders.trees)
         passing = [(self._passing.kernel, LAUNCH_BLOCK)] if self._passing.likely() else []
-        return [*looks, *window, *self._probes.kernels(), *passing, (sort, LAUNCH_BLOCK)]
+        means = [] if self._means is None else self._means.kernels()
+        return [*looks, *window, *self._probes.kernels(), *passing, (sort, LAUNCH_BLOCK), *means]
 
     def further(
         self,
@@ -147,8 +151,14 @@ class Refinement:
             total, shaded = rounds.run(window, total, while_it_works)
             self.shaded += shaded
         self.evaluated = total
-        since = np.broadcast_to(stamps, (envs, instants.count)) - gap.starts[:, None]
-        return self._sorted(rounds.samples.arrays, total, since.astype(np.int32)) if total else None
+        if not total:
+            return None
+        times = np.broadcast_to(stamps, (envs, instants.count)) - gap.starts[:, None]
+        since: wp.array = wp.array(times.astype(np.int32), dtype=wp.int32, device=self._device)
+        found = self._sorted(rounds.samples.arrays, total, since)
+        if self._means is None:
+            return found
+        return self._means.of(found, self._held, since, 1 << instants.depth, self._rigid.pair.a.image, frames)
 
     def _instants(self, gap: Span) -> Instants:
         """The instants at which pixels may be looked at in a gap."""
@@ -215,7 +225,7 @@ class Refinement:
         stage.parts = self._parts
         return stage
 
-    def _sorted(self, samples: list[wp.array], total: int, since: np.ndarray) -> Further:
+    def _sorted(self, samples: list[wp.array], total: int, since: wp.array) -> Further:
         """Sorts the samples by pixel and time. since: int32 [E, instants], ns from the gap's start to each instant."""
         layout, device = self._rigid.layout, self._device
         envs, (height, width) = layout.envs, self._rigid.size
@@ -228,13 +238,12 @@ class Refinement:
             wp.launch(count_samples, total, [pixels, first])
             wp.utils.array_scan(first, first, inclusive=True)
             wp.launch(place_samples, total, [pixels, first, taken, order])
-            when: wp.array = wp.array(since, dtype=wp.int32)
             if device.is_cpu:
-                given = [height * width, first, instants, values, when, order, offset, value]
+                given = [height * width, first, instants, values, since, order, offset, value]
                 sampling = self._rigid.sampling
                 edges = [count * k // sampling.bands for k in range(sampling.bands + 1)]
                 sampling.launch([(self._sort_each, e - s, [s, *given]) for s, e in pairwise(edges)])
             else:
-                given = [height * width, first, pixels, instants, values, when, order]
+                given = [height * width, first, pixels, instants, values, since, order]
                 wp.launch(self._rank, total, given, [offset, value])
         return Further(first, offset, value)

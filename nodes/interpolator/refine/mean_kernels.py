@@ -1,0 +1,250 @@
+"""Merges the samples of the sub-pixels of each pixel into one list of samples of their mean."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from nodes.interpolator.rigid.keyframe_kernels import log_of
+
+wp.set_module_options({"enable_backward": False})
+
+UNBOUNDED = wp.constant(1.0e30)
+"""Slope [1/ns] that is steeper than any."""
+BEND = wp.constant(32.0)
+"""A mean of exponentials whose exponents rise by up to d differently lies at most d^2 / 32 under the line between its
+ends: its second derivative is the variance of the slopes, at most d^2 / 4, and a line is off by an eighth of that."""
+MOST_PIECES = wp.constant(64)
+"""Pieces that an interval between two instants is cut into at most: lines that rise yet more differently are jumps."""
+
+
+@wp.struct
+class Division:
+    """Says how the sub-pixels of a gap lie: fineness x fineness for each of height x width pixels, with K frames.
+
+    each: instants from one frame to the next. finest: time [ns] between two samples of a mean where no sub-pixel has
+    one. tolerance: of ln of the mean. margin: sub-pixels around keyframe A.
+    """
+
+    fineness: int
+    height: int
+    width: int
+    coarse: int
+    each: int
+    finest: int
+    margin: int
+    tolerance: float
+
+
+@wp.func
+def rise(a: wp.float32, b: wp.float32):
+    """Computes ln of the ratio of two lights, 0 where one is black; in RGB of each channel."""
+    return wp.where(a > 0.0 and b > 0.0 and a != b, wp.log(b / a), 0.0)
+
+
+@wp.func
+def rise(a: wp.vec3, b: wp.vec3):  # noqa: F811 - overloaded by its type
+    return wp.vec3(rise(a[0], b[0]), rise(a[1], b[1]), rise(a[2], b[2]))
+
+
+@wp.func
+def between(a: wp.float32, b: wp.float32, share: float):
+    """Computes the light at a share of the way from a to b along a line of ln I, or of I where one is black."""
+    if a > 0.0 and b > 0.0:
+        if a == b:
+            return a
+        return a * wp.exp(share * wp.log(b / a))
+    return a + share * (b - a)
+
+
+@wp.func
+def between(a: wp.vec3, b: wp.vec3, share: float):  # noqa: F811 - overloaded by its type
+    return wp.vec3(between(a[0], b[0], share), between(a[1], b[1], share), between(a[2], b[2], share))
+
+
+@wp.func
+def greatest(value: wp.float32):
+    """Gives the greatest of the channels."""
+    return value
+
+
+@wp.func
+def greatest(value: wp.vec3):  # noqa: F811 - overloaded by its type
+    return wp.max(value)
+
+
+@wp.func
+def within(value: wp.float32, low: wp.float32, high: wp.float32):
+    """Tells whether all channels are between their bounds; what is no number is not."""
+    return value >= low and value <= high
+
+
+@wp.func
+def within(value: wp.vec3, low: wp.vec3, high: wp.vec3):  # noqa: F811 - overloaded by its type
+    return within(value[0], low[0], high[0]) and within(value[1], low[1], high[1]) and within(value[2], low[2], high[2])
+
+
+@cache
+def make_merge(channels: int) -> wp.Kernel:
+    """Makes the kernel `merge`, of a thread per pixel. channels: 1 (luminance) or 3 (RGB)."""
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+
+    @wp.func
+    def frame_before(
+        division: Division,
+        image: wp.array3d(dtype=pixel),
+        frames: wp.array3d(dtype=pixel),
+        env: int,
+        k: int,
+        y: int,
+        x: int,
+    ):
+        """Gives a sub-pixel's light at the start of coarse interval k, which is keyframe A or a frame."""
+        if k == 0:
+            return image[env, y + division.margin, x + division.margin]
+        return frames[env * division.coarse + k - 1, y, x]
+
+    @wp.func
+    def line_of(
+        p: int,
+        at: int,
+        t_a: int,
+        t_b: int,
+        a: pixel,
+        b: pixel,
+        first: wp.array(dtype=int),
+        offset: wp.array(dtype=int),
+        value: wp.array(dtype=pixel),
+    ):
+        """Gives the ends (time, light) of the line that sub-pixel p is on, whose next sample is `at`: samples of its
+        own, or the frames a and b at t_a and t_b."""
+        start = t_a
+        end = t_b
+        if at > first[p]:
+            if offset[at - 1] > t_a:
+                start = offset[at - 1]
+                a = value[at - 1]
+        if at < first[p + 1]:
+            if offset[at] < t_b:
+                end = offset[at]
+                b = value[at]
+        return start, a, end, b
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def merge(
+        # in
+        q0: int,
+        division: Division,
+        writes: int,
+        held: wp.array(dtype=int),
+        since: wp.array2d(dtype=int),
+        image: wp.array3d(dtype=pixel),
+        frames: wp.array3d(dtype=pixel),
+        first: wp.array(dtype=int),
+        offset: wp.array(dtype=int),
+        value: wp.array(dtype=pixel),
+        # in and out
+        cursor: wp.array(dtype=int),
+        places: wp.array(dtype=int),
+        # out
+        instants: wp.array(dtype=int),
+        means: wp.array(dtype=pixel),
+    ):
+        """Counts the samples of the mean of pixel q, from q0 on, in places[q + 1], or writes them, from places[q] on.
+
+        They are at the instants of all its sub-pixels, and where lines of these between them do not add up to a line,
+        but for those that lie within the tolerance of the line between two others.
+
+        held: 1 for environments that have no gap. since: [E, instants], ns from the gap's start. image: keyframe A.
+        frames: [E K, h, w]. first, offset, value: samples of the sub-pixels. cursor: next sample of each.
+        """
+        q = q0 + wp.tid()
+        n = division.fineness
+        env = q // (division.height * division.width)
+        y0 = q // division.width % division.height * n
+        x0 = q % division.width * n
+        if held[env] == 1:
+            return
+        row = division.width * n
+        p0 = (env * division.height * n + y0) * row + x0
+        for j in range(n):
+            for i in range(n):
+                cursor[p0 + j * row + i] = first[p0 + j * row + i]
+        made = wp.int32(0)
+        for k in range(division.coarse):
+            t_a = wp.int32(0)
+            if k > 0:
+                t_a = since[env, k * division.each - 1]
+            t_b = since[env, (k + 1) * division.each - 1]
+            now = env * division.coarse + k
+            total = pixel(0.0)
+            for j in range(n):
+                for i in range(n):
+                    total += frame_before(division, image, frames, env, k, y0 + j, x0 + i)
+            # Samples since the last one that stays are left out while a line from it keeps near all of them: its slope
+            # must be within what each of them allows.
+            anchor_t = wp.int32(t_a)
+            anchor = log_of(total / float(n * n))
+            low = pixel(-UNBOUNDED)
+            high = pixel(UNBOUNDED)
+            waiting_t = wp.int32(-1)
+            waiting = pixel(0.0)
+            t = wp.int32(t_a)
+            while t < t_b:
+                end = wp.int32(t_b)
+                least = pixel(UNBOUNDED)
+                most = pixel(-UNBOUNDED)
+                for j in range(n):
+                    for i in range(n):
+                        p = p0 + j * row + i
+                        a = frame_before(division, image, frames, env, k, y0 + j, x0 + i)
+                        b = frames[now, y0 + j, x0 + i]
+                        start_t, start, end_t, stop = line_of(p, cursor[p], t_a, t_b, a, b, first, offset, value)
+                        slope = rise(start, stop) / float(end_t - start_t)
+                        least = wp.min(least, slope)
+                        most = wp.max(most, slope)
+                        end = wp.min(end, end_t)
+                apart = greatest(most - least) * float(end - t)
+                pieces = wp.int32(1)
+                if wp.isfinite(apart):
+                    wanted = wp.int32(wp.ceil(wp.min(apart / wp.sqrt(BEND * division.tolerance), float(MOST_PIECES))))
+                    pieces = wp.max(wp.min(wanted, (end - t) // division.finest), 1)
+                for piece in range(1, pieces + 1):
+                    when = t + wp.int32(wp.int64(end - t) * wp.int64(piece) // wp.int64(pieces))
+                    total = pixel(0.0)
+                    for j in range(n):
+                        for i in range(n):
+                            p = p0 + j * row + i
+                            a = frame_before(division, image, frames, env, k, y0 + j, x0 + i)
+                            b = frames[now, y0 + j, x0 + i]
+                            start_t, start, end_t, stop = line_of(p, cursor[p], t_a, t_b, a, b, first, offset, value)
+                            total += between(start, stop, float(when - start_t) / float(end_t - start_t))
+                    mean = total / float(n * n)
+                    slope = (log_of(mean) - anchor) / float(when - anchor_t)
+                    if waiting_t >= 0 and not within(slope, low, high):
+                        if writes == 1:
+                            instants[places[q] + made] = waiting_t
+                            means[places[q] + made] = waiting
+                        made += 1
+                        anchor_t = waiting_t
+                        anchor = log_of(waiting)
+                        low = pixel(-UNBOUNDED)
+                        high = pixel(UNBOUNDED)
+                        slope = (log_of(mean) - anchor) / float(when - anchor_t)
+                    room = pixel(division.tolerance / float(when - anchor_t))
+                    low = wp.max(low, slope - room)
+                    high = wp.min(high, slope + room)
+                    waiting_t = when
+                    waiting = mean
+                for j in range(n):
+                    for i in range(n):
+                        p = p0 + j * row + i
+                        at = cursor[p]
+                        while at < first[p + 1] and offset[at] <= end:
+                            at += 1
+                        cursor[p] = at
+                t = end
+        if writes == 0:
+            places[q + 1] = made
+
+    return merge
