@@ -10,10 +10,12 @@ from typing import Any
 
 import warp as wp
 
+from evis.gpu.compilers import ahead_of_compiler
+
 LAUNCH_BLOCK = 256
 """Threads of a block where a launch does not say."""
-MOST_AT_ONCE = 8
-"""A compiler takes some 100 MB."""
+MOST_AT_ONCE = 12
+"""A compiler takes 100 to 300 MB."""
 FEWEST_CORES = 2
 """With one there is nothing to share. On a CPU a compiler reads Warp's headers once for each thread, for 1.2 s, while
 the kernels of a scene take some 15 s."""
@@ -95,5 +97,6 @@ def _compile(device: str, module: Any, block: int) -> None:
 
     Warp's compile_aot_module does the same for the number of threads to a block that a module has by default.
     """
-    module.get_module_hash(block)
-    module._compile(wp.get_device(device), options=module.resolved_options[block])
+    with ahead_of_compiler():
+        module.get_module_hash(block)
+        module._compile(wp.get_device(device), options=module.resolved_options[block])

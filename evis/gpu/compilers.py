@@ -14,13 +14,16 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 FUNCTION = "wp_cuda_compile_program"
 """Warp's native function that compiles a program, after which nothing but a file is left."""
+AHEAD = 2
+"""Threads that write source at once. Warp's generator has one lock, which threads get in any order: with all of a
+scene's before it the program that takes longest waited for most others."""
 FEWEST_CORES = 4
 """With less, processes would gain little, and each takes 100 to 300 MB while it works."""
 NAMES = {ctypes.c_char_p: "text", ctypes.c_int: "int", ctypes.c_size_t: "size", ctypes.c_bool: "bool"}
@@ -91,6 +94,34 @@ class Compilers(threading.local):
 _compilers = Compilers()
 
 
+class _Turns(threading.local):
+    """Tells whether a thread has one of the places ahead of the compiler."""
+
+    def __init__(self) -> None:
+        self.held = False
+
+
+_ahead, _turns = threading.Semaphore(AHEAD), _Turns()
+
+
+@contextlib.contextmanager
+def ahead_of_compiler() -> Iterator[None]:
+    """Has a thread that is about to compile a module wait until few others write source; its turn ends where the
+    compiler begins with what it has written."""
+    _ahead.acquire()
+    _turns.held = True
+    try:
+        yield
+    finally:
+        _end_turn()
+
+
+def _end_turn() -> None:
+    if _turns.held:
+        _turns.held = False
+        _ahead.release()
+
+
 @cache
 def share_compilers() -> None:
     """Has Warp compile a GPU's kernels in other processes, where there are cores for them."""
@@ -101,6 +132,7 @@ def share_compilers() -> None:
     types: list[Any] = list(alone.argtypes)  # type: ignore[attr-defined]
 
     def compile_program(*given: Any) -> int:
+        _end_turn()
         if len(os.sched_getaffinity(0)) >= FEWEST_CORES and (line := line_of(types, given)) is not None:
             found = _compilers.ask(core._name, line)
             if found is not None:

@@ -10,6 +10,7 @@ import warp as wp
 
 from evis.config.suggestions import nearest
 from evis.geometry import se3
+from evis.gpu.building import LAUNCH_BLOCK, begin_building
 from evis.gpu.devices import device_named
 from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Camera, Scene
@@ -292,6 +293,7 @@ class Interpolator:
         arguments as of `warm_up_for`, which ends it."""
         self._size, self._samples = ((envs, height, width), margin), self._samples_of(height, width, margin)
         self._made_method()
+        begin_building(self._device, [(image_kernels.luminance, LAUNCH_BLOCK)])
 
     def warm_up_for(self, envs: int, height: int, width: int, margin: int = 0, gap_ns: int = 0) -> None:
         """Builds, compiles and, on a GPU, records what gaps between such keyframes need, before the first real one.

@@ -136,7 +136,8 @@ class Shading:
         direct = self._list_kernel if listed else self._kernel
         made = [direct] if self.paths is None else [direct, self.paths.kernel(listed)]
         rays = self.shadow_pass.kernels(listed) if self.shadow_pass is not None else []
-        return [*((kernel, SHADE_BLOCK) for kernel in made), *rays, *self.lights.kernels]
+        placing = [*self.occluders.kernels, *(self._grid.kernels if self._grid else [])]
+        return [*((kernel, SHADE_BLOCK) for kernel in made), *rays, *self.lights.kernels, *placing]
 
     def _features_of(self, textured: bool, gloss: bool, shadows: bool, rays: bool, cached: bool) -> Features:
         """Finds what the scene needs of the kernels of light. rays: whether light comes by paths."""

@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from evis.geometry import se3
+from evis.gpu.building import LAUNCH_BLOCK
 from evis.scene.model import Light
 from nodes.renderer.geometry.triangles import is_static
 from nodes.renderer.shadows import grid_kernels, occlusion_kernels
@@ -88,6 +89,11 @@ class ShadowGrid:
         grid.of = v.put(of, wp.int32)
         grid.faces, grid.first = v.put(faces, wp.int32), v.put(np.cumsum(faces) - faces, wp.int32)
         grid.masks = wp.zeros((v.envs, self._grids, COARSE * COARSE), dtype=wp.uint64, device=v.device)
+
+    @property
+    def kernels(self) -> list[tuple[wp.Kernel, int]]:
+        """Gives the kernel that `place` launches besides those of the occluders, as `build_together` takes it."""
+        return [(grid_kernels.mark_movers, LAUNCH_BLOCK)] if self._moving else []
 
     @staticmethod
     def suits(visibility: Visibility, occluders: Occluders, light: int) -> bool:

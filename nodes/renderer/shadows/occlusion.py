@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.gpu.building import LAUNCH_BLOCK
 from evis.scene.model import Mesh
 from nodes.renderer.geometry.poses import InstancePoses
 from nodes.renderer.raster.visibility import Visibility
@@ -83,6 +84,11 @@ class Occluders:
         self._lower, self._upper = visibility.empty(boxes, wp.vec3), visibility.empty(boxes, wp.vec3)
         self._pad_bits = casters.pad.view(wp.int32)
         self._boxed = [put(self._moving, wp.int32), put(self._half, wp.vec3)]
+
+    @property
+    def kernels(self) -> list[tuple[wp.Kernel, int]]:
+        """Gives the kernels that place trees, as `build_together` takes them."""
+        return [(occlusion_kernels.place_trees, LAUNCH_BLOCK)] if self.trees else []
 
     def update(self, frames: InstancePoses) -> None:
         """Builds the trees that are not there yet, and anew where instances have moved far; poses are placed
