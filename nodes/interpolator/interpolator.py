@@ -293,6 +293,10 @@ class Interpolator:
         arguments as of `warm_up_for`, which ends it."""
         self._size, self._samples = ((envs, height, width), margin), self._samples_of(height, width, margin)
         self._made_method()
+        self._begin_image()
+
+    def _begin_image(self) -> None:
+        """Has the kernel compiled that keyframes in colour go through first."""
         begin_building(self._device, [(image_kernels.luminance, LAUNCH_BLOCK)])
 
     def warm_up_for(self, envs: int, height: int, width: int, margin: int = 0, gap_ns: int = 0) -> None:

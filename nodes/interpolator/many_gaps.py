@@ -226,6 +226,7 @@ class ManyGaps(Interpolator):
         """Does what `Interpolator.begin` does, for several gaps at once."""
         self._size, self._samples = ((envs, height, width), margin), self._samples_of(height, width, margin)
         self._method_in_a_row()
+        self._begin_image()
 
     def warm_up_for(self, envs: int, height: int, width: int, margin: int = 0, gap_ns: int = 0) -> None:
         """Does what `Interpolator.warm_up_for` does, for several gaps at once."""

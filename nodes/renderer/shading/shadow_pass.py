@@ -50,7 +50,8 @@ class ShadowPass:
 
     def kernels(self, listed: bool) -> list[tuple[wp.Kernel, int]]:
         """Gives those that trace rays of a whole image, or of a list of pixels, as `build_together` takes them."""
-        return [(of_list if listed else of_image, BLOCK) for _, _, of_image, of_list in self._parts]
+        rays = [(of_list if listed else of_image, BLOCK) for _, _, of_image, of_list in self._parts]
+        return [*rays, *(self._grid.kernels if self._grid else [])]
 
     def clear(self) -> None:
         """Forgets the last image's bits."""
