@@ -14,7 +14,6 @@ def start_warp() -> None:
     """
     import warp as wp
 
-    from evis.gpu.compilers import share_compilers
     from evis.warp_headers import share_headers
 
     wp.config.log_level = wp.LOG_WARNING
@@ -24,7 +23,6 @@ def start_warp() -> None:
         os.dup2(nowhere, 2)  # the native part writes there itself
         wp.init()
         share_headers()
-        share_compilers()
     except OSError as error:
         folder = wp.config.kernel_cache_dir or error.filename
         raise OSError(

@@ -10,7 +10,7 @@ from typing import Any
 
 import warp as wp
 
-from evis.gpu.compilers import ahead_of_compiler
+from evis.gpu.compilers import ahead_of_compiler, share_compilers
 
 LAUNCH_BLOCK = 256
 """Threads of a block where a launch does not say."""
@@ -44,6 +44,7 @@ def begin_building(device: Any, kernels: Iterable[tuple[wp.Kernel, int]]) -> Non
     if wp.get_device(device).is_cpu:
         _begin(device, kernels)
     elif len(os.sched_getaffinity(0)) >= FEWEST_CORES:
+        share_compilers()
         for kernel, block in kernels:
             key = wp.get_device(device).alias, kernel.module, block
             if key not in _compiled:
@@ -73,6 +74,8 @@ def _begin(device: Any, kernels: Iterable[tuple[wp.Kernel, int]]) -> dict[Key, F
     if len(os.sched_getaffinity(0)) < FEWEST_CORES:
         return {}  # a launch does the same
     where = wp.get_device(device)
+    if where.is_cuda:
+        share_compilers()
     wanted = ((where.alias, kernel.module, None if where.is_cpu else block) for kernel, block in kernels)
     keys = list(dict.fromkeys(wanted))
     if where.is_cpu:  # what is there is loaded at its launch as fast as on another thread, which takes turns with this

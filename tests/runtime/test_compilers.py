@@ -19,6 +19,7 @@ from evis.warp_start import start_warp
 from nodes.interpolator.rigid.look_up.gather_kernels import make_place
 
 start_warp()
+share_compilers()
 
 
 def compiled(folder: Path, monkeypatch: pytest.MonkeyPatch, cores: int) -> bytes:
