@@ -194,6 +194,8 @@ class MujocoThreads:
             return _Taken(number, rows, {*rows.tolist()}, Records(records, now), nearest, constrained)
         nearest, constrained = np.full(len(rows), np.inf), np.zeros(len(rows), bool)
         one = self._records(batch, -1, len(rows), 1)
+        every = len(rows) == self._count
+        places = {name: batch.bind(name) for name in _PLACES}
         for n in range(count):
             asleep = self._asleep[rows]
             self._roll(batch, rows, grids, n, one)
@@ -202,7 +204,7 @@ class MujocoThreads:
             nearest = np.minimum(nearest, one["sensordata"][:, 0, -1])
             constrained = one["nefc"].reshape(len(rows), -1)[:, -1] > 0
             for name in _PLACES:
-                records[name][:, n] = batch.bind(name)[rows]
+                records[name][:, n] = places[name] if every else places[name][rows]
             for name in _JOINTS:
                 records[name][:, n] = one[name][:, 0]
         return _Taken(number, rows, {*rows.tolist()}, Records(records, None), nearest, constrained)
@@ -211,8 +213,10 @@ class MujocoThreads:
         """Takes as many steps as there is room for in `records` from step `first`, and computes places after them."""
         # MuJoCo adds up its time in floating point; ours is exact.
         batch.bind("time")[rows] = [grid[first] * 1e-9 for grid in grids]
-        batch.rollout(records["qpos"].shape[1], record=_RECORDED, ids=rows, out=records)
-        batch.forward(rows, mujoco.mjtStage.mjSTAGE_VEL)
+        # Of all at once nobody has to look at their numbers.
+        ids = None if len(rows) == self._count else rows
+        batch.rollout(records["qpos"].shape[1], record=_RECORDED, ids=ids, out=records)
+        batch.forward(ids, mujoco.mjtStage.mjSTAGE_VEL)
 
     def _records(self, batch: Batch, number: int, rows: int, steps: int) -> Fields:
         """Gives the arrays of the call with this number of those taken together; kept, for new memory is slow."""
