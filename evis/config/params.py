@@ -157,6 +157,8 @@ def limits(param: Param) -> str:
 def in_full(value: float) -> str:
     """Formats a number briefly, 2.5 or 1e+09, and with all its digits where six do not tell it: 16777216."""
     brief = f"{value:g}"
+    if isinstance(value, int):
+        return brief if int(float(brief)) == value else str(value)
     return brief if float(brief) == value else f"{value:.15g}"
 
 

@@ -151,8 +151,10 @@ class Plan:
         return self.sensors.get(topic.rpartition("/")[0], {})
 
     def save(self, path: Path) -> None:
-        """Writes the plan as JSON."""
-        path.write_text(json.dumps(dataclasses.asdict(self), indent=1))
+        """Writes the plan as JSON: whole, for who looks for running graphs at that moment."""
+        part = path.with_suffix(".part")
+        part.write_text(json.dumps(dataclasses.asdict(self), indent=1))
+        part.replace(path)
 
     @staticmethod
     def load(path: Path) -> Plan:

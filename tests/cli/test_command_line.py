@@ -89,7 +89,7 @@ def test_actions_have_help_with_an_example(command: str, action: str, capsys: py
         (["launch", "spinning_disk", "centre:=5,5"], "centre[0] is 5.0, the most is 0.25"),
         (["launch", "spinning_disk", "centre:=0"], "it must be 2 numbers"),
         (["launch", "spinning_disk", "cameras:="], "cameras is empty; name one"),
-        (["launch", "spinning_disk", f"seed:={2**63}"], "the most is 9.22337e+18"),
+        (["launch", "spinning_disk", f"seed:={2**63}"], "the most is 9223372036854775807"),
         (["launch", "spinning_disk", "device:=gpu"], "must be cpu, cuda or cuda:N"),
         (["launch", "spinning_disk", "cameras:=cam1"], "has no camera 'cam1'; did you mean 'cam0'?"),
         (["launch", "spinning_disk", "labels:=contacts"], "moves in closed form and has no contacts"),
