@@ -1,6 +1,5 @@
 """A GPU's kernels compiled in processes beside this one: the same bytes, and no kernel lost with a process."""
 
-import contextlib
 import ctypes
 import json
 import os
@@ -113,9 +112,8 @@ def test_what_no_line_can_hold_is_compiled_here():
 
 
 def test_it_is_shared_once():
-    with contextlib.suppress(AttributeError):
-        from warp._src import context
+    from warp._src import context
 
-        before = getattr(context.runtime.core, FUNCTION)
-        share_compilers()
-        assert getattr(context.runtime.core, FUNCTION) is before
+    before = getattr(context.runtime.core, FUNCTION)
+    share_compilers()
+    assert getattr(context.runtime.core, FUNCTION) is before

@@ -7,6 +7,7 @@ environment is never split over threads, so that their number changes no bit.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 import threading
@@ -48,7 +49,8 @@ def stand_back() -> None:
     Steps are taken ahead, while others work on what was asked for before: these go first where cores are few.
     """
     if sys.platform == "linux":
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), os.getpriority(os.PRIO_PROCESS, 0) + NICER)
+        with contextlib.suppress(OSError):  # a sandbox may forbid it: then all are alike
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), os.getpriority(os.PRIO_PROCESS, 0) + NICER)
 
 
 @dataclass
