@@ -62,8 +62,8 @@ class Turns:
     def too_fast(self, moving: np.ndarray, twist: np.ndarray) -> list[str]:
         """Returns a line for each body that turns half about within a frame, once for each.
 
-        moving: int [B], bodies, and twist float64 [E, S, B, 6], theirs, as of WorldState. Where all are slower than SLOW
-        at the end of the interval the states within it are not looked at.
+        moving: int [B], bodies, and twist float64 [E, S, B, 6], theirs, as of WorldState. Where all are slower than
+        SLOW at the end of the interval the states within it are not looked at.
         """
         if not self._rate or not self._watched[moving].any():
             return []
