@@ -54,6 +54,7 @@ class EventSensorNode(Node):
         "seed": Param(int, 0, "seed of the sensor's random streams; environment k has seed + k", "", 0, 2**63 - 1),
         "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
         "colour": Param(bool, False, "colour events: three sensors, for R, G and B, instead of one for luminance"),
+        "envs": Param(int, 1, "parallel environments that are expected, to prepare for them", "", 1, 65536),
         "scene": replace(SCENE["scene"], help="world that is seen, whose `sensor:` gives parameters"),
         "scene_args": SCENE["scene_args"],
         **NODE,
@@ -143,7 +144,9 @@ class EventSensorNode(Node):
             from nodes.event_sensor.messages.flights import Flights
 
             self._flights = Flights()
-        self._tried: Any = self._make(2, 2, 1)
+        # One environment has other kernels than several.
+        self._few = min(self.params["envs"], 2)
+        self._tried: Any = self._make(2, 2, self._few)
         """A sensor to compile what all need, rather than at the first frame."""
         if self._own_model and EACH not in self.params:
             begin_building(self._device, self._tried.kernels())
@@ -155,16 +158,17 @@ class EventSensorNode(Node):
         sensor, self._tried = self._tried, None
         if self._own_model and EACH not in self.params:
             build_together(self._device, sensor.kernels())
-        one = np.ones((1, 2, 2, 3), np.float32)
-        warm = self._images.of([Keyframe(Header(0), np.zeros(1, np.int32), radiance=one)])
+        episodes = np.zeros(self._few, np.int32)
+        ones = np.ones((self._few, 2, 2, 3), np.float32)
+        warm = self._images.of([Keyframe(Header(0), episodes, radiance=ones)])
         for k in range(2):
-            sensor.process(warm, np.array([10 * k]), np.zeros(1, np.int32))
+            sensor.process(warm, np.array([10 * k]), episodes)
         if self._source == "samples":
             from nodes.event_sensor.input.further import Further
 
             values = np.ones((1, 3) if self.params["colour"] else 1, np.float32)
-            one_more = Further(np.array([0, 1, 1, 1, 1]), np.array([5]), values)
-            sensor.process(warm, np.array([20]), np.zeros(1, np.int32), further=one_more)
+            first = np.minimum(np.arange(4 * self._few + 1), 1)
+            sensor.advance(warm, np.array([20]), episodes, further=Further(first, np.array([5]), values))
 
     def _make(self, height: int, width: int, envs: int, seed: int | None = None, number: int = 0) -> Any:
         """The sensor, or one for each environment where the scene draws them different parameters.

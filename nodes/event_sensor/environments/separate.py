@@ -23,6 +23,10 @@ class SeparateSensors:
         self._episodes: np.ndarray | None = None
         self.t_base = 0
 
+    def kernels(self) -> list[Any]:
+        """Gives the kernels that take long to compile, as EventSensor.kernels does."""
+        return [kernel for sensor in self._sensors for kernel in sensor.kernels()]
+
     def process(self, luminance: Any, stamps: np.ndarray, episodes: np.ndarray) -> Events:
         """Takes frames and gives their events, as Model.process does."""
         last, parts = self._begun(episodes), []
