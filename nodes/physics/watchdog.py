@@ -168,7 +168,8 @@ class Watchdog:
         if -distance[n] <= 0.5 * thickness:
             return None
         one, other = (
-            geom_name(self.model, geom) if geom >= 0 else flex_name(self.model, flex) for geom, flex in zip(pair, flexes)
+            geom_name(self.model, geom) if geom >= 0 else flex_name(self.model, flex)
+            for geom, flex in zip(pair, flexes)
         )
         bodies = touching_bodies(self.model, data)[n]
         speeds = np.append(0.0, self._limits.reach.fastest(pose, twist))[bodies]

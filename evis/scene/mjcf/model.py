@@ -60,7 +60,7 @@ def add_model(scene: Scene, size: tuple[int, int], *, own_cameras: bool, visuals
     if model.nskin:
         scene.notes.append("skins are not drawn; in their place are the shapes of the bodies under them")
     if asleep := _asleep(model):
-        scene.notes.append(f"sleep=\"init\" counts as sleep=\"allowed\", so at the start {asleep} may move")
+        scene.notes.append(f'sleep="init" counts as sleep="allowed", so at the start {asleep} may move')
     if not own_cameras:
         add_cameras(scene, model, data, size)
     return model
