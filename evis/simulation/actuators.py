@@ -32,12 +32,15 @@ def actuators_of(scene: Scene) -> tuple[Actuators, np.ndarray]:
     """
     if not scene.dynamic:
         return Actuators(), np.zeros(0)
+    import mujoco
+
     from evis.scene.mjcf.dynamics import compile_model
     from nodes.physics.dynamics import actuators
 
     model = compile_model(scene)
-    start = np.array(model.key_ctrl[scene.keyframe]) if scene.keyframe >= 0 else np.zeros(model.nu)
-    return actuators.actuators_of(model), start
+    # not zero throughout: the setpoint of an orientation starts as the quaternion that turns nothing
+    start = model.key_ctrl[scene.keyframe] if scene.keyframe >= 0 else mujoco.MjData(model).ctrl
+    return actuators.actuators_of(model), np.array(start)
 
 
 def controls_of(action: Any, envs: int, actuators: Actuators) -> np.ndarray:

@@ -246,6 +246,8 @@ class MujocoEngine:
         if self._batch is not None and self._foreseen:
             self._batch.begin()
 
+    # Of what diverges the faults of an interval tell; that its squares overflow is nothing to warn of besides.
+    @np.errstate(over="ignore", invalid="ignore")
     def advance(self, to_ns: int, controls: np.ndarray | None = None) -> Interval:
         """Moves on to stamp `to_ns` [ns] under controls [E, nu].
 

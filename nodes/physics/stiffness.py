@@ -145,7 +145,7 @@ def _servos(model: Any, transmission: mujoco.mjtTrn) -> dict[int, tuple[float, f
     for actuator in np.flatnonzero(model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE).tolist():
         if model.actuator_trntype[actuator] == transmission:
             joint = int(model.actuator_trnid[actuator, 0])
-            square = float(model.actuator_gear[actuator, 0]) ** 2
+            square = float(model.actuator_gear[model.actuator_outadr[actuator], 0]) ** 2
             stiffness, damping = (max(-float(p) * square, 0.0) for p in model.actuator_biasprm[actuator, 1:3])
             before = found.get(joint, (0.0, 0.0))
             found[joint] = (before[0] + stiffness, before[1] + damping)

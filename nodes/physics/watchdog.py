@@ -8,6 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from nodes.physics.dynamics.touching import flex_name, touching_bodies
 from nodes.physics.precision.reach import Reach
 from nodes.physics.precision.sub_steps import FINEST
 from nodes.physics.stiffness import FOLLOWED, Mode, geom_name, integrator_of, modes, thicknesses
@@ -161,13 +162,17 @@ class Watchdog:
         if not data.ncon or (distance := contact.dist).min() > -0.5 * self._limits.thickness:
             return None
         n = int(np.argmin(distance))
-        pair = contact.geom[n]
-        thin = int(pair[np.argmin(self._limits.thicknesses[pair])])
-        thickness = self._limits.thicknesses[thin]
+        pair, flexes = contact.geom[n].tolist(), contact.flex[n].tolist()
+        # A flex gives way; it has no thickness of its own.
+        thickness, thin = min((self._limits.thicknesses[geom] if geom >= 0 else np.inf, geom) for geom in pair)
         if -distance[n] <= 0.5 * thickness:
             return None
-        one, other = (geom_name(self.model, geom) for geom in pair.tolist())
-        speeds = np.append(0.0, self._limits.reach.fastest(pose, twist))[self.model.geom_bodyid[pair]]
+        one, other = (
+            geom_name(self.model, geom) if geom >= 0 else flex_name(self.model, flex)
+            for geom, flex in zip(pair, flexes)
+        )
+        bodies = touching_bodies(self.model, data)[n]
+        speeds = np.append(0.0, self._limits.reach.fastest(pose, twist))[bodies]
         constant = _time_constant(contact.solref[n], self.model.opt.timestep)
         # What stops goes as deep as its speed times the constant, what is pressed as its square.
         firm = min(thickness / max(speeds.max(), 1e-12), 0.5 * constant * np.sqrt(-0.25 * thickness / distance[n]))

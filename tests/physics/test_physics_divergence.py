@@ -1,5 +1,7 @@
 """A simulation that blows up is reported with body, time and cause, and begins its next episode."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -40,6 +42,15 @@ def test_a_spring_too_stiff_for_the_step_is_a_fault(spring_scene, tmp_path, inte
     assert np.isfinite(interval.pose).all() and np.isfinite(interval.twist).all()
     assert np.array_equal(interval.pose[0, -1], engine.start().pose[0, 0]) and not interval.twist.any()
     assert not list(tmp_path.glob("MUJOCO_LOG*"))
+
+
+def test_numbers_too_large_for_squares_are_told_by_the_fault_alone(spring_scene):
+    """A speed that grows a hundredfold a step for a hundred steps: a fault, and no warning of numpy's besides."""
+    engine = MujocoEngine(spring_scene())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        interval = engine.advance(100 * MS)
+    assert [env for env, _ in interval.faults] == [0] and "body 'mass' diverged" in interval.faults[0][1]
 
 
 def test_discrete_takes_the_same_spring(spring_scene):

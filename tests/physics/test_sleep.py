@@ -126,3 +126,13 @@ def test_a_tolerance_keeps_bodies_awake(tmp_path: Path) -> None:
     engine = engine_of(tmp_path, 1, tolerance=Tolerance(1e-4, 1e-4))
     interval = engine.advance(2_000_000_000)
     assert interval.qvel[0, -1].any()
+
+
+def test_that_a_body_does_not_sleep_from_the_start_is_said(tmp_path: Path) -> None:
+    """MuJoCo lets a box with sleep="init" hang in the air; here it falls, and that is said."""
+    text = WORLD.format(integrator="implicitfast").replace('name="far"', 'name="far" sleep="init"')
+    for name, said in (("init", True), ("off", False)):
+        (tmp_path / f"{name}.xml").write_text(text if said else text.replace("enable", "disable"))
+        notes = load_scene(str(tmp_path / f"{name}.xml"), visuals=False).notes
+        assert [note for note in notes if "sleep" in note] == ['sleep="init" counts as sleep="allowed", so at the '
+                                                              "start body 'far' may move"] * said  # fmt: skip

@@ -244,3 +244,17 @@ def test_a_keyframe_that_is_not_used_is_told(tmp_path, name, told):
     if told:
         assert notes[0].endswith(f"keyframe:={told}")
         assert load_scene(str(tmp_path / "m.xml"), {"keyframe": told}).keyframe == 0
+
+
+def test_what_has_no_name_is_not_called_as_another(tmp_path):
+    """A body called `body2` beside a second one without a name, and so for lights; those with names keep them."""
+    (tmp_path / "m.xml").write_text(
+        '<mujoco><worldbody><body name="body2" pos="0 0 1"><freejoint/><geom size=".1" mass="1"/></body>'
+        '<body pos="0 0 2"><freejoint/><geom size=".1" mass="3"/></body>'
+        '<light/><light name="light0"/></worldbody></mujoco>'
+    )
+    (tmp_path / "s.yaml").write_text("mjcf: m.xml\nmodel: {bodies: {body2: {mass: 5}}}\n")
+    scene = load_scene(str(tmp_path / "s.yaml"))
+    assert [body.name for body in scene.bodies[:2]] == ["body2", "body2_"]
+    assert [light.name for light in scene.lights] == ["light0_", "light0"]
+    assert [(change.number, change.values) for change in scene.changes] == [(1, (5.0,))]

@@ -144,3 +144,19 @@ def test_a_package_that_is_not_there_is_said_by_who_moves_and_by_who_draws(robot
     for visuals in (True, False):
         (note,) = load_scene(str(robot), visuals=visuals).notes
         assert "no file package://r/gone.dae; package 'r' is looked for above" in note and "ROS_PACKAGE_PATH" in note
+
+
+@pytest.mark.parametrize("dirs", ['assetdir="parts"', 'meshdir="parts"', 'meshdir="parts" assetdir="nowhere"'])
+def test_meshes_lie_where_mujoco_looks_for_them(robot, tmp_path, dirs):
+    """A triangle mesh in a folder that the file's <compiler> names by either key, as a link's collision shape."""
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "t.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 0 2 0\nv 0 0 3\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    )
+    text = URDF.replace('<sphere radius="0.05"/>', '<mesh filename="t.obj"/>')
+    robot.write_text(text.replace("<link", f"<mujoco><compiler {dirs}/></mujoco><link", 1))
+    scene = load_scene(str(robot))
+    tip = next(i for i in scene.instances if i.name == "tip")
+    assert not scene.notes and len(tip.mesh.faces) == 4
+    edges = np.linalg.norm(np.diff(tip.mesh.vertices[tip.mesh.faces[:, [0, 1, 2, 0]]], axis=1), axis=-1)
+    assert np.allclose(np.unique(edges.round(4)), np.sqrt([1, 4, 5, 9, 10, 13]).round(4))

@@ -50,7 +50,7 @@ def read_changes(fields: Fields, model: Any) -> list[ModelChange]:
     found: list[ModelChange] = []
     if fields.has("gravity"):
         found.append(ModelChange("option", 0, "gravity", tuple(fields.vector("gravity"))))
-    counts = {"bodies": model.nbody, "geoms": model.ngeom, "joints": model.njnt, "actuators": model.nu}
+    counts = {"bodies": model.nbody, "geoms": model.ngeom, "joints": model.njnt, "actuators": model.nactuator}
     for section, (kind, default) in PHYSICS.items():
         names = [name_of(model, kind, i, default) for i in range(counts[section])]
         for number, entry in matched(fields, section, names):

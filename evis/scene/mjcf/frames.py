@@ -18,8 +18,13 @@ TARGETS = (MODE.mjCAMLIGHT_TARGETBODY, MODE.mjCAMLIGHT_TARGETBODYCOM)
 
 
 def name_of(model: Any, kind: Any, i: int, default: str) -> str:
-    """Returns the name of a model's element, or `default` with its number."""
-    return mujoco.mj_id2name(model, kind, i) or f"{default}{i}"
+    """Returns the name of a model's element, or `default` with its number, and a _ where another is called that."""
+    name = mujoco.mj_id2name(model, kind, i)
+    if not name:
+        name = f"{default}{i}"
+        while mujoco.mj_name2id(model, kind, name) >= 0:
+            name += "_"
+    return str(name)
 
 
 def free_name(scene: Scene, name: str, ending: str) -> str:

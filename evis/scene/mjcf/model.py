@@ -59,6 +59,8 @@ def add_model(scene: Scene, size: tuple[int, int], *, own_cameras: bool, visuals
         scene.notes.append("flexes are simulated but not drawn")
     if model.nskin:
         scene.notes.append("skins are not drawn; in their place are the shapes of the bodies under them")
+    if asleep := _asleep(model):
+        scene.notes.append(f'sleep="init" counts as sleep="allowed", so at the start {asleep} may move')
     if not own_cameras:
         add_cameras(scene, model, data, size)
     return model
@@ -123,6 +125,17 @@ def _compile(scene: Scene, path: Path, visuals: bool) -> tuple[Any, np.ndarray]:
     model = (compile_drawn if visuals else compile_mjcf)(path, folders_of(scene))
     shown = np.isin(model.geom_group, GROUPS)
     return model, (shown | _under_skins(model, shown)) & visuals
+
+
+def _asleep(model: Any) -> str:
+    """Names the bodies that the model has sleep until they are touched, as a text; "" for none."""
+    if not model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP:
+        return ""
+    trees = np.flatnonzero(model.tree_sleep_policy == mujoco.mjtSleepPolicy.mjSLEEP_INIT)
+    bodies = [int(np.argmax(model.body_treeid == tree)) for tree in trees]
+    names = [f"'{name_of(model, mujoco.mjtObj.mjOBJ_BODY, body, 'body')}'" for body in bodies]
+    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+    return f"body {', '.join(names[:3])}{more}" if names else ""
 
 
 def _under_skins(model: Any, shown: np.ndarray) -> np.ndarray:

@@ -150,9 +150,8 @@ def _directions(model: Any, geom: int, mesh: Mesh) -> np.ndarray:
     if kind in _UNSCALED:
         return corners * np.where(size > 0, size, 1.0) if uniform else corners
     if kind == _TYPE.mjGEOM_CAPSULE:
-        # Its caps are halves of a sphere with a centre of their own.
+        # Its caps are halves of a sphere that begin where the side ends, and are scaled along z as that is.
         high = corners[..., 2].mean(axis=1, keepdims=True)
-        cap = np.abs(high) > size[2]
-        z = (corners[..., 2] - np.sign(high) * size[2]) / size[0]
-        corners[..., 2] = np.where(cap, z * size[2], corners[..., 2])
+        cap, end = np.abs(high) > size[2], np.sign(high) * size[2]
+        corners[..., 2] = np.where(cap, end + (corners[..., 2] - end) * (size[2] / size[0]), corners[..., 2])
     return corners if uniform else corners / size

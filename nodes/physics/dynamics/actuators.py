@@ -11,11 +11,18 @@ from nodes.physics.from_outside import Actuators
 
 
 def actuators_of(model: Any) -> Actuators:
-    """Reads names and ranges, in the units that the model has."""
+    """Reads names and ranges of the controls, in the units that the model has; an actuator may have several."""
     limited = np.asarray(model.actuator_ctrllimited, bool)
     span = np.asarray(model.actuator_ctrlrange, np.float64).reshape(-1, 2)
     low, high = np.where(limited, span[:, 0], -np.inf), np.where(limited, span[:, 1], np.inf)
-    return Actuators(tuple(_name(model, k) for k in range(model.nu)), low, high)
+    names = [name for k in range(model.nactuator) for name in _names(model, k)]
+    return Actuators(tuple(names), low, high)
+
+
+def _names(model: Any, actuator: int) -> list[str]:
+    """One for each of its controls, numbered where there are several."""
+    name, count = _name(model, actuator), int(model.actuator_ctrlnum[actuator])
+    return [name] if count == 1 else [f"{name}[{k}]" for k in range(count)]
 
 
 def _name(model: Any, actuator: int) -> str:

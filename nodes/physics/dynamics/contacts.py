@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from nodes.physics.dynamics.sleep import wake
+from nodes.physics.dynamics.touching import touching_bodies
 from nodes.physics.interval import Contacts
 
 
@@ -28,10 +29,9 @@ def contacts_of(model: Any, data: Any, scratch: Any) -> Contacts:
         # rows of frame: normal from the first to the second geom, then two tangents
         force[row] = scratch.contact[i].frame.reshape(3, 3).T @ result[:3]
     contact = scratch.contact
-    geoms = np.asarray(contact.geom, np.int64).reshape(-1, 2)[active]
     return Contacts(
         env=np.zeros(len(active), np.int32),
-        body=(model.geom_bodyid[geoms] - 1).astype(np.int32).reshape(-1, 2),
+        body=(touching_bodies(model, scratch)[active] - 1).astype(np.int32).reshape(-1, 2),
         position=np.array(contact.pos, np.float64).reshape(-1, 3)[active],
         normal=np.array(contact.frame, np.float64).reshape(-1, 9)[active][:, :3].copy(),
         force=force,

@@ -40,7 +40,7 @@ def keep_delays(spec: Any, file: str, step: float) -> None:
 
 def delayed(model: Any) -> str | None:
     """Names the first actuator of a model that has a delay, None where none has."""
-    for number in range(model.nu):
+    for number in range(model.nactuator):
         if model.actuator_delay[number] > 0:
             return name_of(model, mujoco.mjtObj.mjOBJ_ACTUATOR, number, "actuator")
     return None

@@ -83,8 +83,9 @@ def _text(path: Path, folders: Folders, visuals: bool) -> str:
         compiler = ET.SubElement(extension, "compiler")
     if visuals and compiler.get("discardvisual") is None:
         compiler.set("discardvisual", "false")
-    folder = path.parent / compiler.get("meshdir", ".")
-    compiler.attrib.pop("meshdir", None)
+    folder = path.parent / compiler.get("meshdir", compiler.get("assetdir", "."))
+    for key in ("meshdir", "assetdir"):
+        compiler.attrib.pop(key, None)
     compiler.set("strippath", "false")
     keeps = compiler.get("discardvisual") == "false"
     for part in ("visual", "collision") if keeps else ("collision",):
