@@ -8,6 +8,7 @@ import warp as wp
 from refine_rig import box, refined
 from rigid_rig import FOCAL, GAP, HEIGHT, START, WIDTH, closed_form, keyframe, lamp, plain, pose, quad, world
 
+from evis.geometry import se3
 from evis.scene.mesh.shapes import disk, sphere
 from evis.scene.model import Mesh, Waveform
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
@@ -104,6 +105,28 @@ def test_the_shadow_of_what_is_thin_and_fast(part):
     speed = 60.0
     half = 0.5 * part * GAP / K * 1e-9 * speed
     check(shadow_times(half, speed, 0.0), found_times(rod(half, speed)), 0.3)
+
+
+def test_the_shadow_of_a_plate_that_turns_its_edge_to_the_sun():
+    """A plate flies aslant, and its shadow is as wide as it is long times the sine of its angle with the light: on a
+    point for a fifth of the time between two frames, though the plate is far wider along its way."""
+    speed, half, middle = 60.0, 0.5, (START + GAP / 2) * 1e-9
+    narrow = 0.5 * 0.2 * GAP / K * 1e-9 * speed
+    sun = -np.array([0.0, np.sin(1.0), np.cos(1.0)])
+    x = np.array([1.0, 0.0, 0.0])
+    across = np.cross(x, sun)
+    sine = np.sqrt(0.5) * narrow / half
+    along, side = np.sqrt(1 - sine**2) * sun + sine * np.sqrt(0.5) * (x + across), np.sqrt(0.5) * (x - across)
+    stand = se3.from_matrix(np.stack([along, side, np.cross(along, side)], -1))
+    place = np.array([-speed * middle, 0.0, WALL]) + 2.4 * sun
+    flight = Prescribed(se3.make_pose(place, stand), [Linear(speed * x)])
+    things = [(quad(6.0), plain(0.5), Prescribed(pose(z=WALL))), (quad(half), plain(0.2), flight)]
+    scene = world(things, lights=[replace(lamp(), kind="directional", vector=-sun)])
+    k = scene.cameras[0].k
+    u, v = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
+    there, height = WALL * (u - k[0, 2]) / k[0, 0], across[1] * WALL * (v - k[1, 2]) / k[1, 1]
+    expected = [(there + height + way * narrow) / speed * 1e9 + GAP / 2 for way in (-1, 1)]
+    check(np.where(abs(height) < 0.6 * half, expected, np.nan), found_times(scene))
 
 
 def test_a_lamp_that_passes_behind_what_stands_still():

@@ -121,6 +121,25 @@ def test_lamps_that_are_switched_many_times_between_frames(waves, most):
     assert np.quantile(errors, 0.98) < most
 
 
+@pytest.mark.parametrize("motions", [(), (Linear(np.array([0.5, 0.0, 0.0])),)], ids=["still", "moving camera"])
+def test_a_lamp_that_flickers_where_nothing_else_changes_light(motions):
+    """A matte wall is as bright as sky and lamp make it together: closed form, by the lamp's sine alone."""
+    lamps = [lamp(waveform=Waveform("sine", 200.0, 0.6))]
+    things = [(quad(9.0), plain(0.8), Prescribed(pose(z=3.0)))]
+    scene = world(things, camera_motion=Prescribed(pose(), motions), lights=lamps)
+    _, (pixels, ns, values) = refined(scene, 4, 100_000)
+    assert len(ns) > 5000
+    times = np.unique(ns)[::4]
+    for t in times.tolist():
+        poses, here = closed_form(scene, np.array([START + t])).pose[:, 0], ns == t
+        alone = []
+        for lights in ([], [replace(lamps[0], waveform=None)]):
+            bare = replace(scene, lights=lights)
+            alone.append(luminance(Renderer(bare, bare.cameras[0]).render(poses)["radiance"]).reshape(-1)[pixels[here]])
+        strength = 1 + 0.6 * np.sin(2 * np.pi * 200.0 * 1e-9 * (START + t))
+        np.testing.assert_allclose(values[here], alone[0] + strength * (alone[1] - alone[0]), rtol=0.005)
+
+
 @pytest.mark.parametrize("depth", [0.3, 0.9])
 def test_a_wall_under_lamps_that_flicker_out_of_step(depth):
     """Each pixel's course is a sum of sines, and samples of what stands still are on it: that of a wall under lamps of

@@ -14,6 +14,7 @@ from nodes.interpolator.refine.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.light.outlines import finest_halves
 from nodes.interpolator.refine.light.passing_kernels import make_find_passing
+from nodes.interpolator.refine.light.plates import Plates
 from nodes.interpolator.refine.probing.visit_kernels import find_briefest, find_turns
 from nodes.interpolator.refine.probing.visits import boxes_of
 from nodes.interpolator.rigid.method import Rigid
@@ -62,6 +63,7 @@ class Passing:
         asked = moving | bool(lamps) if self._changes.passes else np.zeros_like(moving)
         fine = finest_halves(v, asked)
         self._boxes, self._count = boxes_of(v, movers, np.flatnonzero(moving), fine)
+        self._plates = Plates(v, movers, np.flatnonzero(moving & asked), fine)
         self._lamp_mover = np.searchsorted(movers, [scene.lights[l].body for l in lamps]).astype(np.int64)
         # A light far away sweeps over what throws shadows as one does that is as far as these may fall.
         far = FALL * float(geometry.radius[(half > 0).all(axis=1)].max(initial=0.0))
@@ -96,8 +98,11 @@ class Passing:
         for m, path in enumerate(paths):
             if path is not None:
                 moved[:, :, 0, m] = path.pose(times.ravel()).reshape(*times.shape, 7)
-        eye, apart = np.broadcast_to(se3.IDENTITY, (1, 7)), np.array([SHORT_NS])
-        return bool(min(self._shortest(pair, eye, apart)[0] for pair in moved) * 2 * SEEN < USUAL_NS)
+        still, apart = np.broadcast_to(se3.IDENTITY, (1, len(v.scene.bodies), 7)).copy(), np.array([SHORT_NS])
+        for body, path in enumerate(b.trajectory for b in v.scene.bodies):
+            if path is not None:
+                still[0, body] = path.pose(np.zeros(1, np.int64))[0]
+        return bool(min(self._shortest(pair, still, apart)[0] for pair in moved) * 2 * SEEN < USUAL_NS)
 
     def parts(
         self, instants: Instants, poses: Poses, lengths: np.ndarray, held: np.ndarray
@@ -109,10 +114,9 @@ class Passing:
         """
         if not self._changes.passes:
             return np.zeros(len(held), np.int64), np.zeros(len(held), bool)
-        eye = poses.rest[:, self._rigid.visibility.camera_body]
         lengths = np.where(held, 1, lengths)
         coarse = lengths / instants.coarse
-        seen = SEEN * self._shortest(poses.moved, eye, lengths / instants.count)
+        seen = SEEN * self._shortest(poses.moved, poses.rest, lengths / instants.count)
         most = min(MOST, 1 << instants.depth)
         rare = ~held & (2 * seen < coarse)
         wanted = np.ceil(coarse / np.maximum(seen, coarse / (most + 1)))
@@ -137,13 +141,13 @@ class Passing:
         if self.bits.shape != shape:
             self.bits = wp.zeros(shape, dtype=wp.uint64, device=self._rigid.visibility.device)
 
-    def _shortest(self, moved: np.ndarray, eye: np.ndarray, apart_ns: np.ndarray) -> np.ndarray:
+    def _shortest(self, moved: np.ndarray, rest: np.ndarray, apart_ns: np.ndarray) -> np.ndarray:
         """Gives the shortest time, float64 [E] ns, for which the shadow of something, or the light through a hole in
         it, is on a point, its width over its speed with the lamp's, or that of what goes to and fro, or a beam that
         turns; a part of that under area lights.
 
-        moved: poses of the movers at all instants, float64 [n, E, M, 7], apart_ns [E] from each other. eye: of the
-        cameras, float64 [E, 7].
+        moved: poses of the movers at all instants, float64 [n, E, M, 7], apart_ns [E] from each other. rest: of
+        all bodies, float64 [E, N, 7].
         """
         envs, most = moved.shape[1], len(moved) - 1
         shine, shortest = np.zeros(envs), np.full(envs, np.inf)
@@ -162,7 +166,10 @@ class Passing:
             apart = np.linalg.norm(se3.rotate(after, self._beams) - se3.rotate(before, self._beams), axis=-1)
             turned = 2 * np.arcsin(np.minimum(apart / 2, 1.0))
             shortest = np.minimum(shortest, (self._cones / np.maximum(turned, 1e-30)).min(axis=(0, 2)))
+        if self._plates.any:
+            shortest = np.minimum(shortest, self._plates.shortest(moved, rest, first))
         if self._count:
+            eye = rest[:, self._rigid.visibility.camera_body]
             with wp.ScopedDevice("cpu"):
                 poses: wp.array = wp.array(np.ascontiguousarray(moved), dtype=wp.transformd)
                 where: wp.array = wp.array(first, dtype=wp.int32)

@@ -152,16 +152,15 @@ def make_relit_between(changes: LightChanges) -> Any:
     @wp.func
     def relit_between(cut: Cut, stage: Stage, change: Change, spot: Spot, i: int, hit: wp.uint64):
         """Tells whether light on what a pixel shows at instant i may change in the gap, beside lamps that flicker."""
-        if wp.static(asked is None):
-            return False
-        t = triangle_of(hit)
-        if t == MISS:
-            return False
-        body = stage.targets.pieces[t][0]
-        row = slot_row(cut, spot.env, spot.k, i)
-        to_a = stage.shift[row, body]
-        to_b = stage.shift[row + stage.shift.shape[0] // 2, body]
-        return asked(change, body, spot.env, row, hit, depth_of(hit) * spot.d, to_a, to_b) != 0
+        if wp.static(asked is not None):
+            t = triangle_of(hit)
+            if t != MISS:
+                body = stage.targets.pieces[t][0]
+                row = slot_row(cut, spot.env, spot.k, i)
+                to_a = stage.shift[row, body]
+                to_b = stage.shift[row + stage.shift.shape[0] // 2, body]
+                return asked(change, body, spot.env, row, hit, depth_of(hit) * spot.d, to_a, to_b) != 0
+        return False
 
     return relit_between
 
