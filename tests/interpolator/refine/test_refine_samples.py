@@ -140,6 +140,21 @@ def test_a_lamp_that_flickers_where_nothing_else_changes_light(motions):
         np.testing.assert_allclose(values[here], alone[0] + strength * (alone[1] - alone[0]), rtol=0.005)
 
 
+def test_a_sine_is_sampled_where_it_turns():
+    """Events that a lamp makes at the end of its swing are lost where lines pass below its height: 16 % of them at a
+    depth of 0.3 and 0.3 ms, of which the closed form has all."""
+    scene = world([(quad(9.0), plain(0.8), Prescribed(pose(z=3.0)))], lights=[lamp(waveform=Waveform("sine", 200.0, 0.3))])
+    _, (pixels, _, values) = refined(scene, 4, 300_000)
+    still = closed_form(scene, np.array([0])).pose[:, 0]
+    alone = []
+    for lights in ([], [replace(scene.lights[0], waveform=None)]):
+        bare = replace(scene, lights=lights)
+        alone.append(luminance(Renderer(bare, bare.cameras[0]).render(still)["radiance"]).reshape(-1))
+    for q in np.unique(pixels)[::50]:
+        course, swing = values[pixels == q], 0.3 * (alone[1] - alone[0])[q]
+        np.testing.assert_allclose([course.min(), course.max()], alone[1][q] + [-swing, swing], rtol=0.003)
+
+
 @pytest.mark.parametrize("depth", [0.3, 0.9])
 def test_a_wall_under_lamps_that_flicker_out_of_step(depth):
     """Each pixel's course is a sum of sines, and samples of what stands still are on it: that of a wall under lamps of

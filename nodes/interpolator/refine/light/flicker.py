@@ -160,13 +160,19 @@ def _switches(waveform: Waveform, t: np.ndarray) -> dict[int, int]:
 
 
 def _bends(waveform: Waveform, t: np.ndarray, bend: float) -> dict[int, int]:
-    """Marks of a smooth waveform within instants t, between which its logarithm is on a straight line."""
+    """Marks of a smooth waveform within instants t, between which its logarithm is on a straight line.
+
+    Where it turns there is one in any case: a line beside its highest and lowest value would take from all of the swing,
+    and a threshold that is just reached there would not be.
+    """
     value = np.log(np.maximum([waveform_strength(waveform, int(s)) for s in t], LEAST_STRENGTH))
+    rises = np.diff(value)
+    turns = {int(i) + 1 for i in np.flatnonzero(rises[:-1] * rises[1:] < 0.0)}
     marks: dict[int, int] = {}
     begun, low, high = 0, -np.inf, np.inf
     for i in range(1, len(t)):
         slope = (value[i] - value[begun]) / (i - begun)
-        if not low <= slope <= high:
+        if not low <= slope <= high or i - 1 in turns:
             begun, low, high = i - 1, -np.inf, np.inf
             marks[begun] = 0
         over = 1.0 / (i - begun)
