@@ -12,18 +12,18 @@ import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.cuda_graph import CudaGraphs
-from nodes.interpolator.refine.change_kernels import Changes, Several, find_breaks, make_find_changes
-from nodes.interpolator.refine.edge_kernels import find_times
-from nodes.interpolator.refine.evaluator import Evaluator, changes_of
+from nodes.interpolator.refine.evaluation.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.interval_kernels import make_intervals, make_rounds, see
 from nodes.interpolator.refine.light.passing import Passing
-from nodes.interpolator.refine.lists import Lists, Samples
 from nodes.interpolator.refine.paths.path_kernels import make_instances
 from nodes.interpolator.refine.paths.way_kernels import find_bends
-from nodes.interpolator.refine.plain_kernels import make_find_plain
-from nodes.interpolator.refine.run_kernels import make_find_ends, make_find_runs
-from nodes.interpolator.refine.tally import Tally, Told
+from nodes.interpolator.refine.runs.change_kernels import Changes, Several, find_breaks, make_find_changes
+from nodes.interpolator.refine.runs.edge_kernels import find_times
+from nodes.interpolator.refine.runs.plain_kernels import make_find_plain
+from nodes.interpolator.refine.runs.run_kernels import make_find_ends, make_find_runs
+from nodes.interpolator.refine.samples.lists import Lists, Samples
+from nodes.interpolator.refine.samples.tally import Tally, Told
 from nodes.interpolator.rigid.method import Rigid
 from nodes.renderer.lighting import LIST_WORKERS
 

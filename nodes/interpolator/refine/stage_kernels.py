@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from nodes.interpolator.refine.sight_kernels import Targets
+from nodes.interpolator.refine.evaluation.sight_kernels import Targets
 from nodes.interpolator.rigid.plan_kernels import joined
 from nodes.renderer.raster.depth_kernels import triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray

@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from evis.geometry import se3
-from nodes.interpolator.refine.evaluator import Evaluator, changes_of
+from nodes.interpolator.refine.evaluation.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.light.outlines import finest_halves
 from nodes.interpolator.refine.light.passing_kernels import make_find_passing
