@@ -1,4 +1,4 @@
-"""Random numbers by counting, in numpy: a number is a hash of what it is for, never of what was drawn before.
+"""Draws random numbers by counting, in numpy: a number is a hash of what it is for, never of what was drawn before.
 
 The hash is SplitMix64 (Steele, Lea and Flood, OOPSLA 2014), whose stream s has the n-th number mix(s + n GOLDEN). In
 kernels it stands in nodes.event_sensor.model.faults.random_kernels; a test holds the two together.

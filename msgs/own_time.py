@@ -1,4 +1,4 @@
-"""Own time: what messages carry of environments once one of them was reset by itself.
+"""Defines own time: what messages carry of environments once one of them was reset by itself.
 
 Time within an environment counts from its own reset. As long as all were reset together, as at the start of a run,
 that is the time of the stamps, and messages carry none of this. Afterwards they carry `own`, int64 [E, 4], one row per

@@ -1,4 +1,4 @@
-"""A running graph in the hand of another program."""
+"""Controls a running graph from another program."""
 
 from __future__ import annotations
 

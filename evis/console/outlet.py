@@ -1,4 +1,4 @@
-"""Standard output and error that cannot fail the command which writes to them.
+"""Writes to standard output and error so that it cannot fail the command which writes.
 
 A viewer dies, a terminal is closed, a disk is full: what cannot be said any more goes to a log if there is one, and the
 command goes on with its work. What became of its output it is told at the end, for its exit status.

@@ -1,4 +1,4 @@
-"""The arguments of a launch file: declared with type, default, range and help; given as key:=value."""
+"""Declares the arguments of a launch file with type, default, range and help, and reads those given as key:=value."""
 
 from __future__ import annotations
 

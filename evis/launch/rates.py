@@ -1,4 +1,5 @@
-"""Which cameras of a scene are simulated, and which have a keyframe rate of their own: as given, or as it says."""
+"""Finds which cameras of a scene are simulated, and which have a keyframe rate of their own: as given, or as it
+says."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The node that stands for the caller in the graph: it takes what was asked for, and publishes the caller's actions."""
+"""Implements the node that stands for the caller in the graph: it takes what was asked for, and publishes the caller's
+actions."""
 
 from __future__ import annotations
 

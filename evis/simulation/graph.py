@@ -1,4 +1,4 @@
-"""From a scene or launch file and its arguments to the plan of a graph in this process, with the caller in it."""
+"""Makes the plan of a graph in this process from a scene or launch file and its arguments, with the caller in it."""
 
 from __future__ import annotations
 

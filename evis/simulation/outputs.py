@@ -1,4 +1,4 @@
-"""The names by which a caller asks for outputs, and the topics that they stand for."""
+"""Names the outputs that a caller may ask for, and the topics that they stand for."""
 
 from __future__ import annotations
 

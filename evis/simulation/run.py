@@ -1,4 +1,4 @@
-"""One run of a graph in this process: it begins at time 0, goes on by keyframes, and can begin again."""
+"""Runs a graph in this process once: it begins at time 0, goes on by keyframes, and can begin again."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ MOST_KEPT = 64_000_000
 
 @dataclass
 class History:
-    """Holds what the caller did since time 0, in order, so that it can be done again.
+    """Records what the caller did since time 0, in order, so that it can be done again.
 
     done: (keyframe, controls) and (keyframe, environments, seeds). size: of the controls [bytes].
     """
@@ -37,7 +37,7 @@ class History:
     size: int = 0
 
     def add(self, *what: Any) -> None:
-        """Adds one thing; once there is too much, nothing is kept."""
+        """Records one action of the caller; once there is too much, nothing is kept."""
         self.size += sum(part.nbytes for part in what if isinstance(part, np.ndarray))
         self.done.append(what)
         if self.size > MOST_KEPT:
@@ -121,7 +121,7 @@ class Run:
     # -- what a caller does ------------------------------------------------------------------------------------------
 
     def rewind(self, graph: Graph) -> None:
-        """Stands before keyframe 0 again, of a graph with the same nodes and perhaps another seed."""
+        """Goes back to before keyframe 0, in a graph with the same nodes and perhaps another seed."""
         with self._guarded():
             graph.plan.directory, graph.plan.run_id = self.graph.plan.directory, self.graph.plan.run_id
             self.graph = graph

@@ -1,4 +1,4 @@
-"""The audit of one camera without bus and files: frames and states in, an estimate of the events' error out."""
+"""Audits one camera without bus and files: it takes frames and states, and estimates the error of the events."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class Audit:
 
     @property
     def looks(self) -> int:
-        """Gives how often brute force has looked at a pixel."""
+        """Returns how often brute force has computed a pixel."""
         return self._look.looks
 
     def push(
@@ -144,7 +144,7 @@ class Audit:
         sensor.process(light, two, np.zeros(len(self.drawing.envs), np.int32))
 
     def finish(self) -> None:
-        """Works on what is left, at the end of a run; `push` may begin another episode."""
+        """Computes what is left, at the end of a run; `push` may begin another episode."""
         self._work(None)
         self._end(np.ones(len(self.drawing.envs), bool))
         self._episodes = None

@@ -59,7 +59,7 @@ def run_cost(scene: Scene, camera: Camera, samples: int, envs: int, rates: Rates
 
 
 def look_cost(scene: Scene, samples: int, light_samples: int, paths: int) -> float:
-    """Estimates the cost of a look at a pixel [ns]. paths: rays along paths for each sample, 0 without any."""
+    """Estimates the cost of one sample of a pixel [ns]. paths: rays along paths for each sample, 0 without any."""
     # An area light takes all its rays only where it may be hidden.
     shadows = sum((max(1, light_samples / 8) if light.kind == "area" else 1) for light in scene.lights if light.shadows)
     trace = RAY_NS + INSTANCE_NS * min(len(scene.instances), 64)

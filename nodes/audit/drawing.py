@@ -1,4 +1,5 @@
-"""The pixels of every environment: drawn at the begin of an episode, and their values in the run's frames."""
+"""Draws the audited pixels of every environment when an episode begins, and takes their values from the run's
+frames."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ class Blocks:
 
     @staticmethod
     def of(height: int, width: int, pixels: int) -> Blocks:
-        """Gives blocks to draw `pixels` by, none smaller than a pixel."""
+        """Makes blocks to draw `pixels` by, none smaller than a pixel."""
         count = max(BLOCKS, BLOCKS_EACH * pixels)
         rows = min(height, max(1, round((count * height / width) ** 0.5)))
         return Blocks(height, width, rows, min(width, max(1, round(count / rows))))

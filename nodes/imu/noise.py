@@ -1,4 +1,4 @@
-"""Counter-based normal numbers for inertial noise: the n-th sample has its own, however the stream is cut."""
+"""Draws counter-based normal numbers for inertial noise: the n-th sample has its own, however the stream is cut."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Samples of single pixels between the frames of a gap."""
+"""Holds samples of single pixels between the frames of a gap."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What made each event: the surface at its pixel and its time, and how that surface moves in the image.
+"""Labels each event with what made it: the surface at its pixel and its time, and how that surface moves in the image.
 
 Where a contour passes over a pixel, one surface comes and another goes, and the sensor places the events of that change
 anywhere within its step. The contour is that of the nearer surface, whether it comes or goes: so an event belongs to

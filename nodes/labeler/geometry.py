@@ -1,4 +1,4 @@
-"""Labels that look at meshes, in each environment at those of its own world."""
+"""Computes labels from meshes, in each environment from those of its own world."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Geometry:
         self._group()
 
     def follow(self, worlds: Worlds) -> None:
-        """Looks at these worlds from now on."""
+        """Uses these worlds from now on."""
         changed = len(worlds.changed(self.worlds, appearance)) > 0
         self.worlds = worlds
         if changed:

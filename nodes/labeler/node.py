@@ -1,4 +1,4 @@
-"""The labeler node: ground truth on /<camera>/labels at every stamp, only what was asked for."""
+"""Runs the labeler as a node: ground truth on /<camera>/labels at every stamp, only what was asked for."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class LabelerNode(Node):
 
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """Tells that an interval is of use for the flow over one alone, and what has boxes for boxes alone."""
+        """Names the parameters of flow over an interval, and of boxes, where no such label is asked for."""
         asked = set(kinds(params.get("labels")))
         idle: dict[str, str] = {}
         if not {"forward_flow", "backward_flow"} & asked:

@@ -1,4 +1,4 @@
-"""What a camera's pixels see at any instant of the states that are known: exact geometry, without images."""
+"""Computes what a camera's pixels see at any instant of the states that are known: exact geometry, without images."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a direction from the camera meets at an instant, and how that surface moves in the image.
+"""Computes what a direction from the camera meets at an instant, and how that surface moves in the image.
 
 A thread is a question. Every question has a time of its own, so poses are worked out for it alone, and rays meet meshes
 in the meshes' own frames, where float32 resolves them best.

@@ -1,4 +1,4 @@
-"""Dynamics with MuJoCo in float64: E environments of one model, each with its own state.
+"""Simulates dynamics with MuJoCo in float64: E environments of one model, each with its own state.
 
 Steps lie on one grid of fixed length (at most 1 ms) that knows nothing of keyframes, so that a world takes the same
 course whatever the keyframe rate. At a stamp between two grid points a pose is that of `evis.geometry.interpolate`, a

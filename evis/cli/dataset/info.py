@@ -1,4 +1,4 @@
-"""`evis dataset info`: what a data set holds."""
+"""Implements `evis dataset info`, which describes what a data set holds."""
 
 from __future__ import annotations
 

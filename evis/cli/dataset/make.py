@@ -1,4 +1,5 @@
-"""`evis dataset make`: the sequences of a recipe, by processes of this machine or a Ray cluster."""
+"""Implements `evis dataset make`, which makes the sequences of a recipe, by processes of this machine or a Ray
+cluster."""
 
 from __future__ import annotations
 

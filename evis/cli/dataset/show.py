@@ -1,4 +1,4 @@
-"""`evis dataset show`: a contact sheet and a page of a data set."""
+"""Implements `evis dataset show`, which makes a contact sheet and a page of a data set."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`evis dataset verify`: whether a data set is whole."""
+"""Implements `evis dataset verify`, which checks whether a data set is whole."""
 
 from __future__ import annotations
 

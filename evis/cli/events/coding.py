@@ -1,4 +1,4 @@
-"""What coded frames (video, PNG, JPEG, TIFF) cannot tell the sensor: counted while they pass, and said at the end."""
+"""Counts what coded frames (video, PNG, JPEG, TIFF) cannot tell the sensor while they pass, and says it at the end."""
 
 from __future__ import annotations
 

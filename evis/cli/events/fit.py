@@ -1,4 +1,4 @@
-"""`evis events fit`: a sensor's parameters from recordings of a real one."""
+"""Implements `evis events fit`, which fits a sensor's parameters to recordings of a real one."""
 
 from __future__ import annotations
 

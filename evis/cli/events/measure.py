@@ -1,4 +1,5 @@
-"""`evis events measure`: rate, rotation speed, noise and sharpness of a recording, a bag's topic or a running graph."""
+"""Implements `evis events measure`: rate, rotation speed, noise and sharpness of a recording, a bag's topic or a
+running graph."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`evis events simulate`: the event sensor on frames from anywhere."""
+"""Implements `evis events simulate`, which runs the event sensor on frames from anywhere."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`interpolator:=auto` on the command line: what is being measured, shown on a terminal."""
+"""Shows on a terminal what `interpolator:=auto` on the command line measures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`evis launch`: a launch file or a scene as a running graph."""
+"""Implements `evis launch`, which runs a launch file or a scene as a graph."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How sequences are cut into windows, and what a window gives."""
+"""Describes how sequences are cut into windows, and what a window holds."""
 
 from __future__ import annotations
 

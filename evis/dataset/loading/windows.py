@@ -1,4 +1,4 @@
-"""The windows of sequences by number: a map-style data set, in numpy alone."""
+"""Gives the windows of sequences by number: a map-style data set, in numpy alone."""
 
 from __future__ import annotations
 

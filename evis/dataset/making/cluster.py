@@ -1,4 +1,4 @@
-"""Workers as Ray actors, on one machine or many: one per core or GPU, each with warm simulations of its own."""
+"""Runs workers as Ray actors, on one machine or many: one per core or GPU, each with warm simulations of its own."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ TICK_S = 0.5
 
 @dataclass
 class Made:
-    """Says what a run has done. there: sequences that are finished now. made: those of this run.
+    """Describes what a run has done. there: sequences that are finished now. made: those of this run.
 
     failed: cause by index. retried: how often by index. stopped: why it ended early.
     """

@@ -1,4 +1,4 @@
-"""What passes between who gives work and a worker: plans one way, answers the other, as plain values."""
+"""Defines what passes between who gives work and a worker: plans one way, answers the other, as plain values."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Answer:
 
 
 class Workers(Protocol):
-    """Processes or actors that make sequences."""
+    """Defines the processes or actors that make sequences."""
 
     count: int
 

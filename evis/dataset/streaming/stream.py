@@ -1,4 +1,4 @@
-"""Training data that are simulated while they are used: the windows of a recipe's sequences, without files."""
+"""Simulates training data while they are used: the windows of a recipe's sequences, without files."""
 
 from __future__ import annotations
 

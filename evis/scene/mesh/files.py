@@ -1,4 +1,4 @@
-"""Meshes from files, by trimesh. Imported only for scenes that name such a file."""
+"""Reads meshes from files, by trimesh. Imported only for scenes that name such a file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Luminance of a few pixels at any instants, with nothing reused: every ray cast and every point shaded by itself."""
+"""Computes the luminance of a few pixels at any instants, with nothing reused: every ray is cast and every point shaded
+by itself."""
 
 from __future__ import annotations
 
@@ -94,7 +95,8 @@ class BruteForce:
     def look(
         self, moved: np.ndarray, t_ns: np.ndarray, slot: np.ndarray, group: np.ndarray, pixel: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Gives luminance float32 [Q] of pixels at instants, and the instance int32 [Q] that each shows, -1 for none.
+        """Computes luminance float32 [Q] of pixels at instants, and the instance int32 [Q] that each shows, -1 for
+        none.
 
         moved: poses of the movers float64 [T, M, 7] and t_ns: int64 [T], of the instants, slots at most, after
         `rest`. slot, group, pixel:

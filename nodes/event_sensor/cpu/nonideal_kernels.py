@@ -1,5 +1,5 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""The sensor with curves and faults on a CPU: a thread is a row, in which the active pixels are listed and then sensed.
+"""Senses with curves and faults on a CPU: a thread takes a row, in which the active pixels are listed and then sensed.
 
 State is changed in place: a pixel that finds no room for its events leaves its state as it was and its number in
 counters[LEFT], every later one does nothing, and the next launch goes on from there.

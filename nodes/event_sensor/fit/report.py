@@ -1,4 +1,4 @@
-"""What a fit says: values with their uncertainties and sources, and how far simulations are from the recordings."""
+"""Reports a fit: values with their uncertainties and sources, and how far simulations are from the recordings."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _recording(one: Compared) -> dict[str, Any]:
 
 
 def assumption(light: Light, deviation: float, source: str, lux: float) -> str:
-    """Says what was assumed."""
+    """Words what was assumed of the light."""
     return (
         f"Assumed: a contrast ln(white / black) of {light.contrast:g} +- {deviation:g}, which events cannot tell from "
         f"the thresholds ({source}); white paper in {lux:g} lux, by which levels of light are in radiance."
@@ -79,7 +79,7 @@ def assumption(light: Light, deviation: float, source: str, lux: float) -> str:
 
 
 def sources(fit: Fit, contrast: float) -> dict[str, str]:
-    """Says of each value where it is from. contrast: relative deviation of the assumed one."""
+    """Names for each value where it is from. contrast: relative deviation of the assumed one."""
     spread = _deviations(fit, contrast)
     own = {name: f"Fitted: +- {value:.2g}" for name, value in spread.items()}
     for name in ("threshold_on", "threshold_off", "threshold_mismatch"):

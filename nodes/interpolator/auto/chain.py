@@ -1,4 +1,5 @@
-"""Renderer, interpolator and sensor in a row for some gaps of a scene: what a way to run it really costs."""
+"""Runs renderer, interpolator and sensor in a row for some gaps of a scene, to measure what a candidate really
+costs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What keyframes, sub-frames and the sensor cost at the true size, for the probe."""
+"""Measures what keyframes, sub-frames and the sensor cost at the true size, for the probe."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class GapCost:
 
 
 class FullSize:
-    """Measures what keyframes, sub-frames and the sensor's frames cost at full size, and where in the image change is.
+    """Measures what keyframes, sub-frames and the sensor's frames cost at full size, and where the image changes.
 
     Stages are timed one by one, as they follow each other on a CPU. There every environment costs the same, so one is
     measured; on a GPU all are measured at once (`overlap`).

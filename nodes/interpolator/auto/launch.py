@@ -1,5 +1,5 @@
-"""`interpolator:=auto` of a launch file: method, keyframe rate and K in its place, by measuring the scene beforehand;
-and `upsampling:=auto`: K alone.
+"""Replaces `interpolator:=auto` of a launch file by method, keyframe rate and K, and `upsampling:=auto` by K alone, by
+measuring the scene beforehand.
 
 The choice is made of arguments, so that the plan, the bag and the result hold it like any other.
 """

@@ -1,4 +1,4 @@
-"""How a scene is going to be run, for the probe, and the rates that it tries."""
+"""Describes how a scene is going to be run, for the probe, and the rates that it tries."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Further samples of single pixels between the frames of a gap, where what a pixel shows changes (`time_tolerance`).
+"""Takes further samples of single pixels between the frames of a gap, where what a pixel shows changes
+(`time_tolerance`).
 
 The words of this room:
 

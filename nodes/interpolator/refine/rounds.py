@@ -62,7 +62,7 @@ class Kernels:
 
     @classmethod
     def of(cls, rigid: Rigid) -> Kernels:
-        """Makes those for what there is in the scene of a `Rigid`."""
+        """Makes the kernels for what there is in the scene of a `Rigid`."""
         layout, lens, changes = rigid.layout, rigid.visibility.lens, changes_of(rigid)
         features = rigid.shading.features
         painted = features.textures or features.tinted

@@ -1,4 +1,5 @@
-"""What the kernels of a window read: its limits and sizes, the scene at its instants, and what pixels see there."""
+"""Holds what the kernels of a window read: its limits and sizes, the scene at its instants, and what pixels see
+there."""
 
 import warp as wp
 

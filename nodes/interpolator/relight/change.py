@@ -1,4 +1,5 @@
-"""Lights and casters at the keyframes and in between, and which bodies of a scene they may change the light on."""
+"""Holds lights and casters at the keyframes and in between, and finds which bodies of a scene they may change the light
+on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""`rigid`: every pixel of every sub-frame shows the surface point that is visible then, as the keyframes shaded it.
+"""Implements `rigid`: every pixel of every sub-frame shows the surface point that is visible then, as the keyframes
+shaded it.
 
 The renderer's raster finds the point at the sub-frame's own poses, so that geometry and silhouettes are exact. The
 point is fixed to its body: its place in the cameras of keyframes A and B follows from the poses then, without any
@@ -161,8 +162,8 @@ class Rigid:
     def between(
         self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array
     ) -> Report:
-        """See Method. Views need `states` and `stamp_ns`; out may be an array of the device. Where reports are `late`
-        it is that of the gap before."""
+        """Implements `Method.between`. Views need `states` and `stamp_ns`; out may be an array of the device. Where
+        reports are `late` it is that of the gap before."""
         return self.begin(a, b, held, out)()
 
     def begin(

@@ -1,4 +1,4 @@
-"""Where the bodies are in a gap, brought to the slots of a visibility: only what may move is sent."""
+"""Brings the bodies of a gap to the slots of a visibility: only what may move is sent."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Visibility between sub-frames that are near each other: only of what is seen in either, in scenes of many triangles.
+"""Computes visibility between sub-frames that are near each other: only of what is seen in either, in scenes of many
+triangles.
 
 Where the image of the world moves by less than a pixel from one sub-frame to the next, the raster draws all blocks of
 triangles at every n-th sub-frame, and at the others those of which anything was seen at one of these lately, and all

@@ -1,4 +1,4 @@
-"""The course of environments between two stamps, put together from their states after each step.
+"""Describes the motion of environments between two stamps, put together from their states after each step.
 
 Steps lie on a grid of their own: an interval begins and ends between two of its points, where states are interpolated.
 """

@@ -1,4 +1,5 @@
-"""How far the bodies of a run are from where exact integration of its model would have them, as far as is known."""
+"""Estimates how far the bodies of a run are from where exact integration of its model would have them, as far as is
+known."""
 
 from __future__ import annotations
 

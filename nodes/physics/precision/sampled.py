@@ -1,4 +1,4 @@
-"""The error of large models, whose steps are most of a run: a few of its keyframes are followed."""
+"""Estimates the error of large models, whose steps are most of a run: a few of its keyframes are followed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""COCO: boxes and masks of things in images, `annotations/instances.json`, with the events beside them.
+"""Writes COCO: boxes and masks of objects in images, `annotations/instances.json`, with the events beside them.
 
 An image is the frame of a stamp or, without frames, a picture of the events since the stamp before. The events are in
 `events/<camera>/events.npz`.

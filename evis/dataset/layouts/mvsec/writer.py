@@ -1,4 +1,5 @@
-"""MVSEC's layout: `<name>_data.hdf5`, `<name>_gt.hdf5`, and its flow as npz; the cameras are davis/left and right.
+"""Writes MVSEC's layout: `<name>_data.hdf5`, `<name>_gt.hdf5`, and its flow as npz; the cameras are davis/left and
+right.
 
 Names, types and shapes are those of MVSEC's own converter (daniilidis-group/mvsec, branch mvsec_hdf5,
 tools/mvsec_simple_reader/mvsec_h5py.py; tools/gt_flow/compute_flow.py for the archive). The flow at a stamp leads to

@@ -1,4 +1,4 @@
-"""Fixed pattern: what differs from pixel to pixel and stays for the life of a sensor.
+"""Draws the fixed pattern: what differs from pixel to pixel and stays for the life of a sensor.
 
 Drawn on the host in float64, so that it is the same on every device. Pixel i of environment e has the numbers of a
 single sensor with seed + e.
@@ -52,7 +52,8 @@ def leak_rates(seed: int, envs: int, pixels: int, rate: float, jitter: float) ->
 def hot_rates(
     seed: int, envs: int, pixels: int, fraction: float, rate: float, spread: float = 0.0
 ) -> np.ndarray:  # fmt: skip
-    """float32 [E * pixels]: the rate [Hz] of each pixel that is hot, which it is with probability `fraction`; else 0.
+    """Draws float32 [E * pixels], the rate [Hz] of each pixel that is hot, which it is with probability `fraction`;
+    else 0.
 
     Rates are log-normal with the mean `rate`; spread: standard deviation of their logarithms.
     """
@@ -64,7 +65,8 @@ def hot_rates(
 
 
 def pattern_of(size: Size, seed: int, p: Mapping[str, Any]) -> tuple[np.ndarray, ...]:
-    """Fixed pattern of a sensor: ON and OFF thresholds, leak rates, rates as a hot pixel; empty where it has none."""
+    """Draws the fixed pattern of a sensor: ON and OFF thresholds, leak rates, rates as a hot pixel; empty where it has
+    none."""
     envs, pixels = size.envs, size.pixels
     on = off = leaks = hots = np.zeros(0, np.float32)
     if p["threshold_mismatch"] > 0:

@@ -1,4 +1,4 @@
-"""The instants of a gap at which light that flickers is looked at: those between which its logarithm is on a line."""
+"""Chooses the instants of a gap at which flickering light is evaluated: between them its logarithm is a line."""
 
 from __future__ import annotations
 

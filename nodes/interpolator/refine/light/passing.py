@@ -1,4 +1,5 @@
-"""Shadows and beams that pass between two frames: how often to look for them, and at which parts pixels change."""
+"""Finds shadows and beams that pass between two frames: how often to test for them, and at which parts pixels
+change."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far things that move stray from straight ways between looks at them."""
+"""Bounds how far moving things stray from straight paths between two probes."""
 
 import warp as wp
 

@@ -1,4 +1,4 @@
-"""How long things that move stay in the image, that come and go between two looks at it."""
+"""Computes how long moving things stay in the image that come and go between two probes."""
 
 import warp as wp
 

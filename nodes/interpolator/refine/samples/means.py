@@ -1,4 +1,4 @@
-"""Samples of pixels that are the mean of several, which are themselves sampled between frames."""
+"""Merges samples of pixels that are the mean of several, which are themselves sampled between frames."""
 
 from __future__ import annotations
 

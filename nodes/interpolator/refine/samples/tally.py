@@ -1,4 +1,4 @@
-"""Counts of what is listed in a window: on the device, where kernels read them, and on the host, all at once."""
+"""Counts what is listed in a window: on the device, where kernels read the counts, and on the host, all at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Chooses what takes the steps of several environments of a model in one batch: MuJoCo's threads or MuJoCo Warp."""
+"""Chooses what steps several environments of a model in one batch: MuJoCo's threads or MuJoCo Warp."""
 
 from __future__ import annotations
 

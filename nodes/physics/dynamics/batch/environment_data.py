@@ -1,4 +1,4 @@
-"""The MjData of each environment, which a batch steps without them."""
+"""Keeps the MjData of each environment, which a batch steps without them."""
 
 from __future__ import annotations
 
