@@ -40,7 +40,7 @@ def rows_of_shared_time(episodes: np.ndarray, stamp_ns: int) -> np.ndarray:
     return rows
 
 
-def alike(own: np.ndarray) -> list[slice]:
+def equal_runs(own: np.ndarray) -> list[slice]:
     """Finds the longest runs of neighbouring environments that one engine can take together.
 
     own: int64 [E, 4]. Within a run the own stamp, the origin and the number of the reset are the same, and seeds go up

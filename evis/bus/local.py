@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import zmq
 
-from evis.bus.memory.device import Asked, DevicePool, DeviceSlot, check, device_of, on_host_too
+from evis.bus.memory.device import DevicePool, DeviceSlot, LoanRequest, check, device_of, on_host_too
 from evis.bus.memory.slots import Slot, SlotPool
 from evis.bus.publisher import check_sent
 from msgs.codec import checked
@@ -73,13 +73,13 @@ class LocalPublisher:
         """Returns aligned arrays to write the next message into, name -> (shape, dtype); valid until `send`."""
         return self._pool.loan(arrays)
 
-    def loan_on(self, device: Any, asked: Asked) -> dict[str, Any]:
+    def loan_on(self, device: Any, asked: LoanRequest) -> dict[str, Any]:
         """Returns Warp arrays on a device as `loan` does: name -> (shape, Warp dtype)."""
         if device.is_cuda:
             self._pool.write_from(device)
         return self._on_device.loan(device, asked)
 
-    def loan_from(self, device: Any, asked: Asked) -> dict[str, np.ndarray]:
+    def loan_from(self, device: Any, asked: LoanRequest) -> dict[str, np.ndarray]:
         """Returns numpy arrays as `loan` does, of (shape, Warp dtype), in memory that the device writes to fast."""
         if device.is_cuda:
             self._pool.write_from(device)

@@ -14,7 +14,7 @@ from evis.bus import pipes, wire
 from evis.bus.consumers import Consumer, Consumers
 from evis.bus.endpoints import Endpoints, bind, check_bind, unlink
 from evis.bus.errors import BusError, PeerLost
-from evis.bus.memory.device import Asked, DevicePool, DeviceSlot, check, device_of, on_host_too
+from evis.bus.memory.device import DevicePool, DeviceSlot, LoanRequest, check, device_of, on_host_too
 from evis.bus.memory.placing import describe, place
 from evis.bus.memory.slots import Pinned, Slot, SlotPool
 from evis.bus.tap import TapSender, queue_length
@@ -168,14 +168,14 @@ class Publisher:
             self._consumers.collect()  # a slot may be free by now
         return self._pool.loan(arrays)
 
-    def loan_on(self, device: Any, asked: Asked) -> dict[str, Any]:
+    def loan_on(self, device: Any, asked: LoanRequest) -> dict[str, Any]:
         """Returns Warp arrays on a device as `loan` does: name -> (shape, Warp dtype)."""
         if device.is_cuda:
             self._pool.write_from(device)
         shown = device.is_cuda and any(c.gpu == device.uuid for c in self._consumers.all.values())
         return self._on_device.loan(device, asked, shown)
 
-    def loan_from(self, device: Any, asked: Asked) -> dict[str, np.ndarray]:
+    def loan_from(self, device: Any, asked: LoanRequest) -> dict[str, np.ndarray]:
         """Returns numpy arrays as `loan` does, of (shape, Warp dtype), in memory that the device writes to fast."""
         if device.is_cuda:
             self._pool.write_from(device)

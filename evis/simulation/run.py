@@ -18,7 +18,7 @@ from evis.simulation.actuators import controls_of
 from evis.simulation.caller import CallerNode
 from evis.simulation.errors import Diverged, SimulationError, SimulationWarning
 from evis.simulation.graph import CALLER, Graph, needs_sockets
-from evis.simulation.outputs import OF_CAMERA, Asked
+from evis.simulation.outputs import OF_CAMERA, RequestedOutputs
 from evis.simulation.step import IMAGE, IMAGES, Step, value_of
 from evis.supervisor.run_directory import RunDirectory
 
@@ -52,7 +52,7 @@ class History:
 class Run:
     """Steps a graph. `broken`: why it cannot go on, "" where it can. `k`: number of the last keyframe, -1 before 0."""
 
-    def __init__(self, graph: Graph, asked: Asked) -> None:
+    def __init__(self, graph: Graph, asked: RequestedOutputs) -> None:
         """Makes and prepares all nodes. Raises SimulationError in one line that names the node."""
         self.graph = graph
         self.broken = ""

@@ -13,8 +13,8 @@ from evis.scene.model import Camera, Scene
 from msgs.header import Header
 from msgs.world import WorldState
 from nodes.audit.brute_force.instants import Samples, Sampling, base_stamps, sample
-from nodes.audit.brute_force.looking import Looking
 from nodes.audit.brute_force.motion import Motion
+from nodes.audit.brute_force.pixel_luminance import PixelLuminance
 from nodes.audit.comparison import Comparison, Train
 from nodes.audit.drawing import Drawing
 from nodes.audit.report import AuditReport, Units
@@ -64,7 +64,7 @@ class Audit:
         envs, each = self.drawing.envs, self.drawing.each
         self._motion = Motion(scene, envs)
         how = {"samples": o.samples, "light_samples": o.light_samples, "paths": o.paths, "device": o.device}
-        self._look = Looking(scene, camera, len(envs), each, self._motion, slots=o.slots, **how)
+        self._look = PixelLuminance(scene, camera, len(envs), each, self._motion, slots=o.slots, **how)
         p = {"threshold_on": None, "threshold_off": None, "dark_level": 0.0, "threshold": 0.2, **o.sensor}
         on, off = (p["threshold"] if p[side] is None else p[side] for side in ("threshold_on", "threshold_off"))
         ideal: dict[str, Any] = {"threshold_on": on, "threshold_off": off, "dark_level": p["dark_level"]}

@@ -24,7 +24,7 @@ def instant_in(times: np.ndarray, share: float) -> int:
 
 
 @dataclass
-class Looks:
+class WorldLabelers:
     """Holds what labels the environments of one world; None for labels that nobody asked for."""
 
     boxes: OrientedBoxes | None = None
@@ -36,11 +36,11 @@ class Looks:
 class Geometry:
     """Labels E environments, those that look the same together."""
 
-    def __init__(self, worlds: Worlds, make: Callable[[Scene], Looks]) -> None:
+    def __init__(self, worlds: Worlds, make: Callable[[Scene], WorldLabelers]) -> None:
         """make: what labels environments that look like a scene."""
         self._make = make
         self.worlds = worlds
-        self._made: dict[bytes, Looks] = {}
+        self._made: dict[bytes, WorldLabelers] = {}
         self._group()
 
     def follow(self, worlds: Worlds) -> None:

@@ -18,7 +18,7 @@ from msgs.world import WorldState
 from nodes.labeler.box_groups import OF, groups
 
 if TYPE_CHECKING:
-    from nodes.labeler.geometry import Looks
+    from nodes.labeler.geometry import WorldLabelers
 
 NEEDS = {
     "flow": {"state", "depth", "ids", "info"},
@@ -130,11 +130,11 @@ class LabelerNode(Node):
 
             self.pairing = Pairing()
 
-    def _looks(self, scene: Scene) -> Looks:
+    def _looks(self, scene: Scene) -> WorldLabelers:
         """What labels environments that look like a scene."""
-        from nodes.labeler.geometry import Looks
+        from nodes.labeler.geometry import WorldLabelers
 
-        p, camera, looks = self.params, camera_of(scene, self.params["camera"]), Looks()
+        p, camera, looks = self.params, camera_of(scene, self.params["camera"]), WorldLabelers()
         if "boxes3d" in self.kinds:
             from nodes.labeler.oriented_boxes import OrientedBoxes
 

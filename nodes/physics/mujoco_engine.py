@@ -223,7 +223,7 @@ class MujocoEngine:
             others = [k for k in changed if k not in self._left]
         wrong = self._foreseen if self._prepared != to_ns else self._foreseen & set(others)
         if wrong:
-            self.data.take_back(sorted(wrong))
+            self.data.cancel(sorted(wrong))
             self._foreseen = self._foreseen - wrong
         for k in others:
             self._rests[k].wake()
@@ -295,7 +295,7 @@ class MujocoEngine:
         """Advances to a stamp by steps of the environments that do not rest. ahead: whose were foreseen."""
         course, awake, begun = self._course, self._awake(), self._course.stamp
         grid = course.open(to_ns)
-        course.stay([k for k in range(self.envs) if k in self._left or self._rests[k].now] if len(grid) else [])
+        course.hold([k for k in range(self.envs) if k in self._left or self._rests[k].now] if len(grid) else [])
         faults: dict[int, str] = {}
         checked = self.checked
         if len(grid):
@@ -333,7 +333,7 @@ class MujocoEngine:
             parts = [slice(k, k + max(1, PART // each)) for k in range(0, len(awake), max(1, PART // each))]
             odd = [k for part in parts for k in self._take_part(envs[part], found, part)]
         for k in odd:
-            self.data.go_back(k)
+            self.data.restore_before_steps(k)
         return odd
 
     def _take_recorded(
@@ -373,7 +373,7 @@ class MujocoEngine:
                 odd.append(k)
                 continue
             before = SavedState(self.model, self.data[k])
-            level = self._sub_steps[k].kept() if self._sub_steps is not None else None
+            level = self._sub_steps[k].snapshot() if self._sub_steps is not None else None
             if self._take_part(np.array([k]), self._alone(k, grid), slice(None)):
                 before.restore(self.model, self.data[k])
                 if self._sub_steps is not None and level is not None:

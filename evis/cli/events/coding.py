@@ -29,7 +29,7 @@ class Coding:
         self._code = 0
         self._first_ns = self._last_ns = 0
 
-    def look(self, block: FrameBlock, bits: int | None) -> None:
+    def add(self, block: FrameBlock, bits: int | None) -> None:
         """Counts a block of frames. bits: of a code, None where frames are not coded."""
         if not self._frames:
             self._first_ns = int(block.t[0])

@@ -16,7 +16,7 @@ def warn(line: str) -> None:
 
 
 @contextmanager
-def told() -> Iterator[Callable[[str], None]]:
+def measuring_shown() -> Iterator[Callable[[str], None]]:
     """Shows on a terminal what is being measured, and for how long, in a line that is gone afterwards."""
     shown, began = sys.stderr.isatty(), time.monotonic()
 

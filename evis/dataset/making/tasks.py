@@ -33,7 +33,7 @@ class Workers(Protocol):
 
     count: int
 
-    def give(self, worker: int, plans: Sequence[Plan]) -> None:
+    def assign(self, worker: int, plans: Sequence[Plan]) -> None:
         """Gives a worker plans that it may make at once, and first makes it anew where it has died."""
 
     def wait(self, timeout_s: float) -> Sequence[Answer]:

@@ -105,6 +105,6 @@ def _still_rate(clip: Clip, light: Light, blur: float, values: dict[str, Any]) -
     return len(t) / (len(x) * max(end - start, 1) * 1e-9)
 
 
-def off_by(one: Compared) -> dict[str, float]:
+def relative_deviations(one: Compared) -> dict[str, float]:
     """Tells how far the simulation of a recording is off, relative, by statistic."""
     return {name: one.simulated[name] / one.real[name] - 1 for name in TEXTS if one.real[name] > 0}

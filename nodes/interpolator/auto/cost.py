@@ -14,9 +14,9 @@ from nodes.interpolator.auto.setting import (
     LIGHT,
     Setting,
     Way,
+    copied,
     draw,
     frames_for,
-    kept,
     make_interpolator,
     make_renderer,
 )
@@ -273,7 +273,7 @@ class FullSize:
         outputs, renderer = self._outputs(method), self._renderer(method)
         for n, now in enumerate(times):
             before = times[max(n - 1, 0)]
-            images = kept(s, draw(s, renderer, self._poses(now), self._poses(before), outputs, now))
+            images = copied(s, draw(s, renderer, self._poses(now), self._poses(before), outputs, now))
             states = self._states(before, now, n * gap, gap) if "state" in reads(method) else None
             began = s.clock()
             interpolator.push(

@@ -13,7 +13,7 @@ import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
 from nodes.interpolator.keyframe import KeyframeView, Span
-from nodes.interpolator.refine.evaluation.evaluator import Evaluator, looks_of
+from nodes.interpolator.refine.evaluation.evaluator import Evaluator, make_look_up_kernels
 from nodes.interpolator.refine.instants import Instants, instants_of, least_parts
 from nodes.interpolator.refine.light.flicker import Flicker
 from nodes.interpolator.refine.light.passing import Passing
@@ -97,7 +97,7 @@ class Refinement:
 
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
         """Gives the kernels that take long to compile, as `build_together` takes them."""
-        looks = [(kernel, LAUNCH_BLOCK) for kernel in looks_of(self._rigid)]
+        looks = [(kernel, LAUNCH_BLOCK) for kernel in make_look_up_kernels(self._rigid)]
         sort = self._sort_each if self._device.is_cpu else self._rank
         window = self._kernels.to_build(self._rigid.shading.occluders.trees)
         passing = [(self._passing.kernel, LAUNCH_BLOCK)] if self._passing.likely() else []

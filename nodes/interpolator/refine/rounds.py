@@ -16,14 +16,14 @@ from nodes.interpolator.refine.evaluation.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.interval_kernels import make_intervals, make_rounds, see
 from nodes.interpolator.refine.light.passing import Passing
+from nodes.interpolator.refine.paths.motion_kernels import find_bends
 from nodes.interpolator.refine.paths.path_kernels import make_instances
-from nodes.interpolator.refine.paths.way_kernels import find_bends
 from nodes.interpolator.refine.runs.change_kernels import Changes, Several, find_breaks, make_find_changes
 from nodes.interpolator.refine.runs.edge_kernels import find_times
 from nodes.interpolator.refine.runs.plain_kernels import make_find_plain
 from nodes.interpolator.refine.runs.run_kernels import make_find_ends, make_find_runs
 from nodes.interpolator.refine.samples.lists import Lists, Samples
-from nodes.interpolator.refine.samples.tally import Tally, Told
+from nodes.interpolator.refine.samples.tally import Counts, Tally
 from nodes.interpolator.rigid.method import Rigid
 from nodes.renderer.lighting import LIST_WORKERS
 
@@ -145,7 +145,7 @@ class Rounds:
             if not each.most:
                 each.reserve(most)
 
-    def _grow(self, told: Told, made: int, kept: int) -> bool:
+    def _grow(self, told: Counts, made: int, kept: int) -> bool:
         """Makes room for what was counted and had none; True where that was anything. kept: samples that stay."""
         needed = [told.changes, told.lists[0], told.lists[1::2], told.lists[2::2]]
         lists = [self._changes, self._instances, *self._intervals]

@@ -104,7 +104,7 @@ class LightChange:
         Returns:
             `still` without those whose light a lamp may change at any pixel.
         """
-        flags = self._flags_of(poses.gone)
+        flags = self._flags_of(poses.changed)
         if not np.array_equal(flags, self._flags):
             self.kernel.flags.assign(flags)
             self._flags = flags

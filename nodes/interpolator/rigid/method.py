@@ -196,7 +196,7 @@ class Rigid:
         if self._sparse is not None:
             for env in np.flatnonzero(begun).tolist():
                 self._sparse.begin(env)
-                self._sparse.look(env, self.pair.a.packed[env].numpy())
+                self._sparse.remember(env, self.pair.a.packed[env].numpy())
             self._strides = self._sparse.strides(places.camera_path(), self.pair.a.packed)
         frames = self.frames = self._target(out)
         for portion, slots in enumerate(self.layout.shown):

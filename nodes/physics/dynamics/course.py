@@ -99,7 +99,7 @@ class Course:
             self.before[name][envs] = values[:, 0] if self._steps > 1 else self.now[name][envs]
             self.now[name][envs] = values[:, -1]
 
-    def stay(self, envs: Sequence[int]) -> None:
+    def hold(self, envs: Sequence[int]) -> None:
         """Leaves environments in their present states."""
         if len(envs):
             chosen = np.array(envs)

@@ -39,7 +39,7 @@ class Errors:
         self._rotation = np.maximum(self._rotation, rotation)
         self._reach = reach
 
-    def kept(self) -> Kept:
+    def snapshot(self) -> Kept:
         """Gives the errors of now, to go back to them."""
         return self._position, self._rotation
 

@@ -189,7 +189,7 @@ class Shadow:
         model = self._model
         past = Past(
             np.empty(mujoco.mj_stateSize(model, STATE)), np.empty(model.nv), np.array(self._data.qvel - data.qvel),
-            self._errors.kept(),
+            self._errors.snapshot(),
         )  # fmt: skip
         mujoco.mj_getState(model, data, past.state, STATE)
         mujoco.mj_differentiatePos(model, past.shift, 1.0, data.qpos, self._data.qpos)

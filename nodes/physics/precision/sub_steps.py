@@ -49,12 +49,12 @@ class SubSteps:
         self.taken: list[int] = []
         """Parts of each step since this was emptied last."""
 
-    def kept(self) -> tuple[int, int, int]:
+    def snapshot(self) -> tuple[int, int, int]:
         """Gives what `restore` takes to have the next steps taken again as they were."""
         return self.level, self.missed, len(self.taken)
 
     def restore(self, kept: tuple[int, int, int]) -> None:
-        """Goes back to where `kept` was asked for."""
+        """Goes back to where `snapshot` was asked for."""
         self.level, self.missed, count = kept
         del self.taken[count:]
 

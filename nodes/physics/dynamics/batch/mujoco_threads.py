@@ -125,8 +125,8 @@ class MujocoThreads:
         self._made()
         self._ahead = self._beside.submit(self._take)
 
-    def take_back(self, rows: Sequence[int]) -> None:
-        """Implements `BatchStepper.take_back`."""
+    def cancel(self, rows: Sequence[int]) -> None:
+        """Implements `BatchStepper.cancel`."""
         batch = self._made()
         for row in rows:
             if self._asked.pop(row, None) is None:

@@ -98,8 +98,8 @@ class WarpWorlds:
     def begin(self) -> None:
         """Does nothing: the steps are taken when their result is asked for."""
 
-    def take_back(self, rows: Sequence[int]) -> None:
-        """Implements `BatchStepper.take_back`."""
+    def cancel(self, rows: Sequence[int]) -> None:
+        """Implements `BatchStepper.cancel`."""
         for row in rows:
             self._asked.pop(row, None)
 
