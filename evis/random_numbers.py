@@ -36,3 +36,8 @@ def seed_of_camera(seed: int, camera: str) -> int:
 def open_uniform(bits: np.ndarray) -> np.ndarray:
     """Returns float64 in (0, 1) from the upper 53 of 64 bits."""
     return np.asarray(((bits >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53)
+
+
+def standard_normal(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Computes standard normal numbers, float64, of two uniform ones in (0, 1) (Box and Muller, 1958)."""
+    return np.asarray(np.sqrt(-2.0 * np.log(first)) * np.cos(2.0 * np.pi * second))

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from evis.random_numbers import GOLDEN, mix, open_uniform
+from evis.random_numbers import GOLDEN, mix, open_uniform, standard_normal
 from nodes.event_sensor.input.batch import Size
 
 THRESHOLD_ON, THRESHOLD_OFF, LEAK, HOT, HOT_RATE = range(5)
@@ -28,8 +28,7 @@ def uniforms(seed: int, envs: int, pixels: int, purpose: int, index: int = 0) ->
 
 def normals(seed: int, envs: int, pixels: int, purpose: int) -> np.ndarray:
     """Draws float64 [E * pixels], standard normal (Box and Muller)."""
-    radius = np.sqrt(-2 * np.log(uniforms(seed, envs, pixels, purpose, 0)))
-    return np.asarray(radius * np.cos(2 * np.pi * uniforms(seed, envs, pixels, purpose, 1)))
+    return standard_normal(uniforms(seed, envs, pixels, purpose, 0), uniforms(seed, envs, pixels, purpose, 1))
 
 
 def thresholds(
