@@ -50,7 +50,10 @@ class History:
 
 
 class Run:
-    """Steps a graph. `broken`: why it cannot go on, "" where it can. `k`: number of the last keyframe, -1 before 0."""
+    """Steps a graph from keyframe to keyframe.
+
+    `broken`: why it cannot go on, "" where it can. `k`: number of the last keyframe, -1 before 0.
+    """
 
     def __init__(self, graph: Graph, asked: RequestedOutputs) -> None:
         """Makes and prepares all nodes. Raises SimulationError in one line that names the node."""
@@ -189,7 +192,7 @@ class Run:
         self._episodes = self.last.episodes.copy()
 
     def replay(self, history: History, last: int) -> None:
-        """Does once more what was done in another run, up to keyframe `last`."""
+        """Repeats what was done in another run, up to keyframe `last`."""
         for entry in [*history.done, (last,)]:
             while self.k < entry[0]:
                 with suppress(Diverged):

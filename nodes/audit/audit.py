@@ -150,7 +150,7 @@ class Audit:
         self._episodes = None
 
     def units(self) -> Units:
-        """Gives what is known of each pixel of each episode so far."""
+        """Returns the errors of each pixel of each episode so far."""
         parts = [*self._units, *([] if self._episodes is None else [self._present(self.drawing.valid)])]
         return Units.joined(parts)
 

@@ -74,7 +74,7 @@ def in_the_way(surfaces: Surfaces, i: wp.int32, to: wp.vec3d, ahead: wp.vec3d, r
 
 @wp.func
 def beginning(surfaces: Surfaces, direction: wp.vec3d):
-    """Computes at what distance in a direction, of the camera's frame, things begin to be seen."""
+    """Computes the distance in a direction, of the camera's frame, from which on surfaces are seen (the near plane)."""
     begin = surfaces.near
     if surfaces.lens == 0:
         begin = surfaces.near / direction[2]

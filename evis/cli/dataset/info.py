@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Prints a summary."""
+    """Prints a summary of the data set."""
     from evis.dataset.report.summary import summary
 
     told = summary(args.dataset)

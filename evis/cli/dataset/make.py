@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Makes what is not there yet; 1 where a sequence has failed."""
+    """Makes the sequences that are not there yet; returns 1 where one has failed."""
     for name in ("count", "workers", "batch"):
         if (value := getattr(args, name)) is not None and value < 1:
             raise UsageError(f"--{name} is {value}; the least is 1")

@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Fits, compares, writes."""
+    """Fits a sensor, compares it with the recordings, and writes its parameters."""
     _check_outputs(args)
     from evis.cli.events.measure_progress import PassProgress
     from evis.warp_start import start_warp

@@ -52,7 +52,7 @@ def _window(text: str) -> float:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Measures in one pass."""
+    """Measures a recording in one pass."""
     if args.recording is None and not args.topic:
         raise UsageError("nothing to measure; name a recording, or --topic of a running graph, as /cam0/events")
     if args.png:

@@ -45,7 +45,7 @@ class Workers(Protocol):
 
 
 class Answerer:
-    """Makes what plans ask for, and turns what goes wrong into answers."""
+    """Makes the sequences that plans ask for, and turns errors into answers."""
 
     def __init__(self, out: str) -> None:
         self._maker = Maker(out)

@@ -24,7 +24,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.func_native("__builtin_prefetch(&wp::index(rare, 0, pixel), 1, 3);")
 def fetch(rare: wp.array2d(dtype=Rare), pixel: wp.int32):
-    """Brings what is kept of a pixel nearer."""
+    """Prefetches the state that is kept of a pixel."""
     ...
 
 

@@ -40,7 +40,7 @@ class Errors:
         self._reach = reach
 
     def snapshot(self) -> Kept:
-        """Gives the errors of now, to go back to them."""
+        """Returns the present errors, for `restore`."""
         return self._position, self._rotation
 
     def clear(self) -> None:
@@ -48,7 +48,7 @@ class Errors:
         self.restore((np.zeros(0), np.zeros(0)))
 
     def restore(self, kept: Kept) -> None:
-        """Goes back to errors of before."""
+        """Restores errors that `snapshot` has returned."""
         self._position, self._rotation = kept
 
     def worst(self) -> Estimate | None:

@@ -83,7 +83,7 @@ class Passing:
         return make_find_passing(self._changes, self._rigid.shading.occluders.trees)
 
     def likely(self) -> bool:
-        """Says whether gaps will have such shadows, as far as prescribed motion tells; beside a GPU there are cores
+        """Predicts whether gaps will have such shadows, as far as prescribed motion tells; beside a GPU there are cores
         enough to be ready for what physics moves."""
         if not self._changes.passes:
             return False
