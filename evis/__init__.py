@@ -1,4 +1,4 @@
-"""An event camera simulator for robots, held in Python; docs/python.md is the tour.
+"""Simulates event cameras for robots, from Python; docs/python.md is the tour.
 
     sim = evis.Simulation("spinning_disk")        a scene, stepped by its caller
     run = evis.connect()                          a graph that runs elsewhere

@@ -1,4 +1,4 @@
-"""The event sensor in Python: frames in, events out, on the device where the frames are."""
+"""Offers the event sensor in Python: frames in, events out, on the device where the frames are."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""C++ for Warp's kernels, kept in headers that editors and formatters read.
+"""Embeds C++ in Warp's kernels, kept in headers that editors and formatters read.
 
 A header holds `static const auto name = [](...) {...};`, which is C++ both in a file and inside a function, where
 `wp.func_native` puts it. So the text that is compiled is the text of the header, and Warp's cache of compiled kernels

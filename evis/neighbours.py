@@ -1,4 +1,4 @@
-"""A user's own folders `nodes`, `msgs` or `bench` beside evis's packages of these names.
+"""Makes a user's own folders `nodes`, `msgs` or `bench` importable beside evis's packages of these names.
 
 Python imports the first package of a name and hides the others: a script beside a package `nodes` of its own could not
 import evis, nor evis its nodes. From the import of `evis` on these names hold the modules of both. Where both have a
@@ -25,7 +25,7 @@ class Neighbours:
     def find_spec(
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """See importlib.abc.MetaPathFinder. Raises ImportError for a module that both have."""
+        """Implements importlib.abc.MetaPathFinder. Raises ImportError for a module that both have."""
         parents = fullname.split(".")[:-1]
         top = (parents or [fullname])[0]
         if top not in PACKAGES or not (folders := _folders(top, tuple(sys.path), os.getcwd())):

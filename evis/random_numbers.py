@@ -1,4 +1,4 @@
-"""Random numbers by counting, in numpy: a number is a hash of what it is for, never of what was drawn before.
+"""Draws random numbers by counting, in numpy: a number is a hash of what it is for, never of what was drawn before.
 
 The hash is SplitMix64 (Steele, Lea and Flood, OOPSLA 2014), whose stream s has the n-th number mix(s + n GOLDEN). In
 kernels it stands in nodes.event_sensor.model.faults.random_kernels; a test holds the two together.
@@ -36,3 +36,8 @@ def seed_of_camera(seed: int, camera: str) -> int:
 def open_uniform(bits: np.ndarray) -> np.ndarray:
     """Returns float64 in (0, 1) from the upper 53 of 64 bits."""
     return np.asarray(((bits >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53)
+
+
+def standard_normal(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Computes standard normal numbers, float64, of two uniform ones in (0, 1) (Box and Muller, 1958)."""
+    return np.asarray(np.sqrt(-2.0 * np.log(first)) * np.cos(2.0 * np.pi * second))

@@ -1,4 +1,4 @@
-"""The headers that every kernel of a CPU includes, compiled once for a machine instead of once for each thread.
+"""Compiles the headers that every kernel of a CPU includes once for a machine instead of once for each thread.
 
 Warp's compiler reads them compiled already (clang's precompiled headers, 5 MB) but makes these anew for each thread of
 each process that compiles anything: 1.2 to 3 s before the first kernel, where a kernel by itself takes a quarter of a

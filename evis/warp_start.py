@@ -1,4 +1,4 @@
-"""Warp, the kernel library, started without the remarks that its native part prints."""
+"""Starts Warp, the kernel library, without the remarks that its native part prints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What travels between nodes: one dataclass per message, the topic table, the wire codec.
+"""Defines what travels between nodes: one dataclass per message, the topic table, the wire codec.
 
 This package imports nothing else of the project, so that any tool can read the topics.
 """

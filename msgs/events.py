@@ -1,4 +1,4 @@
-"""The event packet's short import path, for the many users who need nothing else."""
+"""Offers the event packet's short import path, for the many users who need nothing else."""
 
 from msgs.camera import EventPacket
 

@@ -25,7 +25,7 @@ class ArraySpec:
 
     @cached_property
     def accepted(self) -> frozenset[np.dtype]:
-        """`dtypes` as numpy has them, in this machine's byte order."""
+        """Returns `dtypes` as numpy has them, in this machine's byte order."""
         return frozenset(np.dtype(name) for name in self.dtypes)
 
 

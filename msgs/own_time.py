@@ -1,4 +1,4 @@
-"""Own time: what messages carry of environments once one of them was reset by itself.
+"""Defines own time: what messages carry of environments once one of them was reset by itself.
 
 Time within an environment counts from its own reset. As long as all were reset together, as at the start of a run,
 that is the time of the stamps, and messages carry none of this. Afterwards they carry `own`, int64 [E, 4], one row per
@@ -40,7 +40,7 @@ def rows_of_shared_time(episodes: np.ndarray, stamp_ns: int) -> np.ndarray:
     return rows
 
 
-def alike(own: np.ndarray) -> list[slice]:
+def equal_runs(own: np.ndarray) -> list[slice]:
     """Finds the longest runs of neighbouring environments that one engine can take together.
 
     own: int64 [E, 4]. Within a run the own stamp, the origin and the number of the reset are the same, and seeds go up

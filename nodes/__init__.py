@@ -1,1 +1,1 @@
-"""The nodes of the graph, one folder each."""
+"""Holds the nodes of the graph, one folder each."""

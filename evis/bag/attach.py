@@ -1,4 +1,4 @@
-"""A recorder beside a running graph: it taps the topics, so it can slow nobody, and counts what it missed."""
+"""Attaches a recorder to a running graph: it taps the topics, so it can slow nobody, and counts what it missed."""
 
 from __future__ import annotations
 

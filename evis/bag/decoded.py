@@ -1,4 +1,4 @@
-"""The events of a bag's topic, whatever they were recorded as."""
+"""Reads the events of a bag's topic, whatever they were recorded as."""
 
 from __future__ import annotations
 

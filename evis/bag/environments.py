@@ -1,4 +1,5 @@
-"""A message of E parallel environments as E messages of one, each what a single run would have given, and back."""
+"""Splits a message of E parallel environments into E messages of one, each what a single run would have given, and
+joins them again."""
 
 from __future__ import annotations
 

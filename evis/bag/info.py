@@ -1,4 +1,4 @@
-"""What is in a bag, for `evis bag info`."""
+"""Describes what is in a bag, for `evis bag info`."""
 
 from __future__ import annotations
 

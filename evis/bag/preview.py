@@ -1,4 +1,4 @@
-"""The 8-bit picture of a keyframe that goes into every bag, for people."""
+"""Makes the 8-bit picture of a keyframe that goes into every bag, for people."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Messages out of a bag, whole or torn."""
+"""Reads messages of a bag, whole or torn."""
 
 from __future__ import annotations
 

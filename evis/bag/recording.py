@@ -1,4 +1,4 @@
-"""MCAP bags: ROS 2 (or ROS 1 messages in MCAP) from any recorder, and those that EVIS records."""
+"""Reads MCAP bags: ROS 2 (or ROS 1 messages in MCAP) from any recorder, and those that EVIS records."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from evis.bag.reader import BagReader
 
 @dataclass
 class Recovery:
-    """Says what was saved. `problem`: what the torn bag lacked, "" where it was whole."""
+    """Describes what was saved. `problem`: what the torn bag lacked, "" where it was whole."""
 
     path: Path
     messages: int

@@ -1,4 +1,4 @@
-"""Which topics of a graph a recording takes."""
+"""Selects which topics of a graph a recording takes."""
 
 from __future__ import annotations
 

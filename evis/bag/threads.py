@@ -1,4 +1,4 @@
-"""Threads that share the work on one message of a bag."""
+"""Shares the work on one message of a bag among threads."""
 
 from __future__ import annotations
 

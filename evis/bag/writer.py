@@ -1,4 +1,4 @@
-"""Messages into a bag."""
+"""Writes messages into a bag."""
 
 from __future__ import annotations
 

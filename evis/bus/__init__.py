@@ -1,4 +1,4 @@
-"""The message bus: topics between processes, over ZeroMQ and shared memory.
+"""Carries messages on topics between processes, over ZeroMQ and shared memory.
 
 A topic has one publisher. Its *declared consumers* get every message: each hands out credits (`window`), and the
 publisher sends only when all have some; arrays above 32 kB lie in shared memory slots that are written in place

@@ -51,7 +51,7 @@ class Consumer:
 
     @property
     def connected(self) -> bool:
-        """It has said whether it can open our memory."""
+        """Tells whether it has said if it can open our memory."""
         return self.shared is not None
 
     def forget(self) -> None:

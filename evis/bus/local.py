@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Sequence
 from typing import Any
 
-import numpy as np
 import zmq
 
-from evis.bus.memory.device import Asked, DevicePool, DeviceSlot, check, device_of, on_host_too
+from evis.bus.memory.device import DevicePool, DeviceSlot, LoanRequest, check
+from evis.bus.memory.lending import Lender
 from evis.bus.memory.slots import Slot, SlotPool
 from evis.bus.publisher import check_sent
 from msgs.codec import checked
@@ -19,7 +18,7 @@ ENOUGH = 1 << 30
 """Credit of a topic whose consumers are called directly."""
 
 
-class LocalPublisher:
+class LocalPublisher(Lender):
     """Publishes one topic to nodes of this process, which are called directly; does what Publisher does for them.
 
     topic, node: names. message_type: the only one that it sends. slots: messages that are kept at the same time, as a
@@ -69,25 +68,11 @@ class LocalPublisher:
         """Says that nobody needs numpy arrays for their bytes' sake."""
         return False
 
-    def loan(self, **arrays: tuple[tuple[int, ...], Any]) -> dict[str, np.ndarray]:
-        """Returns aligned arrays to write the next message into, name -> (shape, dtype); valid until `send`."""
-        return self._pool.loan(arrays)
-
-    def loan_on(self, device: Any, asked: Asked) -> dict[str, Any]:
+    def loan_on(self, device: Any, asked: LoanRequest) -> dict[str, Any]:
         """Returns Warp arrays on a device as `loan` does: name -> (shape, Warp dtype)."""
         if device.is_cuda:
             self._pool.write_from(device)
         return self._on_device.loan(device, asked)
-
-    def loan_from(self, device: Any, asked: Asked) -> dict[str, np.ndarray]:
-        """Returns numpy arrays as `loan` does, of (shape, Warp dtype), in memory that the device writes to fast."""
-        if device.is_cuda:
-            self._pool.write_from(device)
-        return self.loan(**on_host_too(asked))
-
-    def claim_on(self, message: Message) -> DeviceSlot | None:
-        """Returns the slot of `loan_on` that a message's Warp arrays lie in, pinned once for the caller."""
-        return self._on_device.claim(message)
 
     def reads_on(self, device: Any, but: Collection[str] = ()) -> bool:
         """Says that no other process reads it."""
@@ -96,18 +81,6 @@ class LocalPublisher:
     def send_on(self, message: Message, slot: DeviceSlot | None) -> bool:
         """Sends nothing: no other process reads it."""
         return False
-
-    @contextmanager
-    def sharing_loans(self) -> Iterator[None]:
-        """Lets the messages sent within the block lie in the loans made before it, several in one."""
-        with self._pool.sharing_loans(), self._on_device.sharing_loans():
-            yield
-
-    def lend(self, message: Message) -> Slot | DeviceSlot | None:
-        """Returns the loan that another topic's message lies in, pinned once for the caller; within `sharing_loans`."""
-        if device_of(message) is not None:
-            return self._on_device.claim(message)
-        return self._pool.claim(message.arrays())
 
     def passed(self, message: Message) -> None:
         """Counts a message whose arrays stay on their device."""

@@ -72,7 +72,8 @@ class Inbox:
 
     @property
     def address(self) -> list[int]:
-        """Where another process finds it: pid, file descriptor, inode (the pid may mean another process there)."""
+        """Returns where another process finds it: pid, file descriptor, inode (the pid may mean another process
+        there)."""
         return [os.getpid(), self._write, os.fstat(self._write).st_ino]
 
     def close(self) -> None:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,8 @@ from evis.bus import pipes, wire
 from evis.bus.consumers import Consumer, Consumers
 from evis.bus.endpoints import Endpoints, bind, check_bind, unlink
 from evis.bus.errors import BusError, PeerLost
-from evis.bus.memory.device import Asked, DevicePool, DeviceSlot, check, device_of, on_host_too
+from evis.bus.memory.device import DevicePool, DeviceSlot, LoanRequest, check
+from evis.bus.memory.lending import Lender
 from evis.bus.memory.placing import describe, place
 from evis.bus.memory.slots import Pinned, Slot, SlotPool
 from evis.bus.tap import TapSender, queue_length
@@ -30,7 +30,7 @@ PUMP_EVERY_S = 0.005
 """A stream looks at its sockets this often; while credits come through the pipe nothing there is urgent."""
 
 
-class Publisher:
+class Publisher(Lender):
     """Publishes one topic: to its declared consumers without loss, to taps as far as they can follow.
 
     context: of ZeroMQ, the process's. topic, node: names. endpoints: the addresses that it binds. consumers: ids
@@ -168,25 +168,12 @@ class Publisher:
             self._consumers.collect()  # a slot may be free by now
         return self._pool.loan(arrays)
 
-    def loan_on(self, device: Any, asked: Asked) -> dict[str, Any]:
+    def loan_on(self, device: Any, asked: LoanRequest) -> dict[str, Any]:
         """Returns Warp arrays on a device as `loan` does: name -> (shape, Warp dtype)."""
         if device.is_cuda:
             self._pool.write_from(device)
         shown = device.is_cuda and any(c.gpu == device.uuid for c in self._consumers.all.values())
         return self._on_device.loan(device, asked, shown)
-
-    def loan_from(self, device: Any, asked: Asked) -> dict[str, np.ndarray]:
-        """Returns numpy arrays as `loan` does, of (shape, Warp dtype), in memory that the device writes to fast."""
-        if device.is_cuda:
-            self._pool.write_from(device)
-        return self.loan(**on_host_too(asked))
-
-    def claim_on(self, message: Message) -> DeviceSlot | None:
-        """Returns the slot of `loan_on` that a message's Warp arrays lie in, pinned once for the caller.
-
-        None = in none.
-        """
-        return self._on_device.claim(message)
 
     def reads_bytes(self, but: Collection[str] = ()) -> bool:
         """Says whether the next message must be sent in numpy arrays: another process or a viewer reads it.
@@ -204,18 +191,6 @@ class Publisher:
             return False
         readers = [consumer for consumer in self._consumers.all.values() if consumer.name not in but]
         return bool(readers) and all(consumer.gpu == device.uuid for consumer in readers)
-
-    @contextmanager
-    def sharing_loans(self) -> Iterator[None]:
-        """Lets the messages sent within the block lie in the loans made before it, several in one."""
-        with self._pool.sharing_loans(), self._on_device.sharing_loans():
-            yield
-
-    def lend(self, message: Message) -> Slot | DeviceSlot | None:
-        """Returns the loan that another topic's message lies in, pinned once for the caller; within `sharing_loans`."""
-        if device_of(message) is not None:
-            return self._on_device.claim(message)
-        return self._pool.claim(message.arrays())
 
     def passed(self, message: Message) -> None:
         """Counts a message whose arrays stay on their device, for nobody outside this process gets it."""

@@ -1,4 +1,4 @@
-"""The program `evis`: one module per command, imported when its command is used.
+"""Implements the program `evis`: one module per command, imported when its command is used.
 
 A command's module has HELP (one line), EXAMPLE, `add_arguments(parser)` and `run(args) -> exit status`. They lie in
 rooms by what they are about: `graph/`, `events/`, `machine/`.

@@ -1,4 +1,4 @@
-"""`python -m evis.cli` is `evis`."""
+"""Runs `evis` as `python -m evis.cli`."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Numbers among the arguments of commands."""
+"""Parses numbers among the arguments of commands."""
 
 from __future__ import annotations
 

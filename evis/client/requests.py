@@ -48,7 +48,7 @@ def taker(plan: Plan, topic: str) -> str:
     raise ConnectionRefusedError(f"{plan.name} takes no {topic} from outside: {why}")
 
 
-def who_am_i() -> str:
+def program_name() -> str:
     """Names this program for the graph's log."""
     return os.path.basename(sys.argv[0] if sys.argv else "") or "a program"
 
@@ -79,14 +79,14 @@ class Requests:
     def attach(self, topic: str, lockstep: bool | None, patience_s: float) -> dict[str, Any]:
         """Asks for control of a topic, and returns the welcome. Raises ConnectionRefusedError with the reason."""
         patience = None if math.isinf(patience_s) else patience_s
-        body = {"op": "attach", "topic": topic, "who": who_am_i(), "lockstep": lockstep, "patience_s": patience}
+        body = {"op": "attach", "topic": topic, "who": program_name(), "lockstep": lockstep, "patience_s": patience}
         answer = self._ask([msgpack.packb(body)])
         if answer["op"] == "refused":
             raise ConnectionRefusedError(f"{self._plan.name} takes no {topic} from outside: {answer['why']}")
         self.due_ns, self.lost = None, ""  # what came before the welcome is of an earlier time in control
         return answer
 
-    def give(self, topic: str, message: Message) -> int:
+    def send(self, topic: str, message: Message) -> int:
         """Gives a message; returns the stamp [ns] of the state that the node published last.
 
         Raises ValueError for one that the node refuses, with its reason.

@@ -1,4 +1,4 @@
-"""Which environments a caller names in a reset, and which seeds it gives them, as whole numbers."""
+"""Checks which environments a caller names in a reset, and which seeds it gives them, as whole numbers."""
 
 from __future__ import annotations
 

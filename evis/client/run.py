@@ -1,4 +1,4 @@
-"""A running graph in the hand of another program."""
+"""Controls a running graph from another program."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ class Run:
         due = self._due(requests) if self.lockstep else None
         controls = controls_of(values, self._envs, len(self.actuators))
         stamp = ANY_STAMP if stamp_ns is None else int(stamp_ns)
-        now = requests.give(ACTION, Action(Header(stamp), controls))
+        now = requests.send(ACTION, Action(Header(stamp), controls))
         return now if due is None else due
 
     def due(self) -> int:
@@ -163,7 +163,7 @@ class Run:
         if envs is not None and not chosen.size:
             raise ValueError("a reset of no environment; leave envs out to reset all")
         seeds = [] if seed is None else seeds_of(seed, range(len(chosen) or self._count()))
-        return self._to(RESET).give(RESET, Reset(Header(0), chosen.astype(np.int32), np.array(seeds, np.int64)))
+        return self._to(RESET).send(RESET, Reset(Header(0), chosen.astype(np.int32), np.array(seeds, np.int64)))
 
     def _count(self) -> int:
         """Environments of the run."""

@@ -1,1 +1,2 @@
-"""What a user writes: YAML with line numbers, expressions, parameters with units and ranges, and where files lie."""
+"""Reads what a user writes: YAML with line numbers, expressions, parameters with units and ranges, and where files
+lie."""

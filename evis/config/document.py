@@ -1,4 +1,4 @@
-"""YAML that remembers where it stood: maps and lists with the file and line of every entry.
+"""Reads YAML and remembers where it stood: maps and lists with the file and line of every entry.
 
 This is the one reader of YAML. It builds values from the parser's events, so that a hostile file is refused at the
 line where it goes beyond a limit, before anything of it is built.

@@ -1,4 +1,4 @@
-"""`${...}` in launch files: arguments, environment variables, and small arithmetic over them.
+"""Evaluates `${...}` in launch files: arguments, environment variables, and small arithmetic over them.
 
 An expression is parsed by `ast` and walked node by node; what is not in the tables below is refused. There are no
 calls, attributes, subscripts or comprehensions, and numbers, texts and lists are bounded, so a hostile file can cost

@@ -1,4 +1,4 @@
-"""Typed node parameters with units and ranges, and the errors that name the nearest valid one."""
+"""Declares typed node parameters with units and ranges, and words the errors that name the nearest valid one."""
 
 from __future__ import annotations
 

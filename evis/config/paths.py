@@ -1,4 +1,4 @@
-"""Where launch files and scenes lie: at the top of a checkout, inside the package when installed from a wheel."""
+"""Finds where launch files and scenes lie: at the top of a checkout, inside the package when installed from a wheel."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def data_folder(kind: str) -> Path:
 
 
 def names(kind: str) -> list[str]:
-    """Names of the launch files or scenes that come with evis, without .yaml."""
+    """Lists the names of the launch files or scenes that come with evis, without .yaml."""
     try:
         return sorted(path.stem for path in data_folder(kind).glob("*.yaml"))
     except FileNotFoundError:

@@ -1,4 +1,4 @@
-"""Parameters that were removed, with what to use instead, for the error of a user who still gives one."""
+"""Lists parameters that were removed, with what to use instead, for the error of a user who still gives one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What must not leave a run: the values of secret parameters, taken out of whatever others may read."""
+"""Hides what must not leave a run: the values of secret parameters, taken out of whatever others may read."""
 
 from __future__ import annotations
 

@@ -1,1 +1,2 @@
-"""How the program talks to its user and is stopped: streams that cannot fail, Ctrl-C, SIGTERM, printable text."""
+"""Handles how the program talks to its user and is stopped: streams that cannot fail, Ctrl-C, SIGTERM, printable
+text."""

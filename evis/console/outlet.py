@@ -1,4 +1,4 @@
-"""Standard output and error that cannot fail the command which writes to them.
+"""Writes to standard output and error so that it cannot fail the command which writes.
 
 A viewer dies, a terminal is closed, a disk is full: what cannot be said any more goes to a log if there is one, and the
 command goes on with its work. What became of its output it is told at the end, for its exit status.
@@ -19,12 +19,12 @@ _MOST = 1 << 16
 
 
 class Log(Protocol):
-    """Takes what could not be said. `path`: where it lies, once there is something."""
+    """Defines where output goes that could not be written. `path`: where it lies, once there is something."""
 
     path: Path | None
 
     def add(self, text: str, reason: str) -> None:
-        """Takes a text, and why it could not be said."""
+        """Adds a text, and why it could not be written."""
 
     def close(self) -> None:
         """Ends the log: nothing more comes."""
@@ -50,12 +50,12 @@ class Outlet:
 
     @property
     def reason(self) -> str:
-        """Says `error` in words."""
+        """Describes `error` in words."""
         return f"{self._name}: {self.error.strerror or self.error}" if self.error else ""
 
     @property
     def kept_in(self) -> Path | None:
-        """Returns the file that holds what could not be said here."""
+        """Returns the file that holds what could not be written here."""
         return self._log.path if self._log is not None else None
 
     def write(self, text: str) -> int:
@@ -101,7 +101,7 @@ class Outlet:
                 self._give_up(error)
 
     def fall_back_on(self, log: Log) -> None:
-        """Sends what cannot be said to a log, what could not be said before now too."""
+        """Sends what cannot be written to a log, what could not be written before now too."""
         self._log = log
         if self._lost:
             log.add(self._lost, self.reason)
@@ -169,7 +169,7 @@ def occupy() -> None:
 
 
 def fall_back_on(log: Log) -> None:
-    """Sends what the standard streams cannot say to a log, where they are outlets."""
+    """Sends what the standard streams cannot write to a log, where they are outlets."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, Outlet):
             stream.fall_back_on(log)

@@ -1,4 +1,4 @@
-"""Keeps what a run could not say to its user, in a file that outlives the run."""
+"""Keeps output that a run could not write for its user, in a file that outlives the run."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def folder() -> Path:
 
 
 class Unsaid:
-    """Logs to a file that is made when the first line could not be said.
+    """Logs to a file that is made when the first line could not be written.
 
     It never raises: nobody is left to be told.
     """
@@ -34,7 +34,7 @@ class Unsaid:
         self.path: Path | None = None
 
     def add(self, text: str, reason: str) -> None:
-        """Keeps a text, and why it could not be said."""
+        """Adds a text, and why it could not be written."""
         lines = [line for line in text.replace("\r", "\n").splitlines() if line.strip()]
         if self._broken or not lines:
             return
@@ -52,7 +52,7 @@ class Unsaid:
             self._broken = True
 
     def close(self) -> None:
-        """Writes at the end how much could not be said, and why."""
+        """Writes at the end how much could not be written, and why."""
         if self._file is None or self._broken:
             return
         self._broken = True

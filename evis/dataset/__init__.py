@@ -1,4 +1,4 @@
-"""Data sets: labelled sequences in the layouts that training code reads.
+"""Makes and reads data sets: labelled sequences in the layouts that training code reads.
 
     data = evis.dataset.open("disks")                     the sequences of a data set, or of one folder
     windows = data.windows(seconds=0.05, ...)             events cut into windows, as images, with labels

@@ -1,4 +1,4 @@
-"""What is known of a sequence, beside its events and labels, and how it is kept in its folder."""
+"""Holds what is known of a sequence, beside its events and labels, and how it is kept in its folder."""
 
 from __future__ import annotations
 

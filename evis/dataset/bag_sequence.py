@@ -1,4 +1,4 @@
-"""A labelled bag as the steps of a simulation, so that it can be written in any layout."""
+"""Reads a labelled bag as the steps of a simulation, so that it can be written in any layout."""
 
 from __future__ import annotations
 

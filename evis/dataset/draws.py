@@ -1,4 +1,4 @@
-"""Where in its range an argument of a sequence lies: a pure function of what is drawn and of its number."""
+"""Draws where in its range an argument of a sequence lies: a pure function of what is drawn and of its number."""
 
 from __future__ import annotations
 

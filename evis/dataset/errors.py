@@ -1,4 +1,4 @@
-"""What goes wrong with a data set."""
+"""Defines the errors of data sets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A recipe: which sequences a data set has. Each is a pure function of the recipe and its number."""
+"""Describes which sequences a data set has. Each is a pure function of the recipe and its number."""
 
 from __future__ import annotations
 

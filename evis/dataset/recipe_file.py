@@ -1,4 +1,4 @@
-"""Recipes as people write them: YAML, with the file and the line of what is wrong."""
+"""Reads recipes as people write them: YAML, with the file and the line of what is wrong."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The user's own files that sequences are made of: scene files, what they name, folders of pictures and meshes.
+"""Finds the user's own files that sequences are made of: scene files, what they name, folders of pictures and meshes.
 
 They are hashed into the recipe's digest, so that a data set is never made of two versions of one.
 """

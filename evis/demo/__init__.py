@@ -1,1 +1,1 @@
-"""The demonstration (`python -m evis.demo`) and the gallery of scenes for the documentation."""
+"""Makes the demonstration (`python -m evis.demo`) and the gallery of scenes for the documentation."""

@@ -1,4 +1,4 @@
-"""`python -m evis.demo --out demo`: a spinning disk as a bag, an animation, a picture and a summary.
+"""Makes a spinning disk's bag, animation, picture and summary: `python -m evis.demo --out demo`.
 
 With VIEW=1 in the environment the disk then goes on, with its live page, until Ctrl-C.
 """
@@ -78,7 +78,7 @@ def summary(report: dict[str, Any], files: Sequence[Path]) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Makes everything. Exit status 0, or 1 with one line on stderr."""
+    """Makes the demonstration. Exit status 0, or 1 with one line on stderr."""
     parser = argparse.ArgumentParser(prog="python -m evis.demo", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("demo"), metavar="DIR", help="folder for the files (demo)")
     parser.add_argument("--duration", type=float, default=DURATION_S, metavar="S", help="simulated time (1)")

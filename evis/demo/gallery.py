@@ -1,4 +1,4 @@
-"""Pictures of the scenes for the documentation: `python -m evis.demo.gallery --out docs/scenes [SCENE ...]`.
+"""Draws pictures of the scenes for the documentation: `python -m evis.demo.gallery --out docs/scenes [SCENE ...]`.
 
 Every scene is run for a moment and its first camera recorded; the picture is a keyframe, tone-mapped, beside the events
 of the last 4 ms. A table of what was measured goes to the standard output, as Markdown.
@@ -24,7 +24,10 @@ MAX_BYTES = 150_000
 
 @dataclass
 class Entry:
-    """Holds what is told of a scene. range_db: 20 log10 of the brightest over the darkest pixel that is not black."""
+    """Holds a scene's row of the table.
+
+    range_db: 20 log10 of the brightest over the darkest pixel that is not black.
+    """
 
     name: str
     bodies: int

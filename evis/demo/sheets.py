@@ -1,4 +1,5 @@
-"""Contact sheets of the recipes for the documentation: `python -m evis.demo.sheets --out docs/recipes [RECIPE ...]`.
+"""Makes contact sheets of the recipes for the documentation: `python -m evis.demo.sheets --out docs/recipes [RECIPE
+...]`.
 
 Of every recipe the first sequences are made and verified as a user would, and `evis dataset show` draws them. A table
 of what that took goes to the standard output, as Markdown.

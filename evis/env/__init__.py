@@ -1,4 +1,4 @@
-"""Environments of Gymnasium on a Simulation; importing this registers evis/CartPole-v0, PanTilt-v0 and Pong-v0.
+"""Offers environments of Gymnasium on a Simulation; importing this registers evis/CartPole-v0, PanTilt-v0 and Pong-v0.
 
 env = gymnasium.make("evis/CartPole-v0")                     # one environment
 envs = gymnasium.make_vec("evis/CartPole-v0", num_envs=16)   # sixteen in one simulation

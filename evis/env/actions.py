@@ -1,4 +1,4 @@
-"""From an agent's action to the controls of a model's actuators."""
+"""Turns an agent's action into the controls of a model's actuators."""
 
 from __future__ import annotations
 

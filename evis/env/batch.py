@@ -1,4 +1,4 @@
-"""All environments of one simulation: stepped together, put back to their start one by one."""
+"""Steps all environments of one simulation together, and puts them back to their start one by one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One environment of a task, as Gymnasium's Env."""
+"""Offers one environment of a task as Gymnasium's Env."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An EventVectorEnv as Stable-Baselines3 takes it: `PPO("MlpPolicy", StableBaselinesEnv(env))`."""
+"""Offers an EventVectorEnv to Stable-Baselines3: `PPO("MlpPolicy", StableBaselinesEnv(env))`."""
 
 from __future__ import annotations
 
@@ -67,5 +67,5 @@ class StableBaselinesEnv(VecEnv):
         return [getattr(self.env, method_name)(*args, **kwargs)] * len(list(self._get_indices(indices)))
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
-        """No environment is wrapped."""
+        """Says that no environment is wrapped."""
         return [False] * len(list(self._get_indices(indices)))

@@ -1,4 +1,4 @@
-"""What a reward and a termination are computed from: the state of all environments after a step."""
+"""Holds what a reward and a termination are computed from: the state of all environments after a step."""
 
 from __future__ import annotations
 
@@ -39,7 +39,10 @@ class State:
 
     @property
     def joints(self) -> tuple[np.ndarray, np.ndarray]:
-        """Positions [E, nq] and velocities [E, nv] of the joints. Raises ValueError where they were not asked for."""
+        """Returns positions [E, nq] and velocities [E, nv] of the joints.
+
+        Raises ValueError where they were not asked for.
+        """
         if self.message.qpos is None or self.message.qvel is None:
             raise ValueError("the state has no joints; give the task or the environment joints=True")
         return self.message.qpos[:, -1], self.message.qvel[:, -1]

@@ -1,4 +1,4 @@
-"""A task: a scene, what is rewarded, what ends an episode, and what the agent sees."""
+"""Describes a task: a scene, what is rewarded, what ends an episode, and what the agent sees."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Judge = Callable[[State], np.ndarray]
 
 
 class Task:
-    """Says what an environment is about. For a task of one's own: a subclass, or functions of the state.
+    """Defines a task for agents: the base of all tasks. For a task of one's own: a subclass, or functions of the state.
 
         Task("robot_arm", {"events": VoxelGrid(5)}, reward=lambda state: -state.pose("gripper")[:, 2])
 
@@ -49,5 +49,5 @@ class Task:
         return np.zeros(len(state.seconds), bool) if self._terminated is None else self._terminated(state)
 
     def info(self, state: State) -> Mapping[str, np.ndarray]:
-        """Returns what else is worth knowing, by name, each [E]; it goes into `info`."""
+        """Returns further values by name, each [E]; they go into `info`."""
         return {}

@@ -1,4 +1,4 @@
-"""Many environments of a task in one simulation, as Gymnasium's VectorEnv."""
+"""Offers many environments of a task in one simulation as Gymnasium's VectorEnv."""
 
 from __future__ import annotations
 

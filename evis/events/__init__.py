@@ -1,4 +1,4 @@
-"""Event streams: the words that sensors send, the files that hold them, and one container for what comes out.
+"""Handles event streams: the words that sensors send, the files that hold them, and one container for what comes out.
 
 One file per codec (`evt3`, `davis`, ...), one per file format (`files/raw`, ...); `open_recording` finds the format.
 """

@@ -1,4 +1,4 @@
-"""The container that every decoder fills and every encoder reads."""
+"""Holds the container that every decoder fills and every encoder reads."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Maps with a value for every pixel of a sensor: how large a sensor may be that a file's header states."""
+"""Limits maps with a value for every pixel of a sensor: how large a sensor may be that a file's header states."""
 
 from __future__ import annotations
 

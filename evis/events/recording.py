@@ -1,4 +1,4 @@
-"""Recordings of events: one way to read them all, block by block or up to a time, whatever the file format."""
+"""Reads recordings of events in one way, block by block or up to a time, whatever the file format."""
 
 from __future__ import annotations
 

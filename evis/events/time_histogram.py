@@ -1,4 +1,4 @@
-"""How the events of a stream spread over its time, in one pass and bounded memory."""
+"""Counts how the events of a stream spread over its time, in one pass and bounded memory."""
 
 from __future__ import annotations
 

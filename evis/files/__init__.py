@@ -1,1 +1,1 @@
-"""Files that are read and written safely: whole or not at all, within an allowance, with errors that name them."""
+"""Reads and writes files safely: whole or not at all, within an allowance, with errors that name them."""

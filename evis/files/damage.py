@@ -1,4 +1,4 @@
-"""Tells what damaged files make their readers raise from a mistake of the program, in this one place."""
+"""Tells the errors that readers raise on damaged files from a mistake of the program, in this one place."""
 
 from __future__ import annotations
 

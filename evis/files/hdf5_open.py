@@ -1,4 +1,4 @@
-"""HDF5 files that stay open in the process that reads them, so that windows that follow each other share chunks."""
+"""Keeps HDF5 files open in the process that reads them, so that windows that follow each other share chunks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""HDF5 files to write, whose disk may become full without harm to the process."""
+"""Opens HDF5 files to write, whose disk may become full without harm to the process."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Rigid motions, their interpolation, and the pinhole camera, in float64 numpy."""
+"""Computes rigid motions, their interpolation, and the pinhole camera, in float64 numpy."""

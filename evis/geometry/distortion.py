@@ -1,4 +1,5 @@
-"""Distorting lenses in float64: OpenCV's Brown-Conrady (`plumb_bob`) and Kannala-Brandt fisheye (`equidistant`).
+"""Computes distorting lenses in float64: OpenCV's Brown-Conrady (`plumb_bob`) and Kannala-Brandt fisheye
+(`equidistant`).
 
 plumb_bob, coefficients k1 k2 p1 p2 k3 [k4 k5 k6], with x = X / Z, y = Y / Z, s = x^2 + y^2 (Brown, Decentering
 Distortion of Lenses, 1966; the names of ROS's sensor_msgs/CameraInfo):
@@ -37,7 +38,7 @@ class Lens:
 
     @staticmethod
     def of(model: str, coefficients: Sequence[float]) -> Lens:
-        """Raises ValueError for an unknown model or coefficients that do not belong to it."""
+        """Makes a lens. Raises ValueError for an unknown model or coefficients that do not belong to it."""
         if model not in MODELS:
             raise ValueError(f"there is no distortion model '{model}'; there are {', '.join(MODELS)}")
         given = tuple(float(c) for c in coefficients)

@@ -1,4 +1,4 @@
-"""Poses between the sub-steps of /state.
+"""Interpolates poses between the sub-steps of /state.
 
 Position: the cubic Hermite of positions and velocities. Rotation: R(t) = exp(theta(t)) R0, where theta is the cubic
 Hermite in rotation-vector space whose end slopes give the angular velocities at both ends; at constant omega theta is

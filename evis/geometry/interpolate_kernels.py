@@ -1,4 +1,4 @@
-"""Kernels of `evis.geometry.interpolate.pose_at`, for poses of many environments at once."""
+"""Computes `evis.geometry.interpolate.pose_at` in kernels, for poses of many environments at once."""
 
 import warp as wp
 

@@ -1,4 +1,4 @@
-"""The pinhole camera, and the image motion of points fixed to moving bodies, in float64 closed form.
+"""Computes the pinhole camera, and the image motion of points fixed to moving bodies, in float64 closed form.
 
 Camera frame: x right, y down, z forward. Pixel (0, 0) is the centre of the top-left pixel, so an image of width W has
 its left edge at -0.5 and its middle at (W - 1) / 2.

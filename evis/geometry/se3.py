@@ -1,4 +1,4 @@
-"""Quaternions and poses, vectorised over leading axes, float64.
+"""Computes with quaternions and poses, vectorised over leading axes, float64.
 
 A quaternion is [..., 4], x y z w (Hamilton product, unit norm unless said otherwise); q and -q are the same rotation. A
 pose is [..., 7]: position [m], then the quaternion, and maps points of its own frame to the parent's. A rotation vector

@@ -1,1 +1,1 @@
-"""What nodes share that compute with Warp: recorded launches, and kernels that several of them call."""
+"""Holds what nodes share that compute with Warp: recorded launches, and kernels that several of them call."""

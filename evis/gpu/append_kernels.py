@@ -1,4 +1,4 @@
-"""Appending to a list that many threads share: a warp takes the places of all its active threads at once.
+"""Appends to a list that many threads share: a warp takes the places of all its active threads at once.
 
 Every thread that takes a place by an atomic of its own pays for it one after the other at the one address; a warp whose
 active threads add up first pays once. On a CPU, where threads run one after the other, it is an addition, and no two

@@ -1,4 +1,4 @@
-"""Bits of masks, by the instructions that processors have for them."""
+"""Finds bits of masks, by the instructions that processors have for them."""
 
 import warp as wp
 

@@ -1,4 +1,4 @@
-"""Kernels compiled side by side before they are launched, for at a launch each is compiled by itself."""
+"""Compiles kernels side by side before they are launched, for at a launch each is compiled by itself."""
 
 from __future__ import annotations
 

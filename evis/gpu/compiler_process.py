@@ -1,4 +1,4 @@
-"""A process that compiles a GPU's kernels for another one: see `evis.gpu.compilers`.
+"""Compiles a GPU's kernels for another process: see `evis.gpu.compilers`.
 
 It is started as a file, not as a module, and imports nothing but what Python has, so that it is there in 0.05 s.
 

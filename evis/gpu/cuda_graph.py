@@ -1,4 +1,4 @@
-"""Sequences of launches that are the same every time, as CUDA graphs."""
+"""Records sequences of launches that are the same every time as CUDA graphs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Branch:
 
     @contextmanager
     def aside(self) -> Iterator[None]:
-        """What is launched in here comes after all before it, and beside all after it until `join`."""
+        """Launches what is within its block after all before it, and beside all after it until `join`."""
         if self._stream is None:
             yield
             return
@@ -30,7 +30,7 @@ class Branch:
             yield
 
     def join(self) -> None:
-        """What follows comes after all that was launched aside."""
+        """Lets what follows come after all that was launched aside."""
         if self._stream is not None:
             self._device.stream.wait_stream(self._stream)
 
@@ -46,7 +46,8 @@ class CudaGraphs:
         self._graphs: dict[Hashable, Any] = {}
 
     def run(self, key: Hashable, launch: Callable[[], None]) -> None:
-        """What `launch` does; it must read nothing back and allocate nothing."""
+        """Runs `launch`, from its second call with a key on as one recorded graph; it must read nothing back and
+        allocate nothing."""
         if self.device.is_cpu or self.device.is_capturing:
             launch()
             return

@@ -1,4 +1,4 @@
-"""Division by numbers that a launch knows beforehand: a product and a shift, where `//` takes 35 instructions."""
+"""Divides by numbers that a launch knows beforehand: by a product and a shift, where `//` takes 35 instructions."""
 
 from typing import Any
 

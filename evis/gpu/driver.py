@@ -1,4 +1,4 @@
-"""Calls of CUDA's driver that Warp has not, or whose failure it does not tell."""
+"""Calls functions of CUDA's driver that Warp has not, or whose failure it does not tell."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""CUDA contexts made in the background, while Python still imports and reads: a context takes the driver tenths of a
+"""Makes CUDA contexts in the background, while Python still imports and reads. A context takes the driver tenths of a
 second, in which it does not need the interpreter. Warp then finds them there.
 """
 

@@ -1,4 +1,4 @@
-"""Arrays of callers as Warp arrays and back, without a copy: numpy, Warp, PyTorch, whatever speaks DLPack.
+"""Converts arrays of callers to Warp arrays and back, without a copy: numpy, Warp, PyTorch, whatever speaks DLPack.
 
 PyTorch is never imported here: a caller who hands over a tensor has it loaded.
 """

@@ -1,4 +1,4 @@
-"""Small arrays of a device, read on the host without a wait for what is launched after them."""
+"""Reads small arrays of a device on the host without a wait for what is launched after them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arrays that lie behind each other in memory, as one, and the parts of one."""
+"""Joins arrays that lie behind each other in memory to one, and parts them again."""
 
 from __future__ import annotations
 

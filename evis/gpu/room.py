@@ -1,4 +1,4 @@
-"""How much memory there is left on a device, before it is asked for."""
+"""Measures how much memory is left on a device, before it is asked for."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a launch file and its arguments to the plan of a graph.
+"""Turns a launch file and its arguments into the plan of a graph.
 
 `target.py` finds the launch file and the scene that a user names, `files.py` reads it with its includes, `arguments.py`
 and `node_arguments.py` give its arguments values, and `expand.py` makes a flat list of nodes. The room `graph/` joins

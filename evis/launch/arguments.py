@@ -1,4 +1,4 @@
-"""The arguments of a launch file: declared with type, default, range and help; given as key:=value."""
+"""Declares the arguments of a launch file with type, default, range and help, and reads those given as key:=value."""
 
 from __future__ import annotations
 
@@ -169,13 +169,18 @@ def brought(
     return found
 
 
-def parse_pairs(words: Sequence[str]) -> dict[str, str]:
-    """Parses the `key:=value` words of a command line. Raises ArgumentError for any other word."""
+def parse_pairs(words: Sequence[str], form: str = "key:=value", example: str = "seed:=3") -> dict[str, str]:
+    """Parses words of a form such as `key:=value` into a map. Raises ArgumentError for any other word, and for a key
+    that comes twice.
+
+    example: of a word, for the error.
+    """
+    mark = form.removesuffix("value").lstrip("abcdefghijklmnopqrstuvwxyz")
     pairs: dict[str, str] = {}
     for word in words:
-        key, mark, value = word.partition(":=")
-        if not mark or not key:
-            raise ArgumentError(f"'{word}' is not key:=value, as in seed:=3")
+        key, between, value = word.partition(mark)
+        if not between or not key:
+            raise ArgumentError(f"'{word}' is not {form}, as in {example}")
         if key in pairs:
             raise ArgumentError(f"{key} is given twice, as {pairs[key]} and {value}")
         pairs[key] = value

@@ -1,4 +1,5 @@
-"""Node types by name: `event_sensor` is `nodes.event_sensor.node:EventSensorNode`, loaded when a graph has one."""
+"""Finds node types by name: `event_sensor` is `nodes.event_sensor.node:EventSensorNode`, loaded when a graph has
+one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A launch file with its includes, conditions and loops worked out: a flat list of nodes with final parameters."""
+"""Expands a launch file, with its includes, conditions and loops, to a flat list of nodes with final parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A plan for people: nodes by process, edges, what is left out and why."""
+"""Describes a plan for people: nodes by process, edges, what is left out and why."""
 
 from __future__ import annotations
 

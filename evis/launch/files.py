@@ -1,4 +1,4 @@
-"""Launch files as they are read: the includes they name and the arguments they take together."""
+"""Reads launch files: the includes they name and the arguments they take together."""
 
 from __future__ import annotations
 

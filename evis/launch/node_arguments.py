@@ -1,4 +1,5 @@
-"""Arguments of a launch file that are parameters of its nodes: declared by the node, and passed on under their name.
+"""Declares arguments of a launch file that are parameters of its nodes: declared by the node, and passed on under their
+name.
 
     args: {of: [event_sensor], defocus: {of: event_sensor.defocus_px}}
     nodes:

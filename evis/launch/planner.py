@@ -1,4 +1,4 @@
-"""From a launch file and its arguments to the plan of a graph, checked before anything starts."""
+"""Makes the plan of a graph from a launch file and its arguments, checked before anything starts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Which cameras of a scene are simulated, and which have a keyframe rate of their own: as given, or as it says."""
+"""Finds which cameras of a scene are simulated, and which have a keyframe rate of their own: as given, or as it
+says."""
 
 from __future__ import annotations
 
@@ -7,7 +8,7 @@ from typing import Any
 
 from evis.config.document import LaunchError
 from evis.config.suggestions import nearest
-from evis.launch.arguments import ArgumentError
+from evis.launch.arguments import ArgumentError, parse_pairs
 from evis.runtime.clock import times_slower
 
 NEEDED = ("camera_rate", "cameras", "keyframe_rate", "scene")
@@ -96,13 +97,6 @@ def _of_the_scene(values: Mapping[str, Any]) -> dict[str, float]:
 
 
 def pairs(words: Sequence[Any]) -> dict[str, str]:
-    """Parses `name=value` words into a map. Raises ArgumentError for another word, and for a name that comes twice."""
-    found: dict[str, str] = {}
-    for word in map(str, words):
-        name, mark, value = (part.strip() for part in word.partition("="))
-        if not mark or not name:
-            raise ArgumentError(f"'{word}' is not name=value, as in cam1=15")
-        if name in found:
-            raise ArgumentError(f"{name} is given twice, as {found[name]} and {value}")
-        found[name] = value
-    return found
+    """Parses `name=value` words, with spaces about name and value or without, as `parse_pairs` does."""
+    tight = ["=".join(part.strip() for part in str(word).split("=", 1)) for word in words]
+    return parse_pairs(tight, "name=value", "cam1=15")

@@ -1,4 +1,4 @@
-"""`recorded:` in a launch file: arguments that are not given are those of the run that made a bag."""
+"""Implements `recorded:` in a launch file: arguments that are not given are those of the run that made a bag."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arguments that a user gave and that change nothing: said before the start, never ignored in silence."""
+"""Reports arguments that a user gave and that change nothing: before the start, never ignored in silence."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Frames in, pictures and animations out."""
+"""Reads frames, and draws pictures and animations."""

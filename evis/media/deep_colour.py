@@ -1,4 +1,4 @@
-"""Colour of 16 bits a channel, of which Pillow keeps the high bytes alone."""
+"""Reads colour of 16 bits a channel, of which Pillow keeps the high bytes alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recordings and bags as Python holds them: streams to go over, to cut by time and to take windows of.
+"""Offers recordings and bags to Python: streams to go over, to cut by time and to take windows of.
 
 `evis.open` is `open_recorded`. It stands above the readers of `evis.events` and `evis.bag`, and reads what they read.
 """

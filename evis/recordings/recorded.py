@@ -1,4 +1,4 @@
-"""Any recording or bag, held open for as long as it is wanted and read as it is gone over."""
+"""Opens any recording or bag, holds it open for as long as it is wanted and reads it as it is gone over."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ class Recorded:
 
     @cached_property
     def topics(self) -> dict[str, str]:
-        """Names of what a bag holds and the types of the messages; of other files with several streams their names.
+        """Names what a bag holds and the types of the messages; of other files with several streams their names.
 
         `messages` takes all names of a bag, `evis.open(path, topic=...)` those of type EventPacket, of a bag of several
         environments those of one (/env3/cam0/events).
@@ -261,7 +261,7 @@ class Recorded:
     # -- the end -----------------------------------------------------------------------------------------------------
 
     def close(self) -> None:
-        """Gives nothing any more. Files are open only while they are gone over."""
+        """Closes the file: nothing can be read any more. Files are open only while they are gone over."""
         self._closed = True
 
     def __enter__(self) -> Recorded:

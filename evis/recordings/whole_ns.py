@@ -1,4 +1,4 @@
-"""Limits of an interval as a caller gives them."""
+"""Checks limits of an interval as a caller gives them."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What runs a node: the node's interface, the plan, the executor of a process, joins, delivery, clocks, telemetry."""
+"""Runs nodes: the node's interface, the plan, the executor of a process, joins, delivery, clocks, telemetry."""

@@ -1,4 +1,4 @@
-"""Stamps of keyframes and sub-frames in exact integer arithmetic, and pacing against the wall clock."""
+"""Computes stamps of keyframes and sub-frames in exact integer arithmetic, and paces against the wall clock."""
 
 from __future__ import annotations
 

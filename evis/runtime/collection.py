@@ -1,4 +1,4 @@
-"""Python's collector of cycles, and when it need not look."""
+"""Controls Python's collector of cycles, and tells when it need not look."""
 
 from __future__ import annotations
 

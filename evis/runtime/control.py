@@ -1,4 +1,4 @@
-"""The wire between the supervisor and its processes: a ROUTER here, a DEALER there, msgpack maps both ways.
+"""Defines the wire between the supervisor and its processes: a ROUTER here, a DEALER there, msgpack maps both ways.
 
 From a process: {"ready"}, {"heartbeat", "stats", "busy_s"}, {"done", "summary"}, {"failed", "node", "text"}, {"want"},
 {"tell", "node"}, which is for the user's eyes alone.

@@ -1,4 +1,4 @@
-"""A published message on its way to the nodes of its own process: by reference, on its device if they take it so."""
+"""Delivers a published message to the nodes of its own process: by reference, on its device if they take it so."""
 
 from __future__ import annotations
 

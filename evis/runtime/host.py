@@ -1,4 +1,4 @@
-"""A node in its process: the node, its queues, its publishers and subscribers, built from the plan."""
+"""Hosts a node in its process: the node, its queues, its publishers and subscribers, built from the plan."""
 
 from __future__ import annotations
 
@@ -216,7 +216,7 @@ class Host:
         self.ended, self.pacer = False, None
 
     def had(self, inputs: Mapping[str, Message]) -> None:
-        """Lets go of what `delayed_inputs` gave: a step has had it."""
+        """Releases what `delayed_inputs` returned, once a step has had it."""
         for port, message in inputs.items():
             if port in self.delayed:
                 self.delayed[port].pop(message.header.stamp_ns)

@@ -62,7 +62,7 @@ class Output:
 
 
 class Runtime(Protocol):
-    """Does for the nodes of a process what they cannot do themselves; a node reaches most of it by its own methods."""
+    """Defines what the process does for its nodes; a node reaches most of it by its own methods."""
 
     plan: Plan
 
@@ -113,7 +113,7 @@ class Runtime(Protocol):
 
 
 class Node:
-    """Stands between a pure part and the graph: the base of all nodes.
+    """Connects a pure part with the graph: the base of all nodes.
 
     Life: `__init__`, `setup`, `warm_up`, then `update`/`receive`/`step` by the executor, `finish`, `close`.
 
@@ -284,7 +284,7 @@ class Node:
         return False
 
     def idle(self) -> None:
-        """Does what a node has to do besides messages; called on the executor's thread at least every 50 ms."""
+        """Runs what a node has to do besides messages; called on the executor's thread at least every 50 ms."""
 
     def close(self) -> None:
         """Releases devices and files; called once, also after an error."""

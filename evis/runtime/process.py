@@ -1,5 +1,5 @@
-"""One process of a running graph: `python -m evis.runtime.process [--early] PLAN.json PROCESS`, started by the
-supervisor; with --early before there is a plan, which is there when standard input ends."""
+"""Runs one process of a running graph: `python -m evis.runtime.process [--early] PLAN.json PROCESS`. The supervisor
+starts it; with --early before there is a plan, which is there when standard input ends."""
 
 from __future__ import annotations
 

@@ -24,5 +24,5 @@ class TapSubscription:
 
     @property
     def lost(self) -> int:
-        """Tells how many messages this tap missed."""
+        """Counts how many messages this tap missed."""
         return sum(s.lost for s in self.subscribers)

@@ -1,4 +1,4 @@
-"""Threads that compute for a node, and what CPU time they spend for the thread that gives them work."""
+"""Runs threads that compute for a node, and counts what CPU time they spend for the thread that gives them work."""
 
 from __future__ import annotations
 

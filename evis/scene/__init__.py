@@ -1,4 +1,4 @@
-"""Worlds: a small YAML file each, or any MJCF, read into one Scene."""
+"""Reads worlds, a small YAML file each, or any MJCF, into one Scene."""
 
 from evis.scene.errors import SceneError
 from evis.scene.load import is_dynamic, load_scene, scene_args

@@ -1,4 +1,5 @@
-"""What of a scene decides what is seen, and what decides how bodies move: keys by which worlds are shared."""
+"""Computes the keys by which worlds are shared: what of a scene decides what is seen, and what decides how bodies
+move."""
 
 from __future__ import annotations
 

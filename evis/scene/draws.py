@@ -1,4 +1,4 @@
-"""Random values of a scene: laws, and what was drawn by them.
+"""Draws random values of a scene by laws, and keeps what was drawn.
 
 A value is a function of the environment's seed and of the name of its place in the scene file, such as
 `materials.wood.albedo[0]`. It is a hash of the two, so that no draw depends on which others there are or in which order

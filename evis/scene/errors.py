@@ -1,4 +1,4 @@
-"""What can go wrong while a scene is read."""
+"""Defines what can go wrong while a scene is read."""
 
 
 class SceneError(ValueError):

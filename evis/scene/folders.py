@@ -1,4 +1,4 @@
-"""Which folders the files of a scene may read from: what a model names must not lead anywhere else.
+"""Restricts which folders the files of a scene may read from: what a model names must not lead anywhere else.
 
 What the scene file names itself is where its user wants it, and the folder of such a file counts as stated with all
 that is below it. What that file names in turn (buffers and pictures of glTF, MTL and its pictures, files of MJCF and

@@ -1,4 +1,4 @@
-"""From a scene's name or file to a Scene: finding it, its arguments, and what it is made of."""
+"""Loads a Scene by the name or file of a scene: finding it, its arguments, and what it is made of."""
 
 from __future__ import annotations
 
@@ -173,7 +173,7 @@ def camera_rates(name_or_path: str, overrides: Mapping[str, Any] | None = None) 
 
 
 def camera_names(name_or_path: str) -> list[str] | None:
-    """Names of the cameras of a scene file without a model, as they are found, in its order; None where only loading
+    """Names the cameras of a scene file without a model, as they are found, in its order; None where only loading
     tells."""
     path = find_scene(name_or_path)
     document = None if path.suffix in MODELS else _document(path)

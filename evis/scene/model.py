@@ -1,4 +1,4 @@
-"""A scene as everybody sees it: bodies that move, the instances they carry, materials, lights, cameras.
+"""Defines a scene as all nodes see it: bodies that move, the instances they carry, materials, lights, cameras.
 
 Units are SI, angles radians, colours linear Rec. 709. A pose is float64 [7]: position [m], quaternion x y z w.
 """
@@ -69,9 +69,10 @@ class Mesh:
 
 @dataclass
 class Material:
-    """albedo: linear reflectance [3], times texture (float32 [h, w, 3], linear, row 0 at v = 1) where there is one.
+    """Describes how a surface reflects and emits light. albedo: linear reflectance [3], times texture (float32 [h, w,
+    3], linear, row 0 at v = 1) where there is one.
 
-    emission: radiance [3] in W/(sr m^2), added. roughness and metallic as in glTF, for the later GGX term.
+    emission: radiance [3] in W/(sr m^2), added. roughness and metallic as in glTF, for the GGX term.
     two_sided: the back of a triangle is shaded like its front.
     """
 
@@ -115,7 +116,8 @@ class Waveform:
 
 @dataclass
 class Light:
-    """kind `directional`: `colour` is irradiance [W/m^2] on a surface facing it, `vector` the direction light travels.
+    """Describes a light. kind `directional`: `colour` is irradiance [W/m^2] on a surface facing it, `vector` the
+    direction light travels.
 
     kind `point`: `colour` is radiant intensity [W/sr], `vector` the position [m]. kind `spot`: as point, within a cone
     about `direction`: full inside the half-angle cone[0], none outside cone[1] [rad]. kind `area`: a rectangle about

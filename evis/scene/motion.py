@@ -1,4 +1,4 @@
-"""Prescribed motion: poses and twists of a body in closed form.
+"""Computes prescribed motion: poses and twists of a body in closed form.
 
 A motion computes with arrays of its own leading shape: that of one body has none, and what is `stacked` of those of B
 bodies has one of B, and gives [B, S, ...] where one of them gives [S, ...], bit by bit the same.

@@ -1,4 +1,4 @@
-"""Parameters of a node that loads the scene: which one, with which arguments, and how large its images are."""
+"""Declares parameters of a node that loads the scene: which one, with which arguments, and how large its images are."""
 
 from __future__ import annotations
 

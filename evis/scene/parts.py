@@ -1,4 +1,4 @@
-"""What a node makes for environments whose worlds differ: one thing for all that have a world in common."""
+"""Groups environments whose worlds differ: a node makes one thing for all that have a world in common."""
 
 from __future__ import annotations
 
@@ -58,5 +58,5 @@ class Parts(Generic[T]):
 
     @property
     def all(self) -> list[T]:
-        """Gives what there is."""
+        """Lists the parts that there are."""
         return [part.made for part in self.parts]

@@ -1,4 +1,5 @@
-"""What in a scene is too fast for the frames that it is seen in: such things look slower than they are, or still."""
+"""Finds what in a scene is too fast for the frames that it is seen in: such things look slower than they are, or
+still."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which files a scene was made of, and whether they are still as they were."""
+"""Records which files a scene was made of, and tells whether they are still as they were."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Smooth curves through given values at given times, with exact derivatives."""
+"""Computes smooth curves through given values at given times, with exact derivatives."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 
 class Spline:
-    """The cubic spline through `values` [K, D] at `times` [K] s, ascending: twice continuously differentiable.
+    """Interpolates `values` [K, D] at `times` [K] s, ascending, by a cubic spline: twice continuously differentiable.
 
     loop=False: it starts with `start_rate` and ends with `end_rate` ([D] per second, zero by default), and goes on at
     those rates before the first and after the last time. loop=True: it repeats with the period times[-1] - times[0],
@@ -64,8 +64,8 @@ class Spline:
 
 
 class Splines:
-    """The same number of values of each of B splines, all with the same times and loop: [B, S, D] where one gives
-    [S, D], bit by bit the same."""
+    """Interpolates the same number of values of each of B splines, all with the same times and loop: [B, S, D] where
+    one gives [S, D], bit by bit the same."""
 
     def __init__(self, splines: Sequence[Spline]) -> None:
         first = splines[0]

@@ -1,4 +1,4 @@
-"""Which cameras of a scene are a stereo pair, for the projection matrix that ROS has of one."""
+"""Finds which cameras of a scene are a stereo pair, for the projection matrix that ROS has of one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The worlds of parallel environments: each drawn by its seed, one Scene for all that have drawn the same.
+"""Holds the worlds of parallel environments: each drawn by its seed, one Scene for all that have drawn the same.
 
 Nodes of a process share them, so that none is loaded twice while its files stay as they are.
 """

@@ -7,7 +7,7 @@ MOST = 16
 
 
 def bounds(count: int, shares: int) -> list[slice]:
-    """Deals `count` things out in neighbouring runs, whose lengths differ by one at most; the longer ones first.
+    """Divides `count` items into neighbouring runs, whose lengths differ by one at most; the longer ones first.
 
     Raises ValueError unless each share gets one.
     """

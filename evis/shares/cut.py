@@ -1,4 +1,4 @@
-"""A message of some neighbouring environments, cut out of one of all."""
+"""Cuts a message of some neighbouring environments out of one of all."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Messages of the shares as one of all environments, which is the one that a single share gives."""
+"""Joins messages of the shares to one of all environments, which is the one that a single share gives."""
 
 from __future__ import annotations
 

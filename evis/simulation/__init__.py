@@ -1,1 +1,1 @@
-"""The composed graph of a scene or launch file, held in one Python object and stepped by the caller."""
+"""Holds the composed graph of a scene or launch file in one Python object, stepped by the caller."""

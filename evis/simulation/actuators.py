@@ -1,4 +1,5 @@
-"""The actuators of a simulation, and what a caller may give as an action, as physics describes and checks both."""
+"""Describes the actuators of a simulation, and what a caller may give as an action, as physics describes and checks
+both."""
 
 from __future__ import annotations
 

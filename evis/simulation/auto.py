@@ -1,4 +1,4 @@
-"""`interpolator:=auto` and `upsampling:=auto`, of `evis launch` and of a Simulation: replaced, before the graph is
+"""Replaces `interpolator:=auto` and `upsampling:=auto`, of `evis launch` and of a Simulation, before the graph is
 planned, by what measuring the scene chooses.
 """
 

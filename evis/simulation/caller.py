@@ -1,4 +1,5 @@
-"""The node that stands for the caller in the graph: it takes what was asked for, and publishes the caller's actions."""
+"""Implements the node that stands for the caller in the graph: it takes what was asked for, and publishes the caller's
+actions."""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
-from evis.simulation.outputs import STATE, Asked
+from evis.simulation.outputs import STATE, RequestedOutputs
 from msgs.camera import EventPacket, Image
 from msgs.header import Header, Message
 from msgs.world import Action, WorldState
@@ -32,7 +33,7 @@ class CallerNode(Node):
     def dynamic_inputs(cls, params: Mapping[str, Any], available: Iterable[str]) -> list[str]:
         """Lists the topics that were asked for, and /state, which tells the time. Raises ValueError."""
         names = list(available)
-        found = Asked(tuple(params["topics"]), ()).topics(names)
+        found = RequestedOutputs(tuple(params["topics"]), ()).topics(names)
         return list(dict.fromkeys([*found, *([STATE] if STATE in names else [])]))
 
     @classmethod

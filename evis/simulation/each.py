@@ -1,4 +1,5 @@
-"""Environments with arguments and seeds of their own: their plans as one, and what a step has of one of them."""
+"""Handles environments with arguments and seeds of their own: their plans as one, and what a step has of one of
+them."""
 
 from __future__ import annotations
 

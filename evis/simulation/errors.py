@@ -1,4 +1,4 @@
-"""What a simulation raises."""
+"""Defines what a simulation raises."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ if TYPE_CHECKING:
 
 
 class SimulationError(ValueError):
-    """Says in one line what is wrong with what a Simulation was asked for, or with its run, and what to do."""
+    """Reports in one line what is wrong with what a Simulation was asked for, or with its run, and what to do."""
 
 
 class Diverged(SimulationError):
-    """Says that environments have diverged and begin their next episode; the simulation can go on.
+    """Reports that environments have diverged and begin their next episode; the simulation can go on.
 
     step: what the step gave all the same, in which these environments are at their start. envs: which they are.
     """

@@ -1,4 +1,4 @@
-"""From a scene or launch file and its arguments to the plan of a graph in this process, with the caller in it."""
+"""Makes the plan of a graph in this process from a scene or launch file and its arguments, with the caller in it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from evis.simulation.actuators import actuators_of
 from evis.simulation.auto import Chosen, without_auto
 from evis.simulation.each import together
 from evis.simulation.errors import SimulationError, SimulationWarning
-from evis.simulation.outputs import LABELS, Asked
+from evis.simulation.outputs import LABELS, RequestedOutputs
 from msgs.topics import SYSTEM_TOPICS
 from nodes.physics.from_outside import Actuators
 
@@ -64,7 +64,7 @@ class Planner:
     """
 
     def __init__(
-        self, target: str, asked: Asked, arguments: Mapping[str, Any], each: Sequence[Mapping[str, Any]] = ()
+        self, target: str, asked: RequestedOutputs, arguments: Mapping[str, Any], each: Sequence[Mapping[str, Any]] = ()
     ) -> None:
         self._target = target
         self._asked = asked

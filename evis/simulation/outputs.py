@@ -1,4 +1,4 @@
-"""The names by which a caller asks for outputs, and the topics that they stand for."""
+"""Names the outputs that a caller may ask for, and the topics that they stand for."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LABELS = "labels"
 
 
 @dataclass(frozen=True)
-class Asked:
+class RequestedOutputs:
     """Holds what a caller wants to get. globs: of the topics. labels: kinds of labels that were named."""
 
     globs: tuple[str, ...]
@@ -40,7 +40,7 @@ class Asked:
         return list(found)
 
 
-def parse(outputs: Sequence[str] | str) -> Asked:
+def parse(outputs: Sequence[str] | str) -> RequestedOutputs:
     """Reads output names: `events`, of one camera as `cam1.events`, one kind of label as `labels.flow`, `state`.
 
     Raises SimulationError naming the nearest one.
@@ -57,4 +57,4 @@ def parse(outputs: Sequence[str] | str) -> Asked:
         globs["/" + "/".join([*(camera or (["*"] if last in OF_CAMERA else [])), last])] = None
     if not globs:
         raise SimulationError("a simulation with no output would compute nothing; outputs=('events',) is usual")
-    return Asked(tuple(globs), tuple(labels))
+    return RequestedOutputs(tuple(globs), tuple(labels))

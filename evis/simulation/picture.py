@@ -1,4 +1,4 @@
-"""A picture of a step: its events over the light that the camera sees, as the live page draws them."""
+"""Draws a picture of a step: its events over the light that the camera sees, as the live page draws them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One run of a graph in this process: it begins at time 0, goes on by keyframes, and can begin again."""
+"""Runs a graph in this process once: it begins at time 0, goes on by keyframes, and can begin again."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from evis.simulation.actuators import controls_of
 from evis.simulation.caller import CallerNode
 from evis.simulation.errors import Diverged, SimulationError, SimulationWarning
 from evis.simulation.graph import CALLER, Graph, needs_sockets
-from evis.simulation.outputs import OF_CAMERA, Asked
+from evis.simulation.outputs import OF_CAMERA, RequestedOutputs
 from evis.simulation.step import IMAGE, IMAGES, Step, value_of
 from evis.supervisor.run_directory import RunDirectory
 
@@ -28,7 +28,7 @@ MOST_KEPT = 64_000_000
 
 @dataclass
 class History:
-    """Holds what the caller did since time 0, in order, so that it can be done again.
+    """Records what the caller did since time 0, in order, so that it can be done again.
 
     done: (keyframe, controls) and (keyframe, environments, seeds). size: of the controls [bytes].
     """
@@ -37,7 +37,7 @@ class History:
     size: int = 0
 
     def add(self, *what: Any) -> None:
-        """Adds one thing; once there is too much, nothing is kept."""
+        """Records one action of the caller; once there is too much, nothing is kept."""
         self.size += sum(part.nbytes for part in what if isinstance(part, np.ndarray))
         self.done.append(what)
         if self.size > MOST_KEPT:
@@ -50,9 +50,12 @@ class History:
 
 
 class Run:
-    """Steps a graph. `broken`: why it cannot go on, "" where it can. `k`: number of the last keyframe, -1 before 0."""
+    """Steps a graph from keyframe to keyframe.
 
-    def __init__(self, graph: Graph, asked: Asked) -> None:
+    `broken`: why it cannot go on, "" where it can. `k`: number of the last keyframe, -1 before 0.
+    """
+
+    def __init__(self, graph: Graph, asked: RequestedOutputs) -> None:
         """Makes and prepares all nodes. Raises SimulationError in one line that names the node."""
         self.graph = graph
         self.broken = ""
@@ -121,7 +124,7 @@ class Run:
     # -- what a caller does ------------------------------------------------------------------------------------------
 
     def rewind(self, graph: Graph) -> None:
-        """Stands before keyframe 0 again, of a graph with the same nodes and perhaps another seed."""
+        """Goes back to before keyframe 0, in a graph with the same nodes and perhaps another seed."""
         with self._guarded():
             graph.plan.directory, graph.plan.run_id = self.graph.plan.directory, self.graph.plan.run_id
             self.graph = graph
@@ -189,7 +192,7 @@ class Run:
         self._episodes = self.last.episodes.copy()
 
     def replay(self, history: History, last: int) -> None:
-        """Does once more what was done in another run, up to keyframe `last`."""
+        """Repeats what was done in another run, up to keyframe `last`."""
         for entry in [*history.done, (last,)]:
             while self.k < entry[0]:
                 with suppress(Diverged):

@@ -1,4 +1,4 @@
-"""Simulation: the graph that `evis launch` would start, in this process, stepped by the caller."""
+"""Implements Simulation: the graph that `evis launch` would start, in this process, stepped by the caller."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class Simulation:
 
     @property
     def keyframe_rate(self) -> float:
-        """Steps per simulated second [Hz]; 0 in a graph without physics."""
+        """Returns the steps per simulated second [Hz]; 0 in a graph without physics."""
         return float(self._run.parameter("keyframe_rate", 0.0))
 
     @property
@@ -98,12 +98,15 @@ class Simulation:
 
     @property
     def cameras(self) -> tuple[str, ...]:
-        """Names of the cameras in the graph, the first one first."""
+        """Names the cameras in the graph, the first one first."""
         return self._run.cameras
 
     @property
     def scene(self) -> Scene:
-        """The scene that is simulated; it is shared, and nobody may write to it. Raises SimulationError without one."""
+        """Returns the scene that is simulated; it is shared, and nobody may write to it.
+
+        Raises SimulationError without one.
+        """
         graph = self._run.graph
         if not graph.physics:
             raise SimulationError(f"{graph.plan.name} simulates no scene")
@@ -112,8 +115,8 @@ class Simulation:
 
     @property
     def chosen(self) -> Mapping[str, Any]:
-        """What `interpolator="auto"` or `upsampling="auto"` has chosen, and why: method, keyframe rate, frames and what
-        was measured, as `evis launch --json` tells it. It holds for every seed; empty without auto.
+        """Returns what `interpolator="auto"` or `upsampling="auto"` has chosen, and why: method, keyframe rate, frames
+        and what was measured, as `evis launch --json` tells it. It holds for every seed; empty without auto.
         """
         return dict(self._run.graph.plan.chosen)
 

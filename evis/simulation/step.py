@@ -1,4 +1,4 @@
-"""What one step gives: the outputs that were asked for, of every camera."""
+"""Holds what one step gives: the outputs that were asked for, of every camera."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the audits of a run found, as one result for its summary."""
+"""Combines what the audits of a run found into one result for its summary."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ class Child:
 
     @property
     def ended(self) -> bool:
-        """It will say nothing more."""
+        """Tells whether it will say nothing more."""
         return self.state in ("done", "failed")
 
     def alive(self) -> bool:

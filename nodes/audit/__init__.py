@@ -1,1 +1,1 @@
-"""The audit node: an error bar on a run, from a few pixels that are also computed by brute force."""
+"""Estimates the error of a run's events, with an interval, from a few pixels that are also computed by brute force."""

@@ -1,4 +1,4 @@
-"""The audit of one camera without bus and files: frames and states in, an estimate of the events' error out."""
+"""Audits one camera without bus and files: it takes frames and states, and estimates the error of the events."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from evis.scene.model import Camera, Scene
 from msgs.header import Header
 from msgs.world import WorldState
 from nodes.audit.brute_force.instants import Samples, Sampling, base_stamps, sample
-from nodes.audit.brute_force.looking import Looking
 from nodes.audit.brute_force.motion import Motion
+from nodes.audit.brute_force.pixel_luminance import PixelLuminance
 from nodes.audit.comparison import Comparison, Train
 from nodes.audit.drawing import Drawing
 from nodes.audit.report import AuditReport, Units
@@ -64,7 +64,7 @@ class Audit:
         envs, each = self.drawing.envs, self.drawing.each
         self._motion = Motion(scene, envs)
         how = {"samples": o.samples, "light_samples": o.light_samples, "paths": o.paths, "device": o.device}
-        self._look = Looking(scene, camera, len(envs), each, self._motion, slots=o.slots, **how)
+        self._look = PixelLuminance(scene, camera, len(envs), each, self._motion, slots=o.slots, **how)
         p = {"threshold_on": None, "threshold_off": None, "dark_level": 0.0, "threshold": 0.2, **o.sensor}
         on, off = (p["threshold"] if p[side] is None else p[side] for side in ("threshold_on", "threshold_off"))
         ideal: dict[str, Any] = {"threshold_on": on, "threshold_off": off, "dark_level": p["dark_level"]}
@@ -87,7 +87,7 @@ class Audit:
 
     @property
     def looks(self) -> int:
-        """Gives how often brute force has looked at a pixel."""
+        """Returns how often brute force has computed a pixel."""
         return self._look.looks
 
     def push(
@@ -144,13 +144,13 @@ class Audit:
         sensor.process(light, two, np.zeros(len(self.drawing.envs), np.int32))
 
     def finish(self) -> None:
-        """Works on what is left, at the end of a run; `push` may begin another episode."""
+        """Computes what is left, at the end of a run; `push` may begin another episode."""
         self._work(None)
         self._end(np.ones(len(self.drawing.envs), bool))
         self._episodes = None
 
     def units(self) -> Units:
-        """Gives what is known of each pixel of each episode so far."""
+        """Returns the errors of each pixel of each episode so far."""
         parts = [*self._units, *([] if self._episodes is None else [self._present(self.drawing.valid)])]
         return Units.joined(parts)
 

@@ -58,8 +58,8 @@ def run_cost(scene: Scene, camera: Camera, samples: int, envs: int, rates: Rates
     return envs * rates.keyframes * pixels * (KEYFRAME_NS + frame * rates.upsampling)
 
 
-def look_cost(scene: Scene, samples: int, light_samples: int, paths: int) -> float:
-    """Estimates the cost of a look at a pixel [ns]. paths: rays along paths for each sample, 0 without any."""
+def sample_cost(scene: Scene, samples: int, light_samples: int, paths: int) -> float:
+    """Estimates the cost of one sample of a pixel [ns]. paths: rays along paths for each sample, 0 without any."""
     # An area light takes all its rays only where it may be hidden.
     shadows = sum((max(1, light_samples / 8) if light.kind == "area" else 1) for light in scene.lights if light.shadows)
     trace = RAY_NS + INSTANCE_NS * min(len(scene.instances), 64)
@@ -81,6 +81,6 @@ def pixels_for(
 ) -> int:
     """Chooses how many pixels to audit, of all environments together."""
     run = run_cost(scene, camera, samples, envs, rates)
-    fixed, each = audit_cost(scene, camera, look_cost(scene, samples, light_samples, paths))
+    fixed, each = audit_cost(scene, camera, sample_cost(scene, samples, light_samples, paths))
     least = USEFUL if run < SMALL_NS and fixed + USEFUL * each <= USEFUL_NS else LEAST
     return int(max(least, min(MOST, (SHARE * run - fixed) // each)))

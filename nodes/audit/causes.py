@@ -1,4 +1,4 @@
-"""What an audit's error is about, in words."""
+"""Names the causes of an audit's error, in words."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ class Comparison:
         self._close(until_ns)
 
     def finish(self, which: np.ndarray) -> None:
-        """Works on all that is left of pixels bool [N], at the end of their episode."""
+        """Compares all that is left of pixels bool [N], at the end of their episode."""
         self._close(None, which)
 
     def clear(self, which: np.ndarray) -> None:

@@ -1,4 +1,5 @@
-"""The pixels of every environment: drawn at the begin of an episode, and their values in the run's frames."""
+"""Draws the audited pixels of every environment when an episode begins, and takes their values from the run's
+frames."""
 
 from __future__ import annotations
 
@@ -42,7 +43,7 @@ class Drawing:
         )
         known = any(body.trajectory is not None and not body.trajectory.is_static() for body in scene.bodies)
         self._changes = known or any(light.waveform is not None for light in scene.lights)
-        self.blocks.way()  # found before the run
+        self.blocks.serpentine()  # found before the run
         self._score: np.ndarray | None = None
 
     def begin(
@@ -50,7 +51,7 @@ class Drawing:
     ) -> None:
         """Draws pixels anew for environments `fresh`, bool [A].
 
-        look: a `Looking`, by which the image is scanned once from `stamp` on, as far as motion is known beforehand.
+        look: a `PixelLuminance`, by which the image is scanned once from `stamp` on, as far as motion is known.
         """
         if self._score is None:
             self.scan(look, stamp, horizon_ns, threshold)

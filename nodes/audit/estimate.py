@@ -1,4 +1,4 @@
-"""The error of all pixels from that of some: a ratio of weighted sums, and how far it may be off."""
+"""Estimates the error of all pixels from that of some, as a ratio of weighted sums, with an interval."""
 
 from __future__ import annotations
 

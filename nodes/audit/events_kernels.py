@@ -1,5 +1,6 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""The ideal sensor at samples that every pixel has at times of its own, and events that have no partner.
+"""Computes the ideal sensor's events at samples that every pixel has at times of its own, and counts events without a
+partner.
 
 The equations are the sensor's own (nodes.event_sensor.model); only the samples are laid out differently.
 """

@@ -1,4 +1,4 @@
-"""Values of a few pixels out of frames that lie on a GPU."""
+"""Gathers the values of a few pixels out of frames that lie on a GPU."""
 
 from functools import cache
 from typing import Any

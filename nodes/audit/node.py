@@ -1,4 +1,4 @@
-"""The audit node: frames and states of a camera in, the error of its events so far out."""
+"""Runs the audit of a camera as a node: frames and states in, the error of its events so far out."""
 
 from __future__ import annotations
 
@@ -74,12 +74,13 @@ class AuditNode(Node):
 
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
-        """Returns the states, and what the sensor reads."""
+        """Names the states, and what the sensor reads."""
         return frozenset({"state", _source(params)})
 
     @classmethod
     def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
-        """Of keyframes luminance will do, unless the run's events are of colours; of motion in closed form its ends."""
+        """Says that of keyframes luminance will do, unless the run's events are of colours, and of motion in closed
+        form its ends."""
         if port == "state":
             return ends_alone(params.get("scene"))
         if port == "frames":
@@ -88,7 +89,8 @@ class AuditNode(Node):
 
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """Tells what is about paths, where there are none, and of the sensor what it has no use for either."""
+        """Names the parameters of paths, where there are none, and those of the sensor that it has no use for
+        either."""
         from nodes.event_sensor.effects import without_effect
 
         idle = without_effect(resolve_with_scene("audit", params))
@@ -96,12 +98,13 @@ class AuditNode(Node):
 
     @classmethod
     def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
-        """Says what is drawn."""
+        """Names what is drawn at random."""
         return ("which pixels are audited",)
 
     @classmethod
     def pointless(cls, params: Mapping[str, Any]) -> str:
-        """Says so where every picture is the same, and where nobody asked for what costs a multiple of the run."""
+        """Says why an audit is left out: every picture is the same, or it costs a multiple of the run and nobody asked
+        for it."""
         if params.get("audit") is None and str(params.get("device", "cpu")).startswith("cuda"):
             return ON_GPU
         from evis.scene.load import is_dynamic, load_scene, parse_args
@@ -186,7 +189,7 @@ class AuditNode(Node):
             self.warn(f"the audit ends at {self._header.stamp_ns * 1e-9:g} s, for {_who_is_reset(own)}")
 
     def finish(self) -> None:
-        """Says how it ended."""
+        """Reports the last estimate."""
         if self._ended:
             return
         self._audit.finish()

@@ -36,7 +36,7 @@ class Blocks:
 
     @staticmethod
     def of(height: int, width: int, pixels: int) -> Blocks:
-        """Gives blocks to draw `pixels` by, none smaller than a pixel."""
+        """Makes blocks to draw `pixels` by, none smaller than a pixel."""
         count = max(BLOCKS, BLOCKS_EACH * pixels)
         rows = min(height, max(1, round((count * height / width) ** 0.5)))
         return Blocks(height, width, rows, min(width, max(1, round(count / rows))))
@@ -49,7 +49,7 @@ class Blocks:
         )
 
     @cache  # noqa: B019 (a few hundred kilobytes for each size of image)
-    def way(self) -> np.ndarray:
+    def serpentine(self) -> np.ndarray:
         """Gives all pixels, int64 [H W] indices, block by block, to and fro."""
         row, column = np.divmod(np.arange(self.height * self.width), self.width)
         y, x = self.edges()
@@ -122,7 +122,7 @@ def draw(chance: np.ndarray, blocks: Blocks, seed: int, episode: int) -> tuple[n
     chance: float64 [H, W] with a whole sum N. Going through the image block by block, to and fro, pixels are taken at
     even steps of the running sum of chances from a random start, so that the pixels are spread over the image.
     """
-    place = blocks.way()
+    place = blocks.serpentine()
     count = round(float(chance.sum()))
     running = np.cumsum(chance.reshape(-1)[place])
     start = np.random.default_rng([_DRAW, seed % 2**64, episode % 2**32]).random()

@@ -1,4 +1,4 @@
-"""What an audit has found so far: the error with its interval, and where and why it is largest."""
+"""Reports the error that an audit has found so far, with its interval, and where and why it is largest."""
 
 from __future__ import annotations
 

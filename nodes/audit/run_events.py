@@ -1,4 +1,4 @@
-"""The events of what a run has of the audited pixels, and how far they are from those of brute force."""
+"""Collects the run's events of the audited pixels, and measures how far they are from those of brute force."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The ideal sensor over pixels whose samples lie at times of their own."""
+"""Runs the ideal sensor over pixels whose samples lie at times of their own."""
 
 from __future__ import annotations
 

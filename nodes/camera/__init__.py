@@ -1,1 +1,1 @@
-"""The camera node: a real event camera, or a recording of one, on the same topics as the simulator."""
+"""Publishes the events of a real event camera, or of a recording of one, on the same topics as the simulator."""

@@ -1,4 +1,4 @@
-"""Which of a camera's parameters change nothing, given what is to be played."""
+"""Tells which of a camera's parameters change nothing, given what is to be played."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from nodes.camera.find import is_model
 
 
 def without_effect(file: str | None, emulate: str | None) -> Mapping[str, str]:
-    """What is for a device, where the recording `file` is played (or `emulate` names one), and the other way round.
+    """Returns the parameters that change nothing, with the reason: those of a device where the recording `file` is
+    played (or `emulate` names one), and the other way round.
 
     Parameter -> why it changes nothing.
     """

@@ -1,4 +1,4 @@
-"""A recording that behaves as a camera: its own clock, its own order, at real pace or as fast as it is read."""
+"""Plays a recording as a camera: with its own clock and its own order, at real pace or as fast as it is read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which camera a user means: a recording, an emulated device, or a device on USB."""
+"""Finds the camera that a user means: a recording, an emulated device, or a device on USB."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ def is_model(name: str | None) -> bool:
 
 
 def list_devices(bus: Bus | None = None) -> list[DeviceInfo]:
-    """Cameras on USB that this version can drive, each asked who it is. Raises OSError when there is no libusb.
+    """Lists the cameras on USB that this version can drive, each asked who it is.
+
+    Raises OSError when there is no libusb.
 
     One that cannot be opened is listed with the reason in details["problem"].
     """
@@ -40,7 +42,7 @@ def list_devices(bus: Bus | None = None) -> list[DeviceInfo]:
 
 
 def on_usb(bus: Bus | None = None) -> list[UsbDriver]:
-    """Drivers of the cameras on a bus (the machine's own unless given), not opened. Raises OSError."""
+    """Makes drivers of the cameras on a bus (the machine's own unless given), not opened. Raises OSError."""
     from nodes.camera.usb.access import usb_bus
 
     bus = bus or usb_bus()

@@ -77,14 +77,14 @@ class CameraNode(Node):
 
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """Tells what is for a device, where a recording is played, and the other way round."""
+        """Names the parameters of a device, where a recording is played, and the other way round."""
         from nodes.camera.effects import without_effect
 
         return without_effect(params["file"], params["emulate"])
 
     @classmethod
     def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """A recording needs no USB."""
+        """Names USB's library as spared where the camera is a recording."""
         from nodes.camera.find import is_model
 
         played = (params.get("file") or params.get("emulate")) and not is_model(params.get("emulate"))

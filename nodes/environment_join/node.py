@@ -1,4 +1,4 @@
-"""The environment join node: messages of shares of the environments in, one message of all of them out."""
+"""Joins shares of the environments: their messages in, one message of all environments out."""
 
 from __future__ import annotations
 

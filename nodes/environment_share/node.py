@@ -1,4 +1,4 @@
-"""The environment share node: messages of all environments in, the same messages of one share of them out."""
+"""Cuts out a share of the environments: messages of all environments in, the same messages of one share out."""
 
 from __future__ import annotations
 

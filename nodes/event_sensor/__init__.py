@@ -1,1 +1,1 @@
-"""The event sensor: linear luminance in, events out."""
+"""Simulates an event sensor: linear luminance in, events out."""

@@ -1,4 +1,5 @@
-"""The sensor that the parameters ask for: this project's, or another published model behind the same interface."""
+"""Makes the sensor that the parameters ask for: this project's, or another published model behind the same
+interface."""
 
 from __future__ import annotations
 

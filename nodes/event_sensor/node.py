@@ -1,4 +1,4 @@
-"""The event sensor node: frames in, events out."""
+"""Runs the event sensor as a node: frames in, events out."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class EventSensorNode(Node):
 
     @classmethod
     def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
-        """Returns the faults that are drawn."""
+        """Names the faults that are drawn."""
         from nodes.event_sensor import effects
 
         resolved = resolve_with_scene("event sensor", params)
@@ -90,7 +90,8 @@ class EventSensorNode(Node):
 
     @classmethod
     def sensor(cls, params: Mapping[str, Any]) -> Mapping[str, Any]:
-        """The sensor's name, the preset, the seed, and every parameter that has a value, those of the preset too."""
+        """Describes the sensor: its name, the preset, the seed, and every parameter that has a value, those of the
+        preset too."""
         preset = params["preset"]
         resolved = resolve_with_scene("event sensor", params)
         about = {"sensor": preset_name(preset), "preset": preset, "seed": params["seed"], "colour": params["colour"]}
@@ -103,7 +104,8 @@ class EventSensorNode(Node):
 
     @classmethod
     def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
-        """Of keyframes luminance will do, unless there are sensors for each colour; of frames nobody needs counts."""
+        """Says that of keyframes luminance will do, unless there are sensors for each colour, and that nobody needs the
+        frames' counts."""
         if port == "frames":
             return frozenset({"rgb" if params["colour"] else "luminance"})
         if port == "samples":

@@ -1,4 +1,5 @@
-"""Every parameter of the sensor: type, default, unit and range, for the node, for Python and for the command line.
+"""Declares every parameter of the sensor: type, default, unit and range, for the node, for Python and for the command
+line.
 
 A value that is not given comes from the preset, and from the ideal sensor where the preset says nothing.
 """

@@ -1,4 +1,5 @@
-"""Real sensors: their size and the parameters that differ from the ideal sensor's, each value with its source.
+"""Describes real sensors: their size and the parameters that differ from the ideal sensor's, each value with its
+source.
 
 Published figures hold for one bias setting, and makers give limits ("< 100 us") rather than distributions. Where there
 are recordings, values are fitted to them (`evis events fit` and `evis events measure`): they are those of one camera at

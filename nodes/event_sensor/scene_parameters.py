@@ -1,4 +1,4 @@
-"""Parameters of the sensor that the scene gives or draws, environment by environment."""
+"""Resolves parameters of the sensor that the scene gives or draws, environment by environment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Events from linear luminance: thresholds on log-intensity, several events per step, crossing times inside the step.
+"""Computes events from linear luminance: thresholds on log-intensity, several events per step, crossing times inside
+the step.
 
 Equations (3) and (4) of the method: L = ln(I + I_dark), and a pixel fires whenever L has moved from its reference by a
 contrast threshold, the residual being kept. Each crossing has its own time, on the curve that `crossing` draws through
@@ -192,7 +193,8 @@ class EventSensor:
 
     @property
     def stamp(self) -> int:
-        """Events up to this stamp [ns] have been given: that of the last frame, with look-ahead of the one before."""
+        """Returns the stamp [ns] up to which events have been given: that of the last frame, with look-ahead of the one
+        before."""
         return self._settled
 
     def process(
@@ -453,12 +455,12 @@ class EventSensor:
 
     @property
     def nonfinite(self) -> int:
-        """counts()["nonfinite"]."""
+        """Returns counts()["nonfinite"]."""
         return int(self._total[COUNTERS.index("nonfinite")])
 
     @property
     def clipped(self) -> int:
-        """counts()["clipped"]."""
+        """Returns counts()["clipped"]."""
         return int(self._total[COUNTERS.index("clipped")])
 
     @property

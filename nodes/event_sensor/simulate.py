@@ -1,4 +1,4 @@
-"""The event sensor on frames from anywhere: a video, another simulator, a test signal.
+"""Runs the event sensor on frames from anywhere: a video, another simulator, a test signal.
 
 `for events in simulate(frames, threshold=0.2, crossing="cubic"): ...` takes any iterable of (t, image).
 """
@@ -26,7 +26,7 @@ blocks of `evis.media.frames`."""
 
 
 class Simulation:
-    """One sensor that takes a stream of frames.
+    """Runs one sensor over a stream of frames.
 
     preset: sensor whose faults to have. seed: of all random numbers. device: `cpu`, `cuda`, `cuda:N`. parameters: those
     of nodes.event_sensor.parameters.SENSOR; what is not given (or None) is the preset's. Raises ValueError naming the

@@ -1,1 +1,2 @@
-"""Frames of an active-pixel sensor beside the events: exposure, motion blur, shutter, noise and quantisation."""
+"""Simulates frames of an active-pixel sensor beside the events: exposure, motion blur, shutter, noise and
+quantisation."""

@@ -1,4 +1,5 @@
-"""A frame camera: frames of light at sub-frame times in, images of exposures out, for environments side by side."""
+"""Simulates a frame camera: frames of light at sub-frame times in, images of exposures out, for environments side by
+side."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Auto-exposure: the exposure time of the next image from the levels of those before it."""
+"""Controls the exposure: it computes the exposure time of the next image from the levels of those before it."""
 
 from __future__ import annotations
 

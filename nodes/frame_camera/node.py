@@ -1,4 +1,4 @@
-"""The frame camera node: frames between keyframes in, images of a simulated frame sensor out."""
+"""Runs the frame camera as a node: frames between keyframes in, images of a simulated frame sensor out."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ class FrameCameraNode(Node):
 
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """Tells what is for auto-exposure, where the exposure is given."""
+        """Names the parameters of auto-exposure, where the exposure is given."""
         return {} if params["exposure_ms"] is None else dict.fromkeys(AUTO, "exposure_ms gives the exposure")
 
     @classmethod
     def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
-        """Returns the noise that it has."""
+        """Names the noise that it has."""
         sensor = settings_of("frame camera", params["preset"], _own(params)).sensor
         return tuple(what for name, what in RANDOM.items() if sensor[name])
 
@@ -58,7 +58,8 @@ class FrameCameraNode(Node):
 
     @classmethod
     def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
-        """Of keyframes luminance will do, unless images are in colour; of frames nobody needs counts."""
+        """Says that of keyframes luminance will do, unless images are in colour, and that nobody needs the frames'
+        counts."""
         if port == "frames":
             return frozenset({"rgb" if params["colour"] else "luminance"})
         return frozenset({"radiance" if params["colour"] else "luminance"}) if port == "keyframe" else None
@@ -140,7 +141,7 @@ class FrameCameraNode(Node):
             self.warn(f"{camera.nonfinite} pixels of images have light that is not finite; they are black or saturated")
 
     def finish(self) -> None:
-        """Says how many exposures the end of the run leaves without an image."""
+        """Reports how many exposures the end of the run leaves without an image."""
         if self._camera is not None and self._camera.unfinished:
             self.count("unfinished_exposures", self._camera.unfinished)
 

@@ -1,4 +1,4 @@
-"""Noise of an image: Poisson electrons and the readout's normal noise, drawn by counting.
+"""Draws the noise of an image: Poisson electrons and the readout's normal noise, by counting.
 
 A draw is keyed by the environment's stream, the pixel and the number of the image; see
 nodes.event_sensor.model.faults.random_kernels.

@@ -1,4 +1,4 @@
-"""Every parameter of the frame camera: type, default, unit and range.
+"""Declares every parameter of the frame camera: type, default, unit and range.
 
 A value of the sensor that is not given comes from the preset, and from the ideal frame camera where the preset says
 nothing. What the parameters mean is in docs/frame_camera.md.

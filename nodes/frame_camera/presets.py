@@ -1,4 +1,4 @@
-"""The frame part of real sensors: what differs from the ideal frame camera's, each value with its source.
+"""Describes the frame part of real sensors: what differs from the ideal frame camera's, each value with its source.
 
 As with the event sensor's presets, a starting point and no calibration; `guess` is nobody's figure. Sensors that give
 no frames have none here: beside them an ideal frame camera looks through the same lens, as behind a beam splitter.

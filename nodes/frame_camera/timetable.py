@@ -1,4 +1,5 @@
-"""When the images of one environment are exposed, in its own time, and what light of a gap between frames is theirs."""
+"""Computes when the images of one environment are exposed, in its own time, and what light of a gap between frames is
+theirs."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ class ImuModel:
 
 @dataclass
 class Readings:
-    """Holds samples of both.
+    """Holds samples of accelerometer and gyroscope.
 
     t int64 [n] ns; acceleration float64 [n, 3] m/s^2 and angular_velocity float64 [n, 3] rad/s, in body axes.
     """

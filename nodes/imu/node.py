@@ -1,4 +1,4 @@
-"""The IMU node: states in, inertial samples of a camera out."""
+"""Runs the inertial unit as a node: states in, inertial samples of a camera out."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""Counter-based normal numbers for inertial noise: the n-th sample has its own, however the stream is cut."""
+"""Draws counter-based normal numbers for inertial noise: the n-th sample has its own, however the stream is cut."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from evis.random_numbers import GOLDEN, mix, open_uniform
+from evis.random_numbers import GOLDEN, mix, open_uniform, standard_normal
 
 STREAM = 0x696D75
 """Keeps these random numbers apart from others of the same seed."""
@@ -17,5 +17,4 @@ def normals(seed: int, episode: int, samples: np.ndarray, columns: int) -> np.nd
         key = mix((key ^ np.uint64(value)) + GOLDEN)
     rows = mix((key ^ samples.astype(np.uint64)) + GOLDEN)[:, None]
     draws = mix((rows ^ mix(np.arange(2 * columns, dtype=np.uint64) + GOLDEN)) + GOLDEN)
-    radius = np.sqrt(-2.0 * np.log(open_uniform(draws[:, :columns])))
-    return np.asarray(radius * np.cos(2.0 * np.pi * open_uniform(draws[:, columns:])))
+    return standard_normal(open_uniform(draws[:, :columns]), open_uniform(draws[:, columns:]))

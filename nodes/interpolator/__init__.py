@@ -1,1 +1,1 @@
-"""Frames between keyframes."""
+"""Makes frames between keyframes."""

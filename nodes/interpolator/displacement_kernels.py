@@ -1,4 +1,4 @@
-"""Where a body's points seen at a sub-frame were in the camera at a keyframe, in float64."""
+"""Computes where a body's points seen at a sub-frame were in the camera at a keyframe, in float64."""
 
 import warp as wp
 

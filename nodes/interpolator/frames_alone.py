@@ -1,4 +1,4 @@
-"""Which cameras' pixels take no samples between frames, whatever the tolerance of time."""
+"""Tells which cameras' pixels take no samples between frames, whatever the tolerance of time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kernels on whole images, which every method shares: luminance and the mean of samples."""
+"""Computes luminance and the mean of samples on whole images, which every method shares."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Keyframes in, frames at K times the rate out: the interpolator without bus and files."""
+"""Makes frames at K times the keyframes' rate: the interpolator without bus and files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The interface of an interpolation method: keyframes and states in, frames and counts out."""
+"""Defines the interface of an interpolation method: keyframes and states in, frames and counts out."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ class Span:
 
     @classmethod
     def between(cls, a: KeyframeView, b: KeyframeView, held: np.ndarray) -> Span:
-        """Makes that between two keyframes, which have states."""
+        """Makes the span between two keyframes, which have states."""
         assert a.states is not None and b.states is not None
         apart = a.own is not None or b.own is not None
         return cls(a.times(len(held)), b.times(len(held)), a.states, b.states, held, apart)
@@ -161,7 +161,7 @@ class Span:
 
 @dataclass
 class Report:
-    """Counts of one gap, pixels of sub-frames but for the last.
+    """Counts pixels of the sub-frames of one gap, the last one left out.
 
     filled: seen by no keyframe and guessed from a neighbour. nonfinite: sources dropped because their motion or their
     radiance is not finite. reshaded: shaded anew at their own time. samples: all pixels of the sub-frames that were

@@ -1,4 +1,4 @@
-"""Luminance of a keyframe, equation (3)."""
+"""Computes the luminance of a keyframe, equation (3)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The interpolation methods by name: what each reads, and how it is made.
+"""Lists the interpolation methods by name: what each reads, and how it is made.
 
 A new method is a row here and a file of its own. Nothing heavy is imported until a method is made, so that the planner
 can ask what a method reads.

@@ -1,4 +1,4 @@
-"""The interpolator node: keyframes with depth and motion in, frames at K times their rate out."""
+"""Runs the interpolator as a node: keyframes with depth and motion in, frames at K times their rate out."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ COUNTS = "reshaded"
 
 
 def usable(params: Mapping[str, Any]) -> str:
-    """Gives the method asked for, or splat where it needs a scene and there is none."""
+    """Returns the method asked for, or splat where it needs a scene and there is none."""
     return "splat" if "state" in reads(params["method"]) and not params.get("scene") else params["method"]
 
 
@@ -107,7 +107,7 @@ class InterpolatorNode(Node):
 
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
-        """Gives depth and motion only for methods that warp by them, states for those that know the bodies."""
+        """Names depth and motion only for methods that warp by them, states for those that know the bodies."""
         return frozenset({"keyframe"}) | reads(usable(params))
 
     @classmethod
@@ -392,10 +392,10 @@ class InterpolatorNode(Node):
         self._kept = []
 
     def finish(self) -> None:
-        """Counts what is not counted yet."""
+        """Adds the counts of the last gap."""
         self._count_report(self.interpolator.last_report())
 
     def close(self) -> None:
-        """Lets go of keyframes, also where another node's setup failed before its own."""
+        """Releases keyframes, also where another node's setup failed before its own."""
         if hasattr(self, "_kept"):
             self._release()

@@ -1,4 +1,8 @@
-"""`none`: no interpolation. Every keyframe is a frame, for scenes whose keyframes are rendered at the full rate."""
+"""Implements method `none`, which does not interpolate: every keyframe is a frame, for scenes whose keyframes are
+rendered at the full rate.
+
+Every keyframe is a frame, for scenes whose keyframes are rendered at the full rate.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +23,7 @@ class Passthrough:
     def between(
         self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array
     ) -> Report:
-        """See Method; out has K = 1."""
+        """Implements `Method.between`; out has K = 1."""
         crop(b, self._margin, out)
         return Report()
 

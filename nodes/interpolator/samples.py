@@ -1,4 +1,4 @@
-"""Samples of single pixels between the frames of a gap."""
+"""Holds samples of single pixels between the frames of a gap."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Further:
         `first`."""
         import warp as wp
 
-        from nodes.interpolator.refine.further_kernels import begin_at_zero
+        from nodes.interpolator.refine.samples.further_kernels import begin_at_zero
 
         pixels, device = (self.first.size - 1) // envs, self.first.device
         firsts: wp.array = wp.empty((envs, pixels + 1), dtype=wp.int32, device=device)

@@ -1,4 +1,5 @@
-"""Environments whose worlds look different: an interpolator for each world, and their frames as one batch."""
+"""Interpolates environments whose worlds look different: an interpolator for each world, and their frames as one
+batch."""
 
 from __future__ import annotations
 

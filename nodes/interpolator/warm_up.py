@@ -1,4 +1,4 @@
-"""Made-up keyframes for an interpolator to build, compile and record what it needs before the first real one."""
+"""Makes up keyframes for an interpolator to build, compile and record what it needs before the first real one."""
 
 from __future__ import annotations
 

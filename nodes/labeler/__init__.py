@@ -1,1 +1,1 @@
-"""The labeler: exact ground truth at the stamps of the event packets."""
+"""Computes exact ground truth at the stamps of the event packets."""

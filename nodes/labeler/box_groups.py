@@ -1,4 +1,4 @@
-"""Which things get a box of their own: instances or whole bodies, of all classes or of some."""
+"""Chooses which things get a box of their own: instances or whole bodies, of all classes or of some."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What made each event: the surface at its pixel and its time, and how that surface moves in the image.
+"""Labels each event with what made it: the surface at its pixel and its time, and how that surface moves in the image.
 
 Where a contour passes over a pixel, one surface comes and another goes, and the sensor places the events of that change
 anywhere within its step. The contour is that of the nearer surface, whether it comes or goes: so an event belongs to
@@ -56,7 +56,7 @@ class EventLabeler:
         step = np.ceil((t - 0.5) / self._step).astype(np.int64)
         pixel = np.asarray(y, np.int64) * sight.size[0] + np.asarray(x, np.int64)
         directions, count = self._directions[pixel], len(self._directions)
-        ids, distances = sight.look(motion, env, t, directions)
+        ids, distances = sight.find_surfaces(motion, env, t, directions)
         # A step ends where the next one of the pixel begins, and many events share one.
         base, envs = int(step.min()) - 1, len(env_offsets) - 1
         number = ((step - base) * envs + env) * count + pixel
@@ -64,7 +64,7 @@ class EventLabeler:
         rest, pixels = np.divmod(ends, count)
         steps, in_env = np.divmod(rest, envs)
         at = np.clip(np.rint(self._step * (steps + base)).astype(np.int64), first, last)
-        looked = sight.look(motion, in_env.astype(np.int32), at, self._directions[pixels])
+        looked = sight.find_surfaces(motion, in_env.astype(np.int32), at, self._directions[pixels])
         for side in (slice(0, n), slice(n, None)):
             other, distance = (values[of[side]] for values in looked)
             nearer = (other != ids) & (distance < distances)

@@ -1,4 +1,4 @@
-"""Labels that look at meshes, in each environment at those of its own world."""
+"""Computes labels from meshes, in each environment from those of its own world."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def instant_in(times: np.ndarray, share: float) -> int:
 
 
 @dataclass
-class Looks:
+class WorldLabelers:
     """Holds what labels the environments of one world; None for labels that nobody asked for."""
 
     boxes: OrientedBoxes | None = None
@@ -36,15 +36,15 @@ class Looks:
 class Geometry:
     """Labels E environments, those that look the same together."""
 
-    def __init__(self, worlds: Worlds, make: Callable[[Scene], Looks]) -> None:
+    def __init__(self, worlds: Worlds, make: Callable[[Scene], WorldLabelers]) -> None:
         """make: what labels environments that look like a scene."""
         self._make = make
         self.worlds = worlds
-        self._made: dict[bytes, Looks] = {}
+        self._made: dict[bytes, WorldLabelers] = {}
         self._group()
 
     def follow(self, worlds: Worlds) -> None:
-        """Looks at these worlds from now on."""
+        """Uses these worlds from now on."""
         changed = len(worlds.changed(self.worlds, appearance)) > 0
         self.worlds = worlds
         if changed:

@@ -1,4 +1,4 @@
-"""What all pixels of a camera see at one instant, and where that is at another one.
+"""Computes what all pixels of a camera see at one instant, and where that is at another one.
 
 All questions have one time, so that a z-buffer answers what is seen, and poses are worked out once for each instance,
 as the way from the camera's frame into the mesh's own; rays meet meshes there, as in sight_kernels.

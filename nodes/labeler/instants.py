@@ -1,4 +1,5 @@
-"""Everything that a camera sees at one instant, in several environments, and flow from one instant to another."""
+"""Computes everything that a camera sees at one instant, in several environments, and flow from one instant to
+another."""
 
 from __future__ import annotations
 
@@ -27,7 +28,7 @@ class Seen:
 
 @dataclass
 class Instant:
-    """Holds where things are at an instant, and what the pixels see of them once somebody has looked.
+    """Holds where things are at an instant, and what the pixels see of them once that was computed.
 
     poses: of the bodies, float64 [E, N, 7]. ways: of the meshes, on the device.
     """
@@ -42,7 +43,7 @@ class Instant:
 
 
 class Instants:
-    """Looks at instants with one camera."""
+    """Computes instants for one camera."""
 
     def __init__(self, scene: Scene, camera: Camera, sight: Sight) -> None:
         """sight: of the same camera."""

@@ -1,4 +1,4 @@
-"""Where the surface points of an image are at another instant: flow over an interval, there and back.
+"""Computes where the surface points of an image are at another instant: flow over an interval, there and back.
 
 Forward flow stands at the pixels of the interval's start and leads to its end, backward flow stands at those of the end
 and leads to the start, both in px: the displacement of the surface point that the pixel's centre sees. It is known

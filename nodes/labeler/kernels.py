@@ -1,4 +1,4 @@
-"""Warp kernels of the labels that look at every pixel."""
+"""Computes the labels that look at every pixel, in Warp kernels."""
 
 from __future__ import annotations
 

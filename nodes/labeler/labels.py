@@ -1,4 +1,4 @@
-"""Ground truth for one camera from poses, depth and ids: pure functions of arrays."""
+"""Computes ground truth for one camera from poses, depth and ids, by pure functions of arrays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a body is, and how fast it moves, at any instant between the sub-steps of /state.
+"""Computes where a body is, and how fast it moves, at any instant between the sub-steps of /state.
 
 The cubics are those of evis.geometry.interpolate, which works them out once for each gap between sub-steps; here they
 are evaluated, for events have a time each.

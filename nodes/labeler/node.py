@@ -1,4 +1,4 @@
-"""The labeler node: ground truth on /<camera>/labels at every stamp, only what was asked for."""
+"""Runs the labeler as a node: ground truth on /<camera>/labels at every stamp, only what was asked for."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from msgs.world import WorldState
 from nodes.labeler.box_groups import OF, groups
 
 if TYPE_CHECKING:
-    from nodes.labeler.geometry import Looks
+    from nodes.labeler.geometry import WorldLabelers
 
 NEEDS = {
     "flow": {"state", "depth", "ids", "info"},
@@ -89,7 +89,7 @@ class LabelerNode(Node):
 
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """Tells that an interval is of use for the flow over one alone, and what has boxes for boxes alone."""
+        """Names the parameters of flow over an interval, and of boxes, where no such label is asked for."""
         asked = set(kinds(params.get("labels")))
         idle: dict[str, str] = {}
         if not {"forward_flow", "backward_flow"} & asked:
@@ -130,11 +130,11 @@ class LabelerNode(Node):
 
             self.pairing = Pairing()
 
-    def _looks(self, scene: Scene) -> Looks:
+    def _looks(self, scene: Scene) -> WorldLabelers:
         """What labels environments that look like a scene."""
-        from nodes.labeler.geometry import Looks
+        from nodes.labeler.geometry import WorldLabelers
 
-        p, camera, looks = self.params, camera_of(scene, self.params["camera"]), Looks()
+        p, camera, looks = self.params, camera_of(scene, self.params["camera"]), WorldLabelers()
         if "boxes3d" in self.kinds:
             from nodes.labeler.oriented_boxes import OrientedBoxes
 

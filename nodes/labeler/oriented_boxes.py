@@ -1,4 +1,4 @@
-"""Oriented boxes of instances: of each mesh in its body's frame, so that a box turns with its body."""
+"""Computes oriented boxes of instances: of each mesh in its body's frame, so that a box turns with its body."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Boxes3D:
 
 
 class OrientedBoxes:
-    """Looks at the meshes once; a call places their boxes."""
+    """Measures the meshes once; a call places their boxes."""
 
     def __init__(self, scene: Scene, camera: str) -> None:
         """camera: its name."""

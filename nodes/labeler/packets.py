@@ -1,4 +1,4 @@
-"""Brings labels and the events of the same packet together: both come by ways of their own, in order."""
+"""Joins labels with the events of the same packet: both arrive separately, in order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a camera's pixels see at any instant of the states that are known: exact geometry, without images."""
+"""Computes what a camera's pixels see at any instant of the states that are known: exact geometry, without images."""
 
 from __future__ import annotations
 
@@ -170,7 +170,7 @@ class Sight:
         """Compiles and loads the kernels, as a node does before the graph starts. bodies: of the scene."""
         motion, env, time = self.standing(bodies), np.zeros(1, np.int32), np.zeros(1, np.int64)
         ahead = np.array([[0.0, 0.0, 1.0]])
-        self.look(motion, env, time, ahead)
+        self.find_surfaces(motion, env, time, ahead)
         nothing = np.zeros(1, np.int32), np.full(1, np.inf, np.float32)
         self.flow(motion, env, time, ahead, np.zeros((1, 2, 3)), nothing)
 
@@ -204,7 +204,7 @@ class Sight:
         u, v = np.stack((1 / z, zero, -x / z**2), -1), np.stack((zero, 1 / z, -y / z**2), -1)
         return self.k[:2, :2] @ np.stack((u, v), -2)
 
-    def look(
+    def find_surfaces(
         self, motion: Motion, env: np.ndarray, t: np.ndarray, directions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Finds the first surfaces.
@@ -228,7 +228,7 @@ class Sight:
         self, motion: Motion, env: np.ndarray, t: np.ndarray, directions: np.ndarray, derivative: np.ndarray,
         surface: Sequence[np.ndarray],
     ) -> np.ndarray:  # fmt: skip
-        """Computes the flow float32 [Q, 2] px/s of surfaces, (ids, distances) as `look` gives them, at times t."""
+        """Computes the flow float32 [Q, 2] px/s of surfaces, (ids, distances) of `find_surfaces`, at times t."""
         out: wp.array = wp.empty((len(t), 2), dtype=wp.float32, device=self.device)
         image = self._put(derivative, wp.vec3d)
         ids, distances = self._put(surface[0], wp.int32), self._put(surface[1], wp.float32)

@@ -1,4 +1,4 @@
-"""What a direction from the camera meets at an instant, and how that surface moves in the image.
+"""Computes what a direction from the camera meets at an instant, and how that surface moves in the image.
 
 A thread is a question. Every question has a time of its own, so poses are worked out for it alone, and rays meet meshes
 in the meshes' own frames, where float32 resolves them best.
@@ -74,7 +74,7 @@ def in_the_way(surfaces: Surfaces, i: wp.int32, to: wp.vec3d, ahead: wp.vec3d, r
 
 @wp.func
 def beginning(surfaces: Surfaces, direction: wp.vec3d):
-    """Computes at what distance in a direction, of the camera's frame, things begin to be seen."""
+    """Computes the distance in a direction, of the camera's frame, from which on surfaces are seen (the near plane)."""
     begin = surfaces.near
     if surfaces.lens == 0:
         begin = surfaces.near / direction[2]

@@ -1,1 +1,1 @@
-"""Physics: poses and twists of all bodies, prescribed in closed form or computed by MuJoCo."""
+"""Computes poses and twists of all bodies, prescribed in closed form or by MuJoCo."""

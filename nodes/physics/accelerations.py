@@ -1,4 +1,4 @@
-"""Accelerations of bodies at one instant: in closed form, or those of a MuJoCo state's forces."""
+"""Computes accelerations of bodies at one instant: in closed form, or those of a MuJoCo state's forces."""
 
 from __future__ import annotations
 

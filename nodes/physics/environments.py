@@ -1,4 +1,4 @@
-"""Environments that were reset at different times, each moved in its own time since its reset.
+"""Moves environments that were reset at different times, each in its own time since its reset.
 
 Those that were reset together share an engine, whose stamps are round(j 1e9 / keyframe_rate) at the j-th keyframe since
 then, as in a run of their own. As long as all of them began together at stamp 0 there is one engine, and what it gives

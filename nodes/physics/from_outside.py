@@ -1,4 +1,4 @@
-"""Actions from a program outside a running graph, or from its caller, checked before they act."""
+"""Checks actions from a program outside a running graph, or from its caller, before they act."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The result of a physics engine for one step of the graph, and the grid of sub-steps that engines share."""
+"""Holds the result of a physics engine for one step of the graph, and the grid of sub-steps that engines share."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ class Preparing(Engine, Protocol):
     """Moves environments together with those of other engines."""
 
     def prepare(self, to_ns: int, controls: np.ndarray | None = None) -> None:
-        """Takes the controls of the way to a stamp, and asks for what engines that belong together do at once;
+        """Takes the controls up to a stamp, and requests the steps that engines which belong together take at once;
         `advance` to it, without controls, then waits for that.
         """
 

@@ -1,4 +1,4 @@
-"""Dynamics with MuJoCo in float64: E environments of one model, each with its own state.
+"""Simulates dynamics with MuJoCo in float64: E environments of one model, each with its own state.
 
 Steps lie on one grid of fixed length (at most 1 ms) that knows nothing of keyframes, so that a world takes the same
 course whatever the keyframe rate. At a stamp between two grid points a pose is that of `evis.geometry.interpolate`, a
@@ -63,6 +63,32 @@ def step_length(model_timestep: float, asked: float | None) -> int:
     return round(timestep / -(-timestep // MAX_STEP_NS))
 
 
+def prepared_model(scene: Scene, timestep: float | None, tolerance: Tolerance | None, deepest: bool) -> tuple[Any, int]:
+    """Compiles the model of a scene and sets it up for steps on a grid; returns it and the sub-step [ns].
+
+    timestep: sub-step [s]; None = the model's own. deepest: whether it has the sensor of `add_deepest`. Raises
+    SceneError for a model that cannot be compiled or whose controls are delayed beside a tolerance.
+    """
+    model = compile_model(scene, deepest=deepest, step_of=lambda own: step_length(own, timestep) * 1e-9)
+    if tolerance is not None and (name := delayed(model)) is not None:
+        assert scene.mjcf is not None
+        raise SceneError(
+            f"{scene.mjcf.name}: actuator '{name}' has a delay, which is not kept in steps of different "
+            "lengths; leave physics_tolerance out"
+        )
+    # MuJoCo would put a diverged state back to its start and go on as if nothing had happened.
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    start_awake(model)
+    if tolerance is not None or timestep is not None:
+        # MuJoCo puts to sleep what was slow for ten steps: of a few us, what has just been let go.
+        keep_awake(model)
+    step_ns = step_length(model.opt.timestep, timestep)
+    model.opt.timestep = step_ns * 1e-9
+    if tolerance is not None:
+        take_best_integrator(model)
+    return model, step_ns
+
+
 class MujocoEngine:
     """Steps E environments of one model on a fixed grid of time. Faults come back in Interval.faults."""
 
@@ -108,24 +134,7 @@ class MujocoEngine:
         if unbatched and warp is not None:
             raise Unsupported(unbatched)
         batched = not unbatched and (envs > 1 or warp is not None)
-        step_of = lambda own: step_length(own, timestep) * 1e-9
-        self.model = compile_model(scene, deepest=batched and warp is None, step_of=step_of)
-        if tolerance is not None and (name := delayed(self.model)) is not None:
-            assert scene.mjcf is not None
-            raise SceneError(
-                f"{scene.mjcf.name}: actuator '{name}' has a delay, which is not kept in steps of different "
-                "lengths; leave physics_tolerance out"
-            )
-        # MuJoCo would put a diverged state back to its start and go on as if nothing had happened.
-        self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-        start_awake(self.model)
-        if tolerance is not None or timestep is not None:
-            # MuJoCo puts to sleep what was slow for ten steps: of a few us, what has just been let go.
-            keep_awake(self.model)
-        self.step_ns = step_length(self.model.opt.timestep, timestep)
-        self.model.opt.timestep = self.step_ns * 1e-9
-        if tolerance is not None:
-            take_best_integrator(self.model)
+        self.model, self.step_ns = prepared_model(scene, timestep, tolerance, deepest=batched and warp is None)
         self._sub_steps = [SubSteps(self.model, tolerance) for _ in range(envs)] if tolerance is not None else None
         self.controls: int = self.model.nu
         self.actuators = actuators_of(self.model)
@@ -223,7 +232,7 @@ class MujocoEngine:
             others = [k for k in changed if k not in self._left]
         wrong = self._foreseen if self._prepared != to_ns else self._foreseen & set(others)
         if wrong:
-            self.data.take_back(sorted(wrong))
+            self.data.cancel(sorted(wrong))
             self._foreseen = self._foreseen - wrong
         for k in others:
             self._rests[k].wake()
@@ -297,7 +306,7 @@ class MujocoEngine:
         """Advances to a stamp by steps of the environments that do not rest. ahead: whose were foreseen."""
         course, awake, begun = self._course, self._awake(), self._course.stamp
         grid = course.open(to_ns)
-        course.stay([k for k in range(self.envs) if k in self._left or self._rests[k].now] if len(grid) else [])
+        course.hold([k for k in range(self.envs) if k in self._left or self._rests[k].now] if len(grid) else [])
         faults: dict[int, str] = {}
         checked = self.checked
         if len(grid):
@@ -335,7 +344,7 @@ class MujocoEngine:
             parts = [slice(k, k + max(1, PART // each)) for k in range(0, len(awake), max(1, PART // each))]
             odd = [k for part in parts for k in self._take_part(envs[part], found, part)]
         for k in odd:
-            self.data.go_back(k)
+            self.data.restore_before_steps(k)
         return odd
 
     def _take_recorded(
@@ -375,7 +384,7 @@ class MujocoEngine:
                 odd.append(k)
                 continue
             before = SavedState(self.model, self.data[k])
-            level = self._sub_steps[k].kept() if self._sub_steps is not None else None
+            level = self._sub_steps[k].snapshot() if self._sub_steps is not None else None
             if self._take_part(np.array([k]), self._alone(k, grid), slice(None)):
                 before.restore(self.model, self.data[k])
                 if self._sub_steps is not None and level is not None:

@@ -1,4 +1,5 @@
-"""The physics node: publishes /state at every keyframe stamp, and takes /action where a controller closes the loop.
+"""Runs physics as a node: it publishes /state at every keyframe stamp, and takes /action where a controller closes the
+loop.
 
 Environments begin anew when they diverge, when a message on /reset asks for it, and by `restart` in the hands of who
 steps the graph.
@@ -93,7 +94,7 @@ class PhysicsNode(Node):
 
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """Names what is about integration, where motion is in closed form."""
+        """Names the parameters of integration, where motion is in closed form."""
         from evis.scene.load import is_dynamic
 
         scene = params.get("scene")
@@ -126,7 +127,7 @@ class PhysicsNode(Node):
 
     @classmethod
     def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """Tells that MuJoCo is left out where all motion is prescribed."""
+        """Names MuJoCo as spared where all motion is prescribed."""
         from evis.scene.load import is_dynamic
 
         scene = params.get("scene")
@@ -390,7 +391,7 @@ class PhysicsNode(Node):
             interval.keep_last()
 
     def finish(self) -> None:
-        """Says how far the bodies were off, where an engine integrated their motion."""
+        """Reports how far the bodies were off, where an engine integrated their motion."""
         worst = self.errors.worst()
         if worst is None:
             return

@@ -1,4 +1,4 @@
-"""Prescribed motion: no integration, so no error at any time. Loads no physics engine."""
+"""Computes prescribed motion: no integration, so no error at any time. Loads no physics engine."""
 
 from __future__ import annotations
 

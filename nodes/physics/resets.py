@@ -1,4 +1,4 @@
-"""Which environments a reset names, and the seeds that it gives them."""
+"""Finds which environments a reset names, and the seeds that it gives them."""
 
 from __future__ import annotations
 

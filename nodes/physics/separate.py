@@ -1,4 +1,4 @@
-"""Environments whose worlds move differently: an engine for each, and their states as one."""
+"""Moves environments whose worlds move differently: an engine for each, and their states as one."""
 
 from __future__ import annotations
 

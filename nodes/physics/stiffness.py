@@ -1,4 +1,4 @@
-"""How fast the fastest things of a model are, against what its integrator can follow at its timestep."""
+"""Compares the fastest modes of a model with what its integrator can follow at its timestep."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def integrator_of(model: Any) -> str:
 
 @dataclass(frozen=True)
 class Mode:
-    """Describes what one joint, tendon or contact does by itself: x'' = -stiffness x - (implicit + explicit) x'.
+    """Describes one joint, tendon or contact by itself: x'' = -stiffness x - (implicit + explicit) x'.
 
     source: what it belongs to. stiffness [1/s^2]; implicit, explicit: damping [1/s] that the integrator takes at the
     end and at the beginning of its step. MuJoCo takes that of joints at the end with Euler, that of actuators too with

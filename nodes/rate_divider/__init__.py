@@ -1,1 +1,1 @@
-"""The rate divider: the states of every n-th keyframe, for a camera with a keyframe rate of its own."""
+"""Divides the rate of states: a camera with a keyframe rate of its own gets those of every n-th keyframe."""

@@ -1,4 +1,4 @@
-"""Consecutive world states made into one over their whole interval: pure functions of messages."""
+"""Merges consecutive world states into one over their whole interval, by pure functions of messages."""
 
 from __future__ import annotations
 

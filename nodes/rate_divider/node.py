@@ -1,4 +1,4 @@
-"""The rate divider node: /state in, the states of one camera's own keyframes out."""
+"""Runs the rate divider as a node: /state in, the states of one camera's own keyframes out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The recorder: whatever it is wired to goes into one bag, and a small preview of every camera's keyframes."""
+"""Runs the recorder as a node: the topics that it is wired to go into one bag, with a small preview of every camera's
+keyframes."""
 
 from __future__ import annotations
 
@@ -32,7 +33,7 @@ class RecorderNode(Node):
 
     @classmethod
     def dynamic_inputs(cls, params: Mapping[str, Any], available: Iterable[str]) -> list[str]:
-        """Returns the topics of `available` that this recorder reads. Raises ParamError."""
+        """Names the topics of `available` that this recorder reads. Raises ParamError."""
         from evis.bag.selection import subscribed
 
         given = resolve("recorder", cls.PARAMS, params)
@@ -40,7 +41,7 @@ class RecorderNode(Node):
 
     @classmethod
     def arrays_hz(cls, params: Mapping[str, Any], port: str) -> float | None:
-        """Of keyframes that make nothing but previews, as many as there are previews."""
+        """Limits the rate of keyframes that make nothing but previews to the rate of the previews."""
         from evis.bag.selection import select
 
         given = resolve("recorder", cls.PARAMS, params)
@@ -74,7 +75,7 @@ class RecorderNode(Node):
         self._count()
 
     def idle(self) -> None:
-        """Gives back what was written, also where nothing comes."""
+        """Releases what was written, also where nothing comes."""
         self._handover.release()
 
     def _count(self) -> None:
@@ -83,7 +84,7 @@ class RecorderNode(Node):
                 self.warn("the disk took more than 1 s for a sync; if the machine dies now, more than 1 s is lost")
 
     def finish(self) -> None:
-        """All topics have ended."""
+        """Closes the bag when all topics have ended."""
         self._handover.finish()
         self.recorder.close()
         self._count()

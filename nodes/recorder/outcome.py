@@ -1,4 +1,4 @@
-"""How the recorded run went: its error and its run time, for the bag's metadata."""
+"""Describes how the recorded run went, its error and its run time, for the bag's metadata."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A slow 8-bit image stream from keyframes."""
+"""Makes a slow 8-bit image stream from keyframes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a recorder does with the messages it gets: write them, make previews, count what it missed."""
+"""Records messages: it writes them, makes previews, counts what it missed."""
 
 from __future__ import annotations
 
@@ -56,7 +56,10 @@ class Recorder:
         self.writer = BagWriter(path, metadata, event_encoding=encoding, sync=sync, threads=threads)
 
     def receive(self, topic: str, message: Message) -> None:
-        """Notices one message and writes it; its arrays are free when this returns. Raises BagError."""
+        """Counts what was lost before a message and writes it; its arrays are free when this returns.
+
+        Raises BagError.
+        """
         self.notice(topic, message.header)
         self.write(topic, message)
 

@@ -1,1 +1,1 @@
-"""The renderer: scene-linear HDR keyframes with exact depth, ids, normals and motion."""
+"""Renders scene-linear HDR keyframes with exact depth, ids, normals and motion."""

@@ -1,4 +1,4 @@
-"""How many CPU threads share the pixels of images. Loads no kernels."""
+"""Counts the CPU threads that share the pixels of images. Loads no kernels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Light on what a `Visibility` sees: materials, lights and shadow casters of a scene on the device."""
+"""Computes the light on what a `Visibility` sees: materials, lights and shadow casters of a scene on the device."""
 
 from __future__ import annotations
 
@@ -185,7 +185,8 @@ class Shading:
         return seen
 
     def update(self, frames: InstancePoses) -> None:
-        """Lights to the camera frame; what was remembered is forgotten if the camera or a still body has moved."""
+        """Brings lights to the camera frame; what was remembered is forgotten if the camera or a still body has
+        moved."""
         self.occluders.update(frames)
         if self.features.cached and self._still_place != self.visibility.still_place:
             self._still_place = self.visibility.still_place

@@ -1,4 +1,4 @@
-"""The renderer node: world states in, keyframe images of one camera out."""
+"""Runs the renderer as a node: world states in, keyframe images of one camera out."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class RendererNode(Node):
 
     @classmethod
     def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """Tells that what a still camera sees of still things is not drawn again."""
+        """Names what is spared where a still camera sees still things: they are not drawn again."""
         from evis.scene.load import is_dynamic
 
         scene, camera = params.get("scene"), params.get("camera")
@@ -340,7 +340,7 @@ class RendererNode(Node):
                 self._report()
 
     def finish(self) -> None:
-        """Counts what is not counted yet."""
+        """Adds the counts of the last keyframe."""
         while self._told:
             self._report()
 

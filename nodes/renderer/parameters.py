@@ -1,4 +1,4 @@
-"""Parameters of the light in an image, for the renderer and for whatever shades anew what it has shaded."""
+"""Declares parameters of the light in an image, for the renderer and for whatever shades anew what it has shaded."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""A scene's images at one instant: linear HDR radiance, depth, ids, normals and motion, for E environments at once."""
+"""Renders a scene's images at one instant: linear HDR radiance, depth, ids, normals and motion, for E environments at
+once."""
 
 from __future__ import annotations
 

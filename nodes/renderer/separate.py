@@ -1,4 +1,4 @@
-"""Environments whose worlds look different: a renderer for each world, and their images as one batch."""
+"""Renders environments whose worlds look different: a renderer for each world, and their images as one batch."""
 
 from __future__ import annotations
 

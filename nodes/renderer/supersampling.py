@@ -1,4 +1,4 @@
-"""Radiance as the mean of n x n samples per pixel, with geometry at the pixel's centre."""
+"""Computes radiance as the mean of n x n samples per pixel, with geometry at the pixel's centre."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which topics of a bag are replayed."""
+"""Chooses which topics of a bag are replayed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ REGENERATED = ("frames", "samples", "events", "signal", "labels")
 def replayed(
     topics: Mapping[str, str], include: Sequence[str], exclude: Sequence[str], regenerate: bool, bag: str
 ) -> list[str]:
-    """Names of the topics to publish. `topics`: topic -> message type of the bag. Raises BagError."""
+    """Returns the names of the topics to publish. `topics`: topic -> message type of the bag. Raises BagError."""
     if not topics:
         raise BagError(
             f"{bag} holds no topics of EVIS; the events of another recorder's bag are played by "

@@ -1,4 +1,5 @@
-"""The replayer: a bag's messages on their topics again, as recorded, as fast as the graph takes them or paced."""
+"""Runs the replayer as a node: a bag's messages on their topics again, as recorded, as fast as the graph takes them or
+paced."""
 
 from __future__ import annotations
 

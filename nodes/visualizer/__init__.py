@@ -1,1 +1,1 @@
-"""The live view of a graph as a web page."""
+"""Shows a running graph as a live web page."""

@@ -1,4 +1,4 @@
-"""Limits who gets in: connections without the token are few and short, and those with it are not too many.
+"""Limits the connections: those without the token are few and short, and those with it are not too many.
 
 A connection is a stranger until one of its requests has shown the token. A stranger has HEAD_S for that and may send
 HEAD_BYTES; where there are too many strangers the oldest goes. No more are taken than STRANGERS per GRACE_S, the others

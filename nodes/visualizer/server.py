@@ -1,4 +1,4 @@
-"""The page's web server, on a thread of its own: static files, and one WebSocket per open page.
+"""Serves the page on a thread of its own: static files, and one WebSocket per open page.
 
 Flow control is one credit per client: the page acknowledges a bundle after drawing it, and only then gets the next,
 made of the newest of each panel at that moment. A slow or dead browser costs at most one bundle of memory. Who may

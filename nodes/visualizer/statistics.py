@@ -80,7 +80,10 @@ class _NodeState:
 
 
 class Statistics:
-    """Counts on the executor's thread, read by the server's. All methods are safe from any thread."""
+    """Counts messages on the executor's thread, for the server's thread to read.
+
+    All methods are safe from any thread.
+    """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

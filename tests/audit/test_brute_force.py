@@ -32,7 +32,7 @@ def compare(scene: Scene, camera: Camera, samples: int = 1, paths: PathOptions |
     which = np.arange(count)
     same = close = 0
     for k, t in enumerate(STAMPS):
-        found, _ = force.look(poses[k : k + 1, movers], STAMPS[k : k + 1], which * 0, which * 0, which)
+        found, _ = force.luminance_at(poses[k : k + 1, movers], STAMPS[k : k + 1], which * 0, which * 0, which)
         image = renderer.render(poses[k : k + 1], None, ("luminance",), t_ns=int(t))["luminance"][0]
         wanted = image[pixels[:, 1], pixels[:, 0]]
         same += int((found == wanted).sum())

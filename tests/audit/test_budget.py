@@ -3,7 +3,18 @@
 import pytest
 from audit_rig import LIGHT_SCENES, small
 
-from nodes.audit.budget import LEAST, MOST, SHARE, SMALL_NS, USEFUL, Rates, audit_cost, look_cost, pixels_for, run_cost
+from nodes.audit.budget import (
+    LEAST,
+    MOST,
+    SHARE,
+    SMALL_NS,
+    USEFUL,
+    Rates,
+    audit_cost,
+    pixels_for,
+    run_cost,
+    sample_cost,
+)
 
 COMING = ("spinning_disk", "fidget_spinner", "falling_objects", "robot_arm", "drone", "warehouse", "tunnel_exit")
 
@@ -17,7 +28,7 @@ def chosen(name: str, width: int, height: int, upsampling: int, envs: int = 1) -
 def test_an_audit_is_a_small_share_of_its_run(name) -> None:
     scene, rates = small(name, 346, 260), Rates(30.0, 8)
     camera, number = scene.cameras[0], chosen(name, 346, 260, 8)
-    fixed, each = audit_cost(scene, camera, look_cost(scene, 1, 16, 0))
+    fixed, each = audit_cost(scene, camera, sample_cost(scene, 1, 16, 0))
     assert LEAST <= number <= MOST
     assert fixed + number * each <= SHARE * run_cost(scene, camera, 1, 1, rates) or number == LEAST
 

@@ -46,7 +46,7 @@ def test_every_pixel_is_drawn_as_often_as_is_said() -> None:
 
 def test_the_way_goes_through_every_pixel_once() -> None:
     blocks = Blocks.of(35, 47, 16)
-    assert np.array_equal(np.sort(blocks.way()), np.arange(35 * 47))
+    assert np.array_equal(np.sort(blocks.serpentine()), np.arange(35 * 47))
     assert blocks.spread(np.arange(blocks.rows * blocks.columns).reshape(blocks.rows, -1)).shape == (35, 47)
 
 

@@ -17,7 +17,7 @@ class InThisProcess:
         self.answerer = Answerer(out)
         self.told: list[Answer] = []
 
-    def give(self, worker: int, plans: Sequence[Plan]) -> None:
+    def assign(self, worker: int, plans: Sequence[Plan]) -> None:
         """Makes them at once."""
         self.told += [Answer(worker, **told) for told in self.answerer.answers([plan.as_dict() for plan in plans])]
 

@@ -62,8 +62,8 @@ def test_a_worker_and_a_node_die_in_mid_run(cluster: Any, tmp_path: Path) -> Non
     victims: list[str] = []
 
     class Wounded(Actors):
-        def give(self, worker: int, plans: Sequence[Plan]) -> None:
-            super().give(worker, plans)
+        def assign(self, worker: int, plans: Sequence[Plan]) -> None:
+            super().assign(worker, plans)
             if plans[0].index == 3 and not victims:
                 pid = ray.get(self._all[worker].__ray_call__.remote(lambda actor: os.getpid()))
                 victims.append("worker")

@@ -127,8 +127,8 @@ def test_a_killed_worker_is_replaced(serial: tuple[Path, dict[str, str]], tmp_pa
     victims = []
 
     class Killed(Processes):
-        def give(self, worker: int, plans: Sequence[Plan]) -> None:
-            super().give(worker, plans)
+        def assign(self, worker: int, plans: Sequence[Plan]) -> None:
+            super().assign(worker, plans)
             if plans[0].index == 1 and not victims:
                 victims.append(self._all[worker].process.pid)
                 os.kill(victims[0], signal.SIGKILL)
@@ -142,11 +142,11 @@ def test_what_fails_is_listed_with_its_cause_and_the_rest_is_made(tmp_path: Path
     """A sequence whose worker is killed each time; --resume tries it again."""
 
     class Fails(InThisProcess):
-        def give(self, worker: int, plans: Sequence[Plan]) -> None:
+        def assign(self, worker: int, plans: Sequence[Plan]) -> None:
             if plans[0].index == 2:
                 self.told.append(Answer(worker, 2, cause="the worker was killed", died=True))
             else:
-                super().give(worker, plans)
+                super().assign(worker, plans)
 
     said: list[str] = []
     recipe = read_recipe(write(tmp_path))

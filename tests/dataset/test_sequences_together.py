@@ -172,8 +172,8 @@ def test_a_worker_killed_with_a_batch_loses_none_of_it(tmp_path: Path) -> None:
     victims: list[int] = []
 
     class Killed(Processes):
-        def give(self, worker: int, plans: Sequence[Plan]) -> None:
-            super().give(worker, plans)
+        def assign(self, worker: int, plans: Sequence[Plan]) -> None:
+            super().assign(worker, plans)
             if not victims:
                 victims.append(self._all[worker].process.pid)
                 os.kill(victims[0], signal.SIGKILL)

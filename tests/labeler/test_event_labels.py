@@ -42,7 +42,7 @@ def test_the_surface_at_an_instant_is_that_of_the_closed_form(motions):
     t, x, y = questions()
     sight, env = Sight(scene, scene.cameras[0]), np.zeros(len(t), np.int32)
     directions = sight.directions(np.stack((x, y), -1).astype(float))
-    ids, distances = sight.look(sight.motion(history_of(scene)), env, t, directions)
+    ids, distances = sight.find_surfaces(sight.motion(history_of(scene)), env, t, directions)
     expected, points = seen(scene, t, x, y)
     sure = clear_of_edges(scene, t, x, y)
     assert sure.mean() > 0.98 and set(np.unique(expected)) >= {1, 2, 3}

@@ -121,7 +121,7 @@ def test_in_lockstep_each_step_has_its_own_action(graph: Callable[[str], Graph])
     for k in range(20):
         assert due(program) == first + 1_000_000 * k
         assert len(run.node.had) and run.node.now_ns == first + 1_000_000 * k, "it waits at that step"
-        program.give("/action", action(k, stamp=program.due_ns or 0))
+        program.send("/action", action(k, stamp=program.due_ns or 0))
     due(program)
     given = {stamp: values for stamp, values in run.node.had if stamp >= first}
     assert given == {first + 1_000_000 * k: [float(k)] for k in range(20)}
@@ -141,7 +141,7 @@ def test_free_running_the_latest_holds(graph: Callable[[str], Graph], mode: str)
     assert take(program)["lockstep"] is False
     before = until(lambda: run.node.now_ns)
     until(lambda: run.node.now_ns > before)  # it waits for nobody
-    program.give("/action", action(7))
+    program.send("/action", action(7))
     until(lambda: [7.0] in [values for _, values in run.node.had])
     assert sum(values is not None for _, values in run.node.had) == 1, "a node keeps an action by itself"
     with pytest.raises(ConnectionRefusedError, match="waits for nobody; attach with lockstep=False"):
@@ -155,7 +155,7 @@ def test_lockstep_can_be_left_out(graph: Callable[[str], Graph]) -> None:
     assert take(program, lockstep=False)["lockstep"] is False
     before = run.node.now_ns
     until(lambda: run.node.now_ns > before)
-    program.give("/action", action(3))
+    program.send("/action", action(3))
     program.close()  # what it gave last is done all the same
     until(lambda: [3.0] in [values for _, values in run.node.had])
 
@@ -167,13 +167,13 @@ def test_two_controllers(graph: Callable[[str], Graph]) -> None:
     with pytest.raises(ConnectionRefusedError, match=r"outside\) controls /action already; it must leave first"):
         take(second)
     with pytest.raises(ValueError, match="it has to attach first"):
-        second.give("/action", action(1))
+        second.send("/action", action(1))
     first.leave()
     until(lambda: len(run.lines) == 2)
     take(second)
-    second.give("/action", action(1, stamp=due(second)))
+    second.send("/action", action(1, stamp=due(second)))
     with pytest.raises(ValueError, match="it has to attach first"):
-        first.give("/action", action(1))
+        first.send("/action", action(1))
     for program in (first, second):
         program.close()
 
@@ -185,7 +185,7 @@ def test_who_takes_control_again_is_told_of_the_present_step(graph: Callable[[st
     program = run.program()
     take(program, patience_s=LIMIT_S if again == "left" else 0.5)
     stamp = due(program)
-    program.give("/action", action(1.0, stamp=stamp))
+    program.send("/action", action(1.0, stamp=stamp))
     until(lambda: run.node.now_ns > stamp and run.executor._hosts["machine"].door.holdings["action"]._due)
     if again == "left":
         program.leave()
@@ -194,7 +194,7 @@ def test_who_takes_control_again_is_told_of_the_present_step(graph: Callable[[st
     assert program.lost == "" and (program.due_ns is None or program.due_ns >= welcome["stamp_ns"])
     assert due(program) >= welcome["stamp_ns"] > stamp + 10_000_000
     assert due(program) == run.node.now_ns
-    program.give("/action", action(2.0, stamp=due(program)))
+    program.send("/action", action(2.0, stamp=due(program)))
     program.close()
 
 
@@ -239,9 +239,9 @@ def test_who_says_nothing_is_named_and_loses_control(
     until(lambda: program.catch_up(0.05) or program.lost)
     assert "gave no action for 0.3 s" in program.lost
     with pytest.raises(ConnectionError, match="lost /action"):
-        program.give("/action", action(1))
+        program.send("/action", action(1))
     take(program)  # it may have it again
-    program.give("/action", action(1, stamp=due(program)))
+    program.send("/action", action(1, stamp=due(program)))
     program.close()
 
 
@@ -262,9 +262,9 @@ def test_a_wrong_action_is_refused_and_counted(graph: Callable[[str], Graph], wr
     stamp = due(program)
     for _ in range(3):
         with pytest.raises(ValueError, match=why):
-            program.give("/action", wrong)
+            program.send("/action", wrong)
     assert run.node.now_ns == stamp, "the step still waits"
-    program.give("/action", action(1, stamp=stamp))
+    program.send("/action", action(1, stamp=stamp))
     assert due(program) == stamp + 1_000_000
     assert run.counters()["refused_actions"] == 3 and run.counters()["outside_actions"] == 1
     assert sum("refused from" in text for _, text in run.lines) == 1
@@ -274,14 +274,14 @@ def test_a_wrong_action_is_refused_and_counted(graph: Callable[[str], Graph], wr
 def test_what_is_not_controlled_is_just_given(graph: Callable[[str], Graph]) -> None:
     run = graph("lockstep")
     program = run.program()
-    program.give("/reset", Reset(Header(0), np.array([3], np.int32), np.array([5], np.int64)))
+    program.send("/reset", Reset(Header(0), np.array([3], np.int32), np.array([5], np.int64)))
     until(lambda: run.node.resets == [([3], [5])])
     with pytest.raises(ConnectionRefusedError, match="/reset is nothing to control"):
         program.attach("/reset", None, 1.0)
     with pytest.raises(ValueError, match="machine takes no '/state' from outside"):
-        program.give("/state", action(1))
+        program.send("/state", action(1))
     with pytest.raises(ValueError, match="the sender publishes Action, this side expects Reset"):
-        program.give("/reset", action(1))
+        program.send("/reset", action(1))
     program.close()
 
 

@@ -1,1 +1,1 @@
-"""Single topics out of a bag as files of their own."""
+"""Exports single topics of a bag as files of their own."""

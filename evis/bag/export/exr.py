@@ -1,4 +1,4 @@
-"""A keyframe with its depth, motion and ids as one OpenEXR file."""
+"""Writes a keyframe with its depth, motion and ids as one OpenEXR file."""
 
 from __future__ import annotations
 

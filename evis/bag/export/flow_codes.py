@@ -1,4 +1,5 @@
-"""Flow in 16 bit PNG, as DSEC has it (uzh-rpg/DSEC, scripts/check_optical_flow_submission.py: flow_16bit_to_float)."""
+"""Encodes flow in 16 bit PNG, as DSEC has it (uzh-rpg/DSEC, scripts/check_optical_flow_submission.py:
+flow_16bit_to_float)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames out of a bag as one archive, frame after frame, in the form that `evis events simulate` takes."""
+"""Writes frames of a bag as one archive, frame after frame, in the form that `evis events simulate` takes."""
 
 from __future__ import annotations
 

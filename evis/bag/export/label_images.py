@@ -1,4 +1,4 @@
-"""Depth, ids, motion and labels of a bag as images: an OpenEXR file per stamp."""
+"""Writes depth, ids, motion and labels of a bag as images: an OpenEXR file per stamp."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Depth, ids and flow of a bag as 16 bit PNG, with their stamps in times.txt."""
+"""Writes depth, ids and flow of a bag as 16 bit PNG, with their stamps in times.txt."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Labels out of a bag as one archive: images stacked over time, tables of rows one after the other."""
+"""Writes labels of a bag as one archive: images stacked over time, tables of rows one after the other."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Images of a bag as a folder of PNG files (ISO/IEC 15948), with the times that `evis events simulate` reads."""
+"""Writes images of a bag as a folder of PNG files (ISO/IEC 15948), with the times that `evis events simulate` reads."""
 
 from __future__ import annotations
 

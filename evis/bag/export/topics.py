@@ -1,4 +1,4 @@
-"""Single topics out of a bag: events, keyframes as EXR, everything else as arrays or lines of JSON."""
+"""Exports single topics of a bag: events, keyframes as EXR, everything else as arrays or lines of JSON."""
 
 from __future__ import annotations
 

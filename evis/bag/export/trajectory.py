@@ -1,4 +1,4 @@
-"""/state of a bag as one table: every body at every sub-step."""
+"""Writes /state of a bag as one table: every body at every sub-step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Work that a thread does in its turn while the next is made, as the writing of large chunks."""
+"""Runs work in a thread, in its turn, while the next is made, as the writing of large chunks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The CRC-32 of a chunk, computed in blocks side by side and put together as zlib's crc32_combine does."""
+"""Computes the CRC-32 of a chunk in blocks side by side, put together as zlib's crc32_combine does."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The file that a bag is recorded to: an older one of its name is put aside and never lost."""
+"""Claims the file that a bag is recorded to: an older one of its name is put aside and never lost."""
 
 from __future__ import annotations
 

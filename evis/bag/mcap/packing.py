@@ -1,4 +1,4 @@
-"""Chunks compressed and checked by several threads. The bytes do not depend on how many there are.
+"""Compresses and checks chunks by several threads. The bytes do not depend on how many there are.
 
 Each is the work of one thread, several at once: small ones of environments side by side, and large ones that follow
 each other while the graph goes on.

@@ -35,7 +35,7 @@ _FOOTER_BYTES = 9 + 20
 
 @dataclass(frozen=True)
 class Chunk:
-    """Where a chunk's records are. `at`, `size`: its stored bytes in the file; `full`: uncompressed bytes; `crc`: of
+    """Locates a chunk's records. `at`, `size`: its stored bytes in the file; `full`: uncompressed bytes; `crc`: of
     those, 0 = unknown. channels: ids of the channels with messages in it, None = unknown."""
 
     at: int
@@ -50,7 +50,7 @@ class Chunk:
 
 @dataclass
 class Layout:
-    """Says what is where in the file. `problem`: why it is not whole, "" where it is."""
+    """Describes where in the file things are. `problem`: why it is not whole, "" where it is."""
 
     library: str = ""
     schemas: dict[int, Schema] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""The index at the end of an MCAP file while the file is still being written.
+"""Holds the index at the end of an MCAP file while the file is still being written.
 
 A recording of a day has a million chunks, so nothing of a chunk is kept as an object: what its index record will say
 is packed, and whole blocks of that are compressed.

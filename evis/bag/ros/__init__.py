@@ -1,1 +1,1 @@
-"""ROS 2 messages of a bag: CDR, schemas, and which message becomes which."""
+"""Describes the ROS 2 messages of a bag: CDR, schemas, and which message becomes which."""

@@ -1,4 +1,4 @@
-"""EventPacket as event_camera_msgs/EventPacket."""
+"""Converts EventPacket to event_camera_msgs/EventPacket and back."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def foreign(raw: memoryview) -> EventPacket:
 
 
 def summary(packet: EventPacket) -> dict[str, int]:
-    """Counts and first and last time [ns], for the packet's JSON; nothing where it is not decoded."""
+    """Returns counts and first and last time [ns], for the packet's JSON; nothing where it is not decoded."""
     if packet.t is None:
         return {}
     t = np.asarray(packet.t)

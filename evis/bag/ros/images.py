@@ -1,4 +1,4 @@
-"""Array fields that are recorded as sensor_msgs/Image, and how."""
+"""Describes which array fields are recorded as sensor_msgs/Image, and how."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A message, or what ROS has no field for, as JSON: readable where it can be, exact always.
+"""Writes a message, or what ROS has no field for, as JSON: readable where it can be, exact always.
 
 Small arrays of finite numbers are nested lists (a float's shortest decimal form reads back to the same bits); all
 others stand under `<name>_base64` as {dtype, shape, data}. Numbers that JSON lacks are {"$float": "nan"}, bytes are

@@ -1,4 +1,4 @@
-"""The five ROS 2 messages of a bag, to CDR bytes and back."""
+"""Converts the five ROS 2 messages of a bag to CDR bytes and back."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class RosImage:
 
 
 def read_image(raw: memoryview) -> RosImage:
-    """Raises BagError where the bytes are not an Image."""
+    """Reads a sensor_msgs/Image. Raises BagError where the bytes are not an Image."""
     r = CdrReader(raw, "sensor_msgs/Image")
     stamp_ns, _ = r.header()
     height, width = r.integer("I"), r.integer("I")
@@ -150,7 +150,8 @@ def event_packet(packet: RosEvents, frame_id: str) -> Buffers:
 
 
 def read_event_packet(raw: memoryview) -> RosEvents:
-    """Raises BagError where the bytes are not an EventPacket, or hold big-endian events."""
+    """Reads an event_camera_msgs/EventPacket. Raises BagError where the bytes are not an EventPacket, or hold
+    big-endian events."""
     r = CdrReader(raw, "event_camera_msgs/EventPacket")
     stamp_ns, _ = r.header()
     height, width, seq, base = r.integer("I"), r.integer("I"), r.integer("Q"), r.integer("Q")

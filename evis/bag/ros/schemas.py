@@ -1,4 +1,5 @@
-"""The ROS 2 definitions of the recorded messages, as MCAP's `ros2msg` wants them: dependencies follow the message."""
+"""Holds the ROS 2 definitions of the recorded messages, as MCAP's `ros2msg` wants them: dependencies follow the
+message."""
 
 from __future__ import annotations
 

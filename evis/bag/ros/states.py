@@ -1,4 +1,4 @@
-"""/state in a bag: transforms of the moving bodies at all sub-steps, then of the others once, at the stamp."""
+"""Writes /state to a bag: transforms of the moving bodies at all sub-steps, then of the others once, at the stamp."""
 
 from __future__ import annotations
 

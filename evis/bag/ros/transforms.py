@@ -1,4 +1,4 @@
-"""tf2_msgs/TFMessage for thousands of transforms at once.
+"""Packs tf2_msgs/TFMessage for thousands of transforms at once.
 
 The layout of one TransformStamped depends on its names alone once it starts at a multiple of 8 bytes, and it ends at
 one. So all sub-steps share one template of words of 8 bytes, of which a time is one and a pose seven, written as whole

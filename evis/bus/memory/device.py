@@ -35,7 +35,7 @@ MOST_VIEWS = 16
 _latest: dict[type[Message], tuple[list[tuple[Any, ...]], int]] = {}
 """What has passed `check` last of each type, and its size [bytes]: most messages of a topic are alike."""
 
-Asked = Mapping[str, tuple[tuple[int, ...], Any]]
+LoanRequest = Mapping[str, tuple[tuple[int, ...], Any]]
 """Name -> (shape, Warp dtype); vectors count as one element, [E, H, W] of vec3."""
 
 
@@ -111,7 +111,7 @@ class DeviceSlot(Pinned):
         """What lets other processes read it."""
         self._views: dict[Any, dict[str, Any]] = {}
 
-    def arrays(self, asked: Asked) -> dict[str, Any]:
+    def arrays(self, asked: LoanRequest) -> dict[str, Any]:
         """Returns arrays behind each other in the slot; the same objects for the same question."""
         import warp as wp
 
@@ -150,7 +150,7 @@ class DevicePool(Loans[DeviceSlot]):
         self._past: list[DeviceSlot] = []
         """Slots no longer used that other processes may have open."""
 
-    def loan(self, device: Any, asked: Asked, shown: bool = False) -> dict[str, Any]:
+    def loan(self, device: Any, asked: LoanRequest, shown: bool = False) -> dict[str, Any]:
         """Returns Warp arrays to write the next message into; they hold until the next claim. Raises BusError.
 
         shown: other processes are to read them.
@@ -203,7 +203,7 @@ class DevicePool(Loans[DeviceSlot]):
             self._past.append(slot)
 
 
-def on_host_too(asked: Asked) -> dict[str, tuple[tuple[int, ...], np.dtype]]:
+def on_host_too(asked: LoanRequest) -> dict[str, tuple[tuple[int, ...], np.dtype]]:
     """Gives shapes and dtypes of the numpy arrays that hold what Warp's would. asked: of scalars."""
     import warp as wp
 

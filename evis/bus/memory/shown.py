@@ -1,4 +1,4 @@
-"""Arrays on a GPU that nodes of another process read where they lie, by CUDA's handles of memory and events.
+"""Reads arrays on a GPU that nodes of another process hold, where they lie, by CUDA's handles of memory and events.
 
 A slot of the device has memory of an allocation of its own, whose handle goes with every message, and an event that is
 recorded behind what writes it: the reader's stream waits for that, and no host does. The slot is free again when the

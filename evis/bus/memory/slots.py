@@ -42,7 +42,7 @@ class Pool(Protocol):
 
 
 class Pinned:
-    """Counts the users of a block of memory: `pins`. At zero the block goes back to its pool."""
+    """Counts the users of a block of memory in `pins`. At zero the block goes back to its pool."""
 
     def __init__(self, pool: Pool) -> None:
         self.pool = pool

@@ -1,4 +1,7 @@
-"""`evis dataset`: makes labelled sequences from a recipe, describes, checks and shows them. One module per action."""
+"""Implements `evis dataset`, which makes labelled sequences from a recipe, describes, checks and shows them.
+
+One module per action.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`evis dataset info`: what a data set holds."""
+"""Implements `evis dataset info`, which describes what a data set holds."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Prints a summary."""
+    """Prints a summary of the data set."""
     from evis.dataset.report.summary import summary
 
     told = summary(args.dataset)

@@ -1,4 +1,5 @@
-"""`evis dataset make`: the sequences of a recipe, by processes of this machine or a Ray cluster."""
+"""Implements `evis dataset make`, which makes the sequences of a recipe, by processes of this machine or a Ray
+cluster."""
 
 from __future__ import annotations
 
@@ -29,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Makes what is not there yet; 1 where a sequence has failed."""
+    """Makes the sequences that are not there yet; returns 1 where one has failed."""
     for name in ("count", "workers", "batch"):
         if (value := getattr(args, name)) is not None and value < 1:
             raise UsageError(f"--{name} is {value}; the least is 1")

@@ -15,7 +15,7 @@ class SequenceProgress:
         self._bar: Any = None
 
     def tick(self, made: Any, wanted: int) -> None:
-        """Shows what a run has done, `evis.dataset.making.make.Made`, of how many sequences that are wanted."""
+        """Shows what a run has done, `evis.dataset.making.make.MakingResult`, of how many sequences that are wanted."""
         if not sys.stderr.isatty():
             return
         if self._bar is None:

@@ -1,4 +1,4 @@
-"""`evis dataset show`: a contact sheet and a page of a data set."""
+"""Implements `evis dataset show`, which makes a contact sheet and a page of a data set."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Draws, and prints where."""
+    """Draws the contact sheet, and prints where it is."""
     if args.most < 1:
         raise UsageError(f"--most is {args.most}; the least is 1")
     from evis.dataset.report.sheet import write_sheet

@@ -1,4 +1,4 @@
-"""`evis dataset verify`: whether a data set is whole."""
+"""Implements `evis dataset verify`, which checks whether a data set is whole."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Prints what is wrong; 1 where something is."""
+    """Verifies a data set and prints what is wrong; returns 1 where something is."""
     from evis.dataset.report.verify import verify
 
     found = verify(args.dataset)

@@ -1,4 +1,7 @@
-"""`evis events`: look into recordings, convert them, make events from frames, draw them. One module per action."""
+"""Implements `evis events`, which looks into recordings, converts them, makes events from frames, draws them.
+
+One module per action.
+"""
 
 from __future__ import annotations
 

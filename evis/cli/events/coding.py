@@ -1,4 +1,4 @@
-"""What coded frames (video, PNG, JPEG, TIFF) cannot tell the sensor: counted while they pass, and said at the end."""
+"""Counts what coded frames (video, PNG, JPEG, TIFF) cannot tell the sensor while they pass, and says it at the end."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Coding:
         self._code = 0
         self._first_ns = self._last_ns = 0
 
-    def look(self, block: FrameBlock, bits: int | None) -> None:
+    def add(self, block: FrameBlock, bits: int | None) -> None:
         """Counts a block of frames. bits: of a code, None where frames are not coded."""
         if not self._frames:
             self._first_ns = int(block.t[0])

@@ -1,4 +1,4 @@
-"""`evis events convert`: a recording in another format."""
+"""Implements `evis events convert`, which writes a recording in another format."""
 
 from __future__ import annotations
 

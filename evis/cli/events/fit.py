@@ -1,4 +1,4 @@
-"""`evis events fit`: a sensor's parameters from recordings of a real one."""
+"""Implements `evis events fit`, which fits a sensor's parameters to recordings of a real one."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Fits, compares, writes."""
+    """Fits a sensor, compares it with the recordings, and writes its parameters."""
     _check_outputs(args)
     from evis.cli.events.measure_progress import PassProgress
     from evis.warp_start import start_warp

@@ -1,4 +1,5 @@
-"""Options of `evis events simulate` for frames: which part of them, in which size, and what goes between them."""
+"""Declares the options of `evis events simulate` for frames: which part of them, in which size, and what goes between
+them."""
 
 from __future__ import annotations
 

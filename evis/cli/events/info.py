@@ -1,4 +1,4 @@
-"""`evis events info`: what a recording holds."""
+"""Implements `evis events info`, which describes what a recording holds."""
 
 from __future__ import annotations
 

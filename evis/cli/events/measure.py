@@ -1,4 +1,5 @@
-"""`evis events measure`: rate, rotation speed, noise and sharpness of a recording, a bag's topic or a running graph."""
+"""Implements `evis events measure`: rate, rotation speed, noise and sharpness of a recording, a bag's topic or a
+running graph."""
 
 from __future__ import annotations
 
@@ -51,7 +52,7 @@ def _window(text: str) -> float:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Measures in one pass."""
+    """Measures a recording in one pass."""
     if args.recording is None and not args.topic:
         raise UsageError("nothing to measure; name a recording, or --topic of a running graph, as /cam0/events")
     if args.png:

@@ -1,4 +1,4 @@
-"""The picture of `evis events measure`: speed and event rate over time."""
+"""Draws the picture of `evis events measure`: speed and event rate over time."""
 
 from __future__ import annotations
 

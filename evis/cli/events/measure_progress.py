@@ -1,4 +1,4 @@
-"""What `evis events measure` shows on a terminal: how far into the recording, and what the fit is at."""
+"""Shows the progress of `evis events measure` on a terminal: how far into the recording, and what the fit is at."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`evis events render`: a recording as pictures."""
+"""Implements `evis events render`, which draws a recording as pictures."""
 
 from __future__ import annotations
 

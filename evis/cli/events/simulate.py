@@ -1,4 +1,4 @@
-"""`evis events simulate`: the event sensor on frames from anywhere."""
+"""Implements `evis events simulate`, which runs the event sensor on frames from anywhere."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def _frames(
         if asked.is_set():
             return
         shift = (int(block.t[0]) if rebase else 0) if shift is None else shift
-        coding.look(block, source.about.get("bits"))
+        coding.add(block, source.about.get("bits"))
         yield block._replace(t=block.t - shift, ends=None)
         step(len(block.t))
 

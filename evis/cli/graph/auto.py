@@ -1,4 +1,4 @@
-"""`interpolator:=auto` on the command line: what is being measured, shown on a terminal."""
+"""Shows on a terminal what `interpolator:=auto` on the command line measures."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def warn(line: str) -> None:
 
 
 @contextmanager
-def told() -> Iterator[Callable[[str], None]]:
+def measuring_shown() -> Iterator[Callable[[str], None]]:
     """Shows on a terminal what is being measured, and for how long, in a line that is gone afterwards."""
     shown, began = sys.stderr.isatty(), time.monotonic()
 

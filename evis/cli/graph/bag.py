@@ -1,4 +1,4 @@
-"""`evis bag`: record, play, describe, repair and export bags."""
+"""Implements `evis bag`, which records, plays, describes, repairs and exports bags."""
 
 from __future__ import annotations
 

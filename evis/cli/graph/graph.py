@@ -1,4 +1,4 @@
-"""`evis graph`: nodes, processes and topics as a drawing."""
+"""Implements `evis graph`, which draws nodes, processes and topics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`evis launch`: a launch file or a scene as a running graph."""
+"""Implements `evis launch`, which runs a launch file or a scene as a graph."""
 
 from __future__ import annotations
 
@@ -169,7 +169,7 @@ def _run(args: argparse.Namespace, early: EarlyStart | None) -> int:
 
 def make_plan(args: argparse.Namespace) -> Any:
     """Makes the plan that the command line asks for."""
-    from evis.cli.graph.auto import told, warn
+    from evis.cli.graph.auto import measuring_shown, warn
     from evis.config import paths
     from evis.launch.arguments import parse_pairs
     from evis.launch.graph.checks import check_writable
@@ -208,7 +208,7 @@ def make_plan(args: argparse.Namespace) -> Any:
         raise UsageError("--record-topics needs --record BAG")
     if options.record_sync and not options.record:
         raise UsageError("--record-sync needs --record BAG")
-    chosen = without_auto(launch, given, options, told(), warn)
+    chosen = without_auto(launch, given, options, measuring_shown(), warn)
     plan = plan_launch(launch, chosen.given, options, chosen.held)
     plan.chosen = chosen.told
     plan.name = target.name

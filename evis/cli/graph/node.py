@@ -1,4 +1,4 @@
-"""`evis node`: the nodes of a running graph, or what a node type can do."""
+"""Implements `evis node`, which describes the nodes of a running graph, or what a node type can do."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`evis topic pub`: gives a message to a running graph from the command line, once or at a rate."""
+"""Implements `evis topic pub`, which gives a message to a running graph from the command line, once or at a rate."""
 
 from __future__ import annotations
 

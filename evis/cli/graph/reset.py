@@ -1,4 +1,4 @@
-"""`evis reset`: begins the environments of a running simulation anew."""
+"""Implements `evis reset`, which begins the environments of a running simulation anew."""
 
 from __future__ import annotations
 

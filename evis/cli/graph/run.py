@@ -1,4 +1,4 @@
-"""`evis run`: one node by hand, as a graph of its own or attached to a running one."""
+"""Implements `evis run`, which runs one node by hand, as a graph of its own or attached to a running one."""
 
 from __future__ import annotations
 

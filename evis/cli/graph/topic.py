@@ -1,4 +1,7 @@
-"""`evis topic`: what flows in a running graph. What reads attaches by taps, which can slow nobody."""
+"""Implements `evis topic`, which shows what is published in a running graph.
+
+What reads attaches by taps, which can slow nobody.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`evis view`: the web visualizer on a running graph, a bag, or a recording of events."""
+"""Implements `evis view`, the web visualizer on a running graph, a bag, or a recording of events."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Commands on this machine: what it can do, its cameras, how fast and how exact it is."""
+"""Groups the commands on this machine: what it can do, its cameras, how fast and how exact it is."""

@@ -1,4 +1,4 @@
-"""`evis bench`: error against run time, stability, throughput."""
+"""Implements `evis bench`, which measures error against run time, stability, throughput."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`evis camera`: cameras on USB, and recordings in their place."""
+"""Implements `evis camera`, which lists and plays cameras on USB, and recordings in their place."""
 
 from __future__ import annotations
 

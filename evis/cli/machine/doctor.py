@@ -1,4 +1,5 @@
-"""`evis doctor`: what this machine and this installation can do, and what to change where they cannot."""
+"""Implements `evis doctor`, which says what this machine and this installation can do, and what to change where they
+cannot."""
 
 from __future__ import annotations
 

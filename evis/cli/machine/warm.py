@@ -1,4 +1,5 @@
-"""`evis doctor --warm`: compiles the kernels of what usually runs, so that a first run does not wait for them.
+"""Implements `evis doctor --warm`, which compiles the kernels of what usually runs, so that a first run does not wait
+for them.
 
 Kernels are made for the features that a run asks for. So every scene that comes with evis is run for a moment as
 `evis launch` runs it, and the first one again with what changes kernels: other sensors, methods, labels. What Warp has

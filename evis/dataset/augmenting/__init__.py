@@ -1,1 +1,1 @@
-"""Changes of windows of events with their labels: mirrored, cropped, backwards in time, with noise."""
+"""Augments windows of events with their labels: mirrored, cropped, backwards in time, with noise."""

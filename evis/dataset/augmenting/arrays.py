@@ -1,4 +1,5 @@
-"""What numpy's arrays and PyTorch's tensors do not call by the same name; a tensor's stays on its device."""
+"""Holds the operations that numpy's arrays and PyTorch's tensors do not call by the same name; a tensor's result stays
+on its device."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What may be changed of a window, with its labels: drawn by what window it is, never by the order of calls."""
+"""Draws what is changed of a window, with its labels: by what window it is, never by the order of calls."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ UNMIRRORED = ("poses", "velocities", "accelerations", "joints", "boxes3d", "cont
 
 @dataclass(frozen=True)
 class Drawn:
-    """Says what is done with one window.
+    """Describes what is done with one window.
 
     top, left, height, width: of what stays [px]. key: of what is drawn for each event.
     """

@@ -1,4 +1,4 @@
-"""The events of a window as they are after augmentation, with the labels that each of them has."""
+"""Computes the events of a window as they are after augmentation, with the labels that each of them has."""
 
 from __future__ import annotations
 

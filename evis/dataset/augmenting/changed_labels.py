@@ -1,4 +1,4 @@
-"""The labels of a window as they are after augmentation."""
+"""Computes the labels of a window as they are after augmentation."""
 
 from __future__ import annotations
 

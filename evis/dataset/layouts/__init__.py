@@ -1,4 +1,4 @@
-"""Layouts of data sets: a writer and a reader for each, which are imported when they are used.
+"""Chooses the layouts of data sets: a writer and a reader for each, which are imported when they are used.
 
     Writer = writer_of("dsec")
     writer = Writer(directory, about)      an empty folder

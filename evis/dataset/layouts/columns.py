@@ -1,4 +1,4 @@
-"""A sequence as columns that grow: what npz and Zarr have in common, and the events of COCO.
+"""Writes a sequence as columns that grow: what npz and Zarr have in common, and the events of COCO.
 
 Of each camera there are `events/t`, `x`, `y`, `p` and `events/ms_to_idx`; a group for each kind of label with its
 stamps `t` and its arrays; of tables also `offsets`; the labels of events beside `events/t`; and `image/image`, `t` and

@@ -1,4 +1,4 @@
-"""Parts of HDF5 files, of which a line says what is not there, or which package is not."""
+"""Reads parts of HDF5 files, and says in a line what is not there, or which package is not."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arrays of an HDF5 file that grow, compressed with Blosc where hdf5plugin is there."""
+"""Writes arrays of an HDF5 file that grow, compressed with Blosc where hdf5plugin is there."""
 
 from __future__ import annotations
 

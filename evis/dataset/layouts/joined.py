@@ -1,4 +1,4 @@
-"""Labels that are kept stamp by stamp, joined into the arrays that a reader gives."""
+"""Joins labels that are kept stamp by stamp into the arrays that a reader gives."""
 
 from __future__ import annotations
 

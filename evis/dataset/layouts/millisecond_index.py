@@ -1,4 +1,4 @@
-"""DSEC's index of events by the millisecond: ms_to_idx[ms] is the first event at or after that millisecond.
+"""Builds DSEC's index of events by the millisecond: ms_to_idx[ms] is the first event at or after that millisecond.
 
 Its definition is that of uzh-rpg/DSEC, scripts/utils/eventslicer.py.
 """

@@ -1,4 +1,4 @@
-"""What the readers of all layouts give."""
+"""Defines what the readers of all layouts offer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a camera's own pixels to those of a pinhole with its intrinsics, and back; DSEC's calibration."""
+"""Maps a camera's own pixels to those of a pinhole with its intrinsics, and back; DSEC's calibration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a step holds of one camera, in numpy arrays of a single environment, whatever the step's own are."""
+"""Holds what a step has of one camera, in numpy arrays of a single environment, whatever the step's own are."""
 
 from __future__ import annotations
 

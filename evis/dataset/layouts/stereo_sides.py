@@ -1,4 +1,4 @@
-"""Left and right of a stereo pair, as DSEC and MVSEC name their cameras."""
+"""Assigns left and right of a stereo pair, as DSEC and MVSEC name their cameras."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows that wait until a chunk of a compressed array is full, so that none is compressed twice."""
+"""Keeps rows until a chunk of a compressed array is full, so that none is compressed twice."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the writers of all layouts have in common."""
+"""Implements what the writers of all layouts have in common."""
 
 from __future__ import annotations
 

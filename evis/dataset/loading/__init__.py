@@ -1,1 +1,1 @@
-"""Reading data sets for training: sequences, windows of their events beside labels, batches, streams."""
+"""Reads data sets for training: sequences, windows of their events beside labels, batches, streams."""

@@ -1,4 +1,4 @@
-"""Sequences that lie where fsspec reaches, copied here at their first use, once in each process."""
+"""Copies sequences that lie where fsspec reaches to this machine at their first use, once in each process."""
 
 from __future__ import annotations
 

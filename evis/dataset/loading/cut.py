@@ -1,4 +1,4 @@
-"""How sequences are cut into windows, and what a window gives."""
+"""Describes how sequences are cut into windows, and what a window holds."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class Cut:
         return first, first + self.events
 
     @property
-    def what(self) -> str:
+    def length(self) -> str:
         """Returns the length of a window, for people."""
         return f"{self.seconds:g} s" if self.seconds else f"{self.events} events"
 

@@ -1,4 +1,4 @@
-"""In which order windows come, and who takes which: a hash of seed and epoch, the same in every process."""
+"""Computes in which order windows come, and who takes which: a hash of seed and epoch, the same in every process."""
 
 from __future__ import annotations
 

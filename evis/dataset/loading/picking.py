@@ -1,4 +1,4 @@
-"""Which label belongs to a window of time."""
+"""Picks the label that belongs to a window of time."""
 
 from __future__ import annotations
 

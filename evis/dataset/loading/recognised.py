@@ -1,4 +1,4 @@
-"""Which layout a sequence's folder is in, where no dataset.json says so."""
+"""Recognises which layout a sequence's folder is in, where no dataset.json says so."""
 
 from __future__ import annotations
 

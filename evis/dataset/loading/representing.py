@@ -1,4 +1,4 @@
-"""A representation of events, chosen by its name and options before there are events."""
+"""Chooses a representation of events by its name and options before there are events."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ Sample = dict[str, Any]
 
 
 class Source(Protocol):
-    """A sequence that windows are taken of: files, or a simulation that runs."""
+    """Defines a sequence that windows are taken of: files, or a simulation that runs."""
 
     index: int
     name: str

@@ -1,4 +1,4 @@
-"""One sequence of a data set: what is known of it, its events, its labels."""
+"""Reads one sequence of a data set: what is known of it, its events, its labels."""
 
 from __future__ import annotations
 

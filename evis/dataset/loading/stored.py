@@ -1,4 +1,4 @@
-"""A sequence in files, as what windows are taken of, and the table of its windows."""
+"""Reads a sequence in files as a source of windows, and makes the table of its windows."""
 
 from __future__ import annotations
 
@@ -39,21 +39,21 @@ class Stored:
         return self.sequence.cameras[self.camera]
 
     def events(self, t0_ns: int, t1_ns: int) -> dict[str, Any]:
-        """As Source has it."""
+        """Implements `Source.events`."""
         return self.sequence.events(t0_ns, t1_ns, self.camera)._asdict()
 
     def rows(self, first: int, end: int) -> dict[str, Any]:
-        """As Source has it."""
+        """Implements `Source.rows`."""
         with self.sequence.readable():
             return self.sequence.reader.rows(first, end, self.camera)._asdict()
 
     def event_labels(self, t0_ns: int, t1_ns: int) -> dict[str, Any]:
-        """As Source has it."""
+        """Implements `Source.event_labels`."""
         found = self.sequence.labels("events", t0_ns, t1_ns, self.camera)
         return {name: found[name] for name in EVENTS}
 
     def stamps(self, kind: str) -> np.ndarray:
-        """As Source has it. Raises DatasetError for labels that are not there."""
+        """Implements `Source.stamps`. Raises DatasetError for labels that are not there."""
         with self.sequence.readable():
             try:
                 return self.sequence.reader.stamps(kind, self.camera)
@@ -61,7 +61,7 @@ class Stored:
                 raise DatasetError(f"{error}; the recipe's `labels:` names what a data set is to have") from None
 
     def label(self, kind: str, stamp_ns: int) -> dict[str, Any]:
-        """As Source has it."""
+        """Implements `Source.label`."""
         found = self.sequence.labels(kind, stamp_ns, stamp_ns + 1, self.camera)
         rows = kind in TABLES
         if not rows and len(found["t"]) != 1:

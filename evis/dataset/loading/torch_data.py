@@ -1,4 +1,7 @@
-"""Windows for PyTorch: a map-style and an iterable data set. Only this and the twin of the stream import torch."""
+"""Offers windows to PyTorch: a map-style and an iterable data set.
+
+Only this and the twin of the stream import torch.
+"""
 
 from __future__ import annotations
 

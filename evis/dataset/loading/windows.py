@@ -1,4 +1,4 @@
-"""The windows of sequences by number: a map-style data set, in numpy alone."""
+"""Gives the windows of sequences by number: a map-style data set, in numpy alone."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ class Windows:
         if without := self.left_out["windows without a label"]:
             rate = self._stored[0].info.keyframe_rate
             return (
-                f"none of {without} windows of {self.cut.what} in {self._place} has all of the labels "
+                f"none of {without} windows of {self.cut.length} in {self._place} has all of the labels "
                 f"{', '.join(self.cut.labels)}, which come {rate:g} times a second; make windows longer"
             )
         longest = max(stored.sequence.duration_ns for stored in self._stored) * 1e-9
         most = max(stored.sequence.count(stored.camera) for stored in self._stored)
         held = f"{longest:g} s" if self.cut.seconds else f"{most} events"
         return (
-            f"windows of {self.cut.what} are longer than any sequence of {self._place} ({held} at most); shorten them"
+            f"windows of {self.cut.length} are longer than any sequence of {self._place} ({held} at most); shorten them"
         )
 
     def __len__(self) -> int:
@@ -68,7 +68,7 @@ class Windows:
         return (self[i] for i in range(len(self)))
 
     def __repr__(self) -> str:
-        return f"Windows({len(self)} of {self.cut.what}, {len(self._stored)} sequences of {self._place!r})"
+        return f"Windows({len(self)} of {self.cut.length}, {len(self._stored)} sequences of {self._place!r})"
 
     def set_epoch(self, epoch: int) -> None:
         """Says which epoch it is, of which order and augmentation depend."""

@@ -1,1 +1,1 @@
-"""How the sequences of a recipe are made: workers that hold warm simulations, and who gives them work."""
+"""Makes the sequences of a recipe: by workers that hold warm simulations, and those who give them work."""

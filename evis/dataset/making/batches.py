@@ -1,4 +1,4 @@
-"""Which sequences are made at once, as environments of one simulation."""
+"""Groups sequences that are made at once, as environments of one simulation."""
 
 from __future__ import annotations
 

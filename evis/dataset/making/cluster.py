@@ -1,4 +1,4 @@
-"""Workers as Ray actors, on one machine or many: one per core or GPU, each with warm simulations of its own."""
+"""Runs workers as Ray actors, on one machine or many: one per core or GPU, each with warm simulations of its own."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Actors:
         self._all: dict[int, Any] = {}
         self._pending: dict[Any, tuple[int, list[int]]] = {}
 
-    def give(self, worker: int, plans: Sequence[Plan]) -> None:
+    def assign(self, worker: int, plans: Sequence[Plan]) -> None:
         """Gives a worker its next plans; makes it where there is none."""
         if worker not in self._all:
             self._all[worker] = self._actor.remote(self._out)

@@ -1,4 +1,4 @@
-"""What is kept of a finished sequence: its entry in the index, with a checksum of every file."""
+"""Keeps what is known of a finished sequence: its entry in the index, with a checksum of every file."""
 
 from __future__ import annotations
 

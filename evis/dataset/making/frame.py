@@ -1,4 +1,4 @@
-"""The picture of a sequence: what its first camera sees in the middle of it, for the contact sheet."""
+"""Makes the picture of a sequence: what its first camera sees in the middle of it, for the contact sheet."""
 
 from __future__ import annotations
 

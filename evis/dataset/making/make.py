@@ -27,8 +27,8 @@ TICK_S = 0.5
 
 
 @dataclass
-class Made:
-    """Says what a run has done. there: sequences that are finished now. made: those of this run.
+class MakingResult:
+    """Describes what a run has done. there: sequences that are finished now. made: those of this run.
 
     failed: cause by index. retried: how often by index. stopped: why it ended early.
     """
@@ -80,11 +80,11 @@ def make(
     workers: Callable[[str], Workers],
     count: int | None = None,
     resume: bool = False,
-    tick: Callable[[Made, int], None] = lambda made, wanted: None,
+    tick: Callable[[MakingResult, int], None] = lambda made, wanted: None,
     say: Callable[[str], None] = lambda line: None,
     retries: int = RETRIES,
     batch: int = 1,
-) -> Made:
+) -> MakingResult:
     """Makes the sequences that are not there yet; what is there stays, whatever happens.
 
     Args:
@@ -125,7 +125,7 @@ class _Run:
         recipe: Recipe,
         store: Store,
         plans: Sequence[Plan],
-        tick: Callable[[Made, int], None],
+        tick: Callable[[MakingResult, int], None],
         say: Callable[[str], None],
         retries: int,
         batch: int,
@@ -136,7 +136,7 @@ class _Run:
         self._tries: dict[int, int] = {}
         self._began = time.monotonic()
         self.todo = deque(batches([plan for plan in plans if plan.index not in self._entries], batch))
-        self.made = Made(there=len(self._entries))
+        self.made = MakingResult(there=len(self._entries))
         self.save()
 
     def go(self, workers: Workers) -> None:
@@ -149,7 +149,7 @@ class _Run:
                 idle.remove(worker)
                 plans = self.todo.popleft()
                 busy[worker] = {plan.index: plan for plan in plans}
-                workers.give(worker, plans)
+                workers.assign(worker, plans)
             for answer in workers.wait(TICK_S):
                 self._take(busy[answer.worker].pop(answer.index), answer)
                 if not busy[answer.worker]:

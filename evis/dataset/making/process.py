@@ -1,4 +1,5 @@
-"""A worker's process: `python -m evis.dataset.making.process OUT` reads lists of plans, and answers each in a line."""
+"""Runs a worker's process: `python -m evis.dataset.making.process OUT` reads lists of plans, and answers each in a
+line."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from evis.runtime.parent_death import die_with_parent
 
 
 def main(out: str) -> int:
-    """Makes what standard input asks for until it ends."""
+    """Makes the sequences that standard input asks for, until it ends."""
     die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C is the parent's to handle
     answers = os.fdopen(os.dup(1), "w", buffering=1)

@@ -1,4 +1,4 @@
-"""Workers as processes of this machine."""
+"""Runs workers as processes of this machine."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Processes:
         self._all: dict[int, _Process] = {}
         self._selector = selectors.DefaultSelector()
 
-    def give(self, worker: int, plans: Sequence[Plan]) -> None:
+    def assign(self, worker: int, plans: Sequence[Plan]) -> None:
         """Gives a worker its next plans; starts it where there is none."""
         if worker not in self._all:
             self._start(worker)

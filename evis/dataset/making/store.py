@@ -1,4 +1,4 @@
-"""Where a data set lies: a folder here, or one that fsspec reaches. A sequence is there in full or not at all."""
+"""Stores a data set in a folder here, or in one that fsspec reaches. A sequence is there in full or not at all."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class LocalStore(Store):
 
     @contextlib.contextmanager
     def place(self, path: str) -> Iterator[Path]:
-        """As Store has it; the folder is beside the finished one, so that it only needs a name."""
+        """Implements `Store.place`; the folder is beside the finished one, so that it only needs a name."""
         final = self.folder / path
         part = final.with_name(f".{final.name}.{socket.gethostname()}.{os.getpid()}{PART}")
         part.mkdir(parents=True)
@@ -78,7 +78,7 @@ class LocalStore(Store):
             shutil.rmtree(part, ignore_errors=True)
 
     def publish(self, folder: Path, entry: Entry) -> None:
-        """As Store has it."""
+        """Implements `Store.publish`."""
         final = self.folder / entry.plan.path
         with (folder / ENTRY).open("w") as file:
             file.write(text_of(entry.as_dict()))
@@ -95,32 +95,32 @@ class LocalStore(Store):
         _sync(final.parent)
 
     def entries(self) -> list[dict[str, Any]]:
-        """As Store has it."""
+        """Implements `Store.entries`."""
         files = [*self.folder.glob(f"*/{ENTRY}"), *self.folder.glob(f"*/*/{ENTRY}")]
         whole = [file for file in files if not any(part.endswith(PART) for part in file.parts)]
         return sorted((_parsed(file.read_text(), str(file)) for file in whole), key=lambda entry: entry["index"])
 
     def index(self) -> dict[str, Any] | None:
-        """As Store has it."""
+        """Implements `Store.index`."""
         try:
             return _parsed((self.folder / INDEX).read_text(), str(self.folder / INDEX))
         except (FileNotFoundError, NotADirectoryError):
             return None
 
     def write_index(self, index: dict[str, Any]) -> None:
-        """As Store has it."""
+        """Implements `Store.write_index`."""
         with whole_file(self.folder / INDEX) as partial, partial.open("w") as file:
             file.write(text_of(index))
             file.flush()
             os.fsync(file.fileno())
 
     def is_empty(self) -> bool:
-        """As Store has it."""
+        """Implements `Store.is_empty`."""
         return not self.folder.is_dir() or not any(self.folder.iterdir())
 
     @contextlib.contextmanager
     def alone(self) -> Iterator[None]:
-        """As Store has it: a lock on the folder, which ends with the process, however it ends."""
+        """Implements `Store.alone` by a lock on the folder, which ends with the process, however it ends."""
         self.folder.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(self.folder, os.O_RDONLY)
         try:
@@ -143,7 +143,7 @@ class LocalStore(Store):
 
     @contextlib.contextmanager
     def local(self, path: str) -> Iterator[Path]:
-        """As Store has it."""
+        """Implements `Store.local`."""
         yield self.folder / path
 
 
@@ -163,12 +163,12 @@ class RemoteStore(Store):
 
     @contextlib.contextmanager
     def place(self, path: str) -> Iterator[Path]:
-        """As Store has it."""
+        """Implements `Store.place`."""
         with tempfile.TemporaryDirectory(prefix="evis-dataset-") as folder:
             yield Path(folder)
 
     def publish(self, folder: Path, entry: Entry) -> None:
-        """As Store has it."""
+        """Implements `Store.publish`."""
         place = f"{self._root}/{entry.plan.path}"
         for name in entry.files:
             self._files.makedirs(f"{place}/{name}".rpartition("/")[0], exist_ok=True)
@@ -176,14 +176,14 @@ class RemoteStore(Store):
         self._files.pipe_file(f"{place}/{ENTRY}", text_of(entry.as_dict()).encode())
 
     def entries(self) -> list[dict[str, Any]]:
-        """As Store has it."""
+        """Implements `Store.entries`."""
         self._files.invalidate_cache()
         found = [name for name in self._files.find(self._root) if name.endswith(f"/{ENTRY}")]
         texts = self._files.cat(found) if found else {}
         return sorted((_parsed(text.decode(), name) for name, text in texts.items()), key=lambda entry: entry["index"])
 
     def index(self) -> dict[str, Any] | None:
-        """As Store has it."""
+        """Implements `Store.index`."""
         name = f"{self._root}/{INDEX}"
         try:
             return _parsed(self._files.cat_file(name).decode(), f"{self._out}/{INDEX}")
@@ -191,12 +191,12 @@ class RemoteStore(Store):
             return None
 
     def write_index(self, index: dict[str, Any]) -> None:
-        """As Store has it."""
+        """Implements `Store.write_index`."""
         self._files.makedirs(self._root, exist_ok=True)
         self._files.pipe_file(f"{self._root}/{INDEX}", text_of(index).encode())
 
     def is_empty(self) -> bool:
-        """As Store has it."""
+        """Implements `Store.is_empty`."""
         self._files.invalidate_cache()
         return not self._files.exists(self._root) or not self._files.find(self._root)
 
@@ -207,7 +207,7 @@ class RemoteStore(Store):
 
     @contextlib.contextmanager
     def local(self, path: str) -> Iterator[Path]:
-        """As Store has it."""
+        """Implements `Store.local`."""
         with tempfile.TemporaryDirectory(prefix="evis-dataset-") as folder:
             place = f"{self._root}/{path}"
             for name in self._files.find(place):

@@ -1,4 +1,4 @@
-"""What passes between who gives work and a worker: plans one way, answers the other, as plain values."""
+"""Defines what passes between who gives work and a worker: plans one way, answers the other, as plain values."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class Answer:
 
 
 class Workers(Protocol):
-    """Processes or actors that make sequences."""
+    """Defines the processes or actors that make sequences."""
 
     count: int
 
-    def give(self, worker: int, plans: Sequence[Plan]) -> None:
+    def assign(self, worker: int, plans: Sequence[Plan]) -> None:
         """Gives a worker plans that it may make at once, and first makes it anew where it has died."""
 
     def wait(self, timeout_s: float) -> Sequence[Answer]:
@@ -45,7 +45,7 @@ class Workers(Protocol):
 
 
 class Answerer:
-    """Makes what plans ask for, and turns what goes wrong into answers."""
+    """Makes the sequences that plans ask for, and turns errors into answers."""
 
     def __init__(self, out: str) -> None:
         self._maker = Maker(out)

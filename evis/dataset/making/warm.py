@@ -1,4 +1,4 @@
-"""Simulations that stay warm: a second sequence of a scene finds kernels, meshes and textures in memory."""
+"""Keeps simulations warm: a second sequence of a scene finds kernels, meshes and textures in memory."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What there is to say of a data set that was made: numbers, whether it is whole, how it looks."""
+"""Reports on a data set that was made: numbers, whether it is whole, how it looks."""

@@ -1,4 +1,4 @@
-"""The contact sheet of a data set, and its page."""
+"""Makes the contact sheet of a data set, and its page."""
 
 from __future__ import annotations
 

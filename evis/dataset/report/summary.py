@@ -1,4 +1,4 @@
-"""Counts, rates and splits of a data set."""
+"""Counts events, rates and splits of a data set."""
 
 from __future__ import annotations
 

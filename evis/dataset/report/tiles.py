@@ -1,4 +1,4 @@
-"""The pictures of one sequence: frame, events, and each kind of label that can be drawn."""
+"""Makes the pictures of one sequence: frame, events, and each kind of label that can be drawn."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a data set is whole: the checksum of every file, and every sequence read by its layout's reader."""
+"""Verifies that a data set is whole: the checksum of every file, and every sequence read by its layout's reader."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Data sets without files: what is simulated while it is used."""
+"""Simulates data sets without files, while they are used."""

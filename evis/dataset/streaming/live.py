@@ -1,4 +1,4 @@
-"""A sequence that is simulated while windows are taken of it; what they are done with is forgotten."""
+"""Simulates a sequence while windows are taken of it; what they are done with is forgotten."""
 
 from __future__ import annotations
 
@@ -79,19 +79,19 @@ class Live:
     # -- as Source has it --------------------------------------------------------------------------------------------
 
     def events(self, t0_ns: int, t1_ns: int) -> dict[str, Any]:
-        """As Source has it."""
+        """Implements `Source.events`."""
         return self._events.part(*(self._events.row_of(t) for t in (t0_ns, t1_ns)))
 
     def rows(self, first: int, end: int) -> dict[str, Any]:
-        """As Source has it."""
+        """Implements `Source.rows`."""
         return self._events.part(first, end)
 
     def event_labels(self, t0_ns: int, t1_ns: int) -> dict[str, Any]:
-        """As Source has it."""
+        """Implements `Source.event_labels`."""
         return self._marks.part(*(self._events.row_of(t) for t in (t0_ns, t1_ns)))
 
     def stamps(self, kind: str) -> np.ndarray:
-        """As Source has it; of what is not forgotten."""
+        """Implements `Source.stamps`, of what is not forgotten."""
         found = []
         for piece in self._pieces:
             if kind == "image" and piece.image is not None:
@@ -103,7 +103,7 @@ class Live:
         return np.array(found, np.int64).reshape(-1, 2)
 
     def label(self, kind: str, stamp_ns: int) -> dict[str, Any]:
-        """As Source has it."""
+        """Implements `Source.label`."""
         for piece in self._pieces:
             if kind == "image":
                 if piece.image is not None and piece.image.header.stamp_ns == stamp_ns:

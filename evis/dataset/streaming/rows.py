@@ -1,4 +1,4 @@
-"""Columns that grow at their end and are forgotten at their beginning, by pieces; numpy's arrays or tensors."""
+"""Holds columns that grow at their end and are forgotten at their beginning, by pieces; numpy's arrays or tensors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Training data that are simulated while they are used: the windows of a recipe's sequences, without files."""
+"""Simulates training data while they are used: the windows of a recipe's sequences, without files."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Stream:
             raise DatasetError(f"{recipe.name} has no split '{split}'; {nearest(split, recipe.splits)}")
         longest = float(max(recipe.duration.choices or recipe.duration.high))
         if cut.seconds > longest:
-            raise DatasetError(f"windows of {cut.what} are longer than the sequences of {recipe.name}, {longest:g} s")
+            raise DatasetError(f"windows of {cut.length} are longer than the sequences of {recipe.name}, {longest:g} s")
         self._labels = tuple(kind for kind in recipe.labels if kind in wanted)
         check(recipe)
 
@@ -113,9 +113,9 @@ class Stream:
                 why = f"{plan.name}: {error}"
                 warnings.warn(f"{why}; its other windows are left out", SimulationWarning, stacklevel=2)
             if self.left_out == before:
-                why = f"{plan.name} is shorter than a window of {self.cut.what}"
+                why = f"{plan.name} is shorter than a window of {self.cut.length}"
             elif self.left_out["sequences that failed"] == before["sequences that failed"]:
-                why = f"windows of {self.cut.what} have no labels {', '.join(self.cut.labels)}; make them longer"
+                why = f"windows of {self.cut.length} have no labels {', '.join(self.cut.labels)}; make them longer"
             fruitless = 0 if windows else fruitless + 1
             if fruitless == FRUITLESS:
                 raise DatasetError(f"{FRUITLESS} sequences in a row gave no window: {why}")

@@ -1,4 +1,4 @@
-"""What is simulated, for PyTorch: an iterable data set."""
+"""Offers what is simulated to PyTorch, as an iterable data set."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tasks that come with EVIS, by name."""
+"""Lists the tasks that come with EVIS, by name."""
 
 from collections.abc import Callable
 

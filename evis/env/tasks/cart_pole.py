@@ -1,4 +1,4 @@
-"""Keep a pole upright that only an event camera sees."""
+"""Defines the task of keeping a pole upright that only an event camera sees."""
 
 from __future__ import annotations
 

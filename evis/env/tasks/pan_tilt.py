@@ -1,4 +1,4 @@
-"""Keep a fast ball in the view of a camera that a pan-tilt head turns."""
+"""Defines the task of keeping a fast ball in the view of a camera that a pan-tilt head turns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Return a fast ball with a paddle."""
+"""Defines the task of returning a fast ball with a paddle."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Words on a wire to events and back: what all codecs share; a folder per maker, its kernels beside."""
+"""Converts words on a wire to events and back: what all codecs share; a folder per maker, its kernels beside."""

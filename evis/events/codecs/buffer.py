@@ -1,4 +1,4 @@
-"""Arrays that decoders append events to, so that one packet is written once and in place."""
+"""Holds the arrays that decoders append events to, so that one packet is written once and in place."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def plain(n: int) -> Columns:
 
 
 class EventBuffer:
-    """Events in the first `n` places of `columns`. allocate: where larger columns come from."""
+    """Holds events in the first `n` places of `columns`. allocate: where larger columns come from."""
 
     LEAST = 64
     """More than any one word of a sensor holds: a buffer with so much room lets every decoder go on [events]."""

@@ -1,4 +1,5 @@
-"""What all stream decoders share: bytes in pieces of any size, state carried between them, exact cuts in time."""
+"""Implements what all stream decoders share: bytes in pieces of any size, state carried between them, exact cuts in
+time."""
 
 from __future__ import annotations
 
@@ -74,7 +75,7 @@ def _without_events(part: Events) -> Events:
 
 
 class Decoder(abc.ABC):
-    """Words of one sensor to events. Feed bytes as they come, cut anywhere, also inside a word.
+    """Decodes words of one sensor to events. Feed bytes as they come, cut anywhere, also inside a word.
 
     width, height: events outside are dropped and counted; 0 = the device's own (`geometry`), or where the encoding has
     none, unknown: then nothing is dropped. backend: `numpy` or `warp` (a sequential CPU kernel); results and state are
@@ -149,7 +150,7 @@ class Decoder(abc.ABC):
 
     @property
     def untimed(self) -> int:
-        """Words dropped because no time had been sent yet."""
+        """Counts the words dropped because no time had been sent yet."""
         return int(self.state[self.counters["untimed"]]) if "untimed" in self.counters else 0
 
     @property
@@ -174,7 +175,8 @@ class Decoder(abc.ABC):
 
     @property
     def taken(self) -> np.ndarray:
-        """The wire bytes (uint8, a view) that the last call consumed; those of a started word come with its end."""
+        """Returns the wire bytes (uint8, a view) that the last call consumed; those of a started word come with its
+        end."""
         return np.frombuffer(self._bytes, np.uint8)[self._taken[0] : self._taken[1]]
 
     # -- decoding ----------------------------------------------------------------------------------------------------

@@ -1,4 +1,5 @@
-"""What the encoders share, and the time words of the Prophesee ones: TIME_HIGH, low part, turns of the counter."""
+"""Implements what the encoders share, and the time words of the Prophesee ones: TIME_HIGH, low part, turns of the
+counter."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ MAX_TURNS = 10_000
 
 @dataclass(slots=True)
 class Item:
-    """Events and triggers in stream order, all int64 [n]; for a trigger x is the channel and p the value."""
+    """Holds events and triggers in stream order, all int64 [n]; for a trigger x is the channel and p the value."""
 
     t_us: np.ndarray
     x: np.ndarray
@@ -71,7 +72,7 @@ def encoder_for(encoding: str, width: int = 0, height: int = 0, resync: bool = F
 
 
 class Encoder(abc.ABC):
-    """Events to wire words, with state carried from call to call. Times are rounded down to the wire's unit.
+    """Encodes events as wire words, with state carried from call to call. Times are rounded down to the wire's unit.
 
     resync: every call starts with time and address words, so that its bytes decode alone (up to turns of the counter).
     """
@@ -127,7 +128,7 @@ class Encoder(abc.ABC):
 
 
 class PropheseeEncoder(Encoder):
-    """Encoders whose time has a TIME_HIGH word and a low part."""
+    """Encodes events for words whose time has a TIME_HIGH word and a low part."""
 
     high_bits: ClassVar[int]
     low_bits: ClassVar[int]

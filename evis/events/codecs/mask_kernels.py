@@ -1,4 +1,4 @@
-"""Masks of pixels as events, in C++ (`masks.h`)."""
+"""Writes events of masks of pixels, in C++ (`masks.h`)."""
 
 from pathlib import Path
 

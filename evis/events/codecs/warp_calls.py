@@ -1,4 +1,4 @@
-"""How the sequential decoders run as Warp CPU kernels (dim = 1): one loop over the words, state in an int64 vector.
+"""Runs the sequential decoders as Warp CPU kernels (dim = 1): one loop over the words, state in an int64 vector.
 
 Each kernel is a Warp module of its own, so that only the codec in use is compiled. The numpy twin of
 each is `Decoder.decode_words` of its codec; state layouts are described there. `out` = next word, events, triggers,

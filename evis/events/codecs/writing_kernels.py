@@ -1,4 +1,5 @@
-"""What the decoders' kernels share: how events, triggers and side words are laid down, and how a launch reports."""
+"""Implements what the decoders' kernels share: how events, triggers and side words are written, and how a launch
+reports."""
 
 from pathlib import Path
 

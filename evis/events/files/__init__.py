@@ -1,1 +1,1 @@
-"""Recordings in files: one module per format, found by `evis.events.open_recording`."""
+"""Reads and writes recordings in files: one module per format, found by `evis.events.open_recording`."""

@@ -1,4 +1,4 @@
-"""What writers of one open file share, and what all of them check before they open it."""
+"""Implements what writers of one open file share, and what all of them check before they open it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""N-MNIST and N-Caltech101 `.bin`: 5 bytes an event (x, y, polarity and 23 bits of time in us), nothing else."""
+"""Reads N-MNIST and N-Caltech101 `.bin`: 5 bytes an event (x, y, polarity and 23 bits of time in us), nothing else."""
 
 from __future__ import annotations
 

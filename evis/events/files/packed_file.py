@@ -1,5 +1,5 @@
-"""Files compressed as a whole (Zstandard, as rosbag2 does; gzip, bzip2, xz), and a recording in a zip archive: unpacked
-into a temporary file without a name."""
+"""Reads files compressed as a whole (Zstandard, as rosbag2 does; gzip, bzip2, xz), and a recording in a zip archive.
+Both are unpacked into a temporary file without a name."""
 
 from __future__ import annotations
 

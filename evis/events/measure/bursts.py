@@ -1,4 +1,4 @@
-"""Bursts: runs of events of one pixel and one polarity, as an edge makes them that passes over it."""
+"""Finds bursts: runs of events of one pixel and one polarity, as an edge makes them that passes over it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LEAST = 3
 
 @dataclass(frozen=True)
 class Bursts:
-    """Bursts of a recording, by pixel and time.
+    """Holds the bursts of a recording, by pixel and time.
 
     pixel int64 [B], p uint8 [B] of each; start, length int64 [B, ns]: from its first to its last event; count int64
     [B]: its events. interval int64 [I, ns], interval_p uint8 [I]: between neighbouring events inside of bursts.

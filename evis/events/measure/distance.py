@@ -1,4 +1,4 @@
-"""How far one event stream is from another: counts, spike trains, event frames.
+"""Measures how far one event stream is from another: counts, spike trains, event frames.
 
 Streams are (t int64 ns, x, y, p) arrays, sorted by t. All errors are 0 for equal streams.
 """

@@ -1,4 +1,4 @@
-"""Warp kernels of the metrics."""
+"""Computes the sums of the metrics, in Warp kernels."""
 
 import warp as wp
 

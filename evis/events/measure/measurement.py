@@ -1,4 +1,4 @@
-"""All measures of a stream of events in one pass: rate, noise, sharpness, rotation. Memory does not grow with it."""
+"""Measures a stream of events in one pass: rate, noise, sharpness, rotation. Memory does not grow with it."""
 
 from __future__ import annotations
 

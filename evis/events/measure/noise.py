@@ -1,4 +1,4 @@
-"""Noise of a sensor from any stream: events where all around is quiet, and pixels that never are.
+"""Measures the noise of a sensor from any stream: events where all around is quiet, and pixels that never are.
 
 A pixel is observed in a window while none of its eight neighbours has an event in it. The condition says nothing
 about the pixel itself, so that the events it has in the observed time, over that time, are an unbiased estimate of the
@@ -58,8 +58,8 @@ class Noise:
         self._span_ns += length_ns
 
     def maps(self) -> tuple[np.ndarray, np.ndarray]:
-        """Events of each pixel while all around was quiet, OFF and ON, int64 [2, H, W], and for how long that was,
-        float64 [H, W, s]."""
+        """Returns the events of each pixel while all around was quiet, OFF and ON, int64 [2, H, W], and for how long
+        that was, float64 [H, W, s]."""
         return self._quiet.copy(), (float(self._span_ns) - self._busy_ns) * 1e-9
 
     def report(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Event rate of a stream: overall, ON and OFF, and over time, in one pass and bounded memory."""
+"""Measures the event rate of a stream: overall, ON and OFF, and over time, in one pass and bounded memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sharpness of events: how much of them falls together in few pixels.
+"""Measures the sharpness of events: how much of them falls together in few pixels.
 
 Per window, the variance of the image of event counts over its mean (1 for events spread at random, more where they
 gather): the objective of contrast maximisation (Gallego, Rebecq, Scaramuzza, CVPR 2018), with no warp or with one.

@@ -1,4 +1,5 @@
-"""Events as images for a network: voxel grid, event stack, count image, time surface; on a CPU or where the events are.
+"""Makes events into images for a network: voxel grid, event stack, count image, time surface; on a CPU or where the
+events are.
 
     from evis.events.representations import voxel_grid
     grid = voxel_grid(events, bins=5, height=260, width=346).values

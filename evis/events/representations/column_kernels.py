@@ -1,4 +1,5 @@
-"""Warp kernels on the columns of events: one integer type for all, the environment of an event, spans of time."""
+"""Handles the columns of events in Warp kernels: one integer type for all, the environment of an event, spans of
+time."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""What every representation begins with: the events' columns, environments, size and time window, checked."""
+"""Checks what every representation begins with: the events' columns, environments, size and time window."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Representation(NamedTuple):
 
 
 class Columns:
-    """Takes events of anybody apart: t, x, y, p as Warp arrays, environments, size.
+    """Takes the caller's events apart: t, x, y, p as Warp arrays, environments, size.
 
     events: attributes or items t [n, int64, ns], x, y [n, whole numbers], p [n, above 0 = ON]; env_offsets
     [E + 1], if it has such, delimits environments. height, width: None = the events' own. Raises ValueError.

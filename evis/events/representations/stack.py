@@ -1,4 +1,4 @@
-"""Counts of events: one image, or a stack of images of consecutive slices."""
+"""Counts events: in one image, or in a stack of images of consecutive slices."""
 
 from __future__ import annotations
 

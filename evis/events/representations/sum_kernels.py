@@ -1,4 +1,4 @@
-"""Warp kernels that add events up: in time-interpolated voxels, and in stacks of counts."""
+"""Adds events up in Warp kernels: in time-interpolated voxels, and in stacks of counts."""
 
 from typing import Any
 

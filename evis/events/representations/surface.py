@@ -1,4 +1,4 @@
-"""Time surface: how long ago each pixel saw its latest event, as a value that fades."""
+"""Computes the time surface: how long ago each pixel saw its latest event, as a value that fades."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Warp kernels of time surfaces: the latest event of each pixel, and its age."""
+"""Computes time surfaces in Warp kernels: the latest event of each pixel, and its age."""
 
 from typing import Any
 
@@ -49,7 +49,7 @@ def latest_kernel(
 
 @wp.func
 def faded(t: wp.int64, at: wp.int64, tau_ns: wp.int64, decay: wp.int32):
-    """What is left of an event at time t: exp(-age / tau), or max(0, 1 - age / tau); 0 where there was none."""
+    """Computes the value of an event at time t: exp(-age / tau), or max(0, 1 - age / tau); 0 where there was none."""
     if t == NEVER_SEEN:
         return wp.float32(0.0)
     age = at - t

@@ -1,4 +1,4 @@
-"""Voxel grid: events in bins of time, each shared between the two bins nearest to it."""
+"""Computes the voxel grid: events in bins of time, each shared between the two bins nearest to it."""
 
 from __future__ import annotations
 

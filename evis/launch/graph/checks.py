@@ -1,4 +1,4 @@
-"""Files that parameters name: looked for before a process starts."""
+"""Checks that files which parameters name exist, before a process starts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Data-flow order of a graph, and the cycle when there is none."""
+"""Computes the data-flow order of a graph, and the cycle when there is none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Nodes with their topics: names from parameters, namespaces and remaps, and who publishes what."""
+"""Wires nodes with their topics: names from parameters, namespaces and remaps, and who publishes what."""
 
 from __future__ import annotations
 
@@ -75,7 +75,10 @@ class Wired:
 
     @property
     def divides(self) -> int:
-        """Updates to each message, as the node's class says. Raises ArgumentError as `needs` does."""
+        """Returns how many updates there are to each message, as the node's class says.
+
+        Raises ArgumentError as `needs` does.
+        """
         try:
             return self.cls.divides(self.params)
         except ValueError as error:

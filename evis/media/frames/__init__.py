@@ -1,1 +1,1 @@
-"""Frames from anywhere as linear luminance: NumPy archives, folders of images, videos."""
+"""Reads frames from anywhere as linear luminance: NumPy archives, folders of images, videos."""

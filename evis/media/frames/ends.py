@@ -1,4 +1,5 @@
-"""The ends of a code: pixels that are black or at full scale, where an image does not tell how much light there was."""
+"""Counts pixels at the ends of a code: black or at full scale, where an image does not tell how much light there
+was."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Frames as a folder of OpenEXR files: linear R, G, B or Y, with the time in an attribute, times.txt or by --fps."""
+"""Reads frames as a folder of OpenEXR files: linear R, G, B or Y, with the time in an attribute, times.txt or by
+--fps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A folder of images: which files, in which order, at which times."""
+"""Lists a folder of images: which files, in which order, at which times."""
 
 from __future__ import annotations
 

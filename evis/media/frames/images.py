@@ -1,4 +1,4 @@
-"""Frames as a folder of PNG, JPEG or TIFF files, 8 or 16 bit, made linear by an inverse tone curve."""
+"""Reads frames as a folder of PNG, JPEG or TIFF files, 8 or 16 bit, made linear by an inverse tone curve."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Frames as a NumPy archive: luminance float32 [T, H, W] (or rgb [T, H, W, 3]), t int64 [T] ns, optionally dlog_dt.
+"""Reads frames as a NumPy archive: luminance float32 [T, H, W] (or rgb [T, H, W, 3]), t int64 [T] ns, optionally
+dlog_dt.
 
 Arrays are read from inside the archive in blocks, compressed or not; nothing is ever unpickled.
 """

@@ -1,4 +1,4 @@
-"""Linear frames in another size: pixels are averaged where they get larger, and interpolated where they get smaller."""
+"""Resizes linear frames: pixels are averaged where they get larger, and interpolated where they get smaller."""
 
 from __future__ import annotations
 

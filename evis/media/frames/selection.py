@@ -1,4 +1,5 @@
-"""A part of a sequence of frames: a stretch of its time, a rectangle of its picture, in another size, slowed down."""
+"""Selects a part of a sequence of frames: a stretch of its time, a rectangle of its picture, in another size, slowed
+down."""
 
 from __future__ import annotations
 

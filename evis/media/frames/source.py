@@ -1,4 +1,4 @@
-"""What sources of frames share: blocks of bounded size, checked times and sizes, the options of a reader."""
+"""Implements what sources of frames share: blocks of bounded size, checked times and sizes, the options of a reader."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Inverse tone curves: from the codes of an 8 or 16 bit image to linear radiance."""
+"""Inverts tone curves: from the codes of an 8 or 16 bit image to linear radiance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Frames of a video file, decoded by PyAV (the optional extra `video`) and made linear by an inverse tone curve."""
+"""Reads frames of a video file, decoded by PyAV (the optional extra `video`) and made linear by an inverse tone
+curve."""
 
 from __future__ import annotations
 

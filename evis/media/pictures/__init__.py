@@ -1,1 +1,1 @@
-"""Pictures for people: frames beside events, as an animation or a still."""
+"""Draws pictures for people: frames beside events, as an animation or a still."""

@@ -1,4 +1,4 @@
-"""Events as pictures: the last of each pixel in a window, or all of them fading with their age."""
+"""Draws events as pictures: the last of each pixel in a window, or all of them fading with their age."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from evis.events.recording import Recording
 
 
 class Colours(NamedTuple):
-    """sRGB colours of a picture of events. ON and OFF are equally light and differ for colour-blind readers too."""
+    """Holds the sRGB colours of a picture of events.
+
+    ON and OFF are equally light and differ for colour-blind readers too.
+    """
 
     ground: tuple[int, int, int]
     on: tuple[int, int, int]

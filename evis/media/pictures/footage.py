@@ -1,4 +1,4 @@
-"""Frames beside the events between them: an animated GIF in slow motion, and one picture of it."""
+"""Shows frames beside the events between them: an animated GIF in slow motion, and one picture of it."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Footage:
 
     @property
     def captions(self) -> tuple[str, str]:
-        """Tells what stands under the two pictures."""
+        """Returns the texts under the two pictures."""
         gaps = np.diff(self.frame_t)
         rate = f"frames, {1e9 / float(np.median(gaps)):.0f} per second" if len(gaps) else "frame"
         first, last = self.span_ns

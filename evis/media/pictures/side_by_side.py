@@ -1,4 +1,4 @@
-"""Two pictures side by side with captions, and the palette that both share in a GIF."""
+"""Draws two pictures side by side with captions, and the palette that both share in a GIF."""
 
 from __future__ import annotations
 

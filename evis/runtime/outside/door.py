@@ -1,4 +1,4 @@
-"""The socket at which one node of a running graph takes messages from programs outside it."""
+"""Opens the socket at which one node of a running graph takes messages from programs outside it."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Door:
         return [] if self._listener is None else [self._listener.fileno(), *(link.fileno() for link in self._links)]
 
     def pump(self) -> bool:
-        """Does what has come; never waits. True when something has."""
+        """Handles what has come; never waits. True when something has."""
         if self._listener is None:
             return False
         progress = False

@@ -1,4 +1,4 @@
-"""Who controls a delayed input from outside, and what the node's next step gets from there."""
+"""Tracks who controls a delayed input from outside, and what the node's next step gets from there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Display colours as linear light."""
+"""Converts display colours to linear light."""
 
 from __future__ import annotations
 

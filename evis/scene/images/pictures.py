@@ -1,4 +1,4 @@
-"""Pictures that surfaces and skies are made of: the one place that opens them, and says how large they may be.
+"""Opens the pictures that surfaces and skies are made of, in this one place, and says how large they may be.
 
 The size is read from the header and checked before anything is unpacked.
 """

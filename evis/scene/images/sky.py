@@ -1,4 +1,4 @@
-"""Environment maps: radiance from far away in every direction, read from an EXR or made by code.
+"""Makes environment maps: radiance from far away in every direction, read from an EXR or made by code.
 
 A map is float32 [h, w, 3] W/(sr m^2), linear Rec. 709, equirectangular: row 0 is up (+z), column 0 is +x, columns turn
 towards +y.

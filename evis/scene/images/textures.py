@@ -1,4 +1,4 @@
-"""Textures made by code from a seed: linear reflectance, float32 [h, w, 3], row 0 at the top (v = 1).
+"""Makes textures by code from a seed: linear reflectance, float32 [h, w, 3], row 0 at the top (v = 1).
 
 The renderer does not antialias, so a texture is made finely and then filtered down to `size` texels; a scene chooses
 about one texel per pixel.

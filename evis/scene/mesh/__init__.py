@@ -1,1 +1,1 @@
-"""Triangle meshes: of primitive shapes, and from files."""
+"""Makes triangle meshes: of primitive shapes, and from files."""

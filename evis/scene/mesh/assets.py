@@ -1,4 +1,4 @@
-"""What a mesh file names: MTL, pictures, buffers. Imported only for scenes with a mesh file."""
+"""Reads what a mesh file names: MTL, pictures, buffers. Imported only for scenes with a mesh file."""
 
 from __future__ import annotations
 

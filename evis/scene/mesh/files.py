@@ -1,4 +1,4 @@
-"""Meshes from files, by trimesh. Imported only for scenes that name such a file."""
+"""Reads meshes from files, by trimesh. Imported only for scenes that name such a file."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from evis.scene.mesh.polygons import cut_polygons
 from evis.scene.mesh.wavefront import absolute, in_utf8, laid_throughout, spelled_plainly, without_libraries
 from evis.scene.model import Material, Mesh
 from evis.scene.sources import note
+
+if TYPE_CHECKING:
+    from evis.scene.mesh.assets import Assets
 
 SUFFIXES = (".obj", ".ply", ".stl", ".gltf", ".glb")
 Y_UP = gltf_header.SUFFIXES
@@ -75,21 +78,7 @@ def load_parts(
     if path.suffix.lower() not in SUFFIXES:
         raise SceneError(f"{path.name} is of no kind that can be read; there are {', '.join(SUFFIXES)}")
     assets = Assets(note(path), folders or Folders(path.parent))
-    try:
-        content, kind, exact = _content(path, assets)
-        scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, process=False, resolver=assets)
-        # Sorted, for the ids of a scene must not depend on the process that loads it.
-        places = [scene.graph[node] for node in sorted(scene.graph.nodes_geometry)]
-        nodes = [(transform, scene.geometry[name], str(name)) for transform, name in places]
-        coloured = textures and any(_kind(geometry) in ("vertex", "face") for geometry in scene.geometry.values())
-        stored = _stored(content, kind, assets) if coloured else {}
-    except (AllowanceError, SceneError) as error:
-        raise SceneError(f"{path.name}: {error}") from None
-    except Exception as error:  # the readers of trimesh raise whatever they stumble over
-        raise SceneError(f"{path.name} cannot be read as {path.suffix[1:].upper()}: {_line(error)}") from None
-    finally:
-        if assets.refusals:
-            raise assets.refusals[0] from None
+    scene, nodes, exact, stored = _read(path, assets, textures)
     turn = _upright(path, y_up)
     known: dict[int, Material | None] = {}
     parts = []
@@ -115,6 +104,29 @@ def load_parts(
         raise SceneError(f"{path.name} has no triangles")
     lacks = tuple(assets.absent or absent_pictures(exact, scene))
     return [replace(part, lacks=lacks) for part in parts] if lacks else parts
+
+
+def _read(path: Path, assets: Assets, textures: bool) -> tuple[Any, list[tuple[Any, Any, str]], Any, Any]:
+    """Reads a file by trimesh: its scene, (transform, geometry, name) of its nodes, its materials as the file has them,
+    and the colours of vertices by name. Raises SceneError naming the file."""
+    import trimesh
+
+    try:
+        content, kind, exact = _content(path, assets)
+        scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, process=False, resolver=assets)
+        # Sorted, for the ids of a scene must not depend on the process that loads it.
+        places = [scene.graph[node] for node in sorted(scene.graph.nodes_geometry)]
+        nodes = [(transform, scene.geometry[name], str(name)) for transform, name in places]
+        coloured = textures and any(_kind(geometry) in ("vertex", "face") for geometry in scene.geometry.values())
+        stored = _stored(content, kind, assets) if coloured else {}
+    except (AllowanceError, SceneError) as error:
+        raise SceneError(f"{path.name}: {error}") from None
+    except Exception as error:  # the readers of trimesh raise whatever they stumble over
+        raise SceneError(f"{path.name} cannot be read as {path.suffix[1:].upper()}: {_line(error)}") from None
+    finally:
+        if assets.refusals:
+            raise assets.refusals[0] from None
+    return scene, nodes, exact, stored
 
 
 def _upright(path: Path, y_up: bool | None) -> np.ndarray:

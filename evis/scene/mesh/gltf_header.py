@@ -1,4 +1,4 @@
-"""The JSON of a glTF or GLB file: its materials, and how much memory the file asks for."""
+"""Reads the JSON of a glTF or GLB file: its materials, and how much memory the file asks for."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A glTF file said once more in the few ways that trimesh understands: as a GLB, with plain numbers.
+"""Rewrites a glTF file in the few ways that trimesh understands: as a GLB, with plain numbers.
 
 trimesh takes no notice of normalised and sparse numbers, of sets of texture coordinates other than the first, and of
 how a texture is laid over them (KHR_texture_transform), and finds materials by names that several may share.

@@ -1,4 +1,4 @@
-"""Materials of mesh files.
+"""Reads materials of mesh files.
 
 glTF's metallic-roughness ones: base colour factor linear, its texture sRGB, emission times
 KHR_materials_emissive_strength. A surface has one emission, roughness and metallic value here, so those that a texture

@@ -1,4 +1,4 @@
-"""Shading normals of a mesh that has none of its own."""
+"""Computes shading normals of a mesh that has none of its own."""
 
 from __future__ import annotations
 

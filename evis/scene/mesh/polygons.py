@@ -1,4 +1,4 @@
-"""Faces of an OBJ with more than three corners that are not convex, cut into triangles before trimesh cuts them into
+"""Cuts faces of an OBJ with more than three corners that are not convex into triangles. trimesh would cut them into
 fans, which would cover what lies outside of them.
 """
 

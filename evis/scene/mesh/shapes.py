@@ -1,4 +1,4 @@
-"""Triangle meshes of the primitive shapes, made by code.
+"""Makes triangle meshes of the primitive shapes, by code.
 
 Every shape is centred on its frame; axes of revolution are z. Faces run counter-clockwise seen from outside. uv (0, 0)
 is the texture's lower left corner. Triangle counts are modest: silhouettes lie within 1 % of the radius

@@ -1,4 +1,4 @@
-"""Bodies with a hole and bodies with dents, made by code as `shapes` are: what hides parts of itself."""
+"""Makes bodies with a hole and bodies with dents, by code as `shapes` are: what hides parts of itself."""
 
 from __future__ import annotations
 

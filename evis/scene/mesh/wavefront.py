@@ -1,4 +1,5 @@
-"""Texts of OBJ and MTL: their encoding, and what stands before a picture: `map_Kd -s 2 2 1 -o 0.5 0 0 wood.png`."""
+"""Reads texts of OBJ and MTL: their encoding, and what stands before a picture: `map_Kd -s 2 2 1 -o 0.5 0 0
+wood.png`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether anything in a model can be driven, without MuJoCo."""
+"""Tells whether anything in a model can be driven, without MuJoCo."""
 
 from __future__ import annotations
 

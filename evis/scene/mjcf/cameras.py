@@ -1,4 +1,4 @@
-"""Cameras of a MuJoCo model."""
+"""Adds the cameras of a MuJoCo model."""
 
 from __future__ import annotations
 

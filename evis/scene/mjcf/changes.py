@@ -1,4 +1,5 @@
-"""`model:` of a scene file: what of an MJCF or URDF model is other than its file says, all of which may be drawn.
+"""Applies `model:` of a scene file: what of an MJCF or URDF model is other than its file says, all of which may be
+drawn.
 
     model:
       gravity:   [x, y, z]

@@ -1,4 +1,4 @@
-"""Triangles that a cube texture lies on, cut where it goes from one face of the cube to the next.
+"""Cuts triangles that a cube texture lies on where it goes from one face of the cube to the next.
 
 A texture that is looked up by direction is not one affine map over a large triangle: it bends at the cube's edges, and
 within a face as the direction's largest coordinate changes.

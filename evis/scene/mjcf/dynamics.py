@@ -1,4 +1,4 @@
-"""MuJoCo's model of a scene, of the MJCF or URDF that the scene names."""
+"""Makes MuJoCo's model of a scene, of the MJCF or URDF that the scene names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Frames of a MuJoCo model's cameras and lights: rigid on a body, or moved by a rule of their own (their `mode`)."""
+"""Makes frames of a MuJoCo model's cameras and lights: rigid on a body, or moved by a rule of their own (their
+`mode`)."""
 
 from __future__ import annotations
 

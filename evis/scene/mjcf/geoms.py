@@ -1,4 +1,4 @@
-"""Geoms of a MuJoCo model as instances with meshes."""
+"""Adds geoms of a MuJoCo model as instances with meshes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where joints of a MuJoCo model start, as a scene file says it. Imported only for scenes with dynamics."""
+"""Sets where joints of a MuJoCo model start, as a scene file says it. Imported only for scenes with dynamics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lights of a MuJoCo model, which have no units there.
+"""Adds lights of a MuJoCo model, which have no units there.
 
 The rule here: a light of diffuse d makes a white surface that faces it have the radiance d. So a directional light
 gives an irradiance of pi d [W/m^2], and a point or spot light as much at the distance D of the model's centre, falling

@@ -1,4 +1,4 @@
-"""Materials of a MuJoCo model.
+"""Adds materials of a MuJoCo model.
 
 MuJoCo multiplies and adds display values, so its colours are taken as sRGB and made linear (IEC 61966-2-1). specular,
 shininess and reflectance are not used.

@@ -1,4 +1,4 @@
-"""Bodies, geoms, cameras and lights of a MuJoCo model as parts of a Scene. Imported only for scenes with dynamics.
+"""Adds bodies, geoms, cameras and lights of a MuJoCo model to a Scene. Imported only for scenes with dynamics.
 
 Only geom groups 0 to 2 are drawn (3 and up are collision shapes by custom), and nothing of alpha 0; of a body under a
 skin, which is not drawn, its collision shapes where it has no others.

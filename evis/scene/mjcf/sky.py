@@ -1,4 +1,5 @@
-"""The skybox of a MuJoCo model as an environment map: what is seen behind everything, which lights nothing there."""
+"""Makes an environment map of the skybox of a MuJoCo model: what is seen behind everything, which lights nothing
+there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Textures of a MuJoCo model, and where they lie on its geoms, as MuJoCo's renderer lays them.
+"""Reads textures of a MuJoCo model, and where they lie on its geoms, as MuJoCo's renderer lays them.
 
 Their values are sRGB (IEC 61966-2-1) and made linear, but those of a texture that the model's file states to be linear.
 

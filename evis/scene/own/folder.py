@@ -1,4 +1,4 @@
-"""What a folder of pictures or meshes holds, by file name, and whether it can be used."""
+"""Lists what a folder of pictures or meshes holds, by file name, and whether it can be used."""
 
 from __future__ import annotations
 

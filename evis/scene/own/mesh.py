@@ -1,4 +1,4 @@
-"""A mesh of the user's in the place of a shape."""
+"""Puts a mesh of the user's in the place of a shape."""
 
 from __future__ import annotations
 

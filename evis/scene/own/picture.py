@@ -1,4 +1,4 @@
-"""A picture of the user's as a texture."""
+"""Reads a picture of the user's as a texture."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Scene files: checked reading, and what each of their sections becomes."""
+"""Reads scene files with checks, and builds what each of their sections becomes."""

@@ -1,4 +1,4 @@
-"""What a scene file says, made into a Scene: cameras, bodies and their motion, shapes, materials, lights.
+"""Builds a Scene from what a scene file says: cameras, bodies and their motion, shapes, materials, lights.
 
 The file is YAML; every key is optional but `cameras` (an MJCF may do without). Angles are radians, or texts as
 `40 deg`; colours are linear Rec. 709, one number is a grey; a value may be drawn by the environment's seed, see

@@ -1,4 +1,4 @@
-"""Cameras of a scene file."""
+"""Reads cameras of a scene file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`copies:` of a scene file: one entry that stands for many."""
+"""Expands `copies:` of a scene file: one entry that stands for many."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Draws of a scene file: `{from: a, to: b}`, `{choose: [...]}` or `{normal: {mean: m, sigma: s}}` in a value's place.
+"""Reads draws of a scene file: `{from: a, to: b}`, `{choose: [...]}` or `{normal: {mean: m, sigma: s}}` in a value's
+place.
 
     {from: a, to: b}             evenly between; `log: true`: evenly in the logarithm
     {choose: [x, y, z]}          one of them; what stands there twice is drawn twice as often

@@ -1,4 +1,4 @@
-"""Lights of a scene file."""
+"""Reads lights of a scene file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of a scene file that are made by code, beside the reading of the rest of it."""
+"""Makes pictures of a scene file by code, beside the reading of the rest of it."""
 
 from __future__ import annotations
 

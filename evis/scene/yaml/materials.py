@@ -1,4 +1,4 @@
-"""Materials of a scene file."""
+"""Reads materials of a scene file."""
 
 from __future__ import annotations
 

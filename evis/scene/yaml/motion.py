@@ -1,4 +1,4 @@
-"""Motions of a scene file."""
+"""Reads motions of a scene file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`folder:` of a texture or a shape: a file of the user's takes its place, drawn by the seed."""
+"""Resolves `folder:` of a texture or a shape: a file of the user's takes its place, drawn by the seed."""
 
 from __future__ import annotations
 

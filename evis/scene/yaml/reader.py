@@ -1,4 +1,4 @@
-"""Checked reading of a scene file: every value with its file and line, its type, range and unit."""
+"""Reads a scene file with checks: every value with its file and line, its type, range and unit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shapes of a scene file as meshes."""
+"""Makes shapes of a scene file into meshes."""
 
 from __future__ import annotations
 

@@ -1,1 +1,2 @@
-"""Luminance of chosen pixels at any instant by brute force: every ray cast, every point shaded, nothing reused."""
+"""Computes the luminance of chosen pixels at any instant by brute force: every ray cast, every point shaded, nothing
+reused."""

@@ -1,4 +1,5 @@
-"""Luminance of a few pixels at any instants, with nothing reused: every ray cast and every point shaded by itself."""
+"""Computes the luminance of a few pixels at any instants, with nothing reused: every ray is cast and every point shaded
+by itself."""
 
 from __future__ import annotations
 
@@ -26,7 +27,7 @@ LEAST_SLOTS, MOST_SLOTS, ROOM = 32, 512, 1 << 14
 
 
 class BruteForce:
-    """Computes the luminance of chosen pixels: `choose` them, then `look` at instants.
+    """Computes the luminance of chosen pixels: `choose` them, then `luminance_at` at instants.
 
     An instant takes a slot, an environment of the renderer's own shading code. What a pixel sees is found by a ray
     instead of the raster; its light is that of the keyframes, to the last bit where ray and raster find one triangle.
@@ -91,10 +92,11 @@ class BruteForce:
         table = self._rays.table(np.asarray(pixels, np.int64))
         self._visibility.view.rays = wp.array(table, dtype=wp.vec3, device=self._visibility.device)
 
-    def look(
+    def luminance_at(
         self, moved: np.ndarray, t_ns: np.ndarray, slot: np.ndarray, group: np.ndarray, pixel: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Gives luminance float32 [Q] of pixels at instants, and the instance int32 [Q] that each shows, -1 for none.
+        """Computes luminance float32 [Q] of pixels at instants, and the instance int32 [Q] that each shows, -1 for
+        none.
 
         moved: poses of the movers float64 [T, M, 7] and t_ns: int64 [T], of the instants, slots at most, after
         `rest`. slot, group, pixel:
@@ -117,7 +119,7 @@ class BruteForce:
         return light, seen.astype(np.int32)
 
     def rest(self, poses: np.ndarray, movers: np.ndarray) -> None:
-        """Takes the poses float64 [N, 7] of all bodies, of which `look` gives the movers int64 [M] anew."""
+        """Takes the poses float64 [N, 7] of all bodies, of which `luminance_at` gives the movers int64 [M] anew."""
         others = np.delete(poses, movers, 0)
         if self._others is None or not np.array_equal(others, self._others):
             self._others, self._rest = others, poses

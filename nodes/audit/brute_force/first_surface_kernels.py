@@ -1,5 +1,5 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""The first surface that chosen rays meet, as entries of a z-buffer: a ray cast instead of the raster.
+"""Finds the first surface that chosen rays meet, as entries of a z-buffer: a ray is cast instead of the raster.
 
 The ray finds the triangle; depth comes from that triangle's plane by the raster's own formula, so that where both find
 the same triangle the entries are equal to the last bit.

@@ -36,7 +36,7 @@ Look = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 @dataclass(frozen=True)
 class Sampling:
-    """Holds how closely a pixel is looked at; see the constants of this file."""
+    """Holds how densely a pixel is sampled in time; see the constants of this file."""
 
     base: float = BASE
     finest: int = FINEST
@@ -46,7 +46,7 @@ class Sampling:
 
 @dataclass
 class Samples:
-    """Holds looks at pixels: pixel int64 [S], t int64 [S] ns, luminance float32 [S], instance int32 [S]."""
+    """Holds samples of pixels: pixel int64 [S], t int64 [S] ns, luminance float32 [S], instance int32 [S]."""
 
     pixel: np.ndarray
     t: np.ndarray
@@ -71,7 +71,7 @@ def base_stamps(stamps: np.ndarray, rate: float) -> np.ndarray:
 
 
 def sample(look: Look, start: Samples, stamps: np.ndarray, how: Sampling, threshold: float) -> Samples:
-    """Looks at the pixels of `start`, one look at each, at `stamps` int64 [K] ns after it and wherever it is needed.
+    """Samples the pixels of `start`, one sample of each, at `stamps` int64 [K] ns after it and wherever it is needed.
 
     Gives all looks after `start`, by pixel and time.
     """

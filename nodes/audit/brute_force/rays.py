@@ -1,4 +1,5 @@
-"""A camera of chosen pixels alone: the rays of those pixels, and the steps to their neighbours', in a small table."""
+"""Makes a camera of chosen pixels alone: the rays of those pixels, and the steps to their neighbours', in a small
+table."""
 
 from __future__ import annotations
 

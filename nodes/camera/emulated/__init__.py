@@ -1,1 +1,1 @@
-"""Emulated USB cameras: what pyusb sees of a device, so that the drivers run unchanged without hardware."""
+"""Emulates USB cameras as pyusb sees them, so that the drivers run unchanged without hardware."""

@@ -1,4 +1,4 @@
-"""A pyusb backend whose bus has emulated devices on it."""
+"""Implements a pyusb backend whose bus has emulated devices on it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from nodes.camera.emulated.device import EmulatedDevice
 
 
 class EmulatedBackend(usb.backend.IBackend):
-    """Stands in for libusb below pyusb, for devices made of Python."""
+    """Replaces libusb below pyusb, for devices made of Python."""
 
     def __init__(self, *devices: EmulatedDevice) -> None:
         self.devices = list(devices)

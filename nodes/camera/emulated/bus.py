@@ -1,4 +1,4 @@
-"""A USB bus with one emulated camera on it."""
+"""Implements a USB bus with one emulated camera on it."""
 
 from __future__ import annotations
 

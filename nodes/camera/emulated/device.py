@@ -1,4 +1,4 @@
-"""What all emulated cameras share: descriptors, the data endpoint with its faults, unplugging."""
+"""Implements what all emulated cameras share: descriptors, the data endpoint with its faults, unplugging."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def timeout() -> NoReturn:
 
 
 class EmulatedDevice(abc.ABC):
-    """Stands for a device on the emulated bus.
+    """Emulates a device on the emulated bus.
 
     Subclasses answer requests and say whether their registers let the sensor send, and what of the events of a
     recording. HONOURED: settings of the driver that show in what it sends.
@@ -74,7 +74,7 @@ class EmulatedDevice(abc.ABC):
 
     @abc.abstractmethod
     def streaming(self) -> bool:
-        """The registers are as they must be for the sensor to send."""
+        """Tells whether the registers are set as they must be for the sensor to send."""
 
     @abc.abstractmethod
     def vendor_in(self, request: int, value: int, index: int) -> bytes:
@@ -93,18 +93,18 @@ class EmulatedDevice(abc.ABC):
         return b""
 
     def readout(self) -> Readout:
-        """Says what of the events the registers let through now."""
+        """Returns the filter that the registers set on events now."""
         return Readout(self.counts)
 
     def ignored(self, settings: UsbSettings) -> list[str]:
-        """Settings that are not as they are without being given, and that change nothing here."""
+        """Names settings that are not at their defaults, and that change nothing here."""
         standard, host = type(settings)(), {f.name for f in fields(UsbSettings)}
         names = [f.name for f in fields(settings) if f.name not in host and f.name not in self.HONOURED]
         return [name for name in names if getattr(settings, name) != getattr(standard, name)]
 
     @abc.abstractmethod
     def power_up(self) -> None:
-        """Returns the state after it was plugged in."""
+        """Puts the registers to their state after the device was plugged in."""
 
     # -- presence ------------------------------------------------------------------------------------------------------
 
@@ -127,7 +127,7 @@ class EmulatedDevice(abc.ABC):
             raise usb.core.USBError("No such device (it may have been disconnected)", -4, errno.ENODEV)
 
     def check_claimed(self) -> None:
-        """Endpoints belong to who claimed the interface."""
+        """Raises as libusb does unless the interface was claimed: endpoints belong to who claimed it."""
         self.check_present()
         if not self.claimed:
             raise usb.core.USBError("Input/Output Error", -1, errno.EIO)

@@ -1,4 +1,4 @@
-"""An emulated DVS128: biases and a run switch by vendor requests."""
+"""Emulates a DVS128: biases and a run switch by vendor requests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How an emulated device misbehaves, on request."""
+"""Describes the faults that an emulated device shows on request."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ def fault(default: Any, help: str) -> Any:
 
 @dataclass
 class Faults:
-    """Everything is off by default. Counts are of bulk reads or of bytes on the data endpoint; nothing is random."""
+    """Sets the faults of an emulated device, all off by default.
+
+    Counts are of bulk reads or of bytes on the data endpoint; nothing is random.
+    """
 
     absent: bool = fault(False, "the device is not on the bus")
     busy: bool = fault(False, "another program holds its interface")

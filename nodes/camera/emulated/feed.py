@@ -1,4 +1,4 @@
-"""Where an emulated camera's bytes come from: a recording, the simulator, or a steady flood."""
+"""Feeds an emulated camera with bytes: of a recording, of the simulator, or of a steady flood."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class SideQueue:
             self._wanted = somebody
 
     def put(self, packets: list[bytes]) -> None:
-        """Appends."""
+        """Appends a packet."""
         with self._changed:
             self._packets.extend(packets)
             self._changed.notify_all()
@@ -91,7 +91,7 @@ class Feed(abc.ABC):
         return {}
 
     def close(self) -> None:  # noqa: B027 - most feeds hold nothing
-        """No more is needed."""
+        """Releases what the feed holds; called when no more is needed."""
 
 
 class _Pieces(Feed):
@@ -223,7 +223,7 @@ class LiveFeed(Feed):
         self._ended = False
 
     def put(self, data: bytes) -> None:
-        """Appends."""
+        """Appends bytes."""
         with self._changed:
             if data:
                 self._queue.append(memoryview(data))

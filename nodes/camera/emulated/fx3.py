@@ -1,4 +1,4 @@
-"""Emulated iniVation FX3 cameras: registers by module and parameter; data when every gate is open."""
+"""Emulates iniVation FX3 cameras: registers by module and parameter; data when every gate is open."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The simulator behind an emulated USB camera: /events -> wire words -> emulated device -> real driver -> /events."""
+"""Puts the simulator behind an emulated USB camera: /events -> wire words -> emulated device -> real driver ->
+/events."""
 
 from __future__ import annotations
 

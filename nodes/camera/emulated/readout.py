@@ -1,4 +1,4 @@
-"""What an emulated sensor's registers let through of the events that it is given: region of interest, rate, parts."""
+"""Filters events as an emulated sensor's registers ask for: region of interest, rate, parts."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ class RateLimit:
 
 @dataclass
 class Readout:
-    """columns, rows: which of the sensor's go through, by number on the wire; None = all. turned: what happens to what
-    is left. counts: what the rate controller left out."""
+    """Holds the filter that a sensor's registers describe. columns, rows: which of the sensor's go through, by number
+    on the wire; None = all. turned: what happens to what is left. counts: what the rate controller left out."""
 
     counts: Counter[str]
     columns: np.ndarray | None = None
@@ -57,7 +57,7 @@ class Readout:
 
     @property
     def everything(self) -> bool:
-        """All goes through as it is: the bytes of a recording can be sent themselves."""
+        """Tells whether all events pass unchanged, so that the bytes of a recording can be sent themselves."""
         parts = (self.columns, self.rows, self.limit, self.turned)
         return all(part is None for part in parts) and self.frames and self.imu
 

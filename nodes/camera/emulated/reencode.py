@@ -1,4 +1,4 @@
-"""Events from anywhere as the wire words of a camera model."""
+"""Encodes events from anywhere as the wire words of a camera model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An emulated Treuzell board with a sensor's register file behind it.
+"""Emulates a Treuzell board with a sensor's register file behind it.
 
 It streams only when the registers that gate the sensor's output hold what the sensor needs: what the driver writes is
 judged by its effect and not against the driver's own lists.
@@ -26,7 +26,10 @@ RELEASE = {"evk": (3, 9, 0), "old": (2, 1, 0)}
 
 @dataclass(frozen=True)
 class Gate:
-    """(register, mask, value): all must hold for the sensor to send. `initial`: what chips hold at power-up."""
+    """Holds the register values (register, mask, value) that must all be set for the sensor to send.
+
+    `initial`: what chips hold at power-up.
+    """
 
     compatible: str
     chip: dict[int, int]
@@ -75,7 +78,7 @@ RATE_CONTROL, RATE_PERIOD, RATE_TARGET = 0x6000, 0x6008, 0x600C
 
 
 class TreuzellDevice(EmulatedDevice):
-    """Frames on the command endpoint, answers on the other, events on the third."""
+    """Emulates a Treuzell board: frames on the command endpoint, answers on the other, events on the third."""
 
     DATA = DATA_IN
     HONOURED = frozenset(

@@ -1,4 +1,4 @@
-"""A recording in stretches of time, as a sensor would send it."""
+"""Cuts a recording into stretches of time, as a sensor would send it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ def plain_windows(recording: Recording, window_ns: int, end_ns: int | None) -> I
 
 
 def sorted_windows(recording: Recording, window_ns: int, end_ns: int | None) -> Iterator[tuple[int, Events]]:
-    """As plain_windows, with frames, samples and triggers at their own time; a stretch never ends inside a frame."""
+    """Cuts a recording as plain_windows does, with frames, samples and triggers at their own time; a stretch never ends
+    inside a frame."""
     following = recording.next_t_ns
     stock = Events.empty()
     while following is not None and (end_ns is None or following <= end_ns):

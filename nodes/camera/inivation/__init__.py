@@ -1,1 +1,1 @@
-"""iniVation cameras: DAVIS346, DVXplorer and DVXplorer Mini on the FX3 register protocol, and the DVS128."""
+"""Drives iniVation cameras: DAVIS346, DVXplorer and DVXplorer Mini on the FX3 register protocol, and the DVS128."""

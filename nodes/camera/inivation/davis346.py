@@ -1,4 +1,4 @@
-"""iniVation DAVIS346: 346x260 events, frames, inertial samples and triggers."""
+"""Drives the iniVation DAVIS346: 346x260 events, frames, inertial samples and triggers."""
 
 from __future__ import annotations
 
@@ -79,7 +79,8 @@ def bias_setting(name: str, help: str) -> Any:
 
 @dataclass
 class Davis346Settings(UsbSettings):
-    """Biases are currents; the nearest of the 2041 that the chip can make is set."""
+    """Holds a DAVIS346's settings; biases are currents, of which the nearest of the 2041 that the chip can make is
+    set."""
 
     bias_diff: float = bias_setting("diffbn", "reference of the thresholds")
     bias_on: float = bias_setting("onbn", "contrast threshold ON: higher above diff is less sensitive")

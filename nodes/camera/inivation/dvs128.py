@@ -1,4 +1,4 @@
-"""iniVation DVS128: 128x128 events over a few vendor requests. Facts from libcaer (BSD-2-Clause)."""
+"""Drives the iniVation DVS128: 128x128 events over a few vendor requests. Facts from libcaer (BSD-2-Clause)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MOST = (1 << 24) - 1
 
 @dataclass
 class Dvs128Settings(UsbSettings):
-    """Biases as codes of 24 bits, a current each, in the order in which the camera wants them."""
+    """Holds a DVS128's biases as codes of 24 bits, a current each, in the order in which the camera wants them."""
 
     bias_cas: int = setting(1992, "cascode of the photoreceptor", "code", 0, MOST)
     bias_injgnd: int = setting(1108364, "injected ground", "code", 0, MOST)

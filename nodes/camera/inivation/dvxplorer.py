@@ -1,4 +1,4 @@
-"""iniVation DVXplorer, its Lite, Mini and Micro: events and inertial samples; triggers of the first two."""
+"""Drives the iniVation DVXplorer, its Lite, Mini and Micro: events and inertial samples; triggers of the first two."""
 
 from __future__ import annotations
 

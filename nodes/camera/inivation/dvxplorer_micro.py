@@ -1,4 +1,5 @@
-"""DVXplorer Micro, and a Mini with firmware from 10 on: registers of eight bytes, and a firmware that sets up the chip.
+"""Drives the DVXplorer Micro, and a Mini with firmware from 10 on: registers of eight bytes, and a firmware that sets
+up the chip.
 
 Facts from jAER's public sources, which follow iniVation's own library.
 """

@@ -1,4 +1,5 @@
-"""The register protocol of iniVation's FX3 cameras: 32-bit registers by module and parameter, over vendor requests.
+"""Implements the register protocol of iniVation's FX3 cameras: 32-bit registers by module and parameter, over vendor
+requests.
 
 Facts from the public sources of libcaer (BSD-2-Clause).
 """

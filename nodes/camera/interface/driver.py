@@ -1,4 +1,4 @@
-"""What a camera driver is: open, info, configure, start, read, stop, close.
+"""Defines the interface of a camera driver: open, info, configure, start, read, stop, close.
 
 One file per camera family. Decoding is the business of `evis.events`, one file per codec.
 """

@@ -1,4 +1,4 @@
-"""A driver's readings as messages of the bus."""
+"""Makes messages of the bus from a driver's readings."""
 
 from __future__ import annotations
 

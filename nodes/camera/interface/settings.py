@@ -1,4 +1,4 @@
-"""The settings of a camera family: each declared once, with its default, unit and range."""
+"""Declares the settings of each camera family once, with default, unit and range."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Cameras whose boards speak the Treuzell protocol: Prophesee EVK3 and EVK4, CenturyArks SilkyEvCam."""
+"""Drives cameras whose boards speak the Treuzell protocol: Prophesee EVK3 and EVK4, CenturyArks SilkyEvCam."""

@@ -1,4 +1,4 @@
-"""Driver of the cameras on Treuzell boards: which sensor sits on the board, and what it wants."""
+"""Drives the cameras on Treuzell boards: it finds which sensor sits on the board, and sets up that one."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ DRAIN_READS = 64
 
 @dataclass(frozen=True)
 class Sensor:
-    """Tells the driver what it must know of a sensor family."""
+    """Describes a sensor family to the driver."""
 
     name: str
     compatible: tuple[str, ...]

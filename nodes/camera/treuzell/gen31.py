@@ -1,4 +1,4 @@
-"""Prophesee Gen3.1 VGA (SilkyEvCam EvC3A, EVK3 Gen3.1): 640x480, EVT3."""
+"""Describes the Prophesee Gen3.1 VGA (SilkyEvCam EvC3A, EVK3 Gen3.1): 640x480, EVT3."""
 
 from __future__ import annotations
 
@@ -28,7 +28,9 @@ VOLTAGE_MASK, CURRENT_MASK = 0xFF, 0x1F_FF00
 
 @dataclass
 class Gen31Settings(UsbSettings):
-    """Biases in mV as Prophesee's tools give them. Only those that differ from the start list are written.
+    """Holds a Gen3.1's settings; biases are in mV, as Prophesee's tools give them.
+
+    Only those that differ from the start list are written.
 
     pr and hpf go down to 1158 mV: below, the maker's tables change the circuit's mode and not only the code.
     """
@@ -86,7 +88,7 @@ def check_chip(registers: Registers) -> None:
 
 
 def apply(registers: Registers, settings: Gen31Settings) -> None:
-    """Biases, region of interest, trigger."""
+    """Writes biases, region of interest and trigger."""
     standard = Gen31Settings()
     for name, (address, table) in BIAS.items():
         value = getattr(settings, f"bias_{name}")

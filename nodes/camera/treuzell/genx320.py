@@ -1,4 +1,4 @@
-"""Prophesee GenX320 (EVK3): 320x320, EVT2.1. Two chip revisions with their own start lists."""
+"""Describes the Prophesee GenX320 (EVK3): 320x320, EVT2.1. Two chip revisions with their own start lists."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ _SINGLE = 1 << 28
 
 @dataclass
 class GenX320Settings(UsbSettings):
-    """Biases are codes of 7 bits; one that is not given stays as the start list sets it."""
+    """Holds a GenX320's settings; biases are codes of 7 bits, and one that is not given stays as the start list sets
+    it."""
 
     bias_fo: int | None = setting(None, "low-pass corner of the photoreceptor; recommended 19 to 39", "code", 0, 127)
     bias_hpf: int | None = setting(None, "high-pass corner", "code", 0, 127)
@@ -27,7 +28,7 @@ class GenX320Settings(UsbSettings):
 
 
 def apply(registers: Registers, settings: GenX320Settings) -> None:
-    """Returns the biases that are given."""
+    """Writes the biases that are given."""
     for name, address in BIAS.items():
         code = getattr(settings, f"bias_{name}")
         if code is not None:

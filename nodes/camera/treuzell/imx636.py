@@ -1,4 +1,5 @@
-"""Sony/Prophesee IMX636 (EVK4, EVK3 HD, SilkyEvCam HD) and, with the same register map, Gen4.1: 1280x720, EVT3."""
+"""Describes the Sony/Prophesee IMX636 (EVK4, EVK3 HD, SilkyEvCam HD) and, with the same register map, Gen4.1: 1280x720,
+EVT3."""
 
 from __future__ import annotations
 
@@ -28,7 +29,8 @@ TRIGGER_ENABLE = 1 << 10
 
 @dataclass
 class Imx636Settings(UsbSettings):
-    """Biases are offsets to the code that the factory set, as Prophesee's tools give them."""
+    """Holds an IMX636's settings; biases are offsets to the code that the factory set, as Prophesee's tools give
+    them."""
 
     bias_fo: int = setting(0, "low-pass corner of the photoreceptor", CODES, -35, 55)
     bias_hpf: int = setting(0, "high-pass corner", CODES, 0, 120)
@@ -55,7 +57,7 @@ def check_gen41(registers: Registers) -> None:
 
 
 def apply(registers: Registers, settings: Imx636Settings) -> None:
-    """Biases, region of interest, event rate limit, trigger."""
+    """Writes biases, region of interest, event rate limit and trigger."""
     for name in ("fo", "hpf", "diff_on", "diff_off", "refr"):
         offset = getattr(settings, f"bias_{name}")
         if offset:
@@ -115,7 +117,7 @@ def temperature_c(registers: Registers) -> float | None:
 
 @dataclass
 class Gen41Settings(UsbSettings):
-    """Biases are the codes themselves."""
+    """Holds a Gen4.1's settings; biases are the codes themselves."""
 
     bias_pr: int = setting(0x69, "photoreceptor", "code", 0, 255)
     bias_fo: int = setting(0x4A, "low-pass corner of the photoreceptor", "code", 0x2D, 0x6E)
@@ -141,7 +143,7 @@ class Gen41Settings(UsbSettings):
 
 
 def apply_gen41(registers: Registers, settings: Gen41Settings) -> None:
-    """Biases, region of interest, event rate limit, trigger."""
+    """Writes biases, region of interest, event rate limit and trigger."""
     for name, address in BIAS.items():
         registers.write(address, BIAS_MODE | getattr(settings, f"bias_{name}"))
     common(registers, settings)

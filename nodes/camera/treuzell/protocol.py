@@ -1,4 +1,4 @@
-"""The Treuzell command protocol: frames of property, length and payload over two bulk endpoints.
+"""Implements the Treuzell command protocol: frames of property, length and payload over two bulk endpoints.
 
 Little endian: `u32 property | u32 bytes of payload | payload`. A write adds 0x4000_0000 to the property, a
 failure in the answer 0x8000_0000. Facts from the public sources of Prophesee's openeb (Apache-2.0).

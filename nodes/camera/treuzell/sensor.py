@@ -1,4 +1,4 @@
-"""A sensor on a Treuzell board: its register sequences and fields."""
+"""Describes a sensor on a Treuzell board: its register sequences and fields."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _OPERATION = re.compile(r"(\?)?([0-9A-F]+)([=~])([0-9A-F]+)(?:/([0-9A-F]+))?|d(\
 
 @dataclass(frozen=True)
 class Operation:
-    """kind: `write`, `modify` (the bits of mask), `read` or `wait` (value = us)."""
+    """Describes one register operation; kind: `write`, `modify` (the bits of mask), `read` or `wait` (value = us)."""
 
     kind: str
     address: int

@@ -1,1 +1,1 @@
-"""Cameras on USB: finding and opening a device, reading its stream, mapping its clock."""
+"""Handles cameras on USB: finding and opening a device, reading its stream, mapping its clock."""

@@ -1,4 +1,4 @@
-"""Getting hold of a USB device through pyusb, and what to tell a person when that fails."""
+"""Opens a USB device through pyusb, and says what a user can do when that fails."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ CONTROL_MS = 1000
 
 
 class Unplugged(OSError):
-    """Says that the device is gone."""
+    """Reports that the device is gone."""
 
 
 class StreamEnd(OSError):
-    """Says that an emulated device has sent all of its recording."""
+    """Reports that an emulated device has sent all of its recording."""
 
 
 @dataclass
@@ -70,7 +70,7 @@ def label(device: Any) -> str:
 
 
 def explained(error: Exception, what: str) -> OSError:
-    """Makes one line for a person from a USB error; `what` names the camera."""
+    """Words a USB error for a user, in one line; `what` names the camera."""
     code = getattr(error, "errno", None)
     if isinstance(error, usb.core.USBTimeoutError) or code == errno.ETIMEDOUT:
         return OSError(f"{what}: no answer in {CONTROL_MS / 1000:g} s; unplug it and plug it in again")
@@ -110,7 +110,10 @@ def release(device: Any) -> None:
 
 
 def text(device: Any, index: int) -> str:
-    """A string descriptor, empty where there is none. Raises usb.core.USBError for a device that cannot be opened."""
+    """Reads a string descriptor, empty where there is none.
+
+    Raises usb.core.USBError for a device that cannot be opened.
+    """
     if not index:
         return ""
     try:

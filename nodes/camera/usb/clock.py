@@ -1,4 +1,4 @@
-"""The device's clock against the host's: offset and drift from when data arrive."""
+"""Maps the device's clock to the host's: it estimates offset and drift from the times at which data arrive."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class ClockMap:
 
     @property
     def known(self) -> bool:
-        """At least one point is there."""
+        """Tells whether at least one point is there."""
         return self._best is not None or bool(self._points)
 
     @property

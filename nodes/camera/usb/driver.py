@@ -1,4 +1,4 @@
-"""What all USB drivers share: open, stream, counters, unplugging and coming back."""
+"""Implements what all USB drivers share: open, stream, counters, unplugging and reconnecting."""
 
 from __future__ import annotations
 
@@ -233,7 +233,7 @@ class UsbDriver(Driver):
             return None
 
     def read_bytes(self, count: int, t0_ns: int, stamp_ns: int, timeout_s: float) -> Reading:
-        """See ReadingStream.read_bytes."""
+        """Reads the bytes of an interval as ReadingStream.read_bytes does."""
         return self._running().read_bytes(count, t0_ns, stamp_ns, timeout_s)
 
     def _running(self) -> ReadingStream:

@@ -1,4 +1,4 @@
-"""The table of USB cameras: who they are on the bus, what they send, which driver they need."""
+"""Lists the USB cameras: their ids on the bus, what they send, which driver they need."""
 
 from __future__ import annotations
 

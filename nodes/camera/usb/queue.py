@@ -1,4 +1,4 @@
-"""Several reads waiting at a bulk endpoint at once, through libusb's asynchronous interface.
+"""Keeps several reads waiting at a bulk endpoint at once, through libusb's asynchronous interface.
 
 Between two synchronous reads nothing waits at the endpoint, for as long as Python takes to come back (milliseconds when
 it is busy): at 200 MB/s that can be more than a camera holds. Here the next reads are already with the kernel. This
@@ -59,7 +59,7 @@ class _Interval(ctypes.Structure):
 
 
 def available(device: Any) -> bool:
-    """The device was opened through libusb 1.0 (an emulated one was not)."""
+    """Tells whether the device was opened through libusb 1.0 (an emulated one was not)."""
     return hasattr(device._ctx.backend, "lib") and hasattr(device._ctx.backend, "ctx")
 
 

@@ -1,4 +1,4 @@
-"""The thread that empties a camera's bulk endpoint into preallocated buffers.
+"""Empties a camera's bulk endpoint into preallocated buffers, in a thread.
 
 A camera cannot be told to wait. When all buffers are full the thread goes on reading into a spare one, counts what it
 throws away, and marks the next good buffer, so that the decoder knows that bytes are missing before it. A read that
@@ -80,7 +80,7 @@ class Reader:
         self._thread = threading.Thread(target=self._run, name="usb-reader", daemon=True)
 
     def start(self) -> None:
-        """Lets it run."""
+        """Starts the thread."""
         self._thread.start()
 
     def get(self, timeout_s: float) -> Chunk | None:
@@ -96,7 +96,7 @@ class Reader:
 
     @property
     def empty(self) -> bool:
-        """Nothing is waiting to be taken."""
+        """Tells whether nothing is waiting to be taken."""
         return not self._full
 
     def give_back(self, chunk: Chunk) -> None:

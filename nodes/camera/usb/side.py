@@ -1,4 +1,4 @@
-"""Inertial samples on an endpoint of their own: read in a thread, timed by when they arrive, for they carry no time."""
+"""Reads inertial samples on an endpoint of their own, in a thread; arrival gives their time, for they carry none."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class SideReader:
         self._thread = threading.Thread(target=self._run, name="usb-side", daemon=True)
 
     def start(self) -> None:
-        """Lets it run."""
+        """Starts the thread."""
         self._thread.start()
 
     def close(self) -> None:
@@ -65,7 +65,7 @@ class SideReader:
         self._pairs.append((t_host_ns, t_ns))
 
     def rest(self) -> None:
-        """Waits until nothing more comes."""
+        """Waits until no more samples come."""
         self._quiet.clear()
         if self._thread.is_alive():
             self._quiet.wait(REST_S)

@@ -1,4 +1,4 @@
-"""A camera's byte stream as readings: decoded, cut at whole intervals of the device's clock, losses marked."""
+"""Turns a camera's byte stream into readings: decoded, cut at whole intervals of the device's clock, losses marked."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class ReadingStream:
         self._bytes: list[np.ndarray] = []
 
     def start(self) -> None:
-        """Lets the threads read."""
+        """Starts the threads."""
         self.reader.start()
         if self.side is not None:
             self.side.start()

@@ -1,4 +1,4 @@
-"""udev rules that let people open the cameras without being root."""
+"""Writes udev rules that let users open the cameras without being root."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""How the sensor's work is laid out on a CPU."""
+"""Schedules the sensor's work on a CPU."""

@@ -1,4 +1,4 @@
-"""All crossings of a monotone piece of a step at once, eight by eight: in C++, on a CPU.
+"""Finds all crossings of a monotone piece of a step at once, eight by eight: in C++, on a CPU.
 
 The same as model.emission_kernels event by event, in the same arithmetic; only the roots of a cubic are found
 inside one bracket for all and not from root to root, which may move an event by a nanosecond.

@@ -1,4 +1,5 @@
-"""Events of the ideal sensor's pixels that have further samples, on a CPU, and how they join those of the others."""
+"""Senses the ideal sensor's pixels that have further samples, on a CPU, and merges their events with those of the
+others."""
 
 from __future__ import annotations
 

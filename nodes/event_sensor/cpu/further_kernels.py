@@ -1,4 +1,4 @@
-"""The ideal sensor's pixels that have further samples between the frames, on a CPU: in C++, pixel by pixel.
+"""Senses the ideal sensor's pixels that have further samples between the frames, on a CPU: in C++, pixel by pixel.
 
 What is computed is what cross_levels and emit_listed of ideal_simd.h compute, in the same arithmetic, so that a pixel
 has the same events whether a sample of it comes as one of a frame or as a further one.

@@ -1,4 +1,4 @@
-"""The engine of the ideal sensor on a CPU: its state, and the lists that take its events."""
+"""Implements the engine of the ideal sensor on a CPU: its state, and the lists that take its events."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FIRST_ROOM = 4096
 
 
 class StepLists:
-    """A list of keys for each step of a group, and one to sort in; they grow one by one."""
+    """Holds a list of keys for each step of a group, and one to sort in; they grow one by one."""
 
     def __init__(self) -> None:
         self.kernel: Any = Lists()
@@ -63,7 +63,8 @@ class StepLists:
 
 
 class Ideal:
-    """Linear or frame stamps, no fault, on a CPU; nodes.event_sensor.cuda.ideal is the same on a GPU."""
+    """Senses with linear or frame stamps and no fault, on a CPU; nodes.event_sensor.cuda.ideal does the same on a
+    GPU."""
 
     sorts = True
     """Its keys come in order."""
@@ -93,7 +94,8 @@ class Ideal:
         return self._state.last, self._state.low, self._state.high, self._state.level
 
     def launch(self, sensor: Sensor, batch: Any, keys: wp.array, counters: wp.array, resume: int) -> None:
-        """Events of a batch to `keys`, as many as fit; resume > 0: go on where the last launch found them full."""
+        """Writes the events of a batch to `keys`, as many as fit; resume > 0: go on where the last launch found them
+        full."""
         if not resume:
             self._progress[:] = 0
             self._lists.empty()
@@ -130,4 +132,4 @@ class Ideal:
         counters[EVENTS] += more
 
     def swap(self) -> None:
-        """The state is changed in place."""
+        """Keeps the state, which is changed in place."""

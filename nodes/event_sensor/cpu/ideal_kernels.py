@@ -1,5 +1,7 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""The ideal sensor: straight lines in L between frames, no fault. What others pay for is not in this kernel.
+"""Computes the ideal sensor's events: straight lines in L between frames, no fault.
+
+What others pay for is not in this kernel.
 
 On a CPU the frames go by in groups of GROUP, a group in blocks of pixels, a block step by step, so that a block's state
 stays in the nearest cache; the pixels of a step that leave their inactive range are listed and sensed together. Every
@@ -43,7 +45,8 @@ STATUS, NEEDED, STEP, AT_ENV, AT_GROUP, AT_BLOCK, AT_STEP = range(7)
 
 @wp.struct
 class Lists:
-    """Lists of keys by step of a group: addresses, places, and how many are taken; spare: as long as the longest."""
+    """Holds lists of keys by step of a group: addresses, places, and how many are taken; spare: as long as the
+    longest."""
 
     keys: wp.array(dtype=wp.uint64)
     room: wp.array(dtype=wp.int64)

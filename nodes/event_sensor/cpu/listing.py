@@ -1,4 +1,4 @@
-"""Events of a call on a CPU: the list that the kernel fills, as long as it has to be, in the order of time."""
+"""Lists the events of a call on a CPU in the order of time; the list is as long as it has to be."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ from nodes.event_sensor.model.sensor_kernels import COUNTERS, Sensor
 
 
 class Listing:
-    """Of the last call. total: pixels of all environments. found: called with the counters of each call.
+    """Describes the events of the last call.
+
+    total: pixels of all environments. found: called with the counters of each call.
 
     ordered: in the order of time; else by environment alone, for whoever sorts them later.
     """

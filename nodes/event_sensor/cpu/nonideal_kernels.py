@@ -1,5 +1,5 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""The sensor with curves and faults on a CPU: a thread is a row, in which the active pixels are listed and then sensed.
+"""Senses with curves and faults on a CPU: a thread takes a row, in which the active pixels are listed and then sensed.
 
 State is changed in place: a pixel that finds no room for its events leaves its state as it was and its number in
 counters[LEFT], every later one does nothing, and the next launch goes on from there.
@@ -24,7 +24,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.func_native("__builtin_prefetch(&wp::index(rare, 0, pixel), 1, 3);")
 def fetch(rare: wp.array2d(dtype=Rare), pixel: wp.int32):
-    """Brings what is kept of a pixel nearer."""
+    """Prefetches the state that is kept of a pixel."""
     ...
 
 

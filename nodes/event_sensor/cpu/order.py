@@ -1,4 +1,4 @@
-"""Keys into the order of time, and into columns, on a CPU or by Warp's radix sort."""
+"""Sorts keys by time, and unpacks them into columns, on a CPU or by Warp's radix sort."""
 
 from __future__ import annotations
 

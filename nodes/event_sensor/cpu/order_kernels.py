@@ -1,5 +1,5 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""Keys into the order of time and into columns, on a CPU."""
+"""Sorts keys by time, and unpacks them into columns, on a CPU."""
 
 from pathlib import Path
 
@@ -27,7 +27,8 @@ def counting_pass(source_keys: wp.uint64, to: wp.uint64, n: wp.int64, shift: wp.
 
 @wp.func
 def digit_bits(n: wp.int64, bits: wp.int32):
-    """Bits of a digit for the least work with n keys of `bits` bits: passes over the keys and over a table each."""
+    """Chooses the bits of a digit for the least work with n keys of `bits` bits: passes over the keys and over a table
+    each."""
     best = int(MOST_BITS)
     least = wp.int64(wp.static(1 << 62))
     passes = int(1)

@@ -1,5 +1,5 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""RUN pixels of a row at a time through a whole message: whether nothing can happen to them, what they keep."""
+"""Takes RUN pixels of a row at a time through a whole message: whether nothing can happen to them, what they keep."""
 
 from functools import lru_cache
 from typing import Any

@@ -1,4 +1,4 @@
-"""One step of many pixels, on a CPU: functions in C++ whose loops the compiler turns into vector code.
+"""Takes many pixels through one step, on a CPU: functions in C++ whose loops the compiler turns into vector code.
 
 The strides of a Warp array are known only when it runs, so a compiler cannot vectorise over it; the arrays here are
 contiguous.
@@ -37,7 +37,7 @@ SPARE = 8
 
 @wp.struct
 class IdealState:
-    """State per pixel and channel, see model.state_kernels: last sample, inactive range and reference.
+    """Holds the state per pixel and channel, see model.state_kernels: last sample, inactive range and reference.
 
     last: the sample before the call, or the last good one.
     """
@@ -50,7 +50,7 @@ class IdealState:
 
 @wp.struct
 class Listed:
-    """Pixels of a block in which a step may have an event, each array with a place for every pixel of a block.
+    """Lists pixels of a block in which a step may have an event, each array with a place for every pixel of a block.
 
     place: in the block. before, after: the samples at the step's ends. reference: before the step; its crossing of
     level j, j = 1..count, is at (reference + j threshold - origin) slope [ns] from the step's start, threshold having

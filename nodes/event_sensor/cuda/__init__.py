@@ -1,1 +1,1 @@
-"""The event sensor's CUDA path: frames and events stay on the device, and a call launches one recorded graph."""
+"""Runs the event sensor on CUDA: frames and events stay on the device, and a call launches one recorded graph."""

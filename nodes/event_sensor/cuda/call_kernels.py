@@ -1,4 +1,4 @@
-"""Where a call's parameters, counters and results stand in their arrays."""
+"""Defines where a call's parameters, counters and results stand in their arrays."""
 
 import warp as wp
 

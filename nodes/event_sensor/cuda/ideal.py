@@ -1,4 +1,4 @@
-"""The ideal sensor on a GPU: its state and its two launches."""
+"""Implements the ideal sensor on a GPU: its state and its two launches."""
 
 from __future__ import annotations
 

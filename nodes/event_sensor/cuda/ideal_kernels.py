@@ -1,5 +1,5 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""The ideal sensor on a GPU: one pass over all pixels that finds those with something in them, one over these.
+"""Computes the ideal sensor's events on a GPU: one pass over all pixels finds those with events, and one senses these.
 
 Pixels that have further samples between the frames are listed too, and walked through all samples in the order of time.
 

@@ -1,4 +1,4 @@
-"""The sensor with curves and faults on a GPU: a thread is a pixel and channel.
+"""Senses with curves and faults on a GPU: a thread takes a pixel and channel.
 
 The state before and after a message are two, so that the launch can be made again with more room for events.
 """

@@ -1,4 +1,4 @@
-"""Where a call's events are put in order, and the buffers for it."""
+"""Puts a call's events in order, and holds the buffers for it."""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""Events in order without the host: how many each bucket of time takes, where each begins, and the order inside each.
+"""Puts events in order without the host: it counts how many each bucket of time takes, finds where each begins, and
+orders inside each.
 
 A bucket takes the events of one environment in one part of the call's time, or, where all events of a frame have its
 stamp, of one frame in one part of the image. That is a coarse order of the keys. Events are counted first, so that each

@@ -1,4 +1,5 @@
-"""Calls of the sensor on a device: parameters in, graph launched, events and counts out, several calls in flight."""
+"""Runs calls of the sensor on a device: parameters in, graph launched, events and counts out, several calls in
+flight."""
 
 from __future__ import annotations
 
@@ -35,7 +36,7 @@ class Source(Protocol):
     def find(
         self, sensor: Sensor, call: wp.array, frames: int, filled: wp.array, counters: wp.array, before: wp.array
     ) -> None:
-        """Does what comes once in a call, and empties the buckets.
+        """Prepares a call, once in each, and empties the buckets.
 
         Args:
             sensor: its parameters, with the room that there is for events.
@@ -61,7 +62,7 @@ class Source(Protocol):
 
 @dataclass(eq=False)
 class CallParameters:
-    """The parameters of calls of one number of frames, and the graphs that read them.
+    """Holds the parameters of calls of one number of frames, and the graphs that read them.
 
     host: where they are filled in, in the pinned memory of `staging`; device: where the kernels read them. ends: of one
     environment, the events up to each frame, int64 [K], in `ends_host`, pinned memory that the device writes to.

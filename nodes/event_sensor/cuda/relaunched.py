@@ -1,4 +1,4 @@
-"""The engines with curves, faults or the paper's equations as a source of events on a GPU."""
+"""Makes a source of events on a GPU from the engines with curves, faults or the paper's equations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The events of a sensor on a CUDA device: what nodes.event_sensor.cpu.listing is on a CPU, and calls in flight."""
+"""Collects the events of a sensor on a CUDA device, as nodes.event_sensor.cpu.listing does on a CPU, and keeps calls in
+flight."""
 
 from __future__ import annotations
 

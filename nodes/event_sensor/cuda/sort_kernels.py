@@ -1,4 +1,4 @@
-"""Keys put in order by the threads of one block."""
+"""Sorts keys by the threads of one block."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""Engines: the state of the pixels and the launches of the kernels that turn frames into events.
+"""Holds the engines: the state of the pixels and the launches of the kernels that turn frames into events.
 
 An engine has `in_place`, `sorts`, `kernels()`, `arrays()`, `launch(sensor, batch, keys, counters, resume)` and
 `swap()`. One with `in_place` changes the state where it is, and goes on at the pixel at which the room for events ran

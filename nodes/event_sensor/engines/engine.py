@@ -18,7 +18,7 @@ would otherwise answer a black pixel with infinitely many events."""
 
 
 def unlit_rate(p: Mapping[str, Any]) -> float:
-    """Most events per pixel and second that leak and noise make in constant light, on average; 0: few a frame."""
+    """Bounds the events per pixel and second that leak and noise make in constant light, on average; 0: few a frame."""
     if p["model"] != "evis":
         return 0.0
     rate = p["leak_rate"] + p["shot_rate"] + p["hot_pixel_fraction"] * p["hot_pixel_rate"]

@@ -1,4 +1,4 @@
-"""The engine of curves and faults."""
+"""Implements the engine of curves and faults."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from nodes.event_sensor.model.step_kernels import between
 
 
 class NonIdeal:
-    """An engine, see `engines`: any curve through the samples, and faults."""
+    """Implements an engine, see `engines`, for any curve through the samples, and faults."""
 
     sorts = False
 
@@ -57,7 +57,10 @@ class NonIdeal:
         return *kept, self._rare
 
     def launch(self, sensor: Sensor, batch: Batch, keys: wp.array, counters: wp.array, resume: int) -> None:
-        """Events of a batch to `keys`, as many as fit. In place: from pixel resume - 1 to the first without room."""
+        """Writes the events of a batch to `keys`, as many as fit.
+
+        In place: from pixel resume - 1 to the first without room.
+        """
         b = batch
         message = [b.images, b.slopes, b.frames, b.count, b.t, b.t_base, b.t_before, b.episodes]
         message.append(between(b.further))

@@ -1,4 +1,4 @@
-"""The engine of the paper's equations."""
+"""Implements the engine of the paper's equations."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from nodes.event_sensor.model.sensor_kernels import Sensor
 
 
 class Paper:
-    """An engine, see `engines`: equations (3) and (4) as they stand."""
+    """Implements an engine, see `engines`, for equations (3) and (4) as they stand."""
 
     sorts = False
 

@@ -1,1 +1,1 @@
-"""Sensors of environments that cannot share one: their parameters differ, or they were reset at different times."""
+"""Senses environments that cannot share a sensor: their parameters differ, or they were reset at different times."""

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from evis.random_numbers import mix
-from msgs.own_time import CONFIGURED, NUMBER, ORIGIN, SEED, STAMP, alike, rows_of_shared_time
+from msgs.own_time import CONFIGURED, NUMBER, ORIGIN, SEED, STAMP, equal_runs, rows_of_shared_time
 
 if TYPE_CHECKING:
     from nodes.event_sensor.input.further import Further
@@ -149,7 +149,7 @@ class ResetGroups:
             if not group.live.any():
                 self._flush(group, found)
         assert self._since is not None
-        for run in alike(rows):
+        for run in equal_runs(rows):
             where = np.flatnonzero(anew[run]) + run.start
             apart = (np.diff(where) > 1) | (np.diff(self._since[where]) != 0)
             for envs in np.split(where, np.flatnonzero(apart) + 1):

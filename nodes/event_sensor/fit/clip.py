@@ -1,4 +1,4 @@
-"""A recording with the scene that was found in it, and what a sensor would make of that scene."""
+"""Holds a recording with the scene that was found in it, and simulates a sensor before that scene."""
 
 from __future__ import annotations
 
@@ -28,7 +28,10 @@ BEFORE_NS, AFTER_NS = 5_000_000, 60_000_000
 
 @dataclass(frozen=True)
 class Light:
-    """How bright the scene is. white: radiance of its white half [W/(sr m^2)]; contrast: ln(white / black)."""
+    """Describes how bright the scene is.
+
+    white: radiance of its white half [W/(sr m^2)]; contrast: ln(white / black).
+    """
 
     white: float
     contrast: float
@@ -66,7 +69,8 @@ class Clip:
 
 
 def least_interval(t: np.ndarray, pixel: np.ndarray) -> float:
-    """Shortest time between two events of a pixel [us], but for a few in a hundred thousand; t [n, ns], pixel [n]."""
+    """Finds the shortest time between two events of a pixel [us], but for a few in a hundred thousand; t [n, ns], pixel
+    [n]."""
     order = np.argsort(pixel, kind="stable")
     interval = np.diff(t[order])[pixel[order][1:] == pixel[order][:-1]]
     return float(np.quantile(interval, LEAST_SHARE)) * 1e-3 if len(interval) else 0.0
@@ -140,7 +144,8 @@ def simulate(
     clip: Clip, light: Light, blur_px: float, sensor: Mapping[str, Any], times: np.ndarray, x: np.ndarray,
     y: np.ndarray, seed: int = 0, sees: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """Events of pixels x, y [N] that see the scene at `times` [K, ns]: t [n, ns], pixel's index [n] and p [n].
+    """Simulates the events of pixels x, y [N] that see the scene at `times` [K, ns]: t [n, ns], pixel's index [n] and p
+    [n].
 
     sees: times of the scene [K, ns] that they see then, if others.
     """

@@ -1,4 +1,5 @@
-"""A sensor fitted to recordings of a turning wheel, and how far it is from recordings that it was not fitted to."""
+"""Fits a sensor to recordings of a turning wheel, and measures how far it is from recordings that it was not fitted
+to."""
 
 from __future__ import annotations
 
@@ -30,7 +31,7 @@ MANY_PIXELS = 4000
 
 @dataclass(frozen=True)
 class Compared:
-    """Holds a recording beside its simulation with a fitted sensor. fitted: it was fitted to this one."""
+    """Holds a recording beside its simulation by a fitted sensor. fitted: it was fitted to this one."""
 
     clip: Clip
     fitted: bool
@@ -104,6 +105,6 @@ def _still_rate(clip: Clip, light: Light, blur: float, values: dict[str, Any]) -
     return len(t) / (len(x) * max(end - start, 1) * 1e-9)
 
 
-def off_by(one: Compared) -> dict[str, float]:
+def relative_deviations(one: Compared) -> dict[str, float]:
     """Tells how far the simulation of a recording is off, relative, by statistic."""
     return {name: one.simulated[name] / one.real[name] - 1 for name in TEXTS if one.real[name] > 0}

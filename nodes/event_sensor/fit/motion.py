@@ -1,4 +1,4 @@
-"""What a recorded motion says of a sensor: thresholds, corner and its law, dead time, mismatch."""
+"""Estimates from a recorded motion a sensor's thresholds, corner frequency and its law, dead time and mismatch."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ EXPONENT_LOW, EXPONENT_HIGH = 0.0, 1.2
 
 @dataclass(frozen=True)
 class MotionFit:
-    """sensor: parameters of nodes.event_sensor.parameters; deviation: how well each is known [relative, of
-    bandwidth_exponent absolute]; blur [px] of each clip's scene; cost: mean square of what is left, in SCALES; values:
-    the unknowns, in the order of UNKNOWN, as they are searched."""
+    """Holds what the recorded motion tells of a sensor. sensor: parameters of nodes.event_sensor.parameters; deviation:
+    how well each is known [relative, of bandwidth_exponent absolute]; blur [px] of each clip's scene; cost: mean square
+    of what is left, in SCALES; values: the unknowns, in the order of UNKNOWN, as they are searched."""
 
     sensor: dict[str, float]
     deviation: dict[str, float]

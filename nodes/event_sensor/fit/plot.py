@@ -1,4 +1,4 @@
-"""The picture of a fit: what was recorded beside what the fitted sensor makes of the same scene."""
+"""Draws a fit: what was recorded beside what the fitted sensor makes of the same scene."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a fit says: values with their uncertainties and sources, and how far simulations are from the recordings."""
+"""Reports a fit: values with their uncertainties and sources, and how far simulations are from the recordings."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from nodes.event_sensor.fit.clip import Light
-from nodes.event_sensor.fit.fit import Compared, Fit, off_by
+from nodes.event_sensor.fit.fit import Compared, Fit, relative_deviations
 
 MUCH = 0.2
 """Deviation of a statistic from which on a fit is warned of."""
@@ -21,7 +21,7 @@ def report(fit: Fit, light: Light, contrast_deviation: float, contrast_source: s
     }  # fmt: skip
     warnings = [] if fit.noise.sensor else ["nothing stands still for 0.1 s, so noise was not fitted"]
     for one in fit.compared:
-        name, worst = max(off_by(one).items(), key=lambda item: abs(item[1]), default=("", 0.0))
+        name, worst = max(relative_deviations(one).items(), key=lambda item: abs(item[1]), default=("", 0.0))
         if not abs(worst) < MUCH:
             warnings.append(
                 f"{one.clip.name}: {name} of the simulation is off by {worst:+.0%}; the fit does not hold for it"
@@ -66,12 +66,12 @@ def _recording(one: Compared) -> dict[str, Any]:
         },
         "recorded": {**one.real, "noise_hz": one.real_noise, "least_interval_ms": one.clip.least_interval_us * 1e-3},
         "simulated": {**one.simulated, "noise_hz": one.simulated_noise},
-        "off_by": off_by(one),
+        "off_by": relative_deviations(one),
     }  # fmt: skip
 
 
 def assumption(light: Light, deviation: float, source: str, lux: float) -> str:
-    """Says what was assumed."""
+    """Words what was assumed of the light."""
     return (
         f"Assumed: a contrast ln(white / black) of {light.contrast:g} +- {deviation:g}, which events cannot tell from "
         f"the thresholds ({source}); white paper in {lux:g} lux, by which levels of light are in radiance."
@@ -79,7 +79,7 @@ def assumption(light: Light, deviation: float, source: str, lux: float) -> str:
 
 
 def sources(fit: Fit, contrast: float) -> dict[str, str]:
-    """Says of each value where it is from. contrast: relative deviation of the assumed one."""
+    """Names for each value where it is from. contrast: relative deviation of the assumed one."""
     spread = _deviations(fit, contrast)
     own = {name: f"Fitted: +- {value:.2g}" for name, value in spread.items()}
     for name in ("threshold_on", "threshold_off", "threshold_mismatch"):

@@ -1,4 +1,4 @@
-"""Least squares with few unknowns and a function that is computed by simulation: Levenberg and Marquardt's."""
+"""Minimises least squares of few unknowns, where the function is a simulation: Levenberg and Marquardt's method."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ENOUGH = 5e-3
 
 @dataclass(frozen=True)
 class Found:
-    """The unknowns [n], residuals [m] there, slopes [m, n] and the sum of the residuals' squares."""
+    """Holds the unknowns [n], residuals [m] there, slopes [m, n] and the sum of the residuals' squares."""
 
     values: np.ndarray
     residuals: np.ndarray
@@ -28,7 +28,8 @@ class Found:
         return float(self.residuals @ self.residuals)
 
     def deviations(self) -> np.ndarray:
-        """Standard deviations [n] of the unknowns, the residuals being as large as they turned out to be."""
+        """Returns the standard deviations [n] of the unknowns, the residuals being as large as they turned out to
+        be."""
         free = max(len(self.residuals) - len(self.values), 1)
         inverse = np.linalg.pinv(self.slopes.T @ self.slopes)
         return np.asarray(np.sqrt(np.maximum(np.diag(inverse), 0) * self.cost / free))
@@ -80,7 +81,7 @@ def _search(
 
 
 def differences_over(residuals: Residuals, at: np.ndarray, here: np.ndarray, which: range) -> np.ndarray:
-    """Slopes [m, len(which)] of the residuals, by a step of each of the unknowns `which`."""
+    """Computes the slopes [m, len(which)] of the residuals, by a step of each of the unknowns `which`."""
     columns = []
     for i in which:
         there = at.copy()

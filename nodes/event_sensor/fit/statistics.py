@@ -1,4 +1,4 @@
-"""What a recording and its simulation are compared by: rates, bursts, intervals."""
+"""Computes the statistics by which a recording and its simulation are compared: rates, bursts, intervals."""
 
 from __future__ import annotations
 
@@ -72,7 +72,8 @@ def _median(lengths: np.ndarray) -> float:
 def differences(
     simulated: Mapping[str, float], real: Mapping[str, float], names: tuple[str, ...] = tuple(SCALES)
 ) -> np.ndarray:
-    """ln(simulated / real) of each statistic over its scale: float64 [n]; 0 where the recording does not tell."""
+    """Computes ln(simulated / real) of each statistic over its scale: float64 [n]; 0 where the recording does not
+    tell."""
     out = np.zeros(len(names))
     for i, name in enumerate(names):
         if real[name] > 0:

@@ -1,4 +1,5 @@
-"""What a recording says of a sensor's noise: events where nothing moves, of pixels in the white and in the black."""
+"""Estimates a sensor's noise from a recording: from events where nothing moves, of pixels in the white and in the
+black."""
 
 from __future__ import annotations
 
@@ -27,7 +28,7 @@ HOT_FACTOR, HOT_EVENTS = 10.0, 5
 
 @dataclass
 class Side:
-    """Pixels that see the same light [W/(sr m^2)] while nothing moves, hot ones apart.
+    """Holds pixels that see the same light [W/(sr m^2)] while nothing moves, hot ones apart.
 
     seconds: pixels times time; on, off: events; hot: rates of its hot pixels [Hz]; pixels: how many there are, hot
     ones included.
@@ -42,14 +43,14 @@ class Side:
 
     @property
     def rates(self) -> tuple[float, float]:
-        """Rates ON and OFF [Hz]."""
+        """Computes the rates ON and OFF [Hz]."""
         return self.on / max(self.seconds, 1e-12), self.off / max(self.seconds, 1e-12)
 
 
 @dataclass(frozen=True)
 class NoiseFit:
-    """sensor: parameters; white, black: what was counted; rate: of the wheel's pixels while nothing moves [Hz], hot
-    ones included."""
+    """Holds what a still scene tells of a sensor's noise. sensor: parameters; white, black: what was counted; rate: of
+    the wheel's pixels while nothing moves [Hz], hot ones included."""
 
     sensor: dict[str, float]
     white: Side
@@ -58,8 +59,8 @@ class NoiseFit:
 
 
 def still_part(clip: Clip) -> tuple[int, int, int]:
-    """Start and end [ns] of the longer time at which nothing moves, before the motion if that is long enough, and the
-    time at which the border stands there."""
+    """Finds start and end [ns] of the longer time at which nothing moves, before the motion if that is long enough, and
+    the time at which the border stands there."""
     first, last = int(clip.t[0]), int(clip.t[-1])
     before = (first, clip.wheel.start_ns - MARGIN_NS, clip.wheel.start_ns)
     after = (clip.wheel.end_ns + SETTLED_NS, last, clip.wheel.end_ns)

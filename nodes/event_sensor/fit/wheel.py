@@ -1,4 +1,4 @@
-"""A scene estimated from a recording: a wheel, half black and half white, that turns about a hub before the camera.
+"""Estimates a scene from a recording: a wheel, half black and half white, that turns about a hub before the camera.
 
 The border of black and white is a line through the hub, and stays one however the wheel is tilted, so the scene is a
 hub, the angle psi(t) at which the border lies in the image, which half is white, and the blur of the border. ON events
@@ -28,12 +28,12 @@ SMOOTH = 7
 
 
 class NoWheel(ValueError):
-    """The recording does not show a turning wheel, half black and half white."""
+    """Says that the recording does not show a turning wheel, half black and half white."""
 
 
 @dataclass(frozen=True)
 class Wheel:
-    """What was found.
+    """Describes the wheel that was found.
 
     hub: (x, y) [px]. at int64 [K, ns], angle float64 [K, rad]: the border's angle, unwrapped. turning: +1 or -1, its
     sense (x towards y). gathered: how well beginnings of bursts agree with it, 0 to 1. mask: bool [H, W], pixels of the
@@ -60,7 +60,7 @@ class Wheel:
 
     @property
     def turns(self) -> float:
-        """Turns in between."""
+        """Counts the turns of the wheel between start and end of the motion."""
         return float(abs(self.angle[-1] - self.angle[0]) / (2 * np.pi))
 
     @property
@@ -69,7 +69,8 @@ class Wheel:
         return np.asarray(np.abs(np.gradient(self.angle, self.at * 1e-9)))
 
     def beyond(self, t: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Distance float32 [K, N, px] from the border into the white at times t [K, ns] and pixels x, y [N]."""
+        """Computes the distance float32 [K, N, px] from the border into the white at times t [K, ns] and pixels x, y
+        [N]."""
         psi = np.interp(t, self.at, self.angle)[:, None]
         dx, dy = x[None] - self.hub[0], y[None] - self.hub[1]
         return np.asarray(self.turning * (np.sin(psi) * dx - np.cos(psi) * dy), dtype=np.float32)

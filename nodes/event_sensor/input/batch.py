@@ -1,4 +1,4 @@
-"""Frames as the kernels take them, and the number of their pixels."""
+"""Describes frames as the kernels take them, and the number of their pixels."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import warp as wp
 
 @dataclass(frozen=True)
 class SampleLists:
-    """Further samples between the frames, on the sensor's device, see further.Further; `first` counts lists.
+    """Holds further samples between the frames, on the sensor's device, see further.Further; `first` counts lists.
 
     A list is that of `shared` neighbouring pixels and channels: entry i has the values value[i shared] and after.
     found, told: int64 [1], what further.checked has found, on the sensor's device and where the host can read it.
@@ -27,7 +27,7 @@ class SampleLists:
 
 @dataclass
 class Batch:
-    """Frames of a message. images, slopes: [E, frames, H, W, C]; the first `count` settle now.
+    """Holds the frames of a message. images, slopes: [E, frames, H, W, C]; the first `count` settle now.
 
     t: int64 [frames]. t_base, t_before: the stamp before t[0] and the one before that. begin: int32 [E], bit k set
     where frame k (0 or 1) begins an episode. episodes: int32 [2, E], of frame 0 and of the later ones. These three are

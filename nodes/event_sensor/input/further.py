@@ -1,4 +1,4 @@
-"""Further samples of single pixels between the frames of a message, which resolve time where the light changes.
+"""Holds further samples of single pixels between the frames of a message, which resolve time where the light changes.
 
 ln I is taken to be a straight line between neighbouring samples of a pixel, whether of frames or further ones.
 """

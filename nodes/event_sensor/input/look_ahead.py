@@ -11,7 +11,10 @@ import warp as wp
 
 @dataclass
 class Held:
-    """A frame that is held back. begins: bool [E], environments whose episode it begins. episodes: int32 [E]."""
+    """Holds a frame back until the next one is there.
+
+    begins: bool [E], environments whose episode it begins. episodes: int32 [E].
+    """
 
     images: wp.array
     stamp: int

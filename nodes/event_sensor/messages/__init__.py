@@ -1,1 +1,1 @@
-"""From messages to the arrays of a sensor: their images, several messages as one call, calls under way on a GPU."""
+"""Turns messages into the arrays of a sensor: their images, several messages as one call, calls under way on a GPU."""

@@ -1,4 +1,4 @@
-"""Calls of a sensor on a GPU that are under way: the events of one are fetched when the next one has begun."""
+"""Keeps calls of a sensor on a GPU that are under way: the events of one are fetched when the next one has begun."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The event model: a pixel's state, its thresholds, crossing times, noise; for any device."""
+"""Defines the event model for any device: a pixel's state, its thresholds, crossing times, noise."""

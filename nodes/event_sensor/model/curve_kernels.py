@@ -1,4 +1,4 @@
-"""The curve of L between two samples, by the slopes at its ends.
+"""Evaluates the curve of L between two samples, by the slopes at its ends.
 
 Inside a step L(u) = l0 + u (m0 + u (3 d - 2 m0 - m1 + u (m0 + m1 - 2 d))), u in [0, 1], d = l1 - l0; m0 and m1 are the
 slopes at its ends times the step's length. Slopes with 0 <= m / d <= 3 at both ends make it monotone (Fritsch and

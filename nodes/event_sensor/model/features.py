@@ -24,7 +24,7 @@ class Features:
 
     @property
     def ahead(self) -> bool:
-        """The curve needs the frame after the step."""
+        """Tells whether the curve needs the frame after the step."""
         return self.crossing in ("cubic", "monotone")
 
     @property
@@ -34,12 +34,12 @@ class Features:
 
     @property
     def timed(self) -> bool:
-        """Something can happen without a change of the light."""
+        """Tells whether something can happen without a change of the light."""
         return self.leak or self.noise or self.refractory
 
     @property
     def hasty(self) -> bool:
-        """A pixel within its band need not be looked at."""
+        """Tells whether a pixel within its band need not be looked at."""
         return not self.curved and not self.coin
 
 

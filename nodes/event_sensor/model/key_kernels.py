@@ -1,4 +1,5 @@
-"""An event as one whole number that sorts: its key, packed and unpacked; keys.KeyLayout says where a field starts."""
+"""Packs an event into one whole number that sorts, its key, and unpacks it; keys.KeyLayout says where a field
+starts."""
 
 import warp as wp
 
@@ -56,7 +57,8 @@ def column_of(sensor: Sensor, key: wp.int64):
 
 @wp.struct
 class Columns:
-    """Events: t [ns], x, y, polarity, colour channel (of length 0 without colour), signal (the same without marks)."""
+    """Holds the columns of events: t [ns], x, y, polarity, colour channel (of length 0 without colour), signal (the
+    same without marks)."""
 
     t: wp.array(dtype=wp.int64)
     x: wp.array(dtype=wp.uint16)

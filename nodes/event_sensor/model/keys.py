@@ -28,8 +28,8 @@ class KeyLayout:
 
     @staticmethod
     def of(height: int, width: int, envs: int, marked: bool = False) -> KeyLayout:
-        """Layout for images of this size. marked: with a bit for noise. Raises ValueError when no useful room for time
-        is left.
+        """Chooses the layout for images of this size. marked: with a bit for noise. Raises ValueError when no useful
+        room for time is left.
         """
         x = 4 if marked else 3
         y = x + (width - 1).bit_length()

@@ -1,5 +1,5 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""The paper's event model as its equations stand, for comparison.
+"""Computes events by the paper's equations as they stand, for comparison.
 
 n = floor(|L - L_ref| / C) events of one polarity per step, all at the frame's stamp; L_ref moves by n C. Leak, shot
 noise and hot pixels fire with probability rate x step, at most once a step, and leave L_ref alone. An event is
@@ -40,7 +40,8 @@ TERMS = 12
 
 @wp.struct
 class PaperPixel:
-    """Reference (NaN: none yet), stamp of the last event, and the light that is held where a sample is bad."""
+    """Holds the reference (NaN: none yet), the stamp of the last event, and the light that is held where a sample is
+    bad."""
 
     reference: wp.float64
     t_last: wp.int64

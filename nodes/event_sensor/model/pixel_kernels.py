@@ -1,5 +1,6 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""The sensor with curves between frames and with faults, in the order of time; only what is asked for is compiled.
+"""Takes a pixel with curves between frames and with faults through a message in the order of time; only what is asked
+for is compiled.
 
 Here a pixel is taken from frame to frame: whether something may happen to it in a step, the curve of the step, the
 range it is left with. What happens within the step is in nodes.event_sensor.model.pixel_step_kernels.

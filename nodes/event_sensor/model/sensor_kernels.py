@@ -1,4 +1,5 @@
-"""The parameters of a sensor in its kernels, what they count, and the level L = ln(I + I_dark) of an intensity.
+"""Holds the parameters of a sensor in its kernels and what they count, and computes the level L = ln(I + I_dark) of an
+intensity.
 
 What decides about an event is computed in float64 from float32 intensities and whole numbers of thresholds; no float is
 carried from step to step, so nothing drifts and the result does not depend on how frames are cut into messages.

@@ -1,4 +1,4 @@
-"""The state of a pixel between messages: what every step reads, and what only a step with an event reads.
+"""Holds the state of a pixel between messages: what every step reads, and what only a step with an event reads.
 
 Intensities in a pixel's inactive range [low, high] cannot fire; low infinite: it has no reference yet. Its reference is
 threshold_kernels.reference_level of base, net and n_off (which wraps after 2^31 OFF events; that matters where C_on and
@@ -26,7 +26,7 @@ Stamps = wp.types.vector(length=RUN, dtype=wp.int64)
 
 @wp.struct
 class Reference:
-    """The reference of a pixel, see threshold_kernels.reference_level."""
+    """Holds the reference of a pixel, see threshold_kernels.reference_level."""
 
     base: wp.float64
     net: wp.int32
@@ -35,7 +35,8 @@ class Reference:
 
 @wp.struct
 class Pixel:
-    """One pixel and channel of the ideal sensor: last sample, inactive range, events since `base` (which is apart)."""
+    """Holds one pixel and channel of the ideal sensor: last sample, inactive range, events since `base` (which is
+    apart)."""
 
     last: wp.float32
     low: wp.float32

@@ -1,4 +1,5 @@
-"""Structs that the functions of a pixel share: its place, the step, the light in it, how far it has advanced."""
+"""Defines the structs that the functions of a pixel share: its place, the step, the light in it, how far it has
+advanced."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class Between:
-    """Further samples between the frames, see batch.SampleLists; with empty arrays where there are none."""
+    """Holds further samples between the frames, see batch.SampleLists; with empty arrays where there are none."""
 
     first: wp.array(dtype=wp.int32)
     offset: wp.array(dtype=wp.int32)
@@ -34,7 +35,7 @@ def between(lists: "SampleLists | None") -> Between:
 
 @wp.struct
 class Message:
-    """The frames of a message, see batch.Batch; [E, frames, H, W, C] flat. The first `count` settle now."""
+    """Holds the frames of a message, see batch.Batch; [E, frames, H, W, C] flat. The first `count` settle now."""
 
     luminance: wp.array(dtype=wp.float32)
     dlog_dt: wp.array(dtype=wp.float32)  # d ln I/dt [1/s]; empty but for crossing=hermite
@@ -75,7 +76,7 @@ def message_of(
 
 @wp.struct
 class Place:
-    """A pixel and channel: its number in its environment (inner) and among all (index)."""
+    """Locates a pixel and channel: its number in its environment (inner) and among all (index)."""
 
     env: wp.int32
     y: wp.int32
@@ -97,7 +98,7 @@ class Sample:
 
 @wp.struct
 class Step:
-    """The time between two samples: from `start` to `now`, h ns; per_h = 1 / h.
+    """Describes the time between two samples: from `start` to `now`, h ns; per_h = 1 / h.
 
     k: the frame of the message that it ends at, or the next one after a further sample.
     """
@@ -111,7 +112,7 @@ class Step:
 
 @wp.struct
 class Levels:
-    """L of the samples earlier, early, last and next of a curve, NOWHERE where not known.
+    """Holds L of the samples earlier, early, last and next of a curve, NOWHERE where not known.
 
     moved: |dL| of the last step.
     """

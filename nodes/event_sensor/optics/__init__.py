@@ -1,1 +1,1 @@
-"""What comes before the threshold: defocus and the photoreceptor."""
+"""Computes what comes before the threshold: defocus and the photoreceptor."""

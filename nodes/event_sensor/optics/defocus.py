@@ -1,4 +1,4 @@
-"""Defocus: a separable Gaussian on linear intensity, before the logarithm, and the lens that it stands for."""
+"""Computes defocus: a separable Gaussian on linear intensity, before the logarithm, and the lens that it stands for."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""Kernels of the defocus: one pass of a separable filter, along the rows or down the columns.
+"""Filters along one axis, by rows or columns: a pass of the separable filter of the defocus.
 
 weights: of the distances 0, 1, ... radius; the samples at the ends of a line are repeated. On a CPU a thread is a row
 of the image, which it filters RUN samples at a time, in C++: over the strides of a Warp array no loop is vectorised.

@@ -16,7 +16,7 @@ CHORD = 1 / 50
 
 
 class Optics:
-    """Lens and photoreceptor of E sensors of height x width pixels in `channels` channels."""
+    """Models lens and photoreceptor of E sensors of height x width pixels in `channels` channels."""
 
     def __init__(
         self, height: int, width: int, envs: int, channels: int, p: Mapping[str, Any], slopes: bool, device: Any
@@ -61,11 +61,14 @@ class Optics:
 
     @property
     def clear(self) -> bool:
-        """Frames pass unchanged."""
+        """Tells whether frames pass unchanged."""
         return self._defocus is None and self._photoreceptor is None
 
     def seen(self, images: wp.array, t: np.ndarray, before: int, fresh: np.ndarray) -> wp.array:
-        """Flat frames through lens and photoreceptor. before: the stamp before t[0]; fresh: where an episode begins."""
+        """Takes flat frames through lens and photoreceptor.
+
+        before: the stamp before t[0]; fresh: where an episode begins.
+        """
         if self._defocus is not None:
             images = self._defocus(images.reshape(self._shape)).flatten()
         if self._photoreceptor is not None:
@@ -74,7 +77,8 @@ class Optics:
         return images
 
     def slopes(self, slopes: wp.array, sharp: wp.array, seen: wp.array) -> wp.array:
-        """d ln I/dt of what is seen: the blur is linear in I, so it is (blur of I times slope) / (blur of I)."""
+        """Computes d ln I/dt of what is seen: the blur is linear in I, so it is (blur of I times slope) / (blur of
+        I)."""
         if self._defocus_slopes is None:
             return slopes
         slopes, sharp = slopes.flatten(), sharp.flatten()

@@ -1,4 +1,4 @@
-"""The photoreceptor's finite bandwidth: a low pass on log-intensity whose corner falls with the light.
+"""Filters log-intensity by the photoreceptor's finite bandwidth, a low pass whose corner falls with the light.
 
 The pixel's front end turns photocurrent into a voltage in proportion to its logarithm, with a small-signal time
 constant tau = C U_T / I_photo (Delbruck and Mead, ISCAS 1994; Lichtsteiner et al., JSSC 2008): it is the log-intensity
@@ -148,7 +148,7 @@ class Photoreceptor:
     def trace(
         self, images: wp.array, lists: SampleLists | None, t: np.ndarray, t_base: int, fresh: np.ndarray
     ) -> tuple[wp.array, SampleLists | None]:
-        """Filtered frames and further samples, as of `advance`, such that lines of ln(I + dark_level) between them are
+        """Filters frames and further samples as `advance` does, such that lines of ln(I + dark_level) between them are
         the output to within `chord`, whatever the samples of the input; None where lines from frame to frame will do.
 
         lists: further samples of the input, between which it is a line too. Returned arrays are overwritten by the next

@@ -1,5 +1,5 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""Kernels of the photoreceptor: the exact step of a low pass on log-intensity whose input is linear in time.
+"""Computes the exact step of a low pass on log-intensity whose input is linear in time.
 
 What is kept is how far each pole is behind the input, e = y - L. In a step of a = dt / tau in which L grows by dL,
 

@@ -1,4 +1,4 @@
-"""One step of the low pass for many pixels, on a CPU: in C++, sixteen pixels at a time.
+"""Takes many pixels through one step of the low pass, on a CPU: in C++, sixteen pixels at a time.
 
 The equations are those of nodes.event_sensor.optics.photoreceptor_kernels. ln, exp(x) - 1 and f = (1 - exp(-a)) / a are
 polynomials with relative errors below 3e-10. A pixel gives the same wherever it lies in the image: the last ones of a
@@ -30,7 +30,8 @@ GRAIN = wp.constant(wp.float64(2.0**-8))
 
 @wp.struct
 class Receptor:
-    """rate: 2 pi bandwidth [1/s] at intensities from `level` on; below, it goes with their power `exponent`.
+    """Holds the photoreceptor's parameters. rate: 2 pi bandwidth [1/s] at intensities from `level` on; below, it goes
+    with their power `exponent`.
 
     size: pixels and channels of an environment.
     """

@@ -1,4 +1,4 @@
-"""Products and quotients of images, for slopes seen through a blur."""
+"""Computes products and quotients of images, for slopes seen through a blur."""
 
 import warp as wp
 

@@ -1,4 +1,4 @@
-"""The photoreceptor's output between samples, with as many samples of its own as lines between them need."""
+"""Computes the photoreceptor's output between samples, with as many samples of its own as lines between them need."""
 
 from __future__ import annotations
 

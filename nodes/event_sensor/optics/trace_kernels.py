@@ -1,5 +1,5 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""The photoreceptor's output between samples: a curve, told by as many samples as lines between them need.
+"""Computes the photoreceptor's output between samples: a curve, given by as many samples as lines between them need.
 
 Between two input samples L is a line, and with s = (t - t0) / tau, G = dL/dt tau, A = e1 + G and B = e2 + 2 G the poles
 are behind it by
@@ -30,7 +30,7 @@ LAST_OFFSET = wp.constant(wp.int64(0x7FFFFFFF))
 
 @wp.struct
 class Output:
-    """Samples made so far: their number, and room for so many; offset [ns], value."""
+    """Holds the samples made so far: their number, and room for so many; offset [ns], value."""
 
     room: wp.int32
     offset: wp.array(dtype=wp.int32)

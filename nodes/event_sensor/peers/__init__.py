@@ -1,4 +1,4 @@
-"""Other published event models behind one interface, so that results can be compared in one run.
+"""Implements other published event models behind one interface, so that results can be compared in one run.
 
 Each is written from its paper and has the limits of its paper; they are listed in its file. The sensor of this project
 is nodes.event_sensor.sensor.EventSensor.

@@ -1,4 +1,4 @@
-"""DVS-Voltmeter: the pixel's voltage as Brownian motion with drift, events at its first passages.
+"""Implements DVS-Voltmeter: the pixel's voltage is Brownian motion with drift, and events are its first passages.
 
 Lin, Ma, Guo, Wen, "DVS-Voltmeter: Stochastic Process-based Event Simulator for Dynamic Vision Sensors", ECCV 2022.
 Between two frames the voltage has, eqs. (10) and (11), the drift

@@ -1,4 +1,4 @@
-"""Kernel of DVS-Voltmeter; the equations are named in dvs_voltmeter.py."""
+"""Computes DVS-Voltmeter's events; the equations are named in dvs_voltmeter.py."""
 
 import warp as wp
 

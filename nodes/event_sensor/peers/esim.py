@@ -1,4 +1,4 @@
-"""ESIM: log-luminance linear between frames, a running reference per pixel.
+"""Implements ESIM: log-luminance is linear between frames, with a running reference per pixel.
 
 Rebecq, Gehrig, Scaramuzza, "ESIM: an Open Event Camera Simulator", CoRL 2018, section 3 (an event whenever
 |L - L_ref| = C, L linear between two frames), with the rules of its public program (rpg_esim, event_simulator.cpp):

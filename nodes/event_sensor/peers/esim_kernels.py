@@ -1,4 +1,4 @@
-"""Kernel of ESIM; the rules are named in esim.py."""
+"""Computes ESIM's events; the rules are named in esim.py."""
 
 import warp as wp
 

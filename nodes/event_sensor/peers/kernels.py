@@ -1,4 +1,4 @@
-"""What the kernels of the published event models share: a frame, its samples, random numbers, events."""
+"""Holds what the kernels of the published event models share: a frame, its samples, random numbers, events."""
 
 from functools import cache
 from typing import Any

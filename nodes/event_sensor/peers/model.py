@@ -1,4 +1,4 @@
-"""What the event models share: parameters, episodes, buffers, the order of events."""
+"""Implements what the published event models share: parameters, episodes, buffers, the order of events."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class Model:
         return params
 
     def prepare(self, frame: kernels.Frame, images: wp.array, fresh: wp.array) -> None:
-        """Does what comes before the events of a frame and happens once. Parameters as in `emit`."""
+        """Prepares a frame: computes, once, what comes before its events. Parameters as in `emit`."""
 
     def emit(self, frame: kernels.Frame, images: wp.array, fresh: wp.array, keys: wp.array, counters: wp.array) -> None:
         """Writes the events of a frame; may be called again with a longer buffer, so it leaves the state alone.

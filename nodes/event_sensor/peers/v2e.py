@@ -1,4 +1,5 @@
-"""v2e: crossings counted per frame, stamps on a grid set by the busiest pixel, noise drawn per frame.
+"""Implements v2e: crossings are counted per frame, stamps lie on a grid set by the busiest pixel, noise is drawn per
+frame.
 
 Hu, Liu, Delbruck, "v2e: From Video Frames to Realistic DVS Events", CVPR Workshops 2021, section 4, with the rules of
 its public program (v2e, emulator.py and emulator_utils.py): log or lin-log input; a first-order low pass stepped by

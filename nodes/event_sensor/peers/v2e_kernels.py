@@ -1,5 +1,5 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""Kernels of v2e; the rules are named in v2e.py."""
+"""Computes v2e's events; the rules are named in v2e.py."""
 
 import warp as wp
 

@@ -1,1 +1,1 @@
-"""What comes after the threshold: the order of events, and the readout's delays."""
+"""Computes what comes after the threshold: the order of events, and the readout's delays."""

@@ -1,4 +1,4 @@
-"""Events on the sensor's device, copied to the host only where asked for."""
+"""Holds events on the sensor's device, copied to the host only where asked for."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ CALLS = 4
 
 
 class DeviceEvents:
-    """Sorted events of one call: Warp arrays t int64 [ns], x, y uint16, p uint8, c uint8 or None, all [count].
+    """Holds the sorted events of one call: Warp arrays t int64 [ns], x, y uint16, p uint8, c uint8 or None, all
+    [count].
 
     env_offsets: int64 [E + 1], on the host. t_base, stamp: the events lie in (t_base, stamp]. The arrays belong to the
     sensor, which writes others into them CALLS calls later; reading them through this object then raises ValueError.
@@ -120,7 +121,7 @@ class DeviceEvents:
 
 
 class Pending:
-    """A call that was submitted. `result` waits for its events; calls before it are completed too."""
+    """Holds a call that was submitted. `result` waits for its events; calls before it are completed too."""
 
     def __init__(self, collect: Callable[[Pending], DeviceEvents], serial: int, frames: int, span: tuple[int, int],
                  keep: Any) -> None:  # fmt: skip
@@ -143,7 +144,7 @@ class Pending:
 
 @dataclass
 class Ready:
-    """A call whose events are there already."""
+    """Holds a call whose events are there already."""
 
     events: DeviceEvents
 

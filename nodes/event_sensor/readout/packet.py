@@ -1,4 +1,4 @@
-"""Events of one message in columns: parted at a time, and merged."""
+"""Holds the events of one message in columns: parted at a time, and merged."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ import numpy as np
 
 @dataclass
 class Events:
-    """Events sorted by environment, t, y, x. t int64 [n] ns; x, y uint16 [n]; p uint8 [n], 1 = ON; c uint8 [n] or None.
+    """Holds events sorted by environment, t, y, x.
+
+    t int64 [n] ns; x, y uint16 [n]; p uint8 [n], 1 = ON; c uint8 [n] or None.
 
     env_offsets int64 [E + 1]: events of environment e are [offsets[e], offsets[e + 1]).
     """

@@ -1,4 +1,4 @@
-"""The readout: how events get from the pixels to the outside, and what that does to their times.
+"""Models the readout: how events get from the pixels to the outside, and what that does to their times.
 
 One bus carries the events of all pixels, at most `readout_rate` a second, first come first served; events of the same
 ns are served row by row. The k-th event that asked at t_k leaves at
@@ -35,7 +35,7 @@ NONE = np.zeros(0, np.uint8)
 
 
 class Readout:
-    """Readouts of E cameras of width x height pixels.
+    """Models the readouts of E cameras of width x height pixels.
 
     readout_rate: events per second, 0 = no limit, else at least 1. timestamp_jitter_us: standard deviation [us], 0 =
     none; environment e draws from seed + e, by pixel, polarity and time of the event alone. queue: most events that may
@@ -91,7 +91,7 @@ class Readout:
 
     @property
     def queues(self) -> bool:
-        """There is a rate, so that events have to come in the order of time."""
+        """Tells whether there is a rate, so that events have to come in the order of time."""
         return bool(self._queue.service > 0)
 
     @property
@@ -112,7 +112,8 @@ class Readout:
         stamp: int,
         fresh: np.ndarray | None = None,
     ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-        """Events of the packet (t_base, stamp] as they leave: columns and int64 [E + 1] offsets, sorted by t, y, x.
+        """Returns the events of the packet (t_base, stamp] as they leave: columns and int64 [E + 1] offsets, sorted by
+        t, y, x.
 
         columns: t int64 [n] ns, x, y uint16, p uint8 and perhaps c uint8, of one packet, by environment and, where
         it `queues`, time.
@@ -162,7 +163,7 @@ class Readout:
         return events, offsets
 
     def counts(self) -> dict[str, int]:
-        """Counters that only go up, by name."""
+        """Returns counters that only go up, by name."""
         return {n: getattr(self, n) for n in ("delayed", "delay_ns", "dropped", "cut")}
 
     def _environments(self, counts: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Kernels of the readout, on a CPU and in C++: a single-server queue, counter-based Gaussian delays, keys in order."""
+"""Computes the readout, on a CPU and in C++: a single-server queue, counter-based Gaussian delays, keys in order."""
 
 from pathlib import Path
 
@@ -25,7 +25,10 @@ def readout(call: str) -> str:
 
 @wp.struct
 class Queue:
-    """Times in units of 2^-fraction ns after t_base. capacity 0: no limit. sigma [ns]."""
+    """Holds the readout's parameters; times are in units of 2^-fraction ns after t_base.
+
+    capacity 0: no limit. sigma [ns].
+    """
 
     service: wp.int64
     fraction: wp.int64

@@ -1,1 +1,1 @@
-"""`auto`: measures the cost and the error of every way to run a scene, and chooses."""
+"""Chooses how a scene is run (`interpolator:=auto`), by measuring cost and error of every candidate."""

@@ -1,4 +1,4 @@
-"""What was measured of a setting, kept on disk by all that it depends on.
+"""Keeps on disk what was measured of a setting, under a key of all that it depends on.
 
 These are the scene's content, how it is run, the machine, and the code itself.
 """

@@ -1,4 +1,5 @@
-"""Renderer, interpolator and sensor in a row for some gaps of a scene: what a way to run it really costs."""
+"""Runs renderer, interpolator and sensor in a row for some gaps of a scene, to measure what a candidate really
+costs."""
 
 from __future__ import annotations
 
@@ -13,9 +14,9 @@ from nodes.interpolator.auto.setting import (
     LIGHT,
     Setting,
     Way,
+    copied,
     draw,
     frames_for,
-    kept,
     make_interpolator,
     make_renderer,
 )
@@ -122,7 +123,7 @@ class Chain:
                 t, *both = world.states(last, stamp)
                 states = States(t, *(np.repeat(values, envs, 0) for values in both))
             began = s.clock()
-            images = kept(s, draw(s, renderer, poses, LAST if took else None, outputs, stamp))
+            images = copied(s, draw(s, renderer, poses, LAST if took else None, outputs, stamp))
             t, frames = interpolator.push(
                 stamp, episodes, images[LIGHT], images.get("depth"), images.get("motion"), margin, frames_for(s), states
             )

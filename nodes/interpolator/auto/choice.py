@@ -1,4 +1,4 @@
-"""`auto`: which method, keyframe rate and K, from what each was found to cost and how far off its events are.
+"""Chooses method, keyframe rate and K for `auto`, from what each was found to cost and how far off its events are.
 
 The rule, over all candidates that the user's own keyframe rate and K leave:
 

@@ -1,4 +1,4 @@
-"""What keyframes, sub-frames and the sensor cost at the true size, for the probe."""
+"""Measures what keyframes, sub-frames and the sensor cost at the true size, for the probe."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from nodes.interpolator.auto.setting import (
     LIGHT,
     Setting,
     Way,
+    copied,
     draw,
     frames_for,
-    kept,
     make_interpolator,
     make_renderer,
 )
@@ -54,7 +54,7 @@ class GapCost:
 
 
 class FullSize:
-    """Measures what keyframes, sub-frames and the sensor's frames cost at full size, and where in the image change is.
+    """Measures what keyframes, sub-frames and the sensor's frames cost at full size, and where the image changes.
 
     Stages are timed one by one, as they follow each other on a CPU. There every environment costs the same, so one is
     measured; on a GPU all are measured at once (`overlap`).
@@ -273,7 +273,7 @@ class FullSize:
         outputs, renderer = self._outputs(method), self._renderer(method)
         for n, now in enumerate(times):
             before = times[max(n - 1, 0)]
-            images = kept(s, draw(s, renderer, self._poses(now), self._poses(before), outputs, now))
+            images = copied(s, draw(s, renderer, self._poses(now), self._poses(before), outputs, now))
             states = self._states(before, now, n * gap, gap) if "state" in reads(method) else None
             began = s.clock()
             interpolator.push(

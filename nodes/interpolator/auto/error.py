@@ -1,4 +1,5 @@
-"""How far the events of each method are from those of dense rendering, in a cut-out of the image, for the probe."""
+"""Measures how far the events of each method are from those of dense rendering, in a cut-out of the image, for the
+probe."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""`interpolator:=auto` of a launch file: method, keyframe rate and K in its place, by measuring the scene beforehand;
-and `upsampling:=auto`: K alone.
+"""Replaces `interpolator:=auto` of a launch file by method, keyframe rate and K, and `upsampling:=auto` by K alone, by
+measuring the scene beforehand.
 
 The choice is made of arguments, so that the plan, the bag and the result hold it like any other.
 """
@@ -19,7 +19,7 @@ from evis.scene.parameters import camera_of, scene_of
 from nodes.event_sensor.parameters import frames_only
 from nodes.event_sensor.scene_parameters import resolve_with_scene
 from nodes.interpolator.auto import cache
-from nodes.interpolator.auto.choice import frames_beside_samples
+from nodes.interpolator.auto.choice import Choice, frames_beside_samples
 from nodes.interpolator.auto.probe import probe
 from nodes.interpolator.auto.setting import Setting
 from nodes.interpolator.auto.trial import Measured, settle
@@ -87,6 +87,13 @@ def replace_auto(
         "keyframe_rate": values["keyframe_rate"] if own_rates else best.keyframe_rate,
         "upsampling": best.upsampling,
     }
+    chosen = taken | _described(choice, found, values, cached)
+    return {**given, **taken}, chosen
+
+
+def _described(choice: Choice, found: Measured, values: Mapping[str, Any], cached: bool) -> dict[str, Any]:
+    """What is told of a choice beside the arguments: why, what to expect, and out of how many candidates."""
+    best = choice.candidate
     expectation = {
         "expected_error": best.error,
         "expected_s_per_simulated_s": best.seconds,
@@ -94,11 +101,10 @@ def replace_auto(
         "trials": len(found.trials),
     }
     expected = f"error {best.error:.3g} of 1, {best.seconds:.3g} s per simulated second"
-    chosen: dict[str, Any] = taken | {"why": choice.why}
+    told: dict[str, Any] = {"why": choice.why}
     if values["wanted_error"] is not None or values["wanted_rtf"] is not None:
-        chosen["wish_kept"] = choice.met
-    chosen |= expectation | {"from_cache": cached, "summary": f"{best}: {choice.why}; expected: {expected}"}
-    return {**given, **taken}, chosen
+        told["wish_kept"] = choice.met
+    return told | expectation | {"from_cache": cached, "summary": f"{best}: {choice.why}; expected: {expected}"}
 
 
 def _by_frames_alone(node: NodeSpec) -> bool:

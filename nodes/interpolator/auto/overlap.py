@@ -1,4 +1,4 @@
-"""What a way to run a scene costs on a GPU, for the probe.
+"""Measures what a candidate costs on a GPU, for the probe.
 
 There the host prepares one stage while the device is still at the one before, and hides what it takes to launch work;
 the sum of stages that each wait for the device is off by all of that, the more the cheaper they are. So some gaps of

@@ -1,4 +1,4 @@
-"""Cost and error of every way to run a scene, from a few windows of its motion, before a run starts.
+"""Measures cost and error of every way to run a scene, from a few windows of its motion, before a run starts.
 
 The error is that of the events against dense rendering at a high rate, in cut-outs of the camera's image where there is
 change, each at another time: a smaller camera with its principal point moved, so that pixels move as they do in the

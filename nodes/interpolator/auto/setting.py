@@ -1,4 +1,4 @@
-"""How a scene is going to be run, for the probe, and the rates that it tries."""
+"""Describes how a scene is going to be run, for the probe, and the rates that it tries."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ def draw(s: Setting, renderer: Any, poses: np.ndarray, before: Any, outputs: set
     return renderer.render(poses, before, outputs, renderer.buffers(outputs) if s.on_gpu else {}, stamp)
 
 
-def kept(s: Setting, images: dict[str, Any]) -> dict[str, Any]:
+def copied(s: Setting, images: dict[str, Any]) -> dict[str, Any]:
     """Copies images of `draw`, since the interpolator remembers them."""
     return {name: wp.clone(image) if s.on_gpu else image.copy() for name, image in images.items()}
 

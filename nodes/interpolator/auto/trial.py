@@ -1,4 +1,4 @@
-"""The second stage of the probe: ways whose cost decides are run like the real thing, and believed.
+"""Runs the second stage of the probe: candidates whose cost decides are run like the real thing, and believed.
 
 What the first stage predicts is put together from parts, each measured by itself, while in a run they take caches from
 each other; it can be off by some ten percent. That matters only where another choice would be made if a cost were a
@@ -67,7 +67,7 @@ def way_of(given: Candidate | Trial) -> Way:
 
 
 def near(a: Way, b: Way) -> bool:
-    """Tells whether a trial of one way predicts the other to a few percent."""
+    """Tells whether a trial of one candidate predicts the cost of the other to a few percent."""
     more = max(a[1] * a[2], b[1] * b[2]) / min(a[1] * a[2], b[1] * b[2])
     return a[0] == b[0] and (a[0] == "none" or a[1] == b[1]) and more <= NEAR * 1.001
 

@@ -1,4 +1,4 @@
-"""A scene's motion over a run, worked out once, so that every method and rate is shown the very same world."""
+"""Computes a scene's motion over a run once, so that every method and rate is shown the very same world."""
 
 from __future__ import annotations
 

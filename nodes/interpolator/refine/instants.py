@@ -1,4 +1,4 @@
-"""The instants between the coarse frames of a gap at which single pixels may be evaluated."""
+"""Chooses the instants between the coarse frames of a gap at which single pixels may be evaluated."""
 
 from __future__ import annotations
 

@@ -6,8 +6,8 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
+from nodes.interpolator.refine.evaluation.sight_kernels import make_seen_between
 from nodes.interpolator.refine.paths.path_kernels import FRAME_AFTER, FRAME_BEFORE, PARTS, TOLD, UNKNOWN, make_instances
-from nodes.interpolator.refine.sight_kernels import make_seen_between
 from nodes.interpolator.refine.stage_kernels import FEW_REGISTERS, Cut, Stage
 from nodes.interpolator.rigid.keyframe_kernels import log_of
 from nodes.interpolator.rigid.look_up.log_kernels import apart, light

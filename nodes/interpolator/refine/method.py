@@ -1,4 +1,4 @@
-"""Method `rigid` with further samples of single pixels between its frames."""
+"""Implements method `rigid` with further samples of single pixels between its frames."""
 
 from __future__ import annotations
 
@@ -48,11 +48,11 @@ class Refined:
 
     @property
     def remembers(self) -> bool:
-        """See Rigid."""
+        """Implements `Rigid.remembers`."""
         return self.rigid.remembers
 
     def settle(self) -> None:
-        """See Rigid."""
+        """Implements `Rigid.settle`."""
         self.rigid.settle()
 
     def prepare_for(self, gap_ns: int) -> None:
@@ -60,17 +60,17 @@ class Refined:
         self.refinement.as_long_as_ns = gap_ns
 
     def hand_over(self, out: np.ndarray | wp.array) -> None:
-        """See Rigid."""
+        """Implements `Rigid.hand_over`."""
         self.rigid.hand_over(out)
 
     def last_report(self) -> Report:
-        """See Rigid; without what samples count, which `between` has told."""
+        """Implements `Rigid.last_report`, without what samples count, which `between` has returned."""
         return self.rigid.last_report()
 
     def between(
         self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array | None
     ) -> Report:
-        """See Method. out: None on a GPU where `hand_over` is to write the frames later."""
+        """Implements `Method.between`. out: None on a GPU where `hand_over` is to write the frames later."""
         if not self._built:
             build_together(self.rigid.visibility.device, [*self.rigid.kernels(), *self.refinement.kernels()])
             self._built = True

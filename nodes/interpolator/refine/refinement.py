@@ -13,14 +13,14 @@ import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
 from nodes.interpolator.keyframe import KeyframeView, Span
-from nodes.interpolator.refine.evaluator import Evaluator, looks_of
-from nodes.interpolator.refine.further_kernels import count_samples, make_sort, place_samples
+from nodes.interpolator.refine.evaluation.evaluator import Evaluator, make_look_up_kernels
 from nodes.interpolator.refine.instants import Instants, instants_of, least_parts
 from nodes.interpolator.refine.light.flicker import Flicker
 from nodes.interpolator.refine.light.passing import Passing
-from nodes.interpolator.refine.means import Means
 from nodes.interpolator.refine.probing.probes import Ahead, Probes
 from nodes.interpolator.refine.rounds import Kernels, Rounds, Window
+from nodes.interpolator.refine.samples.further_kernels import count_samples, make_sort, place_samples
+from nodes.interpolator.refine.samples.means import Means
 from nodes.interpolator.refine.stage_kernels import Cut, Stage
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.sampling import pixels_per_radian
@@ -97,7 +97,7 @@ class Refinement:
 
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
         """Gives the kernels that take long to compile, as `build_together` takes them."""
-        looks = [(kernel, LAUNCH_BLOCK) for kernel in looks_of(self._rigid)]
+        looks = [(kernel, LAUNCH_BLOCK) for kernel in make_look_up_kernels(self._rigid)]
         sort = self._sort_each if self._device.is_cpu else self._rank
         window = self._kernels.to_build(self._rigid.shading.occluders.trees)
         passing = [(self._passing.kernel, LAUNCH_BLOCK)] if self._passing.likely() else []

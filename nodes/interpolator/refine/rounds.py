@@ -12,18 +12,18 @@ import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.cuda_graph import CudaGraphs
-from nodes.interpolator.refine.change_kernels import Changes, Several, find_breaks, make_find_changes
-from nodes.interpolator.refine.edge_kernels import find_times
-from nodes.interpolator.refine.evaluator import Evaluator, changes_of
+from nodes.interpolator.refine.evaluation.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.interval_kernels import make_intervals, make_rounds, see
 from nodes.interpolator.refine.light.passing import Passing
-from nodes.interpolator.refine.lists import Lists, Samples
+from nodes.interpolator.refine.paths.motion_kernels import find_bends
 from nodes.interpolator.refine.paths.path_kernels import make_instances
-from nodes.interpolator.refine.paths.way_kernels import find_bends
-from nodes.interpolator.refine.plain_kernels import make_find_plain
-from nodes.interpolator.refine.run_kernels import make_find_ends, make_find_runs
-from nodes.interpolator.refine.tally import Tally, Told
+from nodes.interpolator.refine.runs.change_kernels import Changes, Several, find_breaks, make_find_changes
+from nodes.interpolator.refine.runs.edge_kernels import find_times
+from nodes.interpolator.refine.runs.plain_kernels import make_find_plain
+from nodes.interpolator.refine.runs.run_kernels import make_find_ends, make_find_runs
+from nodes.interpolator.refine.samples.lists import Lists, Samples
+from nodes.interpolator.refine.samples.tally import Counts, Tally
 from nodes.interpolator.rigid.method import Rigid
 from nodes.renderer.lighting import LIST_WORKERS
 
@@ -62,7 +62,7 @@ class Kernels:
 
     @classmethod
     def of(cls, rigid: Rigid) -> Kernels:
-        """Makes those for what there is in the scene of a `Rigid`."""
+        """Makes the kernels for what there is in the scene of a `Rigid`."""
         layout, lens, changes = rigid.layout, rigid.visibility.lens, changes_of(rigid)
         features = rigid.shading.features
         painted = features.textures or features.tinted
@@ -145,7 +145,7 @@ class Rounds:
             if not each.most:
                 each.reserve(most)
 
-    def _grow(self, told: Told, made: int, kept: int) -> bool:
+    def _grow(self, told: Counts, made: int, kept: int) -> bool:
         """Makes room for what was counted and had none; True where that was anything. kept: samples that stay."""
         needed = [told.changes, told.lists[0], told.lists[1::2], told.lists[2::2]]
         lists = [self._changes, self._instances, *self._intervals]

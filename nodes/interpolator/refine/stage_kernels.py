@@ -1,8 +1,9 @@
-"""What the kernels of a window read: its limits and sizes, the scene at its instants, and what pixels see there."""
+"""Holds what the kernels of a window read: its limits and sizes, the scene at its instants, and what pixels see
+there."""
 
 import warp as wp
 
-from nodes.interpolator.refine.sight_kernels import Targets
+from nodes.interpolator.refine.evaluation.sight_kernels import Targets
 from nodes.interpolator.rigid.plan_kernels import joined
 from nodes.renderer.raster.depth_kernels import triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray

@@ -1,1 +1,2 @@
-"""Where the light on a surface changes between two keyframes, so that what they show there must not be carried over."""
+"""Finds where the light on a surface changes between two keyframes, so that what they show there must not be carried
+over."""

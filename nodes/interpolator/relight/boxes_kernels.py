@@ -1,4 +1,5 @@
-"""What may be in the way of light, by the casters' boxes: never missed, and cheaper than a ray against triangles."""
+"""Tests what may be in the way of light by the casters' boxes: it misses none, and is cheaper than a ray against
+triangles."""
 
 from functools import cache
 from typing import Any

@@ -1,4 +1,5 @@
-"""Lights and casters at the keyframes and in between, and which bodies of a scene they may change the light on."""
+"""Holds lights and casters at the keyframes and in between, and finds which bodies of a scene they may change the light
+on."""
 
 from __future__ import annotations
 
@@ -103,7 +104,7 @@ class LightChange:
         Returns:
             `still` without those whose light a lamp may change at any pixel.
         """
-        flags = self._flags_of(poses.gone)
+        flags = self._flags_of(poses.changed)
         if not np.array_equal(flags, self._flags):
             self.kernel.flags.assign(flags)
             self._flags = flags

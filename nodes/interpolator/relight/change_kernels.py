@@ -1,4 +1,4 @@
-"""Whether the light on a surface point is, at an instant, what two keyframes let one expect of it.
+"""Tests whether the light on a surface point is, at an instant, what two keyframes let one expect of it.
 
 Light that falls straight from lamps and sky is computed in closed form at the instant and at both keyframes: Lambert's
 cosine, distance, cone, and how far the view and the lights have turned against a glossy surface, whose lobe is about

@@ -1,4 +1,4 @@
-"""What of a scene can change the light on its surfaces between keyframes: the rest is not compiled."""
+"""Lists what of a scene can change the light on its surfaces between keyframes: the rest is not compiled."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the light of a pixel goes on from one sub-frame to the next: lines are drawn where it is straight."""
+"""Draws lines through a pixel's light from one sub-frame to the next, where it is straight."""
 
 from functools import cache
 from typing import Any

@@ -1,4 +1,4 @@
-"""Where moving casters are in a gap, sent to the device, which finds the boxes that hold all these places."""
+"""Sends where moving casters are in a gap to the device, which finds the boxes that hold all these places."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Boxes of all places that moving things take in a gap, in float64: only the result is rounded to float32."""
+"""Computes boxes of all places that moving things take in a gap, in float64: only the result is rounded to float32."""
 
 import warp as wp
 

@@ -1,4 +1,5 @@
-"""Where casters sweep in a gap, and pixels that seem to show the same all through it although a shadow passes."""
+"""Computes where casters sweep in a gap, and finds pixels that seem to show the same all through it although a shadow
+passes."""
 
 import warp as wp
 

@@ -1,4 +1,5 @@
-"""What of a keyframe is looked up at every sub-frame: log radiance, patches, inverse distances, where all is whole."""
+"""Prepares what of a keyframe is looked up at every sub-frame: log radiance, patches, inverse distances, where all is
+whole."""
 
 from functools import cache
 from typing import Any

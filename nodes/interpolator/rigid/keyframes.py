@@ -1,4 +1,4 @@
-"""A keyframe as the sub-frames look things up in it."""
+"""Holds a keyframe in the form in which the sub-frames look things up in it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a caller may ask of `rigid`, and how the sub-frames of a gap are shared out because of it."""
+"""Describes what a caller may ask of `rigid`, and how the sub-frames of a gap are shared out because of it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""`rigid`: every pixel of every sub-frame shows the surface point that is visible then, as the keyframes shaded it.
+"""Implements `rigid`: every pixel of every sub-frame shows the surface point that is visible then, as the keyframes
+shaded it.
 
 The renderer's raster finds the point at the sub-frame's own poses, so that geometry and silhouettes are exact. The
 point is fixed to its body: its place in the cameras of keyframes A and B follows from the poses then, without any
@@ -161,8 +162,8 @@ class Rigid:
     def between(
         self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array
     ) -> Report:
-        """See Method. Views need `states` and `stamp_ns`; out may be an array of the device. Where reports are `late`
-        it is that of the gap before."""
+        """Implements `Method.between`. Views need `states` and `stamp_ns`; out may be an array of the device. Where
+        reports are `late` it is that of the gap before."""
         return self.begin(a, b, held, out)()
 
     def begin(
@@ -195,27 +196,10 @@ class Rigid:
         if self._sparse is not None:
             for env in np.flatnonzero(begun).tolist():
                 self._sparse.begin(env)
-                self._sparse.look(env, self.pair.a.packed[env].numpy())
+                self._sparse.remember(env, self.pair.a.packed[env].numpy())
             self._strides = self._sparse.strides(places.camera_path(), self.pair.a.packed)
-        frames = self.frames = self._target(out)
-        for portion, slots in enumerate(self.layout.shown):
-            self.shading.update(places.place(slots))
-            # Launches that were recorded before the occluders' trees were built know others.
-            builds = self.shading.occluders.builds
-            key = portion, self._even, builds, self.visibility.still_moved, self.visibility.coming
-            self._graphs.run(("draw", *key), partial(self._draw, portion))
-            self.visibility.drawn()
-            # While a GPU draws.
-            if portion == 0:
-                self._take(b, held)
-            if self.layout.flicker:
-                shown = np.repeat(stamps[slots], self.layout.envs) if together else stamps.T[slots].reshape(-1)
-                self.shading.set_times(shown)
-            if self.layout.waveforms:
-                self._reprojection.strength.assign(
-                    waveform_strengths(self.layout.waveforms, shown).astype(np.float32).reshape(-1)
-                )
-            self._graphs.run(("look", portion, self._even, builds), partial(self._reproject, portion, frames))
+        self.frames = self._target(out)
+        self._make_portions(b, held, stamps)
         turn, self._even = int(self._even), not self._even
         if out is not None:
             self.hand_over(out)
@@ -227,6 +211,28 @@ class Rigid:
             return partial(self._report, turn)
         unread, self._unread = self._unread, turn
         return Report if unread is None else partial(self._report, unread)
+
+    def _make_portions(self, b: KeyframeView, held: np.ndarray, stamps: np.ndarray) -> None:
+        """Draws and looks up all portions of the sub-frames, at stamps int64 [K] or [E, K] ns, into `frames`."""
+        for portion, slots in enumerate(self.layout.shown):
+            self.shading.update(self._places.place(slots))
+            # Launches that were recorded before the occluders' trees were built know others.
+            builds = self.shading.occluders.builds
+            key = portion, self._even, builds, self.visibility.still_moved, self.visibility.coming
+            self._graphs.run(("draw", *key), partial(self._draw, portion))
+            self.visibility.drawn()
+            # While a GPU draws.
+            if portion == 0:
+                self._take(b, held)
+            if self.layout.flicker:
+                together = stamps.ndim == 1
+                shown = np.repeat(stamps[slots], self.layout.envs) if together else stamps.T[slots].reshape(-1)
+                self.shading.set_times(shown)
+            if self.layout.waveforms:
+                self._reprojection.strength.assign(
+                    waveform_strengths(self.layout.waveforms, shown).astype(np.float32).reshape(-1)
+                )
+            self._graphs.run(("look", portion, self._even, builds), partial(self._reproject, portion, self.frames))
 
     def foresee(self, gap: Span) -> None:
         """Works out the poses of a gap that is to come, while a GPU works on this one."""

@@ -1,4 +1,4 @@
-"""The patch of a z-buffer entry: a piece of surface, seen from one side."""
+"""Finds the patch of a z-buffer entry: a piece of surface, seen from one side."""
 
 import warp as wp
 

@@ -1,4 +1,5 @@
-"""Pieces of surface whose shading has no step inside: triangles that meet without a crease, seen from one side.
+"""Divides surfaces into pieces whose shading has no step inside: triangles that meet without a crease, seen from one
+side.
 
 What is fetched from a keyframe must not mix two such pieces: neither two bodies at a silhouette nor two sides of a box
 at an edge, nor the front and the back of a blade that has turned over.

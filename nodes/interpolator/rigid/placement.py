@@ -1,4 +1,5 @@
-"""Where the bodies are at the sub-frames: in closed form where that is known, else between the sub-steps of /state."""
+"""Computes where the bodies are at the sub-frames: in closed form where that is known, else between the sub-steps of
+/state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which pixels are looked up at which sub-frames, and which are drawn between two of their own samples.
+"""Decides which pixels are looked up at which sub-frames, and which are drawn between two of their own samples.
 
 A sample is spared where the pixel shows the same piece of surface from the sample before it to the one after it, has
 moved over it by no more than `step` pixels, and both samples are alike but for a small difference: the frames between

@@ -1,4 +1,4 @@
-"""Poses of many bodies with prescribed motion at once: one pass over all of them instead of one for each."""
+"""Computes poses of many bodies with prescribed motion at once: one pass over all of them instead of one for each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A portion's sub-frames looked up in both keyframes; what these do not show is shaded at its own time."""
+"""Looks up a portion's sub-frames in both keyframes; what these do not show is shaded at its own time."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class Reprojection:
 
     @property
     def counted(self) -> tuple[wp.array, wp.array]:
-        """See the class."""
+        """Returns the counts that the class describes."""
         return self._count, self._sampling.counts
 
     def clear(self) -> None:

@@ -1,4 +1,5 @@
-"""Samples in proportion to a pixel's displacement: which sub-frames are looked up, and which are between two that are.
+"""Samples in proportion to a pixel's displacement: it chooses which sub-frames are looked up, and which lie between two
+that are.
 
 This is for a CPU; a GPU looks up all. See plan_kernels. After the first samples every span whose ends differ by too
 much gets one in its middle, until none is left, so that what changes at once, a shadow's edge or a line on a surface,
@@ -116,7 +117,7 @@ class Sampling:
         self._span_counts.zero_()
 
     def plan(self, part: SubframeRange, b: Prepared, quiet: wp.array, frames: wp.array) -> Todo:
-        """On a CPU: the first samples, and where neither geometry nor light can have changed B's pixels in
+        """Plans on a CPU the first samples, and finds where neither geometry nor light can have changed B's pixels in
         `frames`."""
         v, count = self._v, part.count
         self._part, self._frames, self._round = part, frames, 0

@@ -1,4 +1,4 @@
-"""Where the bodies are in a gap, brought to the slots of a visibility: only what may move is sent."""
+"""Brings the bodies of a gap to the slots of a visibility: only what may move is sent."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Poses:
     movers: np.ndarray
 
     @cached_property
-    def gone(self) -> np.ndarray:
+    def changed(self) -> np.ndarray:
         """Tells which numbers of the movers' poses differ at any sub-frame from those before, bool [E, M, 7]."""
         before = of_bodies(self.before, self.movers)
         # One sub-frame after the other: a reduction of all at once goes over memory in large steps.
@@ -119,7 +119,7 @@ class Slots:
             still = np.ones(rest.shape[:2], bool)
             if not self._others_stay:
                 still = (rest == before).all(axis=-1)
-            still[:, self._movers] = ~self.poses.gone.any(axis=2)
+            still[:, self._movers] = ~self.poses.changed.any(axis=2)
             lit = rests & (not flicker)
             flags[:, :-2] = still & lit[:, None]
             # What emits no light changes with the lamps, but the sky does not.

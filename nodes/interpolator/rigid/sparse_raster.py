@@ -1,4 +1,5 @@
-"""Visibility between sub-frames that are near each other: only of what is seen in either, in scenes of many triangles.
+"""Computes visibility between sub-frames that are near each other: only of what is seen in either, in scenes of many
+triangles.
 
 Where the image of the world moves by less than a pixel from one sub-frame to the next, the raster draws all blocks of
 triangles at every n-th sub-frame, and at the others those of which anything was seen at one of these lately, and all
@@ -79,10 +80,10 @@ class SparseRaster:
         self._seen_first, self._full_first = self._seen.copy(), list(self._full)
 
     def begin(self, env: int) -> None:
-        """Forgets what was seen in an environment, whose episode begins; `look` at its first keyframe comes next."""
+        """Forgets what was seen in an environment, whose episode begins; `remember` its first keyframe next."""
         self._seen[env], self._full[env] = self._seen_first[env], self._full_first[env]
 
-    def look(self, env: int, packed: np.ndarray) -> None:
+    def remember(self, env: int, packed: np.ndarray) -> None:
         """Remembers what is seen in an environment's z-buffer uint64 [H, W]."""
         triangles = triangles_of(packed)
         seen = np.unique(self._block[triangles[triangles >= 0]])
@@ -128,7 +129,7 @@ class SparseRaster:
             for slot in full:
                 row = slot * envs + env
                 self._add(slice(row, row + 1), self._blocks)
-                self.look(env, v.packed[row].numpy())
+                self.remember(env, v.packed[row].numpy())
             rest = sorted({*range(first + count)} - {*full})
             if rest:
                 lately = self._lately(env)

@@ -1,4 +1,4 @@
-"""How bodies go against the camera from one sub-frame to the next, in float64."""
+"""Computes how bodies move against the camera from one sub-frame to the next, in float64."""
 
 import warp as wp
 
@@ -9,7 +9,10 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class Walk:
-    """Of bodies, the world (N) and the sky (N + 1) at the positions 0, 1, .. of a portion, row position E + env.
+    """Holds motions of bodies, the world (N) and the sky (N + 1) at the positions 0, 1, .. of a portion, row position E
+    + env. of a portion, row position E + env.
+
+    of a portion, row position E + env.
 
     A position is the sub-frame before the portion (0), one of its own (1 .. count) or keyframe B (count + 1, of the
     last portion). In the camera's frame a point p has gone by spin x p + shift since the position before, to first

@@ -1,4 +1,5 @@
-"""Curvature of the pixels' paths from the motion of two gaps, and what is left of it where a keyframe goes on."""
+"""Computes the curvature of the pixels' paths from the motion of two gaps, and what is left of it where a keyframe goes
+on."""
 
 import warp as wp
 

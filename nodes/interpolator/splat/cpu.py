@@ -1,4 +1,4 @@
-"""`splat` on a CPU."""
+"""Implements `splat` on a CPU."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class SplatCpu:
         out: np.ndarray | wp.array,
         bends: tuple[wp.array, wp.array] | None = None,
     ) -> Report:
-        """See Method. bends: of A's and of B's paths, wp.vec2 [E, H W] px; straight ones without."""
+        """Implements `Method.between`. bends: of A's and of B's paths, wp.vec2 [E, H W] px; straight ones without."""
         out = out.numpy() if isinstance(out, wp.array) else out
         envs, height, width = self._shape
         stays: wp.array = wp.array(np.asarray(held, np.int32), device="cpu")

@@ -1,5 +1,5 @@
 # ruff: noqa: RUF046, F811 - int(0) declares a variable that changes; functions are overloaded by their types
-"""Kernels that schedule the warp on a CPU: one serial scatter per environment. Its equations are in warp_kernels.
+"""Schedules the warp on a CPU: one serial scatter per environment. Its equations are in warp_kernels.
 
 A CPU launch runs its threads one after the other, so plain sums in the order of the sources are deterministic. Inner
 loops are `while`: Warp's `range` costs 1.5 ns per turn on a CPU, a `while` 0.1 ns.

@@ -1,4 +1,4 @@
-"""`splat` on a GPU: the same equations as on a CPU, all sub-frames of all environments at once."""
+"""Implements `splat` on a GPU: the same equations as on a CPU, all sub-frames of all environments at once."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ class SplatCuda:
         out: np.ndarray | wp.array,
         bends: tuple[wp.array, wp.array] | None = None,
     ) -> Report:
-        """See Method. bends: of A's and of B's paths, wp.vec2 [E, H W] px; straight ones without."""
+        """Implements `Method.between`. bends: of A's and of B's paths, wp.vec2 [E, H W] px; straight ones without."""
         holds = np.asarray(held, np.int32)
         if not np.array_equal(holds, self._holds):
             self._held.assign(holds)

@@ -1,5 +1,5 @@
-"""Kernels that schedule the warp on a GPU: sources are listed by where they land, and every pixel sums what landed
-about it. The equations are in warp_kernels.
+"""Schedules the warp on a GPU: sources are listed by where they land, and every pixel sums what landed about it. The
+equations are in warp_kernels.
 
 A source lands between four pixels, of which the first is its cell: each cell has a chain of its sources, made by one
 atomic exchange per source and sub-frame. The order of a chain is anybody's, but least depths and sums in whole numbers

@@ -1,4 +1,4 @@
-"""Kernels of the warp on a GPU, first part: a keyframe's pixels as sources that move.
+"""Makes sources that move of a keyframe's pixels: the first part of the warp on a GPU.
 
 Values are whole numbers from here on, for their sums do not depend on the order: 56 bits below the power of two above
 the keyframe's brightest, in two parts, of which the lower one is 0 for all but dark pixels.

@@ -1,4 +1,4 @@
-"""The gap before the one that is made, by which the motion of its end is to be measured."""
+"""Keeps the gap before the one that is made, by which the motion of its end is to be measured."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class GapBefore:
         self._first = np.ones(envs, bool)
 
     def of(self, a: KeyframeView, b: KeyframeView, held: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Gives the lengths of the gap before A and of that from A to B, int64 [E] ns, and which environments had none
-        before, bool [E], whose first is as long as the second.
+        """Returns the lengths of the gap before A and of that from A to B, int64 [E] ns, and which environments had
+        none before, bool [E], whose first is as long as the second.
 
         It is called once for every gap. Gaps whose lengths differ by a nanosecond are equal: stamps are rounded.
         """

@@ -1,4 +1,4 @@
-"""How far pixels go in a gap, by how far they went in the one before."""
+"""Computes how far pixels move in a gap, from how far they moved in the one before."""
 
 import warp as wp
 

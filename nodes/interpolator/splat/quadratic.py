@@ -1,4 +1,5 @@
-"""`splat-quadratic`: the paper's warp along a parabola through three keyframes instead of a straight line.
+"""Implements method `splat-quadratic`: the paper's warp along a parabola through three keyframes instead of a straight
+line.
 
 For what has no rigid poses: deforming meshes, or keyframes of which only depth and motion are known. Motion leads from
 B's pixel to its place a in A, and A's motion from there to z in the keyframe before. With the gap A to B as the unit of
@@ -76,6 +77,6 @@ class SplatQuadratic:
     def between(
         self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array
     ) -> Report:
-        """See Method. Views need `stamp_ns`."""
+        """Implements `Method.between`. Views need `stamp_ns`."""
         onward, bends = self._bends.of(a, b, np.asarray(held, bool))
         return self._splat.between(replace(a, motion=onward), b, held, out, bends)

@@ -1,4 +1,4 @@
-"""`splat`: the paper's bidirectional motion-vector warp, equations (5) to (7), with a hard z-buffer.
+"""Implements method `splat`: the paper's bidirectional motion-vector warp, equations (5) to (7), with a hard z-buffer.
 
 At fraction f = i/K of the gap, of length g, B's pixels go back along their motion and A's forward along their own of
 the gap before, of length g', at the same speed: q_B = p + (1 - f) m_B(p), q_A = p - f (g / g') m_A(p), at the depth
@@ -58,7 +58,7 @@ class Splat:
     def between(
         self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array
     ) -> Report:
-        """See Method. Views need `stamp_ns`."""
+        """Implements `Method.between`. Views need `stamp_ns`."""
         before, gap, _ = self._before.of(a, b, np.asarray(held, bool))
         if (before == gap).all():
             return self._splat.between(a, b, held, out)

@@ -1,6 +1,6 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""The equations of the warp, (5) to (7), once for every device: where a source is at a fraction of the gap, which
-pixels it lands on with which weights, which sources are in front, and what fills a pixel that no source reaches.
+"""Computes the equations of the warp, (5) to (7), once for every device: where a source is at a fraction of the gap,
+which pixels it lands on with which weights, which sources are in front, and what fills a pixel that no source reaches.
 
 The kernels of a device decide only in which order sources are gone through and how sums are kept.
 """

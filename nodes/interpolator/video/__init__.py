@@ -1,1 +1,1 @@
-"""Sub-frames between the frames of a video, whose motion is found by optical flow."""
+"""Makes sub-frames between the frames of a video, whose motion is found by optical flow."""

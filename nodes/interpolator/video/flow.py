@@ -1,4 +1,4 @@
-"""Dense optical flow between two frames, both ways, and where the two agree.
+"""Computes dense optical flow between two frames, both ways, and tells where the two agree.
 
 Flow is that of DIS (Kroeger, Timofte, Dai, Van Gool, "Fast Optical Flow using Dense Inverse Search", ECCV 2016) as
 OpenCV has it, the optional extra `video`.

@@ -1,4 +1,4 @@
-"""Frames upsampled where they are too far apart, and what is to be said about it."""
+"""Upsamples frames where they are too far apart, and says what there is to be said about it."""
 
 from __future__ import annotations
 
@@ -100,8 +100,8 @@ class Upsampler:
 
     @property
     def agreement(self) -> float | None:
-        """Share of the moving pixels whose flow forward and backward agree, over all gaps; None where nothing moved or
-        no flow was looked for."""
+        """Returns the share of the moving pixels whose flow forward and backward agree, over all gaps; None where
+        nothing moved or no flow was looked for."""
         return self._agreeing / self._moving if self._moving else None
 
     def report(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The actuators of a MuJoCo model."""
+"""Describes the actuators of a MuJoCo model."""
 
 from __future__ import annotations
 

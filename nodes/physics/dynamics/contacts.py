@@ -1,4 +1,4 @@
-"""Contacts of a MuJoCo state, with their forces."""
+"""Finds the contacts of a MuJoCo state, with their forces."""
 
 from __future__ import annotations
 

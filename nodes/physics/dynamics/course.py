@@ -1,4 +1,4 @@
-"""The course of environments between two stamps, put together from their states after each step.
+"""Describes the motion of environments between two stamps, put together from their states after each step.
 
 Steps lie on a grid of their own: an interval begins and ends between two of its points, where states are interpolated.
 """
@@ -99,7 +99,7 @@ class Course:
             self.before[name][envs] = values[:, 0] if self._steps > 1 else self.now[name][envs]
             self.now[name][envs] = values[:, -1]
 
-    def stay(self, envs: Sequence[int]) -> None:
+    def hold(self, envs: Sequence[int]) -> None:
         """Leaves environments in their present states."""
         if len(envs):
             chosen = np.array(envs)

@@ -1,4 +1,4 @@
-"""Cameras and lights that MuJoCo moves by a rule of their own: they track a body, or look at one.
+"""Computes cameras and lights that MuJoCo moves by a rule of their own: they track a body, or look at one.
 
 Poses are MuJoCo's (`mj_camlight`), velocities the time derivatives of the same rules in closed form: a frame that
 tracks has the velocity of its body's origin, or of its subtree's centre of mass, and does not turn; one that targets

@@ -1,4 +1,5 @@
-"""Poses of many environments between two steps of MuJoCo, by the kernel that interpolates poses everywhere else too."""
+"""Interpolates poses of many environments between two steps of MuJoCo, by the kernel that interpolates poses everywhere
+else too."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ class Rest:
         self._since = -1
 
     def see(self, start_ns: int, end_ns: int, fastest: float) -> None:
-        """Takes the largest component of a velocity of a body over an interval [ns]."""
+        """Notes the largest component of a velocity of a body over an interval [ns]."""
         if not fastest < STILL:
             self.wake()
             return

@@ -1,4 +1,4 @@
-"""Bodies at rest that MuJoCo leaves out of its steps, in models that ask for it by <flag sleep="enable"/>.
+"""Tells which bodies at rest MuJoCo leaves out of its steps, in models that ask for it by <flag sleep="enable"/>.
 
 A tree of bodies falls asleep once it has been slower than `sleep_tolerance` for some steps, and wakes when something
 touches it. How long it has been slow is no part of MuJoCo's saved states. So that a course depends on nothing else

@@ -1,4 +1,4 @@
-"""States of the environments of a model at one time, and between two steps: arrays by name, [E, ...] each.
+"""Reads states of the environments of a model at one time, and between two steps: arrays by name, [E, ...] each.
 
 pose [E, n, 7] and twist [E, n, 6] are of the model's bodies without the world, then of what follows them; qpos [E, nq]
 and qvel [E, nv] are the joints'.

@@ -25,7 +25,7 @@ class Watch:
         self.dogs = [Watchdog(limits, *rows) for rows in zip(self._counts, self._spins)]
 
     def of(self, envs: Sequence[int]) -> Watch:
-        """Gives that of some environments, in this order."""
+        """Makes the Watch of some environments, in this order."""
         part = copy.copy(self)
         part._rows, part.dogs = self._rows[list(envs)], [self.dogs[env] for env in envs]
         return part

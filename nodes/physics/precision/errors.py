@@ -1,4 +1,5 @@
-"""How far the bodies of a run are from where exact integration of its model would have them, as far as is known."""
+"""Estimates how far the bodies of a run are from where exact integration of its model would have them, as far as is
+known."""
 
 from __future__ import annotations
 
@@ -38,8 +39,8 @@ class Errors:
         self._rotation = np.maximum(self._rotation, rotation)
         self._reach = reach
 
-    def kept(self) -> Kept:
-        """Gives the errors of now, to go back to them."""
+    def snapshot(self) -> Kept:
+        """Returns the present errors, for `restore`."""
         return self._position, self._rotation
 
     def clear(self) -> None:
@@ -47,7 +48,7 @@ class Errors:
         self.restore((np.zeros(0), np.zeros(0)))
 
     def restore(self, kept: Kept) -> None:
-        """Goes back to errors of before."""
+        """Restores errors that `snapshot` has returned."""
         self._position, self._rotation = kept
 
     def worst(self) -> Estimate | None:

@@ -1,4 +1,4 @@
-"""What a user is told of an error of physics that can be seen."""
+"""Words what a user is told of an error of physics that can be seen."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far bodies reach, and how fast the points of their geoms move that sweep through space."""
+"""Computes how far bodies reach, and how fast the points of their geoms move that sweep through space."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _ENDLESS = (_GEOM.mjGEOM_PLANE, _GEOM.mjGEOM_HFIELD)
 
 
 class Reach:
-    """Knows the farthest points of a model's bodies.
+    """Holds the farthest points of a model's bodies.
 
     of_body: float64 [nbody] m, distance of a body's farthest point from its origin, 0 of one without geoms.
     """

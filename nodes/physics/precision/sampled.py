@@ -1,4 +1,4 @@
-"""The error of large models, whose steps are most of a run: a few of its keyframes are followed."""
+"""Estimates the error of large models, whose steps are most of a run: a few of its keyframes are followed."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class SampledShadow:
             return
         if self._count == 0:
             self._shadow.follow(data, steps, before, now, constrained, parts)
-            position, rotation = self._own.kept()
+            position, rotation = self._own.snapshot()
             if len(position):
                 self._position = self._position + EVERY * position
                 self._rotation = np.minimum(self._rotation + EVERY * rotation, np.pi)

@@ -1,4 +1,4 @@
-"""A second course of an environment in steps of twice the length, which tells how wrong the first is.
+"""Simulates an environment a second time in steps of twice the length, which tells how wrong the first simulation is.
 
 Of a method of order p the error after a time is that of steps m times as long, divided by m^p, so that the difference
 of both courses is (m^p - 1) times the error: propagated by the dynamics themselves, from the first step on. m is 2, and
@@ -189,7 +189,7 @@ class Shadow:
         model = self._model
         past = Past(
             np.empty(mujoco.mj_stateSize(model, STATE)), np.empty(model.nv), np.array(self._data.qvel - data.qvel),
-            self._errors.kept(),
+            self._errors.snapshot(),
         )  # fmt: skip
         mujoco.mj_getState(model, data, past.state, STATE)
         mujoco.mj_differentiatePos(model, past.shift, 1.0, data.qpos, self._data.qpos)

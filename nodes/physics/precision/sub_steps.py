@@ -1,4 +1,4 @@
-"""Sub-steps as short as a tolerance asks for, chosen by step doubling on saved states.
+"""Takes sub-steps as short as a tolerance asks for, chosen by step doubling on saved states.
 
 A step of the grid is taken in n parts, put back, and taken in 2 n parts. Of a method of order p what both leave differs
 by 2^p - 1 times the error of the finer one. Of position, and of velocity over the time that its errors are looked at,
@@ -43,18 +43,18 @@ class SubSteps:
         self.begin()
 
     def begin(self) -> None:
-        """Stands before the first step of an episode."""
+        """Begins an episode, before its first step."""
         self.level = 0
         self.missed = 0
         self.taken: list[int] = []
         """Parts of each step since this was emptied last."""
 
-    def kept(self) -> tuple[int, int, int]:
+    def snapshot(self) -> tuple[int, int, int]:
         """Gives what `restore` takes to have the next steps taken again as they were."""
         return self.level, self.missed, len(self.taken)
 
     def restore(self, kept: tuple[int, int, int]) -> None:
-        """Goes back to where `kept` was asked for."""
+        """Goes back to where `snapshot` was asked for."""
         self.level, self.missed, count = kept
         del self.taken[count:]
 

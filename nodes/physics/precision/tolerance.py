@@ -1,4 +1,4 @@
-"""How wrong physics may be."""
+"""Defines how wrong physics may be."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""A scene's triangles and body poses as flat arrays on the device."""
+"""Holds a scene's triangles and body poses as flat arrays on the device."""

@@ -1,4 +1,4 @@
-"""Body poses to what the camera sees of them, in float64: only the result is rounded to float32.
+"""Turns body poses into what the camera sees of them, in float64: only the result is rounded to float32.
 
 The camera's position is subtracted first, so that nothing is lost far from the origin. Multiplications and additions
 are not fused, so that every device gives the same bits.

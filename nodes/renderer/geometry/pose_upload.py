@@ -1,4 +1,4 @@
-"""Poses from the host to the device, once per instant."""
+"""Sends poses from the host to the device, once per instant."""
 
 from __future__ import annotations
 

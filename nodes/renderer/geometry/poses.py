@@ -1,4 +1,4 @@
-"""Body poses: checked, and as matrices on the host for who wants them."""
+"""Checks body poses, and gives them as matrices on the host to who wants them."""
 
 from __future__ import annotations
 

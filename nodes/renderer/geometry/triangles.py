@@ -1,4 +1,4 @@
-"""A scene's triangles as flat arrays: one vertex and one triangle list for all instances."""
+"""Flattens a scene's triangles: one vertex and one triangle list for all instances."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Point, spot, directional and area lights, and the sky."""
+"""Computes the light of point, spot, directional and area lights, and of the sky."""

@@ -1,4 +1,5 @@
-"""Rectangular area lights: irradiance in closed form, soft shadows and gloss by samples frozen on the surface."""
+"""Computes rectangular area lights: irradiance in closed form, soft shadows and gloss by samples frozen on the
+surface."""
 
 from functools import cache
 from typing import Any

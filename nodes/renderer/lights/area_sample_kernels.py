@@ -1,4 +1,4 @@
-"""Samples of an area light and of the specular lobe, with random numbers that are frozen on the surface."""
+"""Samples an area light and the specular lobe, with random numbers that are frozen on the surface."""
 
 import warp as wp
 

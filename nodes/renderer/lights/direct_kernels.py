@@ -1,4 +1,4 @@
-"""The sum of what all lights give a surface point."""
+"""Sums what all lights give a surface point."""
 
 from functools import cache
 from typing import Any

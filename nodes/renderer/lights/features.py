@@ -1,4 +1,4 @@
-"""What of a scene the kernels of light have code for."""
+"""Lists what of a scene the kernels of light have code for."""
 
 from __future__ import annotations
 

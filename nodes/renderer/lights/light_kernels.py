@@ -1,4 +1,4 @@
-"""Lights, the points of surfaces that they shine on, and the way from one to the other for lights without size."""
+"""Describes lights, the points of surfaces that they shine on, and the ray between them for lights without size."""
 
 from functools import cache
 from typing import Any

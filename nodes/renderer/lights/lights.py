@@ -1,4 +1,4 @@
-"""Lights of a scene: checked, in the camera's frame, and as strong as they are at an instant."""
+"""Holds the lights of a scene: checked, in the camera's frame, and as strong as they are at an instant."""
 
 from __future__ import annotations
 

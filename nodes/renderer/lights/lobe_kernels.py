@@ -1,4 +1,4 @@
-"""What a CPU's thread does for a lobe under a map of the sky: several samples at a time, in C++.
+"""Gathers what a lobe reflects of a map of the sky, on a CPU: several samples at a time, in C++.
 
 Warp's own code takes one sample after another, and calls the C library for each.
 """

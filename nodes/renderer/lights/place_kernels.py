@@ -1,4 +1,4 @@
-"""Lights from their bodies' frames to the camera's, in float64: only the result is rounded."""
+"""Brings lights from their bodies' frames to the camera's, in float64: only the result is rounded."""
 
 import warp as wp
 

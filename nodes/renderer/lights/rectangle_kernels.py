@@ -1,4 +1,4 @@
-"""A rectangular area light as a surface point sees it, and its irradiance in closed form."""
+"""Computes how a surface point sees a rectangular area light, and its irradiance in closed form."""
 
 import warp as wp
 

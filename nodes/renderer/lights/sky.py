@@ -1,4 +1,4 @@
-"""The sky on the device: an environment map with its halvings, and the irradiance that it gives."""
+"""Holds the sky on the device: an environment map with its halvings, and the irradiance that it gives."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Light of the sky: uniform, or an equirectangular map (row 0 up, +z; column 0 at +x turning to +y); not occluded."""
+"""Computes the light of the sky: uniform, or an equirectangular map (row 0 up, +z; column 0 at +x turning to +y); not
+occluded."""
 
 from functools import cache
 from typing import Any
@@ -43,7 +44,7 @@ class Sky:
 
 @wp.func
 def texel(texels: wp.array(dtype=wp.vec3), level: wp.vec3i, i: int, j: int):
-    """Gives the texel of column i, from -w // 2 - 1 to (w + 1) // 2, and row j, from -1 to h: see sky.surrounded."""
+    """Reads the texel of column i, from -w // 2 - 1 to (w + 1) // 2, and row j, from -1 to h: see sky.surrounded."""
     return texels[level[0] + (j + 1) * (level[1] + 2) + i + (level[1] >> 1) + 1]
 
 

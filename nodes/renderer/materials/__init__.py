@@ -1,1 +1,1 @@
-"""How surfaces reflect: the GGX model and its tables."""
+"""Computes how surfaces reflect: the GGX model and its tables."""

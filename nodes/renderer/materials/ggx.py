@@ -1,4 +1,4 @@
-"""What a GGX surface reflects of a uniform sky: tables, integrated once in float64."""
+"""Integrates what a GGX surface reflects of a uniform sky: tables, computed once in float64."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The metallic-roughness BRDF of glTF 2.0 (appendix B): GGX, height-correlated Smith masking, Schlick's Fresnel term.
+"""Evaluates the metallic-roughness BRDF of glTF 2.0 (appendix B): GGX, height-correlated Smith masking, Schlick's
+Fresnel term.
 
 One departure: the diffuse term has what the specular lobe leaves of a uniform sky at this view, 1 - (0.04 a + b) of
 `ggx.directional_albedo`, in place of 1 - F(v . h), with which a white surface would give back 1.9 times what it gets at

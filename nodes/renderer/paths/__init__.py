@@ -1,1 +1,1 @@
-"""Light over several surfaces, by paths."""
+"""Computes light over several surfaces, by paths."""

@@ -1,4 +1,4 @@
-"""What a path's vertex reflects of sources of light that it aims at: lights, glowing triangles, the sky."""
+"""Computes what a path's vertex reflects of sources of light that it aims at: lights, glowing triangles, the sky."""
 
 from functools import cache
 from typing import Any

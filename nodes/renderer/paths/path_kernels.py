@@ -1,4 +1,5 @@
-"""Light that reaches seen surfaces over other surfaces, from the sky and from glowing surfaces: paths from the camera.
+"""Computes light that reaches seen surfaces over other surfaces, from the sky and from glowing surfaces, by paths from
+the camera.
 
 At every surface point a path takes one direction from the mixture of its lobes and aims once at a glowing triangle and
 once at the sky's map; what two of these can find is weighted by the balance heuristic (Veach and Guibas, SIGGRAPH

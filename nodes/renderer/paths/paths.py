@@ -1,4 +1,4 @@
-"""Light over several surfaces: what paths need besides a `Shading`, and the launch of their kernel."""
+"""Prepares what paths need besides a `Shading`, and launches their kernel."""
 
 from __future__ import annotations
 

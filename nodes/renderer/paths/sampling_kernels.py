@@ -1,4 +1,4 @@
-"""Random numbers that are frozen on surfaces, and the sources of light that paths aim at."""
+"""Draws random numbers that are frozen on surfaces, and the sources of light that paths aim at."""
 
 import warp as wp
 

@@ -1,4 +1,4 @@
-"""Surface points of paths: what they reflect, and into which direction a path goes on."""
+"""Computes the surface points of paths: what they reflect, and into which direction a path goes on."""
 
 from functools import cache
 from typing import Any

@@ -1,4 +1,4 @@
-"""The first surface that a ray meets, by the same structures that find what is in the way of light."""
+"""Finds the first surface that a ray meets, by the same structures that find what is in the way of light."""
 
 from functools import cache
 from typing import Any

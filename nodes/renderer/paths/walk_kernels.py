@@ -1,4 +1,4 @@
-"""The way of one path from a seen point: from vertex to vertex, with the light that it finds."""
+"""Follows one path from a seen point, from vertex to vertex, with the light that it finds."""
 
 from functools import cache
 from typing import Any

@@ -1,1 +1,1 @@
-"""Primary visibility: triangles into a z-buffer, through any lens."""
+"""Computes primary visibility: triangles into a z-buffer, through any lens."""

@@ -1,4 +1,4 @@
-"""What of the image a triangle or a sphere may cover, and what shows the camera its back."""
+"""Bounds what of the image a triangle or a sphere may cover, and finds what shows the camera its back."""
 
 import warp as wp
 

@@ -1,4 +1,4 @@
-"""Instances cut into blocks of consecutive triangles and vertices, the unit in which they are culled and drawn."""
+"""Cuts instances into blocks of consecutive triangles and vertices, the unit in which they are culled and drawn."""
 
 from __future__ import annotations
 

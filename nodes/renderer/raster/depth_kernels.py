@@ -1,5 +1,5 @@
-"""The z-buffer: depth, triangle and which side of it a pixel sees in one uint64, so that the nearest of all threads
-wins by its value: depth's float32 above, BACK where the triangle's back is seen, and the triangle below.
+"""Packs depth, triangle and the side that a pixel sees into one uint64 of the z-buffer. The nearest of all threads wins
+by its value: depth's float32 above, BACK where the triangle's back is seen, and the triangle below.
 """
 
 import warp as wp

@@ -1,4 +1,4 @@
-"""Entries of the z-buffer on the host; depth_kernels has what a kernel reads of them."""
+"""Unpacks entries of the z-buffer on the host; depth_kernels has what a kernel reads of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Geometric images of a z-buffer: depth, ids, normals, motion, and the points that are hit."""
+"""Makes the geometric images of a z-buffer: depth, ids, normals, motion, and the points that are hit."""
 
 import warp as wp
 

@@ -1,4 +1,4 @@
-"""Two ways to draw a scene's triangles into a z-buffer, with the same result: by rows on a CPU, by lists on a GPU."""
+"""Draws a scene's triangles into a z-buffer in two ways with the same result: by rows on a CPU, by lists on a GPU."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The raster: blocks of triangles culled against the field of view, then walked pixel by pixel.
+"""Rasterises blocks of triangles, which are culled against the field of view and then walked pixel by pixel.
 
 A block is up to clusters.SIZE consecutive triangles (or vertices) of one instance with a bounding sphere and a cone of
 normals. Culling leaves out only what covers no pixel, so it changes no bit of the result.

@@ -1,4 +1,4 @@
-"""Rows of an image shared by CPU threads."""
+"""Divides the rows of an image among CPU threads."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PARTS = 4
 
 
 class RowTiles:
-    """Rows split over threads, for kernels that write only the rows they are given.
+    """Splits rows over threads, for kernels that write only the rows they are given.
 
     rows: first and end of each thread's. parts: the same in smaller ones, each taken by the next thread that is free,
     for kernels that cost as much as their pixels and nothing besides.

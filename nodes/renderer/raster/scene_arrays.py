@@ -1,4 +1,4 @@
-"""A scene's triangles and a camera on a device, and where the instances are: what a raster draws."""
+"""Holds what a raster draws: a scene's triangles and a camera on a device, and where the instances are."""
 
 from __future__ import annotations
 

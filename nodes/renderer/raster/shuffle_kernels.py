@@ -1,4 +1,4 @@
-"""What threads tell each other that run together: groups of 8, 16 or 32 neighbours, all of which must come along.
+"""Exchanges values between threads that run together: groups of 8, 16 or 32 neighbours, all of which must take part.
 
 On a CPU a thread is a group of its own.
 """

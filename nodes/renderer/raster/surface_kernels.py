@@ -1,4 +1,4 @@
-"""What a pixel sees of a surface: a triangle, a point of it, and its albedo and shading normal there."""
+"""Computes what a pixel sees of a surface: a triangle, a point of it, and its albedo and shading normal there."""
 
 from functools import cache
 from typing import Any
@@ -76,7 +76,7 @@ class Face:
 
 @wp.struct
 class Weights:
-    """Weights of a triangle's corners where a ray d meets it: w = (e0 . d, e1 . d, e2 . d) / total."""
+    """Holds the weights of a triangle's corners where a ray d meets it: w = (e0 . d, e1 . d, e2 . d) / total."""
 
     w: wp.vec3
     e0: wp.vec3

@@ -1,4 +1,4 @@
-"""The raster for thousands of threads: every step lists what the next one has to do, so that none waits for others.
+"""Rasterises with thousands of threads: every step lists what the next one has to do, so that none waits for others.
 
 Blocks that may be seen are listed, then their triangles that may cover a pixel, then the tiles of large ones; few
 blocks are drawn at once, for a list takes longer than it saves. A fixed number of threads shares a

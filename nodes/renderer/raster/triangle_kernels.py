@@ -1,4 +1,4 @@
-"""One triangle into the z-buffer: its edges and plane, and a walk over the pixels that it may cover.
+"""Draws one triangle into the z-buffer: its edges and plane, and a walk over the pixels that it may cover.
 
 Everything is camera-relative (x right, y down, z forward). A pixel's ray is d = ((x - cx) / fx, (y - cy) / fy, 1), so a
 point on it is z d; through a distorting lens d is a unit vector from a table, and the point is its distance times d.

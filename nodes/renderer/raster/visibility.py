@@ -1,4 +1,4 @@
-"""Who is seen by each pixel at one instant, without any shading."""
+"""Finds which triangle each pixel sees at one instant, without any shading."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a CPU's thread does for rows of the z-buffer that it owns: which triangles they show, and the walk over these.
+"""Draws the rows of the z-buffer that a CPU's thread owns: which triangles they show, and the walk over these.
 
 Both are done in C++, several triangles or pixels at a time: over the strides of a Warp array no loop is vectorised.
 """

@@ -1,1 +1,1 @@
-"""Radiance of what the raster has found: kernels that put materials, lights and shadows together."""
+"""Computes the radiance of what the raster has found, by kernels that put materials, lights and shadows together."""

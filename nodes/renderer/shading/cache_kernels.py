@@ -1,4 +1,4 @@
-"""What is remembered of still surfaces under still lights.
+"""Remembers the radiance of still surfaces under still lights.
 
 The radiance of a still surface without moving casters is remembered, with a bit for each light that then reaches it;
 while none of these is hidden by a moving caster, that radiance is the result. Where strengths of lights change, only

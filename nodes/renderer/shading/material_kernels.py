@@ -1,4 +1,4 @@
-"""How a seen surface takes light: its material by glTF's metallic-roughness model, and what it shines with anyway."""
+"""Computes how a seen surface takes light: its material by glTF's metallic-roughness model, and what it emits."""
 
 from functools import cache
 from typing import Any

@@ -1,4 +1,4 @@
-"""How light leaves a kernel: as RGB, as luminance or as both; what is not finite, or too large, is counted."""
+"""Writes light out of a kernel: as RGB, as luminance or as both; what is not finite, or too large, is counted."""
 
 from functools import cache
 from typing import Any

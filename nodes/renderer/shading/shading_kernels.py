@@ -1,4 +1,5 @@
-"""Radiance of the pixels that a z-buffer has found: what surfaces emit, and reflect of the lights and the sky.
+"""Computes the radiance of the pixels that a z-buffer has found: what surfaces emit, and reflect of the lights and the
+sky.
 
 The way of a pixel: the triangle that it sees (surface_kernels), what is remembered of it (cache_kernels), else its
 material and the sky's light on it (material_kernels), the light of lights (lights/direct_kernels and area_kernels) as

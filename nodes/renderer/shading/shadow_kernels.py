@@ -1,4 +1,4 @@
-"""Rays from what is seen to point-like lights, in a pass of their own.
+"""Casts rays from what is seen to point-like lights, in a pass of their own.
 
 On a GPU neighbouring pixels' rays to one light go through the same of the trees at the same time, and a kernel that
 does nothing else leaves room for more of them at once than the one that shades.

@@ -1,4 +1,4 @@
-"""The shadow rays of an image, or of a list of its pixels, in a pass before it is shaded."""
+"""Casts the shadow rays of an image, or of a list of its pixels, in a pass before it is shaded."""
 
 from __future__ import annotations
 

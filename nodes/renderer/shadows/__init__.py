@@ -1,1 +1,1 @@
-"""What is in the way of light: occluders, rays against them, grids that save rays."""
+"""Finds what is in the way of light: occluders, rays against them, grids that save rays."""

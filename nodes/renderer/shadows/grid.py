@@ -1,4 +1,4 @@
-"""The grids of lights without size that stand still, see grid_kernels."""
+"""Builds the grids of lights without size that stand still, see grid_kernels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who may be between a light without size and a point: looked up in a grid over what the light sees, for shadow rays.
+"""Looks up what may be between a light without size and a point, in a grid over what the light sees, for shadow rays.
 
 Seen from the light, all of a ray lies in one cell of a grid: of one in a plane before a spot light, of one of six on
 the faces of a cube about a point light, of one across the way of a directional light. For every cell there is a list of

@@ -1,4 +1,4 @@
-"""Still instances joined into one mesh: one tree of triangles instead of a tree of instances over their own trees."""
+"""Joins still instances into one mesh: one tree of triangles instead of a tree of instances over their own trees."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The instances as occluders: one ray-tracing structure per mesh, and trees over many instances."""
+"""Holds the instances as occluders: one ray-tracing structure per mesh, and trees over many instances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the trees over occluders are at an instant."""
+"""Computes where the trees over occluders are at an instant."""
 
 import warp as wp
 

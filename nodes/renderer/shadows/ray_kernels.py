@@ -1,4 +1,4 @@
-"""What is in the way of light: rays against the instances, and a test that saves most of them.
+"""Finds what is in the way of light: rays against the instances, and a test that saves most of them.
 
 Few instances are tried one by one. Many still ones lie in a tree in the world's frame that is built once, many moving
 ones in a tree in the camera's frame, a group of it for each environment, that is refitted. The trees leave out only

@@ -1,1 +1,1 @@
-"""Textures with mipmaps."""
+"""Samples textures with mipmaps."""

@@ -1,4 +1,4 @@
-"""Textures: bilinear where magnified, mipmaps along the footprint of the pixel where minified."""
+"""Samples textures: bilinear where magnified, mipmaps along the footprint of the pixel where minified."""
 
 import warp as wp
 

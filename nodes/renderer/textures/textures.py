@@ -1,4 +1,4 @@
-"""Mipmaps of a scene's textures on the device."""
+"""Builds the mipmaps of a scene's textures on the device."""
 
 from __future__ import annotations
 

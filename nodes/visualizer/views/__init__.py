@@ -1,1 +1,1 @@
-"""What a panel shows: each view takes a topic's messages on one thread and makes what the page draws on another."""
+"""Makes what panels show: each view takes a topic's messages on one thread and makes what the page draws on another."""

@@ -1,4 +1,5 @@
-"""Event view: packets since a client's last bundle, a 32-bit word and a 16-bit age per event that can be seen."""
+"""Makes the event view: packets since a client's last bundle, a 32-bit word and a 16-bit age per event that can be
+seen."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Image views: radiance, luminance, camera images, depth, motion, ids, normals and the dense labels, as JPEG."""
+"""Makes the image views: radiance, luminance, camera images, depth, motion, ids, normals and the dense labels, as
+JPEG."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Views that are numbers: labels, body states, actions, camera descriptions, inertial samples, triggers."""
+"""Makes views that are numbers: labels, body states, actions, camera descriptions, inertial samples, triggers."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ class Here:
     def __init__(self, out: str) -> None:
         self._answerer, self._answers = Answerer(out), list[Answer]()
 
-    def give(self, worker: int, plans: Sequence[Plan]) -> None:
+    def assign(self, worker: int, plans: Sequence[Plan]) -> None:
         told = self._answerer.answers([plan.as_dict() for plan in plans])
         self._answers += [Answer(worker, **fields) for fields in told]
 

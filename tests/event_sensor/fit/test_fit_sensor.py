@@ -7,7 +7,7 @@ import pytest
 import wheel_film as film
 
 from nodes.event_sensor.fit.clip import read_clip
-from nodes.event_sensor.fit.fit import fit_sensor, light_of, off_by
+from nodes.event_sensor.fit.fit import fit_sensor, light_of, relative_deviations
 from nodes.event_sensor.fit.report import report
 from nodes.event_sensor.fit.wheel import NoWheel, find_wheel
 
@@ -52,7 +52,7 @@ def test_the_sensor_is_found(recorded):
     assert abs(count - want) < 4.5 * math.sqrt(want)
     want = (TRUE["leak_rate"] + TRUE["shot_rate"] * (1 - film.WHITE)) * white.seconds
     assert abs(white.on + white.off - want) < 4.5 * math.sqrt(want)
-    assert all(abs(value) < 0.1 for value in off_by(fit.compared[0]).values())
+    assert all(abs(value) < 0.1 for value in relative_deviations(fit.compared[0]).values())
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import pytest
 
 from evis.events import open_recording
 from nodes.event_sensor.fit.clip import read_clip, simulate_motion
-from nodes.event_sensor.fit.fit import fit_sensor, light_of, off_by
+from nodes.event_sensor.fit.fit import fit_sensor, light_of, relative_deviations
 from nodes.event_sensor.fit.motion import fit_blur
 from nodes.event_sensor.fit.wheel import NoWheel
 from nodes.event_sensor.parameters import SENSOR, resolve_sensor
@@ -68,7 +68,7 @@ def test_a_fit_foretells_the_clip_that_was_left_out(left_out):
     other = clips.pop(left_out)
     fit = fit_sensor(list(clips.values()), [other], light_of())
     for one in fit.compared:
-        assert all(abs(value) < 0.2 for value in off_by(one).values()), one.clip.name
+        assert all(abs(value) < 0.2 for value in relative_deviations(one).values()), one.clip.name
         assert LEAST_NOISE < one.simulated_noise < MOST_NOISE
     assert 440 < fit.values["refractory_us"] < 540
     assert fit.laws["proportional"] > 3 * fit.laws["constant"]

@@ -15,7 +15,7 @@ from nodes.interpolator.auto.setting import LIGHT
 from nodes.interpolator.auto.world import World
 from nodes.interpolator.interpolator import Interpolator
 from nodes.interpolator.keyframe import States
-from nodes.interpolator.refine.mean_kernels import Division, make_merge
+from nodes.interpolator.refine.samples.mean_kernels import Division, make_merge
 from nodes.renderer.supersampling import SupersampledRenderer
 
 RATE, GAPS = 30.0, 2

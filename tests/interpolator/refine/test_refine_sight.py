@@ -9,8 +9,8 @@ from refine_rig import box
 from rigid_rig import GAP, START, closed_form, keyframe, lamp, painted, plain, pose, quad, world
 
 from evis.scene.motion import Linear, Prescribed, Spin
+from nodes.interpolator.refine.evaluation.sight_kernels import FAR, Targets, make_seen_of_all
 from nodes.interpolator.refine.method import Refined
-from nodes.interpolator.refine.sight_kernels import FAR, Targets, make_seen_of_all
 from nodes.interpolator.rigid import Rigid, RigidOptions
 from nodes.renderer.raster.depth_kernels import MISS
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray

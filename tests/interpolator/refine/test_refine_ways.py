@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from nodes.interpolator.refine.paths.way_kernels import find_bends, stride_of
+from nodes.interpolator.refine.paths.motion_kernels import find_bends, stride_of
 from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, shows_one
 
 K, SLOTS, PROBES = 2, 15, 8

@@ -1,1 +1,1 @@
-"""COCO: images, boxes and masks, with the events beside them."""
+"""Writes and reads COCO: images, boxes and masks, with the events beside them."""

@@ -1,4 +1,4 @@
-"""Objects of a JSON list that is longer than memory."""
+"""Writes objects of a JSON list that is longer than memory."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import IO, Any
 
 
 class Lines:
-    """Objects of JSON that wait in a file of their own, so that they need not wait in memory."""
+    """Keeps objects of JSON in a file of their own, so that they need not wait in memory."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._file, self.count = path, path.open("w"), 0

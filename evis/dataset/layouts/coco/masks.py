@@ -1,4 +1,4 @@
-"""COCO's run lengths of masks, not compressed."""
+"""Encodes COCO's run lengths of masks, not compressed."""
 
 from __future__ import annotations
 

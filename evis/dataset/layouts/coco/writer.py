@@ -1,4 +1,4 @@
-"""COCO: boxes and masks of things in images, `annotations/instances.json`, with the events beside them.
+"""Writes COCO: boxes and masks of objects in images, `annotations/instances.json`, with the events beside them.
 
 An image is the frame of a stamp or, without frames, a picture of the events since the stamp before. The events are in
 `events/<camera>/events.npz`.
@@ -66,7 +66,7 @@ class CocoWriter(SequenceWriter):
         path.write_bytes(encoded(pixels, "" if frame is None else frame.encoding))
         told = {"id": number, "file_name": name.removeprefix("images/"), "width": info.width, "height": info.height}
         self._parts["images"].add({**told, "stamp_ns": sample.stamp_ns, "camera": camera})
-        for instance, box, mask in things(sample):
+        for instance, box, mask in visible_instances(sample):
             width, height = box[2] - box[0] + 1, box[3] - box[1] + 1
             category = int(info.semantic[instance]) if info.semantic is not None else 1
             self._parts["annotations"].add(
@@ -93,7 +93,7 @@ class CocoWriter(SequenceWriter):
             out.write("}\n")
 
 
-def things(sample: Sample) -> Iterator[tuple[int, list[int], np.ndarray | None]]:
+def visible_instances(sample: Sample) -> Iterator[tuple[int, list[int], np.ndarray | None]]:
     """Yields (instance, box x0 y0 x1 y1 px inclusive, mask [H, W] or None) of what is seen, without the background.
 
     Boxes are the labels' own; without them they are those of the masks.

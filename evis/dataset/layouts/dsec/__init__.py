@@ -1,1 +1,1 @@
-"""DSEC, with DSEC-Det: a folder as one of its sequences."""
+"""Writes and reads DSEC, with DSEC-Det: a folder as one of its sequences."""

@@ -1,4 +1,4 @@
-"""DSEC's cam_to_cam.yaml, by the names of https://dsec.ifi.uzh.ch/data-format."""
+"""Writes DSEC's cam_to_cam.yaml, by the names of https://dsec.ifi.uzh.ch/data-format."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""DSEC's disparity in 16 bit PNG: `Sequence.get_disparity_map` in uzh-rpg/DSEC, scripts/dataset/sequence.py."""
+"""Encodes DSEC's disparity in 16 bit PNG: `Sequence.get_disparity_map` in uzh-rpg/DSEC, scripts/dataset/sequence.py."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The file of events of one of DSEC's cameras, as uzh-rpg/DSEC reads it in scripts/utils/eventslicer.py."""
+"""Writes the file of events of one of DSEC's cameras, as uzh-rpg/DSEC reads it in scripts/utils/eventslicer.py."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""DSEC-Det's object detections, rows of tracks.npy (uzh-rpg/dsec-det, src/dsec_det/label.py)."""
+"""Writes DSEC-Det's object detections, rows of tracks.npy (uzh-rpg/dsec-det, src/dsec_det/label.py)."""
 
 from __future__ import annotations
 

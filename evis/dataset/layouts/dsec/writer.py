@@ -1,4 +1,4 @@
-"""DSEC's layout, with DSEC-Det's object detections: a folder as one of DSEC's sequences, for its loaders.
+"""Writes DSEC's layout, with DSEC-Det's object detections: a folder as one of DSEC's sequences, for its loaders.
 
 Names and places are those of uzh-rpg/DSEC (scripts/dataset/sequence.py), of https://dsec.ifi.uzh.ch/data-format and of
 uzh-rpg/dsec-det (src/dsec_det/directory.py), which looks for frames in the sensor's own pixels in `distorted/`.

@@ -1,1 +1,1 @@
-"""Bags of ROS 2 messages."""
+"""Writes and reads bags of ROS 2 messages."""

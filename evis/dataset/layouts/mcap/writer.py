@@ -1,4 +1,4 @@
-"""A bag of ROS 2 messages, `sequence.mcap`, as `evis launch --record` makes one: events, labels, info, image."""
+"""Writes a bag of ROS 2 messages, `sequence.mcap`, as `evis launch --record` makes one: events, labels, info, image."""
 
 from __future__ import annotations
 

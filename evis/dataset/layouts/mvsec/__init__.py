@@ -1,1 +1,1 @@
-"""MVSEC: HDF5 files, and its flow as an archive."""
+"""Writes and reads MVSEC: HDF5 files, and its flow as an archive."""

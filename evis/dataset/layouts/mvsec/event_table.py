@@ -1,4 +1,4 @@
-"""Places in MVSEC's table of events, float64 [N, 4] of x, y, t in s and polarity, by time."""
+"""Finds places in MVSEC's table of events, float64 [N, 4] of x, y, t in s and polarity, by time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""MVSEC's layout: `<name>_data.hdf5`, `<name>_gt.hdf5`, and its flow as npz; the cameras are davis/left and right.
+"""Writes MVSEC's layout: `<name>_data.hdf5`, `<name>_gt.hdf5`, and its flow as npz; the cameras are davis/left and
+right.
 
 Names, types and shapes are those of MVSEC's own converter (daniilidis-group/mvsec, branch mvsec_hdf5,
 tools/mvsec_simple_reader/mvsec_h5py.py; tools/gt_flow/compute_flow.py for the archive). The flow at a stamp leads to
@@ -24,6 +25,7 @@ from evis.dataset.layouts.stereo_sides import SIDES, sides
 from evis.dataset.layouts.writer import SequenceWriter
 from evis.files.hdf5_writing import NewFile
 from evis.geometry import se3
+from evis.media.colour import REC709
 from msgs.camera import CameraInfo, Image
 
 FLOW = {"timestamps": (), "x_flow_dist": ("H", "W"), "y_flow_dist": ("H", "W")}
@@ -79,7 +81,7 @@ class MvsecWriter(SequenceWriter):
         pixels = np.asarray(image.data)
         if pixels.shape[-1] == 3:
             self.note("MVSEC has grey images: colour is left out")
-            pixels = np.rint(pixels @ np.array([0.2126, 0.7152, 0.0722])).astype(pixels.dtype)[..., None]
+            pixels = np.rint(pixels @ np.array(REC709)).astype(pixels.dtype)[..., None]
         self._stamped(self._data, f"{group}/image_raw", pixels[..., 0], image.header.stamp_ns * 1e-9)
 
     def _stamped(self, file: NewFile, name: str, array: np.ndarray, seconds: float) -> None:

@@ -1,1 +1,1 @@
-"""Plain archives of NumPy."""
+"""Writes and reads plain archives of NumPy."""

@@ -1,4 +1,4 @@
-"""Plain NumPy archives: `<camera>/events.npz`, which `evis.open` reads too, and `<camera>/<kind>.npz`.
+"""Writes and reads plain NumPy archives: `<camera>/events.npz`, which `evis.open` reads too, and `<camera>/<kind>.npz`.
 
 The arrays are not compressed, so that a part of one is read without the rest.
 """

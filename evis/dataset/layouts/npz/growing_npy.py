@@ -1,4 +1,4 @@
-"""A .npy file whose first axis grows."""
+"""Writes a .npy file whose first axis grows."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""WebDataset: tar shards."""
+"""Writes and reads WebDataset: tar shards."""

@@ -1,4 +1,4 @@
-"""WebDataset: tar shards whose samples are the steps of a camera, in order of time, for reading as a stream.
+"""Writes WebDataset: tar shards whose samples are the steps of a camera, in order of time, for reading as a stream.
 
 A sample `<camera>/<number>` has `.json` (stamp_ns, t0_ns, camera, number and times of the events), `.events.npz` with
 t, x, y, p and the labels of events, `.<kind>.npz` for each kind of label, and `.image.png`.

@@ -1,1 +1,1 @@
-"""Zarr groups."""
+"""Writes and reads Zarr groups."""

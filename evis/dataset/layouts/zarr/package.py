@@ -1,4 +1,4 @@
-"""The package zarr, an extra."""
+"""Imports the package zarr, an extra."""
 
 from __future__ import annotations
 

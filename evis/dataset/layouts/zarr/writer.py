@@ -1,4 +1,4 @@
-"""Zarr (format 3): a group per camera and kind of label, each column an array in compressed chunks."""
+"""Writes Zarr (format 3): a group per camera and kind of label, each column an array in compressed chunks."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Payloads of ROS 2's event_camera_msgs/EventPacket."""
+"""Decodes and encodes payloads of ROS 2's event_camera_msgs/EventPacket."""

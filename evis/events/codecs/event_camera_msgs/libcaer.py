@@ -1,4 +1,4 @@
-"""The `libcaer` payload of event_camera_msgs: polarity events of AEDAT 3.1, 8 bytes each.
+"""Decodes and encodes the `libcaer` payload of event_camera_msgs: polarity events of AEDAT 3.1, 8 bytes each.
 
 Bit 0 valid, bit 1 polarity, bits 2-16 y, bits 17-31 x, then int32 us. Times are the message's base plus these; where
 they fall by half their range or more, they have turned (+2^31 us).

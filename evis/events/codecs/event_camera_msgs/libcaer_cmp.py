@@ -1,4 +1,4 @@
-"""The `libcaer_cmp` payload of event_camera_msgs: 16-bit words, a code in bits 12-15.
+"""Decodes and encodes the `libcaer_cmp` payload of event_camera_msgs: 16-bit words, a code in bits 12-15.
 
 0 TIME_HIGH and 1 TIME_LOW: 12 bits each, us since the message's base; 2 ADDR_X: x of what follows; 3 ADDR_Y: y and
 polarity (bit 11) of one event; 4 VECT_BASE_Y: y and polarity of vectors; 5 VECT_8: a mask of eight rows from there on,

@@ -1,4 +1,4 @@
-"""libcaer_cmp words to events, one after the other; the twin of `libcaer_cmp.Decoder.decode_words`."""
+"""Decodes libcaer_cmp words to events, one after the other; the twin of `libcaer_cmp.Decoder.decode_words`."""
 
 import warp as wp
 

@@ -1,4 +1,4 @@
-"""The `mono` event encoding of event_camera_codecs: 8 bytes an event, exact to the nanosecond.
+"""Packs and unpacks the `mono` event encoding of event_camera_codecs: 8 bytes an event, exact to the nanosecond.
 
 One uint64 each: polarity in bit 63, y in bits 48-62, x in bits 32-47, nanoseconds since the packet's time base in
 bits 0-31.
@@ -43,7 +43,7 @@ def unpack(words: np.ndarray, base_ns: int) -> tuple[np.ndarray, np.ndarray, np.
 
 
 def split(t: np.ndarray, t0_ns: int, ends: tuple[int, int] | None = None) -> list[tuple[int, int, int]]:
-    """Runs (first, end, base [ns]) of consecutive events whose times fit one packet each.
+    """Yields runs (first, end, base [ns]) of consecutive events whose times fit one packet each.
 
     ends: the earliest and the latest time, where they are known. The base is `t0_ns` where that serves the whole
     packet, otherwise the earliest time of the run. A packet with no events is one empty run.

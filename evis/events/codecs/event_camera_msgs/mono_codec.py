@@ -1,4 +1,4 @@
-"""The `mono` payload of event_camera_msgs: 8 bytes an event, exact to the nanosecond.
+"""Decodes and encodes the `mono` payload of event_camera_msgs: 8 bytes an event, exact to the nanosecond.
 
 Bit 63 polarity, bits 48-62 y, bits 32-47 x, bits 0-31 ns since the message's time base.
 """

@@ -1,4 +1,4 @@
-"""Payloads of event_camera_msgs/EventPacket: every message stands alone and has a time base.
+"""Implements payloads of event_camera_msgs/EventPacket: every message stands alone and has a time base.
 
 `evt3` payloads are the camera's words and go on from message to message: see `evt3`.
 """
@@ -21,7 +21,7 @@ BASE, CUT, OUTSIDE = 1, 2, 3
 
 
 class Decoder(decoder.Decoder):
-    """What the decoders of whole messages share. `decode` alone takes bytes of a message with base 0."""
+    """Implements what the decoders of whole messages share. `decode` alone takes bytes of a message with base 0."""
 
     counters = {"outside": OUTSIDE, "cut_words": CUT}
 
@@ -49,7 +49,7 @@ class Decoder(decoder.Decoder):
 
 
 class RecordDecoder(Decoder):
-    """Records of fixed size, whose times are known without the ones before: numpy alone."""
+    """Decodes records of fixed size, whose times are known without the ones before: numpy alone."""
 
     word = np.dtype("<u8")
     tick_ns = 1
@@ -57,7 +57,7 @@ class RecordDecoder(Decoder):
     state_size = 4
 
     def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
-        """Records up to the first one later than `limit` [ns]."""
+        """Decodes records up to the first one later than `limit` [ns]."""
         t = self._times(words)
         late = t > limit
         following, cut = -1, len(words)
@@ -76,7 +76,7 @@ class RecordDecoder(Decoder):
 
 
 class Encoder(_Encoder):
-    """Encoders of whole messages. `encode` gives one message with base 0, `encode_packets` as many as it takes."""
+    """Encodes whole messages. `encode` gives one message with base 0, `encode_packets` as many as it takes."""
 
     span_ns: int
     """Times of one message lie within this many ns of its base."""

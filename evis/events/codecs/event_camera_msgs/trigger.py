@@ -1,4 +1,5 @@
-"""The `trigger` payload of event_camera_msgs: 8 bytes an edge, laid out as `mono` with the channel in place of y."""
+"""Decodes and encodes the `trigger` payload of event_camera_msgs: 8 bytes an edge, laid out as `mono` with the channel
+in place of y."""
 
 from __future__ import annotations
 

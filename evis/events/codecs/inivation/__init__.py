@@ -1,1 +1,1 @@
-"""iniVation's cameras: DAVIS, DVXplorer, DVXplorer Mini, DVS128."""
+"""Decodes and encodes the words of iniVation's cameras: DAVIS, DVXplorer, DVXplorer Mini, DVS128."""

@@ -1,4 +1,5 @@
-"""DAVIS346 over USB (iniVation FX3): events as row and column words, APS frames, inertial samples, triggers.
+"""Decodes and encodes DAVIS346 over USB (iniVation FX3): events as row and column words, APS frames, inertial samples,
+triggers.
 
 Code 1 is a row, codes 2 and 3 a column with an OFF or ON event at the time in force; frames are put together in
 `davis_frames`, inertial samples in `inivation_imu`.

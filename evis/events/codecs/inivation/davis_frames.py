@@ -1,4 +1,5 @@
-"""APS frames of a DAVIS: columns of reset and of signal samples, subtracted, with the place of the region read out."""
+"""Assembles APS frames of a DAVIS: columns of reset and of signal samples, subtracted, with the place of the region
+read out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""DAVIS words to events, one after the other; the twin of `evis.events.codecs.inivation.davis.Decoder.decode_words`."""
+"""Decodes DAVIS words to events, one after the other; the twin of
+`evis.events.codecs.inivation.davis.Decoder.decode_words`."""
 
 import warp as wp
 

@@ -1,4 +1,4 @@
-"""DVS128 over USB: 32-bit words, an address and a 14-bit time each.
+"""Decodes and encodes DVS128 over USB: 32-bit words, an address and a 14-bit time each.
 
 Bits 0-15 are the address (0 polarity, inverted; 1-7 x and 8-14 y, both counted from the far corner; 15 an edge of the
 synchronisation input), bits 16-29 the time in us. Bit 31: the time has wrapped (+2^14 us); bit 30: it was reset.

@@ -1,4 +1,4 @@
-"""DVS128 words to events, one after the other; the twin of `dvs128.Decoder.decode_words`."""
+"""Decodes DVS128 words to events, one after the other; the twin of `dvs128.Decoder.decode_words`."""
 
 import warp as wp
 

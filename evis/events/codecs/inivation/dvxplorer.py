@@ -1,4 +1,4 @@
-"""DVXplorer over USB (iniVation FX3): columns of groups of eight rows, inertial samples, triggers.
+"""Decodes and encodes DVXplorer over USB (iniVation FX3): columns of groups of eight rows, inertial samples, triggers.
 
 Code 1 is a column (bit 11: start of a readout), code 4 the rows of two groups (the second relative to the first),
 codes 3 and 2 a mask of eight pixels of the first and of the second group with one polarity (0 = ON). A whole readout

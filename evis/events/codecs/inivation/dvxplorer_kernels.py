@@ -1,4 +1,5 @@
-"""DVXplorer words to events, one after the other; the twin of `dvxplorer.Decoder.decode_words`."""
+"""Decodes DVXplorer words to events, one after the other; the twin of
+`evis.events.codecs.inivation.dvxplorer.Decoder.decode_words`."""
 
 import warp as wp
 

@@ -1,4 +1,4 @@
-"""DVXplorer Mini over USB (MIPI bridge): 32-bit words, 0 = padding.
+"""Decodes and encodes DVXplorer Mini over USB (MIPI bridge): 32-bit words, 0 = padding.
 
 Bit 31: two groups of eight rows (first group bits 18-23, the second 26-30 further on; masks in bits 0-7 and 8-15,
 polarities in bits 16 and 17, 0 = ON) in the column in force. Bit 26: a column (bits 0-9); with bit 21 a readout starts,

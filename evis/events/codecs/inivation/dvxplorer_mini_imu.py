@@ -1,4 +1,4 @@
-"""Inertial samples of a DVXplorer Mini: packets of 16 bytes on an endpoint beside the events, without a time.
+"""Decodes inertial samples of a DVXplorer Mini: packets of 16 bytes on an endpoint beside the events, without a time.
 
 Byte 0 is 1; byte 1 holds what is there (bit 7 accelerometer, 6 gyroscope, 5 thermometer) and the ranges (bits 3-4 and
 0-2, as in a DVXplorer's word); seven int16, little endian, follow. Byte 0 = 0 is a message of the firmware: byte 1 its
@@ -23,7 +23,7 @@ STRAIGHT = dataclasses.replace(BOSCH, order=(3, 4, 5, 6, 0, 1, 2))
 
 
 class MiniImu:
-    """Packets to samples and back. orientation: bits 2, 1, 0 turn x, y, z around."""
+    """Converts packets to samples and back. orientation: bits 2, 1, 0 turn x, y, z around."""
 
     def __init__(self, straight: bool = False, orientation: int = 0) -> None:
         self.chip = STRAIGHT if straight else TURNED

@@ -1,4 +1,4 @@
-"""DVXplorer Mini words to events, one after the other.
+"""Decodes DVXplorer Mini words to events, one after the other.
 
 The twin of `evis.events.codecs.inivation.dvxplorer_mini.Decoder.decode_words`."""
 

@@ -1,4 +1,5 @@
-"""What the DAVIS and DVXplorer encoders share: words of groups of events, blocks of other words, and the time words."""
+"""Implements what the DAVIS and DVXplorer encoders share: words of groups of events, blocks of other words, and the
+time words."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Inertial samples in iniVation streams: a start word, one with scales and kinds, two bytes a value, an end word."""
+"""Decodes inertial samples in iniVation streams: a start word, one with scales and kinds, two bytes a value, an end
+word."""
 
 from __future__ import annotations
 
@@ -19,7 +20,7 @@ _MINE[[1, IMU_START, IMU_END]] = _MINE[0x5000:0x5100] = _MINE[0x5300:0x5400] = T
 
 @dataclass(frozen=True)
 class ImuChip:
-    """How a chip's numbers become units.
+    """Describes how a chip's numbers become units.
 
     accelerometer_shift: place of its two scale bits, +-(2 << scale) g. gyroscope_dps: full range [deg/s] by scale.
     temperature: (per count, at 0) [deg C]. order: where ax ay az T gx gy gz are among the seven values on the wire.

@@ -1,4 +1,4 @@
-"""What the kernels of DAVIS and DVXplorer share: their words' time, and triggers; see `words`."""
+"""Implements what the kernels of DAVIS and DVXplorer share: their words' time, and triggers; see `words`."""
 
 import warp as wp
 
@@ -33,7 +33,7 @@ INPUT_CHANNEL, PULSE_CHANNEL, GENERATOR_CHANNEL = (
 
 @wp.struct
 class Clock:
-    """The time in force and what was counted: the part of the state that DAVIS and DVXplorer share.
+    """Holds the time in force and what was counted: the part of the state that DAVIS and DVXplorer share.
 
     timed: a time has come. offset, now: base of the times and time [us].
     """

@@ -1,4 +1,5 @@
-"""What DAVIS and DVXplorer share: 16-bit words with 15-bit times, triggers, and the words of other parts of the sensor.
+"""Implements what DAVIS and DVXplorer share: 16-bit words with 15-bit times, triggers, and the words of other parts of
+the sensor.
 
 A word with bit 15 is a time: us since the last wrap. Otherwise bits 12-14 are a code and bits 0-11 its data. Code 7
 moves the base of the times by 2^15 us times its data; special word 1 (timestamp reset) sets base and time to 0. Code 0
@@ -66,7 +67,7 @@ def classes(codes: dict[int, int], specials: dict[int, int], pieces: dict[int, i
 
 
 class Decoder(decoder.Decoder):
-    """The time, triggers and side words; subclasses add the events."""
+    """Decodes the time, triggers and side words; subclasses add the events."""
 
     word = np.dtype("<u2")
     wrap_ns = WRAP_US * 1000

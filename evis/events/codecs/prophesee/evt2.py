@@ -1,4 +1,4 @@
-"""Prophesee EVT2: 32-bit words, one event each, time 34 bits in us.
+"""Decodes and encodes Prophesee EVT2: 32-bit words, one event each, time 34 bits in us.
 
 The rules are those of EVT3: nothing counts before the first TIME_HIGH, and the counter has turned when TIME_HIGH falls
 by half its range or more.

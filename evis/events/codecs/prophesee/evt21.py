@@ -1,4 +1,5 @@
-"""Prophesee EVT2.1: 64-bit words; the upper half is an EVT2 word, the lower half a mask of 32 pixels from its x on.
+"""Decodes and encodes Prophesee EVT2.1: 64-bit words; the upper half is an EVT2 word, the lower half a mask of 32
+pixels from its x on.
 
 Time, triggers and turns are those of EVT2. `evt21` is plain little endian; `evt21_legacy` (IMX636) sends the upper half
 first (`endianness=legacy` in a RAW header).

@@ -1,4 +1,4 @@
-"""EVT2.1 as the IMX636 sends it: the upper 32 bits of each word come first."""
+"""Decodes and encodes EVT2.1 as the IMX636 sends it: the upper 32 bits of each word come first."""
 
 from __future__ import annotations
 

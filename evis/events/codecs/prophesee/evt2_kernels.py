@@ -1,4 +1,4 @@
-"""EVT2 and EVT2.1 words to events, one after the other; the twins of `evt2.Decoder.decode_words`."""
+"""Decodes EVT2 and EVT2.1 words to events, one after the other; the twins of `evt2.Decoder.decode_words`."""
 
 import warp as wp
 

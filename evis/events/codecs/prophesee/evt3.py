@@ -1,4 +1,4 @@
-"""Prophesee EVT3: 16-bit words, time 24 bits in us, single events and vectors of 12 and 8 pixels.
+"""Decodes and encodes Prophesee EVT3: 16-bit words, time 24 bits in us, single events and vectors of 12 and 8 pixels.
 
 Rules as in openeb: nothing counts before the first TIME_HIGH; the 24-bit counter has turned when TIME_HIGH falls by
 2048 or more; a change of TIME_HIGH sets the low part to 0; a TIME_LOW that steps back is kept as it is.

@@ -1,4 +1,5 @@
-"""EVT3 words to events, one after the other; the twin of `evis.events.codecs.prophesee.evt3.Decoder.decode_words`."""
+"""Decodes EVT3 words to events, one after the other; the twin of
+`evis.events.codecs.prophesee.evt3.Decoder.decode_words`."""
 
 import warp as wp
 

@@ -1,4 +1,5 @@
-"""Prophesee EVT4: 32-bit words, an event each, or a vector: a word with the first pixel, then a mask of 32 pixels.
+"""Decodes and encodes Prophesee EVT4: 32-bit words, an event each, or a vector: a word with the first pixel, then a
+mask of 32 pixels.
 
 Time, triggers and turns are those of EVT2, under other type numbers: 0xA OFF, 0xB ON, 0xC and 0xD the vectors, 0xE
 TIME_HIGH, 9 a trigger. 6 and 7 are counts that the sensor makes, 0xF is padding.

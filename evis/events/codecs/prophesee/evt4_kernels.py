@@ -1,4 +1,5 @@
-"""EVT4 words to events, one after the other; the twin of `evis.events.codecs.prophesee.evt4.Decoder.decode_words`."""
+"""Decodes EVT4 words to events, one after the other; the twin of
+`evis.events.codecs.prophesee.evt4.Decoder.decode_words`."""
 
 import warp as wp
 

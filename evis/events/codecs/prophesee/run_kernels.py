@@ -1,4 +1,5 @@
-"""Inner loops of the EVT decoders, in C++ (`evt3_runs.h`, `evt2_runs.h`): runs of words without a turn of the time."""
+"""Embeds the inner loops of the EVT decoders, in C++ (`evt3_runs.h`, `evt2_runs.h`): runs of words without a turn of
+the time."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""AEDAT 2.0 of jAER: `#` lines, then big-endian records of a 32-bit address and a 32-bit time in us.
+"""Reads AEDAT 2.0 of jAER: `#` lines, then big-endian records of a 32-bit address and a 32-bit time in us.
 
 AEDAT 1.0 is the same with addresses of 16 bits, from DVS128 cameras.
 """

@@ -1,4 +1,4 @@
-"""Frames and inertial samples of a DAVIS between the events of an AEDAT 2.0 file (address bit 31 is set)."""
+"""Assembles frames and inertial samples of a DAVIS between the events of an AEDAT 2.0 file (address bit 31 is set)."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class DavisSamples:
         return n
 
     def add(self, address: np.ndarray, t: np.ndarray, events: Events) -> None:
-        """Words int64 [n] with bit 31 set, and their times [ns]; what becomes complete goes into `events`."""
+        """Takes words int64 [n] with bit 31 set, and their times [ns]; what becomes complete goes into `events`."""
         kind = address >> 10 & 3
         imu = kind == IMU
         if imu.any():

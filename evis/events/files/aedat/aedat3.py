@@ -1,4 +1,4 @@
-"""AEDAT 3.1 of cAER: a text header, then packets of one kind of event, little endian, uncompressed."""
+"""Reads AEDAT 3.1 of cAER: a text header, then packets of one kind of event, little endian, uncompressed."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def matches(head: bytes, path: Path, name: str) -> bool:
 
 
 class Aedat3Recording(DescriptorOwner, BlockRecording):
-    """An AEDAT 3.1 file: polarity events, special events, frames, IMU 6 and 9 of one source.
+    """Reads an AEDAT 3.1 file: polarity events, special events, frames, IMU 6 and 9 of one source.
 
     The topic is the number of a source; by default the one of the first polarity events.
     """

@@ -1,4 +1,5 @@
-"""AEDAT 4.0 of DV: a flatbuffer header, packets of one stream each (compressed flatbuffers), and a table of them."""
+"""Reads AEDAT 4.0 of DV: a flatbuffer header, packets of one stream each (compressed flatbuffers), and a table of
+them."""
 
 from __future__ import annotations
 
@@ -31,7 +32,7 @@ _WINDOW = 1 << 20
 
 
 class Packet(NamedTuple):
-    """Where a packet is. `cut`: the file ends inside it."""
+    """Locates a packet. `cut`: the file ends inside it."""
 
     at: int
     stream: int
@@ -45,7 +46,7 @@ def matches(head: bytes, path: Path, name: str) -> bool:
 
 
 class Aedat4Recording(DescriptorOwner, BlockRecording):
-    """An AEDAT 4 file: events, triggers, IMU samples and frames in the order of its packets.
+    """Reads an AEDAT 4 file: events, triggers, IMU samples and frames in the order of its packets.
 
     A damaged packet is left out alone: it is counted as `packets_damaged` and named in the warnings. Packets of other
     kinds (poses, boxes, ...) are counted as `packets_left_out`. Of several cameras, one is read: the topic's.

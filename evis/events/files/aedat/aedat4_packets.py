@@ -1,4 +1,4 @@
-"""The packets of AEDAT 4: EVTS (events), FRME (a frame), IMUS (inertial samples), TRIG (triggers)."""
+"""Reads the packets of AEDAT 4: EVTS (events), FRME (a frame), IMUS (inertial samples), TRIG (triggers)."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _RGB = {1: [0], 3: [2, 1, 0], 4: [2, 1, 0]}
 
 
 class Packets:
-    """Uncompressed packets put together in arrays; full when another one like the last might not fit."""
+    """Collects uncompressed packets in arrays; full when another one like the last might not fit."""
 
     def __init__(self) -> None:
         self._room = _FIRST

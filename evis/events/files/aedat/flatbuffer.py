@@ -1,4 +1,4 @@
-"""A reader of flatbuffers that believes nothing: every offset is checked against the bytes that are there."""
+"""Reads flatbuffers and believes nothing: every offset is checked against the bytes that are there."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Rows = tuple[np.dtype, bytes]
 
 
 class Table:
-    """One table of a buffer; fields by their number in the schema."""
+    """Reads one table of a buffer; fields by their number in the schema."""
 
     def __init__(self, data: bytes | memoryview, at: int) -> None:
         self.data, self.at = data, at

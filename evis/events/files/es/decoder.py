@@ -1,4 +1,5 @@
-"""The bytes of an Event Stream to events: a loop in plain Python as the reference, the same loop as a Warp kernel."""
+"""Decodes the bytes of an Event Stream to events: by a loop in plain Python as the reference, and by the same loop as a
+Warp kernel."""
 
 from __future__ import annotations
 

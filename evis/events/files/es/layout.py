@@ -1,4 +1,4 @@
-"""The layout of Event Stream files, version 2 (github.com/neuromorphic-paris/event_stream).
+"""Describes the layout of Event Stream files, version 2 (github.com/neuromorphic-paris/event_stream).
 
 A header (signature, three bytes of version, type, u16 width, u16 height), then events of five bytes: a first byte, x
 and y as u16. The first byte holds, from its highest bit on, the time since the event before [us], the polarity, and for

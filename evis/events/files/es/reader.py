@@ -1,4 +1,5 @@
-"""Event Stream (.es) 2.x: a byte of time and polarity, then the address, with extra bytes where time goes on alone."""
+"""Reads Event Stream (.es) 2.x: a byte of time and polarity, then the address, with extra bytes where time goes on
+alone."""
 
 from __future__ import annotations
 

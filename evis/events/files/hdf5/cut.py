@@ -1,4 +1,7 @@
-"""What of a data set lies before the end of a file that is cut. The library itself gives zeros for what does not."""
+"""Finds what of a data set lies before the end of a file that is cut.
+
+The library itself gives zeros for what does not.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""ECF chunks as a sequential Warp CPU kernel (dim = 1); the plain loop of `ecf` is the reference.
+"""Decodes ECF chunks in a sequential Warp CPU kernel (dim = 1); the plain loop of `ecf` is the reference.
 
 The parts of a chunk follow each other, each read by a function of its own: from byte `at` on, into its columns. It
 returns the byte behind the part, or -1 where the data end early. The columns have five places more than events.

@@ -1,4 +1,4 @@
-"""The layout of Prophesee's ECF compression of HDF5 chunks (filter 0x8ECF), at most 65535 events a chunk.
+"""Describes the layout of Prophesee's ECF compression of HDF5 chunks (filter 0x8ECF), at most 65535 events a chunk.
 
 u32 = events << 2 | yxp packed << 1 | xp packed; u64 first time [us]. Then the times as bytes (step << 4 | count): a
 count of 15 is followed by the count as u16, a step of 15 adds the low nibble to the next step, least nibble first. Then

@@ -1,4 +1,4 @@
-"""Where the events are in an HDF5 file, by who wrote it."""
+"""Finds where the events are in an HDF5 file, by who wrote it."""
 
 from __future__ import annotations
 
@@ -32,7 +32,9 @@ _NS_FROM = 10**17
 
 @dataclass
 class Layout:
-    """count: events. tables: where they are. read(a, b): events a..b-1. time_at(i): [ns].
+    """Describes where the events of a file are. count: events.
+
+    tables: where they are. read(a, b): events a..b-1. time_at(i): [ns].
 
     size(): width, height, where from; 0 = unknown. block: events that are compressed together, where a damaged one is
     to be left out alone. read_cut(a, data): the events of a chunk from event a on of which only `data` is there.
@@ -49,7 +51,7 @@ class Layout:
     read_cut: Callable[[int, bytes], Events] | None = None
 
     def there(self, end: int, first: int, last: int) -> Parts:
-        """Tells which of the events first..last-1 lie before byte `end` of the file."""
+        """Finds which of the events first..last-1 lie before byte `end` of the file."""
         parts = [(first, last)]
         for table in self.tables:
             parts = common(parts, rows_there(table, end, first, last))

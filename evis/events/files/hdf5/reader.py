@@ -1,4 +1,4 @@
-"""Event recordings in HDF5: Prophesee (ECF or not), DSEC, TUM-VIE, MVSEC and columns of x, y, t, p in general."""
+"""Reads event recordings in HDF5: Prophesee (ECF or not), DSEC, TUM-VIE, MVSEC and columns of x, y, t, p in general."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def matches(head: bytes, path: Path, name: str) -> bool:
 
 
 class Hdf5Recording(BlockRecording):
-    """An HDF5 file of one of the layouts of `hdf5_layouts`.
+    """Reads an HDF5 file of one of the layouts of `hdf5_layouts`.
 
     Of a file that is cut, the events whose data all lie before the cut: of a chunk of ECF or without compression that
     is cut, its first events; of one with another compression none. Columns that were written one after the other share
@@ -216,7 +216,7 @@ class Hdf5Recording(BlockRecording):
         return itertools.chain(self._triggers(), self._load_at(low))
 
     def try_ends(self) -> None:
-        """Reads something of the first and the last block."""
+        """Reads a part of the first and of the last block, which raises where they cannot be read."""
         next(self._triggers(), None)
         next(self._load_at(0), None)
         next(self._load_at(max(self._layout.count - 1, 0)), None)

@@ -1,4 +1,4 @@
-"""What is read of an HDF5 file: its own objects alone, and no more of a chunk than the chunk has room for.
+"""Reads of an HDF5 file its own objects alone, and no more of a chunk than the chunk has room for.
 
 The library follows links into other files, reads data that are stored outside or put together from elsewhere, and lets
 a compressed chunk unpack to whatever it unpacks to. So every object is found and every array read here.
@@ -33,7 +33,10 @@ def outside(info: RecordingInfo, name: str, what: str) -> None:
 
 
 class Table:
-    """A dataset of the file. Its attributes are the library's; `table[...]` checks the chunks that it takes first."""
+    """Reads a dataset of the file.
+
+    Its attributes are the library's; `table[...]` checks the chunks that it takes first.
+    """
 
     def __init__(self, data: h5py.Dataset, info: RecordingInfo) -> None:
         self.data, self.id, self.name, self.dtype = data, data.id, str(data.name), data.dtype

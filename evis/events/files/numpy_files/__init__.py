@@ -1,1 +1,1 @@
-"""Events as NumPy arrays: npz and npy."""
+"""Reads and writes events as NumPy arrays: npz and npy."""

@@ -1,4 +1,5 @@
-"""A NumPy array of events, one a row: records with named fields, or four columns, as `.npy` or alone in an `.npz`.
+"""Reads a NumPy array of events, one a row: records with named fields, or four columns, as `.npy` or alone in an
+`.npz`.
 
 Four columns are told apart by what is in them: polarity is -1, 0 or 1, and the time goes up. Whole times are us (ns
 where us would be thousands of years), others s.
@@ -44,7 +45,7 @@ def matches(head: bytes, path: Path, name: str) -> bool:
 
 
 class NpyRecording(BlockRecording):
-    """An array of shape [n] with fields, or [n, 4]. Only the current block is in memory."""
+    """Reads an array of shape [n] with fields, or [n, 4]. Only the current block is in memory."""
 
     def __init__(self, path: Path, options: OpenOptions) -> None:
         self._path, self._done = path, 0

@@ -1,4 +1,5 @@
-"""Events as a NumPy archive: arrays t (int64 ns), x, y (uint16), p (uint8), and optionally c, width and height.
+"""Reads and writes events as a NumPy archive: arrays t (int64 ns), x, y (uint16), p (uint8), and optionally c, width
+and height.
 
 Whole times under another name than `t` (ns) are us; times with a fraction are s. Archives of any size are
 read and written in blocks; nothing is ever unpickled.
@@ -42,7 +43,7 @@ def matches(head: bytes, path: Path, name: str) -> bool:
 
 
 class NpzRecording(BlockRecording):
-    """An archive of event arrays. Only the current block is in memory, also where the archive is compressed.
+    """Reads an archive of event arrays. Only the current block is in memory, also where the archive is compressed.
 
     Of a damaged archive, the events of which each array has its part before the damage shows.
     """

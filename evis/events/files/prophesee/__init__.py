@@ -1,1 +1,1 @@
-"""Prophesee's files: RAW and DAT."""
+"""Reads and writes Prophesee's files: RAW and DAT."""

@@ -1,4 +1,5 @@
-"""Prophesee DAT: lines of `% key value`, two bytes (type, size), then 8 bytes an event: u32 t [us], u32 x, y, p.
+"""Reads and writes Prophesee DAT: lines of `% key value`, two bytes (type, size), then 8 bytes an event: u32 t [us],
+u32 x, y, p.
 
 Old files lack text and type, or have (`Version` below 2) x in bits 0-8, y in 9-16 and p in bit 17.
 """
@@ -54,7 +55,7 @@ def _fits(words: np.ndarray, layout: tuple[int, int, int, int], width: int, heig
 
 
 class DatRecording(RecordFile):
-    """A DAT file. Bits of the word: x 0-13, y 14-27, p 28; in the old layout x 0-8, y 9-16, p 17."""
+    """Reads a DAT file. Bits of the word: x 0-13, y 14-27, p 28; in the old layout x 0-8, y 9-16, p 17."""
 
     record = _RECORD
     counter_bits = 32

@@ -1,4 +1,4 @@
-"""Prophesee RAW: lines `% key value`, then the words as they came over the wire."""
+"""Reads and writes Prophesee RAW: lines `% key value`, then the words as they came over the wire."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class _Mark(NamedTuple):
 
 
 class RawRecording(Recording):
-    """A RAW file. Nothing but the current block is in memory."""
+    """Reads a RAW file. Nothing but the current block is in memory."""
 
     def __init__(self, path: Path, options: OpenOptions) -> None:
         self._file = path.open("rb")
@@ -213,7 +213,7 @@ class RawRecording(Recording):
             self._marks.append(_Mark(place, t_ns, self._decoder.state.copy()))
 
     def seek(self, t_ns: int) -> None:
-        """By the places seen so far, then word by word: the turns of the time counter must be counted."""
+        """Seeks by the places seen so far, then word by word: the turns of the time counter must be counted."""
         earlier = [m for m in self._marks if m.t_ns < t_ns]
         self._decoder.reset()
         self._raw, self._ahead = [], []

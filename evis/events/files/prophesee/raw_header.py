@@ -1,4 +1,4 @@
-"""The header of a Prophesee RAW file: lines `% key value`, and what they say of encoding and sensor."""
+"""Reads the header of a Prophesee RAW file: lines `% key value`, and what they say of encoding and sensor."""
 
 from __future__ import annotations
 

@@ -1,1 +1,2 @@
-"""What the readers of event files share: blocks and records, decompression, archives, trials in a forked process."""
+"""Implements what the readers of event files share: blocks and records, decompression, archives, trials in a forked
+process."""

@@ -1,4 +1,5 @@
-"""What the file readers share whose formats give blocks of events: cuts in time, seeking, the sensor's size."""
+"""Implements what the file readers share whose formats give blocks of events: cuts in time, seeking, the sensor's
+size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Decompression of data that may be damaged, cut or hostile: memory is bounded by a limit, not by what a file says."""
+"""Decompresses data that may be damaged, cut or hostile: memory is bounded by a limit, not by what a file says."""
 
 from __future__ import annotations
 

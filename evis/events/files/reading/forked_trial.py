@@ -1,4 +1,4 @@
-"""A trial in a process of its own, for libraries that can hang or crash on damaged files."""
+"""Tries a call in a process of its own, for libraries that can hang or crash on damaged files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files that are a header and then records of one size, each with a time counter that turns."""
+"""Reads files that are a header and then records of one size, each with a time counter that turns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Temporary files without a name: what is unpacked is gone however the process ends."""
+"""Holds temporary files without a name: what is unpacked is gone however the process ends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Zip archives, also those that are cut: their list of members is at the end, but each member has a header of its own.
+"""Reads zip archives, also those that are cut: their list of members is at the end, but each member has a header of its
+own.
 
 Local headers as in PKWARE's APPNOTE 4.3.7, with the extra field 0x0001 of Zip64 (4.5.3).
 """
@@ -63,7 +64,7 @@ class CutArchive:
                 at += packed
 
     def namelist(self) -> list[str]:
-        """Names of the members."""
+        """Returns the names of the members."""
         return list(self._members)
 
     def infolist(self) -> list[Member]:

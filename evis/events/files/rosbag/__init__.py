@@ -1,1 +1,1 @@
-"""ROS 1 bags and ROS 2's SQLite bags; MCAP is in evis/bag."""
+"""Reads ROS 1 bags and ROS 2's SQLite bags; MCAP is in evis/bag."""

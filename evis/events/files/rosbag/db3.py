@@ -1,4 +1,4 @@
-"""ROS 2 bags in SQLite (.db3)."""
+"""Reads ROS 2 bags in SQLite (.db3)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Event messages of ROS 1 and ROS 2: event_camera_msgs/EventPacket, dvs_msgs and prophesee_event_msgs EventArray."""
+"""Reads event messages of ROS 1 and ROS 2: event_camera_msgs/EventPacket, dvs_msgs and prophesee_event_msgs
+EventArray."""
 
 from __future__ import annotations
 

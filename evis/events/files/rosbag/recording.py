@@ -1,4 +1,4 @@
-"""What the readers of bags share: messages of one topic to events, whatever the container."""
+"""Implements what the readers of bags share: messages of one topic to events, whatever the container."""
 
 from __future__ import annotations
 

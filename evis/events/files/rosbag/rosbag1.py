@@ -1,4 +1,4 @@
-"""ROS 1 bags (format 2.0), read record by record, so that a bag without its index reads like any other."""
+"""Reads ROS 1 bags (format 2.0) record by record, so that a bag without its index reads like any other."""
 
 from __future__ import annotations
 

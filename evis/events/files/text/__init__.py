@@ -1,1 +1,1 @@
-"""Events as text, one a line."""
+"""Reads and writes events as text, one a line."""

@@ -1,4 +1,4 @@
-"""Which column of a text file is what, and in which unit its times are."""
+"""Finds which column of a text file is what, and in which unit its times are."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ class Format:
 
     @property
     def name(self) -> str:
-        """As in the encoding of `RecordingInfo`."""
+        """Returns the name, as in the encoding of `RecordingInfo`."""
         return f"{self.columns.replace('_', '')}, t in {({1: 'ns', 1000: 'us', 10**9: 's'})[self.unit]}"
 
     @property
     def time_last(self) -> bool:
-        """A cut line can then be a shorter number."""
+        """Tells whether the last column is no polarity: a cut line can then be a shorter number."""
         return self.columns[-1] != "p"
 
 

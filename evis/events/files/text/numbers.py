@@ -1,4 +1,4 @@
-"""Lines of numbers to integers, exactly: no time goes through a float."""
+"""Parses lines of numbers to integers, exactly: no time goes through a float."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Events as text, one a line: `t x y p` of the RPG data sets and E2VID, Prophesee's `x,y,p,t`, or as a header says."""
+"""Reads events as text, one a line: `t x y p` of the RPG data sets and E2VID, Prophesee's `x,y,p,t`, or as a header
+says."""
 
 from __future__ import annotations
 

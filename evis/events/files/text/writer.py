@@ -1,4 +1,4 @@
-"""Events as text, written only: `.csv` with a header line and times in ns, `.txt` as `t x y p` with t in seconds.
+"""Writes events as text: `.csv` with a header line and times in ns, `.txt` as `t x y p` with t in seconds.
 
 Neither has the sensor's size: a line before the events would be one too many for most programs that read such files.
 """

@@ -1,4 +1,4 @@
-"""Events as text in a zip archive, as E2VID has them. Archives of arrays are `npz`."""
+"""Reads events as text in a zip archive, as E2VID has them. Archives of arrays are `npz`."""
 
 from __future__ import annotations
 

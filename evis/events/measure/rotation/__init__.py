@@ -1,1 +1,1 @@
-"""Rotation seen in events: whether something turns, how fast, about which pivot and in which plane."""
+"""Measures rotation seen in events: whether something turns, how fast, about which pivot and in which plane."""

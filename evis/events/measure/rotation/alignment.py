@@ -1,4 +1,4 @@
-"""Turning and sliding of an image within a short window, from its events alone.
+"""Estimates turning and sliding of an image within a short window, from its events alone.
 
 Events of the window are warped to its middle by a rotation and a translation; the blurred image of the warped events
 pulls each event towards where they are dense (mean shift: s^2 grad I / I). The motion that best explains the pulls is

@@ -1,4 +1,4 @@
-"""Whether what turns stays the same pattern while it turns: the check of a followed rotation over larger angles.
+"""Checks a followed rotation over larger angles: whether what turns stays the same pattern while it turns.
 
 Windows of some ms see so little of a turn that a shear, or two wheels side by side, pass for one rotation on an
 ellipse. Turned back by the angle that was followed, the pattern of a true rotation looks alike half a radian later.

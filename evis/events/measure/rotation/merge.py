@@ -1,4 +1,4 @@
-"""The rotations of consecutive stretches of a stream as one."""
+"""Merges the rotations of consecutive stretches of a stream into one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rotation speed from periodicity: 1 ms descriptors, their Fourier transform along time, the dominant peak.
+"""Estimates rotation speed from periodicity: 1 ms descriptors, their Fourier transform along time, the dominant peak.
 
 A pattern that repeats n times on a turn makes a peak at n times the frequency of revolution, and any pattern makes
 harmonics: the spectrum alone cannot tell the order of a peak. The speed that was followed from image to image can.

@@ -1,4 +1,5 @@
-"""Where and in which plane events turn, how fast on the whole, and whether that explains them better than sliding."""
+"""Estimates where and in which plane events turn, how fast on the whole, and whether that explains them better than
+sliding."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The plane of a rotation as the image shows it: a circle about the pivot is an ellipse when the plane is tilted.
+"""Describes the plane of a rotation as the image shows it: a circle about the pivot is an ellipse when the plane is
+tilted.
 
 Far from the camera (weak perspective) image and plane are related by a linear map about the pivot. Up to the scale and
 a turn within the plane, which say nothing of the speed, it is a stretch along one direction of the image: the

@@ -1,4 +1,4 @@
-"""Descriptors of events about a pivot: histograms of angle per ring, polarity and millisecond, in angular harmonics."""
+"""Describes events about a pivot: histograms of angle per ring, polarity and millisecond, in angular harmonics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Rotation of what a stream of events shows: is there one, how fast, about which pivot, and how that changes."""
+"""Measures the rotation that a stream of events shows: whether there is one, how fast, about which pivot, and how that
+changes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Speed of rotation over time: a coarse search of each window's angles, then the events' own alignment."""
+"""Tracks the speed of rotation over time: a coarse search of each window's angles, then the events' own alignment."""
 
 from __future__ import annotations
 
@@ -52,7 +52,8 @@ class Track:
 
     @property
     def angle(self) -> np.ndarray:
-        """The angle [n, rad], 0 at the first point; gaps of the series are bridged by the mean of their ends."""
+        """Returns the angle [n, rad], 0 at the first point; gaps of the series are bridged by the mean of their
+        ends."""
         if len(self) < 2:
             return np.zeros(len(self))
         step = np.diff(self.t_ns) * 1e-9

@@ -1,1 +1,1 @@
-"""From a MuJoCo or URDF file to the compiled model, and what is wrong with one."""
+"""Compiles a MuJoCo or URDF file to a model, and says what is wrong with one."""

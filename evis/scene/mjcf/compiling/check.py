@@ -1,4 +1,4 @@
-"""What a MuJoCo model or URDF asks for, before MuJoCo reads it: which files, how many parts, how much memory.
+"""Checks what a MuJoCo model or URDF asks for, before MuJoCo reads it: which files, how many parts, how much memory.
 
 MuJoCo itself reads whatever file is named, makes as many copies as are asked for, and ends the process where a model
 attaches itself.

@@ -1,4 +1,4 @@
-"""From an MJCF file to MuJoCo's model, and what MuJoCo says against a file in one line."""
+"""Compiles an MJCF file to MuJoCo's model, and puts what MuJoCo says against a file in one line."""
 
 from __future__ import annotations
 

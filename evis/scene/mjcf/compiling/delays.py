@@ -1,4 +1,4 @@
-"""Delays of a model's actuators, in steps other than the model's own.
+"""Converts delays of a model's actuators, in steps other than the model's own.
 
 MuJoCo keeps the last `nsample` controls of a delayed actuator, one of each step: where they do not reach back as far as
 `delay`, the oldest acts. Steps that are shorter than the model's would so shorten the delay.

@@ -1,4 +1,4 @@
-"""Numbers of a compiled MuJoCo model that MuJoCo takes and that nothing can be simulated with."""
+"""Checks numbers of a compiled MuJoCo model that MuJoCo takes and that nothing can be simulated with."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""URDF robots through MuJoCo's own reader, with their visual geometry."""
+"""Reads URDF robots through MuJoCo's own reader, with their visual geometry."""
 
 from __future__ import annotations
 

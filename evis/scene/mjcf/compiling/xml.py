@@ -1,4 +1,4 @@
-"""XML of models as the reader of MuJoCo takes it apart, which is more lenient than the standard: with line numbers."""
+"""Parses XML of models as the reader of MuJoCo does, which is more lenient than the standard: with line numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fixed pattern: what differs from pixel to pixel and stays for the life of a sensor.
+"""Draws the fixed pattern: what differs from pixel to pixel and stays for the life of a sensor.
 
 Drawn on the host in float64, so that it is the same on every device. Pixel i of environment e has the numbers of a
 single sensor with seed + e.
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from evis.random_numbers import GOLDEN, mix, open_uniform
+from evis.random_numbers import GOLDEN, mix, open_uniform, standard_normal
 from nodes.event_sensor.input.batch import Size
 
 THRESHOLD_ON, THRESHOLD_OFF, LEAK, HOT, HOT_RATE = range(5)
@@ -28,8 +28,7 @@ def uniforms(seed: int, envs: int, pixels: int, purpose: int, index: int = 0) ->
 
 def normals(seed: int, envs: int, pixels: int, purpose: int) -> np.ndarray:
     """Draws float64 [E * pixels], standard normal (Box and Muller)."""
-    radius = np.sqrt(-2 * np.log(uniforms(seed, envs, pixels, purpose, 0)))
-    return np.asarray(radius * np.cos(2 * np.pi * uniforms(seed, envs, pixels, purpose, 1)))
+    return standard_normal(uniforms(seed, envs, pixels, purpose, 0), uniforms(seed, envs, pixels, purpose, 1))
 
 
 def thresholds(
@@ -52,7 +51,8 @@ def leak_rates(seed: int, envs: int, pixels: int, rate: float, jitter: float) ->
 def hot_rates(
     seed: int, envs: int, pixels: int, fraction: float, rate: float, spread: float = 0.0
 ) -> np.ndarray:  # fmt: skip
-    """float32 [E * pixels]: the rate [Hz] of each pixel that is hot, which it is with probability `fraction`; else 0.
+    """Draws float32 [E * pixels], the rate [Hz] of each pixel that is hot, which it is with probability `fraction`;
+    else 0.
 
     Rates are log-normal with the mean `rate`; spread: standard deviation of their logarithms.
     """
@@ -64,7 +64,8 @@ def hot_rates(
 
 
 def pattern_of(size: Size, seed: int, p: Mapping[str, Any]) -> tuple[np.ndarray, ...]:
-    """Fixed pattern of a sensor: ON and OFF thresholds, leak rates, rates as a hot pixel; empty where it has none."""
+    """Draws the fixed pattern of a sensor: ON and OFF thresholds, leak rates, rates as a hot pixel; empty where it has
+    none."""
     envs, pixels = size.envs, size.pixels
     on = off = leaks = hots = np.zeros(0, np.float32)
     if p["threshold_mismatch"] > 0:

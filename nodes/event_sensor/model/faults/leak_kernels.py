@@ -1,4 +1,5 @@
-"""Leak: the reference of a pixel falls in the dark as in the light, as a drift or as the paper's coin per step."""
+"""Computes the leak: the reference of a pixel falls in the dark as in the light, as a drift or as the paper's coin per
+step."""
 
 import warp as wp
 

@@ -1,4 +1,4 @@
-"""Shot noise and hot pixels: one Poisson process per pixel in continuous time, thinned with the light."""
+"""Draws shot noise and hot pixels: one Poisson process per pixel in continuous time, thinned with the light."""
 
 import warp as wp
 

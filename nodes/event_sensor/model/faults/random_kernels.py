@@ -1,4 +1,4 @@
-"""Random numbers by counting: a draw is a hash of what it is for, never of what was drawn before.
+"""Draws random numbers by counting: a draw is a hash of what it is for, never of what was drawn before.
 
 The hash is SplitMix64 (Steele, Lea, Flood 2014): stream s gives mix(s + n * GOLDEN) as its n-th number. A stream is
 named by seed + environment, pixel and episode, so that it is the same in any batch, on any device, for any packet or

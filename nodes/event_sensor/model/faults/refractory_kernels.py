@@ -1,4 +1,4 @@
-"""Refractory period: after an event a pixel is held in reset, and so blind, until its dead time ends."""
+"""Applies the refractory period: after an event a pixel is held in reset, and so blind, until its dead time ends."""
 
 import warp as wp
 

@@ -1,1 +1,1 @@
-"""When light changes between two frames: lamps that flicker, shadows and beams that pass."""
+"""Finds when light changes between two frames: lamps that flicker, shadows and beams that pass."""

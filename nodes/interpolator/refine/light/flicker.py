@@ -1,4 +1,4 @@
-"""The instants of a gap at which light that flickers is looked at: those between which its logarithm is on a line."""
+"""Chooses the instants of a gap at which flickering light is evaluated: between them its logarithm is a line."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import warp as wp
 from evis.scene.model import Waveform
 from evis.scene.sampling import FOLLOWED
 from nodes.interpolator.refine.light.flicker_kernels import Marks
-from nodes.interpolator.refine.lists import SPARE
 from nodes.interpolator.refine.paths.path_kernels import PARTS, SHARP
+from nodes.interpolator.refine.samples.lists import SPARE
 from nodes.renderer.lights.lights import waveform_strength, waveform_strengths
 
 NS = 1_000_000_000

@@ -1,4 +1,4 @@
-"""Instants at which pixels are looked at because light flickers."""
+"""Chooses the instants at which pixels are evaluated because light flickers."""
 
 from functools import cache
 from typing import Any

@@ -1,4 +1,4 @@
-"""Looks along an axis of a mesh from many places: its outline seen that way."""
+"""Finds the outline of a mesh along an axis, by rays from many places."""
 
 import warp as wp
 

@@ -1,4 +1,5 @@
-"""How wide the parts and the holes of meshes are, seen along their axes: what their shadows have in light and dark."""
+"""Measures how wide the parts and the holes of meshes are, seen along their axes, which decides the width of light and
+dark in their shadows."""
 
 from __future__ import annotations
 

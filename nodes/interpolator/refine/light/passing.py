@@ -1,4 +1,5 @@
-"""Shadows and beams that pass between two frames: how often to look for them, and at which parts pixels change."""
+"""Finds shadows and beams that pass between two frames: how often to test for them, and at which parts pixels
+change."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from evis.geometry import se3
-from nodes.interpolator.refine.evaluator import Evaluator, changes_of
+from nodes.interpolator.refine.evaluation.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.light.outlines import finest_halves
 from nodes.interpolator.refine.light.passing_kernels import make_find_passing
@@ -84,7 +85,7 @@ class Passing:
         return make_find_passing(self._changes, self._rigid.shading.occluders.trees)
 
     def likely(self) -> bool:
-        """Says whether gaps will have such shadows, as far as prescribed motion tells; beside a GPU there are cores
+        """Predicts whether gaps will have such shadows, as far as prescribed motion tells; beside a GPU there are cores
         enough to be ready for what physics moves."""
         if not self._changes.passes:
             return False

@@ -4,7 +4,7 @@ from functools import cache
 
 import warp as wp
 
-from nodes.interpolator.refine.sight_kernels import make_seen_between
+from nodes.interpolator.refine.evaluation.sight_kernels import make_seen_between
 from nodes.interpolator.refine.stage_kernels import (
     FEW_REGISTERS,
     Cut,

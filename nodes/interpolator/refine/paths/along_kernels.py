@@ -1,4 +1,5 @@
-"""Samples along one run of a surface: from one mark to the next, and whether frames tell of all between them."""
+"""Lists samples along one run of a surface: from one mark to the next; and tells whether frames determine all between
+them."""
 
 from functools import cache
 from typing import Any

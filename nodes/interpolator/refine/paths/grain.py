@@ -1,4 +1,4 @@
-"""How fine surfaces are painted: over which lengths their albedo goes up or down."""
+"""Measures how finely surfaces are painted: over which lengths their albedo goes up or down."""
 
 from __future__ import annotations
 

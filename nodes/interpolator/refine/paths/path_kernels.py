@@ -7,7 +7,7 @@ import warp as wp
 
 from evis.gpu.append_kernels import take_place
 from evis.gpu.reading_kernels import element, number, whole_number
-from nodes.interpolator.refine.paths.way_kernels import motion_since, stride_of
+from nodes.interpolator.refine.paths.motion_kernels import motion_since, stride_of
 from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, entry_at, slot_row
 from nodes.interpolator.rigid.look_up.log_kernels import apart, log_type
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_displacement, make_keyframes

@@ -1,1 +1,1 @@
-"""How often between two frames everything is looked at, so that nothing thin or fast passes unseen."""
+"""Chooses how often all surfaces are drawn between two frames, so that nothing thin or fast passes unseen."""

@@ -1,4 +1,4 @@
-"""Z-buffers between the coarse frames of a gap, as close in time as what moves in the image asks for."""
+"""Draws z-buffers between the coarse frames of a gap, as close in time as what moves in the image asks for."""
 
 from __future__ import annotations
 

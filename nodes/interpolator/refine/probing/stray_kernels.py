@@ -1,8 +1,8 @@
-"""How far things that move stray from straight ways between looks at them."""
+"""Bounds how far moving things stray from straight paths between two probes."""
 
 import warp as wp
 
-from nodes.interpolator.refine.probing.visit_kernels import turned
+from nodes.interpolator.displacement_kernels import turn_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -52,12 +52,12 @@ def seen_at(
     turn_back = back
     if camera >= 0:
         at = pose_at(start, poses, n, env, camera)
-        turn_back = wp.transpose(turned(at))
+        turn_back = wp.transpose(turn_of(at))
     pose = wp.transformd(wp.transform_get_translation(balls.eye[env]), wp.quatd(0.0, 0.0, 0.0, 1.0))
     if j < balls.mover.shape[0]:
         pose = pose_at(start, poses, n, env, balls.mover[j])
     seen = Seen()
-    seen.turn = turn_back * turned(pose)
+    seen.turn = turn_back * turn_of(pose)
     seen.place = turn_back * (wp.transform_get_translation(pose) - wp.transform_get_translation(at))
     return seen
 
@@ -102,7 +102,7 @@ def strays(
     step: int,
 ):
     """Tells whether ball j is in the image and off a straight way, from instant `first` to the one `step` later."""
-    back = wp.transpose(turned(balls.eye[env]))
+    back = wp.transpose(turn_of(balls.eye[env]))
     a = seen_at(balls, camera, back, start, poses, first, env, j)
     b = seen_at(balls, camera, back, start, poses, first + step, env, j)
     shown = wp.bool(whole == 1 or j == balls.mover.shape[0])

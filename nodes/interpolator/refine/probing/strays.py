@@ -1,4 +1,4 @@
-"""Things that do not go straight from one z-buffer to the next: how close z-buffers have to be to follow them."""
+"""Finds how close z-buffers have to be in time to follow things that do not move straight from one to the next."""
 
 from __future__ import annotations
 

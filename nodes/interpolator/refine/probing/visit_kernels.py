@@ -1,6 +1,8 @@
-"""How long things that move stay in the image, that come and go between two looks at it."""
+"""Computes how long moving things stay in the image that come and go between two probes."""
 
 import warp as wp
+
+from nodes.interpolator.displacement_kernels import turn_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -22,12 +24,6 @@ class Boxes:
     translation: wp.array(dtype=wp.vec3d)
     half: wp.array(dtype=wp.vec3d)
     fine: wp.array(dtype=wp.vec3d)
-
-
-@wp.func
-def turned(pose: wp.transformd):
-    """Makes the rotation matrix of a pose."""
-    return wp.quat_to_matrix(wp.normalize(wp.transform_get_rotation(pose)))
 
 
 @wp.func
@@ -104,9 +100,9 @@ def find_visits(
         at = eye[env]
         if camera >= 0:
             at = poses[n, env, camera]
-        back = wp.transpose(turned(at))
+        back = wp.transpose(turn_of(at))
         pose = poses[n, env, boxes.mover[j]]
-        turn = back * turned(pose)
+        turn = back * turn_of(pose)
         centre = turn * boxes.translation[j] + back * (
             wp.transform_get_translation(pose) - wp.transform_get_translation(at)
         )
@@ -180,7 +176,7 @@ def find_briefest(
     before = poses[first[n], env, boxes.mover[j]]
     after = poses[first[n] + 1, env, boxes.mover[j]]
     turn = boxes.rotation[j]
-    axes = turned(before) * turn
+    axes = turn_of(before) * turn
     half = boxes.half[j]
     fine = boxes.fine[j]
     least = wp.float64(wp.inf)

@@ -1,4 +1,4 @@
-"""Things that are in the image for a short part of a gap alone: how close z-buffers have to be to see them."""
+"""Finds how close z-buffers have to be in time to see things that are in the image for a short part of a gap alone."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Surface points looked up in the keyframes of a gap."""
+"""Looks up surface points in the keyframes of a gap."""

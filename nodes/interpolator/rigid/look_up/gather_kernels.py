@@ -1,4 +1,5 @@
-"""The sub-frames: every pixel's surface point looked up in both keyframes, and a list of those that neither shows.
+"""Makes the sub-frames: every pixel's surface point is looked up in both keyframes, and those that neither shows are
+listed.
 
 On a GPU three kernels do this, each of which lists what it leaves to the next ones: what most pixels need takes few
 registers, so that many threads wait for memory at once. The first goes through all pixels, the second does those that

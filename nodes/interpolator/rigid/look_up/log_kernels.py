@@ -1,4 +1,4 @@
-"""Log radiance as it is looked up: of luminance or RGB, once or under several lights that flicker."""
+"""Holds log radiance as it is looked up: of luminance or RGB, once or under several lights that flicker."""
 
 from functools import cache
 from typing import Any

@@ -1,4 +1,4 @@
-"""A surface point looked up in a keyframe: where it is there, whether it is seen, and its log radiance."""
+"""Looks up a surface point in a keyframe: where it is there, whether it is seen, and its log radiance."""
 
 import math
 from functools import cache

@@ -1,4 +1,4 @@
-"""A portion of a gap's sub-frames that is looked up at once, and where in it a pixel is."""
+"""Describes a portion of a gap's sub-frames that is looked up at once, and finds where in it a pixel is."""
 
 from typing import Any
 

@@ -1,4 +1,5 @@
-"""Textures at the keyframes and in between, so that those which are finer than pixels need not be interpolated."""
+"""Evaluates textures at the keyframes and in between, so that those which are finer than pixels need not be
+interpolated."""
 
 from functools import cache
 from typing import Any

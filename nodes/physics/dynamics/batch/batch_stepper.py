@@ -1,4 +1,4 @@
-"""Chooses what takes the steps of several environments of a model in one batch: MuJoCo's threads or MuJoCo Warp."""
+"""Chooses what steps several environments of a model in one batch: MuJoCo's threads or MuJoCo Warp."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class BatchStepper(Protocol):
     def begin(self) -> None:
         """Begins to take the requested steps while others work; no other call needs to know of it."""
 
-    def take_back(self, rows: Sequence[int]) -> None:
+    def cancel(self, rows: Sequence[int]) -> None:
         """Puts environments to where they were when their steps were requested, for whoever asked for the result has
         no use for it."""
 

@@ -1,4 +1,4 @@
-"""Kernels that bring what MuJoCo has recorded of environments into their course, in float64 on a CPU.
+"""Writes what MuJoCo has recorded of environments into their course, in float64 on a CPU.
 
 The arithmetic is that of traced_steps.twist_and_pose, to the bit: single products and sums, which no compiler joins.
 """

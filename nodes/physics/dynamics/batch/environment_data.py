@@ -1,4 +1,4 @@
-"""The MjData of each environment, which a batch steps without them."""
+"""Keeps the MjData of each environment, which a batch steps without them."""
 
 from __future__ import annotations
 
@@ -86,17 +86,17 @@ class EnvironmentData:
             self._batch.request(own.row, self[env] if own.given else None, grid)
             own.given = False
 
-    def take_back(self, envs: Iterable[int]) -> None:
+    def cancel(self, envs: Iterable[int]) -> None:
         """Takes back the steps that were requested of environments, also where they were taken."""
         assert self._batch is not None
-        self._batch.take_back([self._all[env].row for env in envs])
+        self._batch.cancel([self._all[env].row for env in envs])
 
     def stepped(self, envs: Iterable[int]) -> None:
         """Notes that the batch has taken the steps requested of environments."""
         for env in envs:
             self._all[env].behind = True
 
-    def go_back(self, env: int) -> None:
+    def restore_before_steps(self, env: int) -> None:
         """Puts the MjData of an environment to its state before the steps that the batch took last."""
         own = self._all[env]
         if self._batch is not None:

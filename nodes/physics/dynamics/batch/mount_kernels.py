@@ -1,4 +1,4 @@
-"""Kernels that place what is mounted on bodies of many environments, in float64 on a CPU.
+"""Places what is mounted on bodies of many environments, in float64 on a CPU.
 
 The arithmetic is that of se3.compose and se3.compose_twist, to the bit: single products and sums, which no compiler
 joins. So what is mounted in a batch is where it is in an environment by itself, which numpy places.

@@ -104,7 +104,7 @@ class MujocoThreads:
         """The steps that are taken while others work."""
 
     def request(self, row: int, data: Any, grid: range) -> None:
-        """See BatchStepper."""
+        """Implements `BatchStepper.request`."""
         batch = self._made()
         self._forget([row])
         self._asked[row] = grid
@@ -115,18 +115,18 @@ class MujocoThreads:
             batch.warning[row, :, 0], batch.warning[row, :, 1] = data.warning.lastinfo, data.warning.number
 
     def control(self, rows: Sequence[int], values: np.ndarray) -> None:
-        """See BatchStepper."""
+        """Implements `BatchStepper.control`."""
         batch = self._made()
         self._wake(rows)
         batch.bind("ctrl")[list(rows)] = values
 
     def begin(self) -> None:
-        """See BatchStepper."""
+        """Implements `BatchStepper.begin`."""
         self._made()
         self._ahead = self._beside.submit(self._take)
 
-    def take_back(self, rows: Sequence[int]) -> None:
-        """See BatchStepper."""
+    def cancel(self, rows: Sequence[int]) -> None:
+        """Implements `BatchStepper.cancel`."""
         batch = self._made()
         for row in rows:
             if self._asked.pop(row, None) is None:
@@ -135,7 +135,7 @@ class MujocoThreads:
         self._forget(rows)
 
     def result(self, rows: Sequence[int]) -> SteppedStates:
-        """See BatchStepper; the requested steps are taken at the first call, unless they have begun."""
+        """Implements `BatchStepper.result`; the requested steps are taken at the first call, unless they have begun."""
         batch = self._made()
         if self._asked:
             self._take()
@@ -148,11 +148,11 @@ class MujocoThreads:
         return SteppedStates(*seen, part, np.zeros(len(wanted), bool), taken.records, places)
 
     def write_state(self, row: int, data: Any) -> None:
-        """See BatchStepper."""
+        """Implements `BatchStepper.write_state`."""
         self._made().get_data(row, data)
 
     def write_state_before(self, row: int, data: Any) -> None:
-        """See BatchStepper."""
+        """Implements `BatchStepper.write_state_before`."""
         self._made()
         mujoco.mj_setState(self._model, data, self._before[row], STATE)
         data.warning.number[:] = self._warned[row, :, 1]

@@ -1,4 +1,4 @@
-"""States of environments after steps that were taken in one batch."""
+"""Holds states of environments after steps that were taken in one batch."""
 
 from __future__ import annotations
 

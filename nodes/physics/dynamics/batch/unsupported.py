@@ -1,4 +1,4 @@
-"""The error of a model that MuJoCo Warp cannot take."""
+"""Defines the error of a model that MuJoCo Warp cannot take."""
 
 
 class Unsupported(Exception):

@@ -1,4 +1,4 @@
-"""Kernels between the steps of MuJoCo Warp: they hold worlds that have taken all steps, and record the states.
+"""Works between the steps of MuJoCo Warp: it holds worlds that have taken all steps, and records the states.
 
 Arrays are of E worlds; `count` [E] are the steps that each is to take, `step` [1] the number of the present one.
 """

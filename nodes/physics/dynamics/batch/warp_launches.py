@@ -1,4 +1,4 @@
-"""The kernels that a function launches, found without running them, so that they can be compiled side by side.
+"""Finds the kernels that a function launches without running them, so that they can be compiled side by side.
 
 MuJoCo Warp makes its kernels where it launches them, for the sizes of a model, and Warp compiles each when it is first
 launched: some sixty, one after the other, for minutes on a GPU.

@@ -84,7 +84,7 @@ class WarpWorlds:
             raise Unsupported(f"{count} of its worlds cannot be stepped: {' '.join(str(error).split())}") from None
 
     def request(self, row: int, data: Any, grid: range) -> None:
-        """See BatchStepper."""
+        """Implements `BatchStepper.request`."""
         self._asked[row] = grid
         if data is not None:
             self._warned[row] = data.warning.number
@@ -92,19 +92,19 @@ class WarpWorlds:
                 values[row] = getattr(data, name)
 
     def control(self, rows: Sequence[int], values: np.ndarray) -> None:
-        """See BatchStepper."""
+        """Implements `BatchStepper.control`."""
         self._staged["ctrl"][list(rows)] = values
 
     def begin(self) -> None:
         """Does nothing: the steps are taken when their result is asked for."""
 
-    def take_back(self, rows: Sequence[int]) -> None:
-        """See BatchStepper."""
+    def cancel(self, rows: Sequence[int]) -> None:
+        """Implements `BatchStepper.cancel`."""
         for row in rows:
             self._asked.pop(row, None)
 
     def result(self, rows: Sequence[int]) -> SteppedStates:
-        """See BatchStepper; the requested steps are taken at the first call."""
+        """Implements `BatchStepper.result`; the requested steps are taken at the first call."""
         if self._asked:
             self._take()
         wanted = np.asarray(rows)
@@ -112,12 +112,12 @@ class WarpWorlds:
         return SteppedStates(nearest, self._warned[wanted], constrained, partial(self._part, wanted), lost)
 
     def write_state(self, row: int, data: Any) -> None:
-        """See BatchStepper."""
+        """Implements `BatchStepper.write_state`."""
         self._write(self._staged, row, data)
         data.time = self._ends[row]
 
     def write_state_before(self, row: int, data: Any) -> None:
-        """See BatchStepper."""
+        """Implements `BatchStepper.write_state_before`."""
         self._write(self._before, row, data)
 
     def _write(self, states: dict[str, np.ndarray], row: int, data: Any) -> None:

@@ -1,1 +1,1 @@
-"""The camera: its rays, its lens, and what of the image they cover."""
+"""Models the camera: its rays, its lens, and what of the image they cover."""

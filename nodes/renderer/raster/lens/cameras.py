@@ -1,4 +1,4 @@
-"""A scene's camera as the kernels have it."""
+"""Holds a scene's camera as the kernels have it."""
 
 from __future__ import annotations
 
@@ -42,7 +42,8 @@ def finer(camera: Camera, n: int) -> Camera:
 
 
 def make_view(camera: Camera, margin: int, device: Any) -> CameraView:
-    """Raises ValueError naming the camera and what cannot be its intrinsics, size or distortion."""
+    """Makes the kernels' view of a camera. Raises ValueError naming the camera and what cannot be its intrinsics, size
+    or distortion."""
     k = np.asarray(camera.k, np.float64)
     if k.shape != (3, 3) or not np.isfinite(k).all() or not (k[0, 0] > 0 and k[1, 1] > 0) or k[0, 1] or k[1, 0]:
         raise ValueError(f"camera '{camera.name}': k must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], it is {k.tolist()}")

@@ -1,4 +1,5 @@
-"""A lens in a kernel: where a direction is seen, what of the image a triangle may cover, and its pixels by table rays.
+"""Computes a lens in a kernel: where a direction is seen, what of the image a triangle may cover, and its pixels by
+table rays.
 
 The formulas are those of evis.geometry.distortion. Positions are computed in float64, for motion is a difference of two
 of them, and float32 pixels would leave 1e-4 px.

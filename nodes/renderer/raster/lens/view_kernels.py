@@ -1,4 +1,4 @@
-"""The camera in a kernel, and the ray of each of its pixels."""
+"""Holds the camera in a kernel, and computes the ray of each of its pixels."""
 
 import warp as wp
 

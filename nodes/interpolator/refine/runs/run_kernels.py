@@ -9,7 +9,6 @@ from typing import Any
 
 import warp as wp
 
-from nodes.interpolator.refine.change_kernels import Changes, Several
 from nodes.interpolator.refine.light.flicker_kernels import Marks
 from nodes.interpolator.refine.paths.along_kernels import make_through, make_untold
 from nodes.interpolator.refine.paths.path_kernels import (
@@ -21,6 +20,7 @@ from nodes.interpolator.refine.paths.path_kernels import (
     make_instances,
     make_note,
 )
+from nodes.interpolator.refine.runs.change_kernels import Changes, Several
 from nodes.interpolator.refine.stage_kernels import (
     FEW_REGISTERS,
     Cut,

@@ -15,7 +15,7 @@ SCANNED = 480
 """Pixels of a scan that are computed by one call."""
 
 
-class Looking:
+class PixelLuminance:
     """Computes the luminance of pixels by brute force. Pixel i of an environment has the number env x each + i."""
 
     def __init__(self, scene: Scene, camera: Camera, envs: int, each: int, motion: Motion, **how: Any) -> None:
@@ -74,7 +74,7 @@ class Looking:
         edges = np.searchsorted(which[order], np.arange(0, len(instants) + slots, slots))
         for first, (a, b) in zip(range(0, len(instants), slots), pairwise(edges.tolist())):
             part, some = order[a:b], slice(first, first + slots)
-            luminance[part], instance[part] = self._force.look(
+            luminance[part], instance[part] = self._force.luminance_at(
                 moved[some], times[some], which[part] - first, env[part], pixel[part]
             )
         return luminance, instance

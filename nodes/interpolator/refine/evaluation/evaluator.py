@@ -9,8 +9,8 @@ import numpy as np
 import warp as wp
 
 from nodes.interpolator.keyframe import Span
+from nodes.interpolator.refine.evaluation.sight_kernels import Targets
 from nodes.interpolator.refine.paths.grain import grain_of
-from nodes.interpolator.refine.sight_kernels import Targets
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.look_up.gather_kernels import make_gather, make_place
@@ -32,7 +32,7 @@ def changes_of(rigid: Rigid) -> LightChanges:
     return rigid.change.features if rigid.change else LightChanges()
 
 
-def looks_of(rigid: Rigid) -> tuple[wp.Kernel, wp.Kernel]:
+def make_look_up_kernels(rigid: Rigid) -> tuple[wp.Kernel, wp.Kernel]:
     """Makes the kernels that look up listed pixels, and that write to their places what was shaded."""
     layout, f = rigid.layout, rigid.shading.features
     kind = (f.textures, f.smooth, f.tinted) if textured_in(rigid.shading, layout) else None
@@ -74,7 +74,7 @@ class Evaluator:
             self._frame = wp.zeros(slots, dtype=wp.int32)
             self._index: wp.array = wp.zeros(slots, dtype=wp.int32)
             self.strength = wp.zeros(v.envs * layout.ways, dtype=wp.float32)
-        self._gather, self._place = looks_of(rigid)
+        self._gather, self._place = make_look_up_kernels(rigid)
         self._targets, self._portion = self._make_targets(), self._make_portion()
         self._at: list[int] = []
         """The instants that `_index` has."""

@@ -1,4 +1,4 @@
-"""Samples of pixels that are the mean of several, which are themselves sampled between frames."""
+"""Merges samples of pixels that are the mean of several, which are themselves sampled between frames."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
-from nodes.interpolator.refine.mean_kernels import Division, make_merge
+from nodes.interpolator.refine.samples.mean_kernels import Division, make_merge
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.samples import Further
 

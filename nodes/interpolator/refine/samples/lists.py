@@ -1,4 +1,4 @@
-"""Lists on a device that grow as need be."""
+"""Holds lists on a device that grow as need be."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Counts of what is listed in a window: on the device, where kernels read them, and on the host, all at once."""
+"""Counts what is listed in a window: on the device, where kernels read the counts, and on the host, all at once."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ last of which none is listed."""
 
 
 @dataclass(frozen=True)
-class Told:
+class Counts:
     """Holds what a tally has counted.
 
     changes [bands]: changes from one surface to another. lists [LISTS, bands]: entries of each list. shaded: of them,
@@ -51,8 +51,8 @@ class Tally:
         if made:
             self.made[:1].fill_(made)
 
-    def read(self) -> Told:
+    def read(self) -> Counts:
         """Gives what was counted; on a GPU it waits for that."""
         counted = self._all.numpy()
         rows = counted[LISTS + 1 :].reshape(-1, self._bands)
-        return Told(rows[1], rows[3 : 3 + LISTS], int(rows[3 + LISTS :].sum()), counted[: LISTS + 1])
+        return Counts(rows[1], rows[3 : 3 + LISTS], int(rows[3 + LISTS :].sum()), counted[: LISTS + 1])

@@ -1,4 +1,4 @@
-"""Finds how far bodies are off straight ways between instants, so that what lies between need not be looked at."""
+"""Finds how far bodies are off straight paths between instants, so that what lies between need not be evaluated."""
 
 import warp as wp
 

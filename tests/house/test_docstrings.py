@@ -1,0 +1,34 @@
+"""Public docstrings begin with a sentence that says what their module, class or function does: "Computes ..."."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+
+import pytest
+from import_graph import ROOT, sources
+
+VERB = re.compile(r"[A-Z][a-z]+s\b")
+"""A verb in the third person, as far as its ending tells: plural nouns pass too, which a reviewer has to see."""
+
+Definition = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def openings(node: ast.Module | Definition, name: str) -> Iterator[tuple[str, str]]:
+    """Yields the names and docstrings of a module or class, and of what is public in it."""
+    if docstring := ast.get_docstring(node):
+        yield name, docstring
+    if isinstance(node, ast.Module | ast.ClassDef):
+        for inner in node.body:
+            if isinstance(inner, Definition) and not inner.name.startswith("_"):
+                yield from openings(inner, f"{name}.{inner.name}")
+
+
+@pytest.mark.parametrize("package", ["msgs", "evis", "nodes"])
+def test_docstrings_begin_with_a_verb(package: str) -> None:
+    files = [path for path in sources().values() if path.is_relative_to(ROOT / package)]
+    assert files
+    for path in files:
+        for name, docstring in openings(ast.parse(path.read_text()), path.relative_to(ROOT).as_posix()):
+            assert VERB.match(docstring), f"{name}: {docstring.splitlines()[0]}"
