@@ -1,4 +1,4 @@
-"""Flat things that turn their edges to a lamp: how long their shadows, which are narrow then, are on a point."""
+"""Finds how long the shadows of flat moving bodies are on a point, which are narrow where the edge is turned to a lamp."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Plates:
         self.any = bool(len(which) and lamps)
 
     def shortest(self, moved: np.ndarray, rest: np.ndarray, first: np.ndarray) -> np.ndarray:
-        """Gives that time, float64 [E] instants, from some instants to the next ones.
+        """Computes that time for each environment, float64 [E], in instants, of what moves from some to the next ones.
 
         A ray from a lamp to a point stays, and a plate goes by it. In the plate's frame with half sides h, along a ray
         l and a way w, the ray meets it for 2 (h_i |l_j| + h_j |l_i|) / |w_i l_j - w_j l_i| at most, for any two axes.
