@@ -1,4 +1,4 @@
-"""Finds how long the shadows of flat moving bodies are on a point, which are narrow where the edge is turned to a lamp."""
+"""Finds how long shadows of flat moving bodies are on a point, which are narrow where the edge is turned to a lamp."""
 
 from __future__ import annotations
 
