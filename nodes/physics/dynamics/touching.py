@@ -1,4 +1,4 @@
-"""What touches in contacts of MuJoCo's: geoms, or parts of a flex, which have bodies too."""
+"""Finds the bodies that touch in contacts of MuJoCo's, of geoms and of parts of a flex."""
 
 from __future__ import annotations
 
