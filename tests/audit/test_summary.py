@@ -46,6 +46,15 @@ def test_what_single_pixels_between_frames_bought_is_told() -> None:
     assert "vp_frames" not in (joined({"audit_left": counters(0.5, 0.4, 0.6)}, plan("left")) or {})
 
 
+def test_what_lowers_a_high_error_of_frames_alone_is_told() -> None:
+    high, low = (joined({"audit_cam0": counters(*n)}, plan("cam0")) for n in ((0.5, 0.4, 0.6), (0.15, 0.05, 0.2)))
+    frames = {"interpolator": "rigid", "time_tolerance": 0.0, "upsampling": 8, "bounces": 0}
+    assert said(high, args=frames)[0].endswith("; time_tolerance:=0.0003 lowers it, at a longer run time")
+    others = ({"time_tolerance": 0.0001}, {"interpolator": "splat"}, {"bounces": 2}, {"upsampling": 1})
+    for audit, args in ((low, frames), (high, {}), *((high, frames | other) for other in others)):
+        assert said(audit, args=args)[0].endswith("run time 0.5 s per s")
+
+
 def test_too_few_pixels_are_told_and_how_many_would_do() -> None:
     for pixels, wanted in ((4, "4 pixels are too few for it (0.00 to 1.00), audit:=64"), (32, "audit:=128 would do")):
         (line,) = said(joined({"audit_cam0": counters(0.12, 0.0, 1.0, pixels)}, plan("cam0")))
