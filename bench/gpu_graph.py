@@ -1,4 +1,4 @@
-"""Whole runs on one device: speed, how busy the device is, time of the host, memory, first event.
+"""Measures whole runs on one device: speed, how busy the device is, time of the host, memory, first event.
 
     python -m bench.gpu_graph [--quick] [--rows WORD,...] [--json] [--out FILE] [--device cuda]
 
