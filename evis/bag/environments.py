@@ -60,7 +60,7 @@ def split(message: Message, envs: int) -> list[tuple[Message, dict[str, list[int
 
 
 def of_one(message: Message, env: int) -> Message | None:
-    """Gives what a message holds of an environment, None for an image of another one."""
+    """Returns the part of a message that belongs to an environment, None for an image of another one."""
     if isinstance(message, Image):
         return message if message.env == env else None
     # Tables alone do not tell how many environments there are.

@@ -72,7 +72,7 @@ class NodePlan:
 
 @dataclass
 class LeftOut:
-    """Names one thing that the graph does not need, and why."""
+    """Names one thing that the planner left out of the graph, and why."""
 
     what: str
     why: str

@@ -34,7 +34,7 @@ class Drawn:
 
 @dataclass(frozen=True)
 class Augment:
-    """Says how windows are changed, events and labels alike.
+    """Describes how windows are changed, events and labels alike.
 
     flip_x, flip_y: how likely a window is mirrored from left to right, from top to bottom. reverse: how likely its time
     runs backwards, with ON for OFF. crop: (height, width) px of a part at a random place. drop: share of events that
