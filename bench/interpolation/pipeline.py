@@ -207,7 +207,7 @@ class Memory:
         self._ids: np.ndarray | None = None
 
     def of(self, poses: np.ndarray) -> int:
-        """Counts them in the next keyframe, for body poses [1, N, 7]."""
+        """Counts the pixels of the next keyframe whose light can be remembered, for body poses [1, N, 7]."""
         if self._renderer is None:
             return 0
         ids = self._renderer.render(poses, None, ("ids",))["ids"].copy()

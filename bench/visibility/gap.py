@@ -56,7 +56,7 @@ class Gap:
 
 
 class Ways:
-    """Draws what the sub-frames of a gap see in every way, and measures each."""
+    """Draws the z-buffers of a gap's sub-frames in every way, and measures how long each takes."""
 
     def __init__(self, gap: Gap) -> None:
         g, k = self._gap, self._k = gap, len(gap.stamps)
