@@ -86,7 +86,7 @@ def _events(packet: EventPacket, e: int) -> EventPacket:
 
 
 def join(parts: Sequence[tuple[Message, dict[str, list[int]]]]) -> Message:
-    """Joins what `split` has split."""
+    """Joins the messages that `split` has made of one message."""
     first = parts[0][0]
     if isinstance(first, EventPacket):
         return _join_events([m for m, _ in parts])  # type: ignore[misc]

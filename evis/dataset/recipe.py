@@ -75,7 +75,7 @@ class SceneDraws:
 
     @property
     def name(self) -> str:
-        """Tells what it is called in names of sequences."""
+        """Returns the scene's name as names of sequences have it."""
         return Path(self.target).stem
 
     @property

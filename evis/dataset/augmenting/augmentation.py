@@ -17,7 +17,7 @@ UNMIRRORED = ("poses", "velocities", "accelerations", "joints", "boxes3d", "cont
 
 @dataclass(frozen=True)
 class Drawn:
-    """Describes what is done with one window.
+    """Describes the augmentation that was drawn for one window.
 
     top, left, height, width: of what stays [px]. key: of what is drawn for each event.
     """
