@@ -1,4 +1,4 @@
-"""Measures error against run time, stability and throughput: a room per subject, on top of the simulator itself.
+"""Measures error against run time, stability and throughput of the simulator; each subject has a folder.
 
 Each benchmark is a module with `measure(quick) -> dict` of sections; a section is {"title", "command", "rows":
 [{column: value}], "note"}. `evis bench` runs those of `bench.report.SUBJECTS` and writes report.json and index.html;

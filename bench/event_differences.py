@@ -1,4 +1,4 @@
-"""How far two files of bench/event_hashes.py are from each other, and where the events are kept, by how much."""
+"""Compares two files of bench/event_hashes.py, and measures by how much events differ where these were kept."""
 
 from __future__ import annotations
 

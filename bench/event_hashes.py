@@ -1,4 +1,4 @@
-"""What every scene, preset and interpolator gives, event by event: whether a change of the code has changed any of it.
+"""Hashes the events of every scene, preset and interpolator, to show whether a change of the code has changed any.
 
     python -m bench.event_hashes --out NEW.json --events new [--scenes drone,warehouse] [--device cuda] [--jobs 2]
     python -m bench.event_hashes --compare OLD.json NEW.json

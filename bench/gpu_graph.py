@@ -1,4 +1,4 @@
-"""Whole runs on one device: speed, how busy the device is, time of the host, memory, first event.
+"""Measures whole runs on one device: speed, how busy the device is, time of the host, memory, first event.
 
     python -m bench.gpu_graph [--quick] [--rows WORD,...] [--json] [--out FILE] [--device cuda]
 
@@ -81,7 +81,7 @@ def plot(sections: dict[str, Any], out: Path) -> list[Path]:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Declares what chooses rows and bounds the time."""
+    """Declares the options that choose rows and bound the time."""
     words = lambda text: tuple(word.strip() for word in text.split(",") if word.strip())
     parser.add_argument(
         "--rows", type=words, default=(), metavar="WORD,...", help="rows with one of these in their name"

@@ -1,4 +1,4 @@
-"""A section of a report (title, command, rows, note) as text for a terminal, as HTML and as Markdown."""
+"""Writes a section of a report (title, command, rows, note) as text for a terminal, as HTML and as Markdown."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def cells(rows: Sequence[Row], names: Sequence[str]) -> list[list[str]]:
 
 
 def as_text(section: Mapping[str, Any]) -> str:
-    """Writes title, a table with aligned columns, and note."""
+    """Writes a section as plain text: title, a table with aligned columns, and note."""
     names = columns(section["rows"])
     table = [names, *cells(section["rows"], names)]
     widths = [max(len(line[i]) for line in table) for i in range(len(names))]
@@ -29,7 +29,7 @@ def as_text(section: Mapping[str, Any]) -> str:
 
 
 def as_html(section: Mapping[str, Any]) -> str:
-    """Writes heading, command, table and note."""
+    """Writes a section as HTML: heading, command, table and note."""
     names = columns(section["rows"])
     head = "".join(f"<th>{html.escape(name)}</th>" for name in names)
     body = "".join(
@@ -43,7 +43,7 @@ def as_html(section: Mapping[str, Any]) -> str:
 
 
 def as_markdown(rows: Sequence[Row], names: Sequence[str] = ()) -> str:
-    """Writes a table of these columns, of all when none is named."""
+    """Writes rows as a Markdown table of the columns named, of all when none is named."""
     names = list(names) or columns(rows)
     lines = [names, ["---"] * len(names), *cells(rows, names)]
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)

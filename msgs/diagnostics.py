@@ -1,4 +1,4 @@
-"""Defines what every node says about itself."""
+"""Defines the message by which every node reports its state."""
 
 from __future__ import annotations
 

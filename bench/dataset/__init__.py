@@ -1,1 +1,1 @@
-"""What data sets cost: to make, to keep, to read."""
+"""Measures how long data sets take to make, how many bytes they keep, and how fast they are read."""

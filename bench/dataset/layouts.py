@@ -1,4 +1,4 @@
-"""Bytes per event of each layout of data sets, and how fast its events are written and read in windows.
+"""Measures bytes per event of each layout of data sets, and how fast its events are written and read in windows.
 
     evis bench layouts [--quick]
 
@@ -26,7 +26,7 @@ RATE = 30.0
 
 
 def simulated(seconds: float) -> tuple[About, list[Step]]:
-    """Runs the scene once."""
+    """Simulates spinning_disk for `seconds`; returns the description of the sequence and its steps."""
     outputs = ["events", "info"]
     with evis.Simulation("spinning_disk", outputs=outputs, seed=1, width=346, height=260) as sim:
         steps = [sim.reset(), *(sim.step() for _ in range(round(seconds * RATE)))]
@@ -35,7 +35,7 @@ def simulated(seconds: float) -> tuple[About, list[Step]]:
 
 
 def row(layout: str, about: About, steps: Sequence[Step]) -> dict[str, Any]:
-    """Writes and reads the steps in one layout."""
+    """Measures bytes per event and the speeds of writing and reading of one layout; returns a row of the table."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "s"
         try:

@@ -1,4 +1,4 @@
-"""Windows of a data set: how fast they are read beside h5py's bare read, and simulated beside read.
+"""Measures how fast windows of a data set are read beside h5py's bare read, and how fast they are simulated instead.
 
     evis bench loading [--quick]
 
@@ -58,7 +58,7 @@ def gone_over(windows: Windows, shuffle: bool) -> None:
 
 
 def reading_row(layout: str, folder: Path) -> dict[str, Any]:
-    """Reads the windows of a data set in one layout in several ways [million events/s]."""
+    """Measures how fast a data set in one layout is read in several ways [million events/s]; returns a row."""
     data = evis.dataset.open(folder)
     count = sum(sequence.count() for sequence in data)
     rates: dict[str, float] = {}

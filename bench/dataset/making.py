@@ -1,4 +1,4 @@
-"""Sequences per hour: `evis dataset make` beside a shell loop of `evis launch ... --record`, on the cores there are.
+"""Counts the sequences per hour that `evis dataset make` and a shell loop of `evis launch ... --record` produce.
 
     evis bench dataset [--quick]
 
@@ -35,13 +35,13 @@ CASES: tuple[tuple[str, str, str | None], ...] = (
 
 
 def clock() -> np.ndarray:
-    """Reads the clock, and the CPU time of all processes that this one has started and that have ended [s]."""
+    """Reads the clock and the CPU time of all child processes that have ended, float64 [2] s."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return np.array([time.perf_counter(), used.ru_utime + used.ru_stime])
 
 
 def loop_time(plans: Sequence[Plan], folder: Path) -> np.ndarray:
-    """Runs one `evis launch` after the other, each into a bag; returns what `clock` has gone on."""
+    """Runs one `evis launch` after the other, each into a bag; returns the clock and CPU time spent, as `clock`."""
     began = clock()
     for plan in plans:
         words = [f"{name}:={_text(value)}" for name, value in plan.arguments.items()]
@@ -57,7 +57,7 @@ def _text(value: Any) -> str:
 
 
 def make_time(recipe: Path, count: int, folder: Path) -> np.ndarray:
-    """Runs `evis dataset make`, its own start included; returns what `clock` has gone on."""
+    """Runs `evis dataset make`, its own start included; returns the clock and CPU time spent, as `clock`."""
     began = clock()
     run(["dataset", "make", str(recipe), "--count", str(count), "--out", str(folder)])
     return clock() - began
@@ -78,7 +78,7 @@ def recipe_text(layout: str, labels: str | None) -> str:
 
 
 def row(what: str, layout: str, labels: str | None, count: int) -> dict[str, Any]:
-    """Makes the same sequences both ways."""
+    """Makes the same sequences by the shell loop and by `evis dataset make`; returns a row that compares them."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         recipe = folder / "rotation.yaml"

@@ -1,1 +1,1 @@
-"""The event sensor: against closed forms, beside other simulators, on a CPU and on a GPU."""
+"""Measures the event sensor against closed forms and beside other simulators, on a CPU and on a GPU."""

@@ -1,4 +1,4 @@
-"""Time errors, missed and extra events: of sinusoids, ramps, steps and exponentials with known events, and of edges."""
+"""Measures time errors, missed and extra events of the sensor on signals whose events are known, and on hard edges."""
 
 from __future__ import annotations
 

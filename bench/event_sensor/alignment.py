@@ -1,4 +1,4 @@
-"""Pairs the events of two streams, pixel by pixel: how late, how many missed, how many too many.
+"""Pairs the events of two streams pixel by pixel, and measures their time errors, missed and extra events.
 
 Pairs keep their order within a pixel and polarity; their cost is the time between them, that of an event without a
 partner UNPAIRED_NS, and the pairing of least total cost is taken. Two events further apart than twice that never pair.

@@ -1,4 +1,4 @@
-"""A high-dynamic-range test picture: a spinning disk of patches before a drifting exponential ramp.
+"""Draws a high-dynamic-range test video: a spinning disk of patches before a drifting exponential ramp.
 
 The patches have albedo 0.1 or 0.6 under an irradiance of 100, a fifth more on one side than in the middle, so that
 every pixel returns to values of its own; radius 120 px, 50 rad/s. Behind them the radiance grows from 1e-2 to 1e3

@@ -1,4 +1,4 @@
-"""What further samples of single pixels cost in the sensor, beside frames alone on the same scene.
+"""Measures what further samples of single pixels cost in the sensor, beside frames alone on the same scene.
 
     python -m bench.event_sensor.further [--quick]
 
@@ -28,7 +28,7 @@ SENSORS: dict[str, dict[str, Any]] = {
 
 
 class Texture:
-    """ln I of eight waves that move over the image."""
+    """Computes a test signal whose ln I is the sum of eight waves that move over the image."""
 
     def __init__(self, seed: int) -> None:
         rng = np.random.default_rng(seed)
@@ -38,7 +38,7 @@ class Texture:
         self._speed = rng.normal(0, 60, (8, 1, 1))
 
     def light(self, t_ns: int) -> np.ndarray:
-        """Intensity at a time, float32 [H, W]."""
+        """Computes the intensity at a time, float32 [H, W]."""
         level = 0.25 * np.sin(self._phase + self._speed * (t_ns * 1e-9)).sum(0)
         return np.exp(level).astype(np.float32)
 

@@ -1,4 +1,4 @@
-"""The ideal event sensor on a CUDA device: frames and events a second, against memory bandwidth, what atomics cost.
+"""Measures frames and events a second of the ideal event sensor on a GPU, against its memory bandwidth, and atomics.
 
     python -m bench.event_sensor.gpu [--quick] [--json] [--device cuda]
 

@@ -1,4 +1,4 @@
-"""Other event sensors that run on a GPU, with PyTorch, on the frames that ours is measured on.
+"""Loads other event sensors that run on a GPU with PyTorch, for comparison on the frames that ours is measured on.
 
 Nothing of a peer is part of this project: EVIS_PEERS=DIR, DIR holding checkouts of uzh-rpg/rpg_vid2e and of
 spikelab-jhu/isaac-sim-event-camera-plugin, has them. The first one's kernels are compiled by nvcc.
@@ -22,7 +22,7 @@ Call = Callable[[Any, Any], object]
 
 
 class NotThere(Exception):
-    """Says why a peer cannot be run."""
+    """Signals that a peer cannot be run; its text says why."""
 
 
 def checkout(pattern: str) -> Path:

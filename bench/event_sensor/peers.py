@@ -1,4 +1,4 @@
-"""Other simulators in the same run: the core of ESIM, compiled from its own checkout, and the figures of the others.
+"""Compiles the core of ESIM from its own checkout to run it on the same frames, and lists published figures of others.
 
 Nothing of a peer is part of this project. `EVIS_PEERS=DIR`, DIR holding a checkout of uzh-rpg/rpg_vid2e, makes the
 benchmark compile esim_py's event_simulator with g++ and run it on the same frames; without it only quoted figures show.

@@ -1,4 +1,4 @@
-"""What the tables of the event sensor share: sensors by name, feeding them a recording, and a section."""
+"""Makes sensors by name, feeds them a recording, and makes the sections of the report on the event sensor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The event sensor against closed forms, against other simulators on the same frames, and what each fault costs.
+"""Compares the event sensor with closed forms and other simulators, and measures what each fault costs.
 
     evis bench event_sensor [--quick]
     EVIS_PEERS=DIR evis bench event_sensor

@@ -1,4 +1,4 @@
-"""Test signals whose events are known in closed form, one signal per pixel.
+"""Makes test signals whose events are known in closed form, one signal per pixel.
 
 A pixel fires when L has moved by C from its reference, which starts at L(0) and follows in whole thresholds: the levels
 are L(0) + k C, and of the level that fired last only its two neighbours can fire next.

@@ -1,4 +1,4 @@
-"""Frames per CPU second beside other simulators, and what each fault of the sensor adds."""
+"""Measures frames per CPU second beside other simulators, and the time that each fault of the sensor adds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Events of video at common rates, with and without sub-frames, against the same scenes at 2 kHz: error and run time.
+"""Measures error and run time of events of video, with and without sub-frames, against the same scenes at 2 kHz.
 
     python -m bench.event_sensor.video [--quick]
 
@@ -32,7 +32,7 @@ Scene = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
 
 
 def texture(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Adds sinusoids of about 10 px and more in all directions; the radiance stays below 1."""
+    """Computes the radiance at (x, y) px of a sum of sinusoids of about 10 px and more in all directions, below 1."""
     rng = np.random.default_rng(1)
     waves, phases = rng.normal(size=(16, 2)) * 0.3, rng.uniform(0, 2 * np.pi, 16)
     level = np.zeros_like(x)
@@ -42,19 +42,19 @@ def texture(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def slide(t: float, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Slides by 134 px/s."""
+    """Computes the radiance at t [s] and (x, y) px of a texture that slides at 134 px/s."""
     return texture(x - 120 * t, y + 60 * t)
 
 
 def turn(t: float, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Turns at 3 rad/s, 300 px/s in the corners."""
+    """Computes the radiance at t [s] and (x, y) px of a texture that turns at 3 rad/s, 300 px/s in the corners."""
     c, s = np.cos(3 * t), np.sin(3 * t)
     x, y = x - WIDTH / 2, y - HEIGHT / 2
     return texture(c * x + s * y, c * y - s * x)
 
 
 def ball(t: float, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Moves a textured ball of 20 px radius at up to 450 px/s before a texture at rest."""
+    """Computes the radiance of a textured ball of 20 px radius that moves at up to 450 px/s before a still texture."""
     u, v = 200 * t, 20 * np.sin(20 * t)
     inside = 1 / (1 + np.exp(np.clip(np.hypot(x - 40 - u, y - 60 - v) - 20, -50, 50)))
     return texture(x, y) * (1 - inside) + inside * texture(x - u + 300, y - v + 70)

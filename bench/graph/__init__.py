@@ -1,1 +1,1 @@
-"""The graph as processes: whole runs, the bus, bags, a camera on an emulated USB."""
+"""Measures the graph as processes: whole runs, the bus, bags, a camera on an emulated USB."""

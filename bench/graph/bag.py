@@ -1,4 +1,4 @@
-"""Recording and reading: throughput and CPU time of bags, against the MCAP library's own writer, in the same run.
+"""Measures throughput and CPU time of recording and reading bags, against the MCAP library's own writer.
 
     evis bench bag [--quick]
 
@@ -69,14 +69,14 @@ def content_bytes(message: Message) -> int:
 
 
 def evis_writer(path: Path, messages: Iterator[tuple[str, Message]]) -> None:
-    """Writes with BagWriter, on one thread as the library does."""
+    """Writes the messages to a bag with BagWriter, on one thread as the library does."""
     with BagWriter(path, threads=1) as writer:
         for topic, message in messages:
             writer.write(topic, message)
 
 
 def library_writer(path: Path, messages: Iterator[tuple[str, Message]]) -> None:
-    """Writes the same with mcap.writer.Writer: keyframes uncompressed, others zstd, chunks of 1 MB."""
+    """Writes the same messages with mcap.writer.Writer: keyframes uncompressed, others zstd, chunks of 1 MB."""
     from mcap.writer import CompressionType, Writer
 
     from evis.bag.ros import mapping, schemas
@@ -99,7 +99,7 @@ def library_writer(path: Path, messages: Iterator[tuple[str, Message]]) -> None:
 
 
 def read(path: Path, messages: Iterator[tuple[str, Message]]) -> None:
-    """Reads with BagReader; `messages` is not used."""
+    """Reads all messages of a bag with BagReader; `messages` is not used."""
     with BagReader(path) as reader:
         for _ in reader.messages():
             pass

@@ -1,4 +1,4 @@
-"""CPU time per message between processes: the bus against plain ZeroMQ, in the same run.
+"""Measures the CPU time per message between processes, of the bus and of plain ZeroMQ in the same run.
 
     evis bench bus [--quick]
 

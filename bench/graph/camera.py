@@ -1,4 +1,4 @@
-"""The camera node end to end: an emulated USB camera that waits for nobody, driver, decoder, bus, a reader.
+"""Measures the camera node end to end: an emulated USB camera that does not wait, driver, decoder, bus and a reader.
 
     evis bench camera [--quick]
 
@@ -38,7 +38,7 @@ nodes:
 
 
 def flood(rate: float, seconds: float, packet_ms: float) -> dict[str, Any]:
-    """Runs the graph once: what the camera node measured, and what the reader counted."""
+    """Runs the graph once; returns what the camera node measured, and the reader's counters as `read`."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "result.json"
         graph = Path(folder) / "flood.yaml"
@@ -48,7 +48,7 @@ def flood(rate: float, seconds: float, packet_ms: float) -> dict[str, Any]:
 
 
 def row(rate: float, seconds: float, packet_ms: float) -> dict[str, Any]:
-    """Measures a line of the report."""
+    """Measures the camera node at one offered rate [bytes/s]; returns a row of the table."""
     r = flood(rate, seconds, packet_ms)
     p50, p99, worst = r["latency_ms"]
     return {

@@ -1,4 +1,6 @@
-"""The graph of `evis bench camera`: a camera node whose emulated USB device floods it, and a reader of its events."""
+"""Defines the nodes of `evis bench camera`: a camera node flooded by an emulated USB device, and a reader of its
+events.
+"""
 
 from __future__ import annotations
 

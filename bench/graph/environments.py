@@ -1,4 +1,4 @@
-"""Environments: steps per second of a pole seen by an event camera, beside Gymnasium's pole drawn as frames.
+"""Measures steps per second of a pole seen by an event camera, beside Gymnasium's pole drawn as frames.
 
     evis bench environments [--quick]
 
@@ -32,7 +32,7 @@ def drawn(count: int) -> gymnasium.vector.VectorEnv | None:
 
 
 def seconds(env: gymnasium.vector.VectorEnv, steps: int) -> float:
-    """Takes steps and says how long they took [s]."""
+    """Measures how long some steps of an environment take with random actions [s]."""
     actions = [env.action_space.sample() for _ in range(steps)]
     begun = time.perf_counter()
     for action in actions:
@@ -41,7 +41,7 @@ def seconds(env: gymnasium.vector.VectorEnv, steps: int) -> float:
 
 
 def compare(count: int, rounds: int, steps: int) -> dict[str, Any]:
-    """Makes the row of one number of environments."""
+    """Compares environments of both kinds, `count` of each; returns a row of the table."""
     ours = gymnasium.make_vec(
         "evis/CartPole-v0", num_envs=count, autoreset_mode="SameStep", observation=evis.env.CountImage()
     )

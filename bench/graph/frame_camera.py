@@ -1,4 +1,4 @@
-"""What images of a frame sensor beside the events cost.
+"""Measures what images of a frame sensor cost beside the events.
 
 python -m bench.graph.frame_camera [--quick]
 """

@@ -1,4 +1,4 @@
-"""How many events a second a bag takes, by the number of threads and by the size of the messages.
+"""Measures how many events a second a bag takes, by the number of threads and by the size of the messages.
 
     python -m bench.graph.recording [--quick]
 

@@ -1,4 +1,4 @@
-"""The whole graph: real-time factor, where the time goes, what the graph itself costs, and what each omission saves.
+"""Measures whole graphs: real-time factor, CPU time of each node, cost of the graph itself, and what omissions save.
 
     evis bench graph [--quick]
 
@@ -39,7 +39,7 @@ def overhead(summary: dict[str, Any]) -> float:
 
 
 def row(name: str, summary: dict[str, Any]) -> dict[str, Any]:
-    """Makes one line of the report."""
+    """Makes a row of the table from the summary of a run."""
     cells: dict[str, Any] = {
         "run": name,
         "real-time factor": round(summary["rtf"], 2),

@@ -1,4 +1,4 @@
-"""A graph held in Python: what a step costs above its nodes, how long it takes to start, and to begin again.
+"""Measures evis.Simulation: what a step costs above its nodes, and how long starting and resetting take.
 
     evis bench simulation [--quick]
 

@@ -1,1 +1,1 @@
-"""The ways to make frames between keyframes: error against run time, speed, hard cases."""
+"""Measures the ways to make frames between keyframes: error against run time, speed, hard cases."""

@@ -1,4 +1,4 @@
-"""What an audit costs beside its run, and how wide its interval is, scene by scene and pixel count by pixel count."""
+"""Measures what an audit costs beside its run and how wide its interval is, by scene and number of pixels."""
 
 from __future__ import annotations
 
@@ -35,8 +35,9 @@ Gap = tuple[np.ndarray, np.ndarray, np.ndarray, WorldState]
 
 
 class Recorded:
-    """A run of a scene's first camera: its gaps, and CPU seconds of renderer, interpolator and sensor for each
-    simulated second.
+    """Records a run of a scene's first camera: its gaps, and the CPU time of renderer, interpolator and sensor.
+
+    run_s: CPU seconds of these three nodes for each simulated second.
     """
 
     def __init__(self, scene: str, seconds: float, size: Mapping[str, Any], rate: float, upsampling: int) -> None:
@@ -56,7 +57,7 @@ class Recorded:
         self.run_s = float(np.mean(np.diff(spent)[SKIPPED:])) * rate
 
     def audited(self, pixels: int) -> tuple[Audit, float]:
-        """Gives an audit of the run, and its CPU seconds for each simulated second."""
+        """Audits the run with this many pixels; returns the audit, and its CPU seconds for each simulated second."""
         audit = Audit(self.scene, self.scene.cameras[0], AuditOptions(pixels, horizon_ns=round(self.seconds * NS)))
         audit.prepare()
         start = time.process_time()

@@ -1,4 +1,4 @@
-"""What `interpolator:=auto` picks, beside the best of all fixed methods and rates at the same run time."""
+"""Compares what `interpolator:=auto` picks with the best of all fixed methods and rates at the same run time."""
 
 from __future__ import annotations
 

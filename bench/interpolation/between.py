@@ -1,4 +1,4 @@
-"""Samples of single pixels between frames (`time_tolerance`): error against CPU time beside frames alone.
+"""Measures error against CPU time with samples of single pixels between frames (`time_tolerance`), and without.
 
 evis bench between [--quick]
 """
@@ -43,7 +43,7 @@ class Way:
 
     @property
     def label(self) -> str:
-        """Names it in a table."""
+        """Gives its name in a table."""
         frames = f"{self.rate:.0f}x{self.upsampling}" if self.method == "rigid" else f"{self.rate:.0f} Hz"
         within = f" {1e3 * self.tolerance:g} ms" if self.tolerance else ""
         return f"{frames} {self.family}{within}"

@@ -1,4 +1,4 @@
-"""Small scenes that are hard for reprojection, one gap between two keyframes each, and how far off every method is.
+"""Makes small scenes that are hard for reprojection, one keyframe gap each, and measures how far off every method is.
 
 The truth is dense rendering at the sub-frames' own times. What no method should get wrong (rotation, approach, thin
 things, crossing, teleport) stands beside what reprojection is known to get wrong (light that moves on a surface).
@@ -103,18 +103,18 @@ def lamp(**given: Any) -> Light:
 
 
 def rotation(degrees: float) -> Scene:
-    """A painted square that turns in the image."""
+    """Makes a painted square that turns in the image by an angle per gap."""
     return scene_of([(square(0.6), painted(), moving((0, 0, 2), turning(degrees)))])
 
 
 def approach(share: float) -> Scene:
-    """A painted wall that comes closer by a share of its distance at A."""
+    """Makes a painted wall that comes closer by a share of its distance at keyframe A."""
     far = 2.0
     return scene_of([(square(4.0), painted(), moving((0, 0, far * (1 - share / 2)), along(0, 0, -far * share)))])
 
 
 def wire(pixels: float) -> Scene:
-    """A wire so many pixels wide that moves 10 pixels per gap before a wall."""
+    """Makes a wire of some pixels in width that moves 10 pixels per gap before a wall."""
     depth = 2.0
     scale = depth / FOCAL
     mesh = square(pixels * scale / 2, 2.0)
@@ -122,7 +122,7 @@ def wire(pixels: float) -> Scene:
 
 
 def crossing() -> Scene:
-    """Two squares that pass each other, 20 pixels per gap each."""
+    """Makes two squares that pass each other, at 20 pixels per gap each."""
     step = 20 * 2.0 / FOCAL
     left = (square(0.25), plain(0.9), moving((0.1, 0, 2.0), along(step, 0, 0)))
     right = (square(0.25), painted(), moving((-0.1, 0.05, 2.2), along(-step, 0, 0)))
@@ -130,7 +130,7 @@ def crossing() -> Scene:
 
 
 def turned_over() -> Scene:
-    """A plate under a lamp that turns by 340 degrees: both keyframes show its front, the middle of the gap its back."""
+    """Makes a plate under a lamp that turns by 340 degrees per gap: its back shows only between the keyframes."""
     turn, middle = turning(340, (0, 1, 0)), (START + GAP // 2) * 1e-9
     start = se3.exp(turn.axis * (np.pi - turn.rate * middle))
     plate = (square(0.5), plain(0.7), Prescribed(se3.make_pose(np.array([0.0, 0.0, 2.0]), start), (turn,)))
@@ -138,34 +138,34 @@ def turned_over() -> Scene:
 
 
 def leap() -> Scene:
-    """A square that moves by 500 pixels within a gap."""
+    """Makes a square that moves by 500 pixels within a gap."""
     return scene_of([wall(), (square(0.3), plain(0.9), moving((0, 0, 2.0), along(500 * 2.0 / FOCAL, 0, 0)))])
 
 
 def near_plane() -> Scene:
-    """A square that comes from the front through the camera's plane in mid-gap."""
+    """Makes a square that comes from the front through the camera's plane in mid-gap."""
     return scene_of([wall(), (square(0.05), painted(), moving((0.02, 0.01, 0.0), along(0, 0, -0.4)))])
 
 
 def turned_sky() -> Scene:
-    """A camera that turns by 10 degrees before a square and the sky."""
+    """Makes a square before the sky, seen by a camera that turns by 10 degrees per gap."""
     return scene_of([(square(0.4), painted(), moving((0, 0, 2)))], moving((0, 0, 0), turning(10, (0, 1, 0))), sky=1.0)
 
 
 def shadow() -> Scene:
-    """The shadow of a small thing crosses a wall that stands still."""
+    """Makes a small thing whose shadow crosses a wall that stands still."""
     thing = (square(0.1), plain(0.5), moving((0, -0.6, 1.0), along(0.3, 0, 0)))
     return scene_of([wall(), thing], lights=[lamp()])
 
 
 def highlight() -> Scene:
-    """A shiny tilting plate: the lamp's reflection runs across it."""
+    """Makes a shiny tilting plate, over which the lamp's reflection runs."""
     plate = (square(1.5), plain(0.8, roughness=0.15, metallic=1.0), moving((0, 0, 2), turning(3, (1, 0, 0))))
     return scene_of([plate], lights=[lamp()])
 
 
 def flicker() -> Scene:
-    """A light of as many hertz as there are gaps: both keyframes see it equally strong."""
+    """Makes a light that flickers once per gap, so that both keyframes see it equally strong."""
     return scene_of([wall()], lights=[lamp(waveform=Waveform("sine", SPEED, 0.5))], sky=0.1)
 
 
@@ -190,7 +190,10 @@ CASES: dict[str, Callable[[], Scene]] = {
 
 @dataclass
 class Frames:
-    """Sub-frames of one gap, the keyframe B apart, float32 [K - 1, h, w], and the true ones."""
+    """Holds the sub-frames of one gap without keyframe B, float32 [K - 1, h, w]: those of a method and the true ones.
+
+    reshaded, filled: pixels of sub-frames that the method shaded anew, and that it guessed.
+    """
 
     made: np.ndarray
     truth: np.ndarray
@@ -198,19 +201,22 @@ class Frames:
     filled: int
 
     def errors(self) -> np.ndarray:
-        """|ln I - ln I_true| in thresholds, [K - 1, h, w]."""
+        """Computes |ln I - ln I_true| in thresholds, float64 [K - 1, h, w]."""
         made, truth = (np.log(np.maximum(a.astype(np.float64), 1e-6)) for a in (self.made, self.truth))
         return np.abs(made - truth) / THRESHOLD
 
 
 def states_of(scene: Scene, t: np.ndarray) -> States:
-    """In closed form, at times int64 [S] ns."""
+    """Computes the bodies' states in closed form, at times int64 [S] ns."""
     paths = [body.trajectory for body in scene.bodies if body.trajectory is not None]
     return States(t, np.stack([p.pose(t) for p in paths], 1)[None], np.stack([p.twist(t) for p in paths], 1)[None])
 
 
 def frames_of(scene: Scene, method: str, upsampling: int = UPSAMPLING) -> Frames:
-    """The gap from START on, with the one before it, by which some methods know the past."""
+    """Makes the sub-frames of the gap from START on by one method, and renders the true ones.
+
+    The gap before is made too, since some methods know the past by it.
+    """
     camera = scene.cameras[0]
     renderer = Renderer(scene, camera)
     interpolator = Interpolator(method, upsampling, scene=scene, camera=camera)
@@ -236,8 +242,11 @@ def frames_of(scene: Scene, method: str, upsampling: int = UPSAMPLING) -> Frames
 
 
 def measured() -> list[dict[str, Any]]:
-    """Of every case, by method: `rms`, root mean square error in thresholds; `off`, share of pixels that are off by
-    more than one; and the share that `rigid` shades anew."""
+    """Measures every method on every case.
+
+    Each case has, by method, `rms`, the root mean square error in thresholds, and `off`, the share of pixels that are
+    off by more than one; `reshaded` is the share that `rigid` shades anew.
+    """
     found = []
     for name, make in CASES.items():
         scene = make()
@@ -256,7 +265,7 @@ def measured() -> list[dict[str, Any]]:
 
 
 def rows(cases: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """`measured` as a table."""
+    """Makes the rows of a table from what `measured` returns."""
     lines = []
     for case in cases:
         shown = {m: f"{rms:.3f} ({100 * case['off'][m]:.1f} %)" for m, rms in case["rms"].items()}

@@ -1,4 +1,4 @@
-"""Motion that is too fast for frames, with and without samples of single pixels between them, against dense rendering.
+"""Measures motion that is too fast for frames, with and without samples of single pixels between them.
 
 python -m bench.interpolation.extremes [--quick]
 """
@@ -40,7 +40,7 @@ def from_zero(place: Sequence[float], *motions: Motion) -> Prescribed:
 
 
 def pole() -> Scene:
-    """A pole 3 px wide that swings through the image, by up to 20 px in an eighth of a gap."""
+    """Makes a pole 3 px wide that swings through the image, by up to 20 px in an eighth of a gap."""
     pace, half = 20.0 * 8 * RATE * DEPTH / FOCAL, 1.0
     swing = Sinusoid(np.array([half, 0.0, 0.0]), pace / (2 * np.pi * half))
     thing = (square(1.5 * DEPTH / FOCAL, 2.0), plain(0.9), from_zero((0, 0, DEPTH), swing))
@@ -48,18 +48,18 @@ def pole() -> Scene:
 
 
 def blade(rate: float) -> Scene:
-    """A bright blade that turns before a painted wall."""
+    """Makes a bright blade that turns at `rate` [rad/s] before a painted wall."""
     return scene_of([wall(), (square(0.6, 0.06), plain(0.9), from_zero((0.3, 0.1, DEPTH), Spin(TURN, rate)))])
 
 
 def fan() -> Scene:
-    """A fan beside the camera whose shadow sweeps over a wall."""
+    """Makes a fan beside the camera whose shadow sweeps over a wall."""
     blades = (square(0.3, 0.05), plain(0.5), from_zero((0.0, -0.7, 0.6), Spin(TURN, 60.0)))
     return scene_of([wall(), blades], lights=[lamp()], sky=0.02)
 
 
 def fine_texture() -> Scene:
-    """A wall with stripes two thirds of a pixel wide that goes by at 40 px per gap."""
+    """Makes a wall with stripes two thirds of a pixel wide that goes by at 40 px per gap."""
     period = 4.0 / 3.0 * 3.0 / FOCAL
     at = (np.arange(4096) + 0.5) / 4096 * 8.0
     stripes = np.broadcast_to(np.where(np.sin(2 * np.pi * at / period) > 0, 0.8, 0.2), (64, 4096))
@@ -69,14 +69,14 @@ def fine_texture() -> Scene:
 
 
 def turning_camera() -> Scene:
-    """A camera that turns at up to 25 rad/s before thin columns."""
+    """Makes a camera that turns at up to 25 rad/s before thin columns."""
     places = np.linspace(-np.pi, np.pi, 60, endpoint=False)
     things = [(square(0.015, 3.0), plain(0.2), from_zero((2 * np.sin(a), 0, 2 * np.cos(a)))) for a in places]
     return scene_of(things, from_zero((0, 0, 0), Spin(np.array([0.0, 1.0, 0.0]), 25.0)))
 
 
 def pulsed_lamp() -> Scene:
-    """A lamp at 240 Hz, on for a fifth of each period, a blade that turns and a square that passes before a wall."""
+    """Makes a lamp that pulses at 240 Hz, on for a fifth of each period, over a turning blade and a passing square."""
     led = lamp(waveform=Waveform("square", 240.0, 0.9, 0.1, 0.2))
     square_goes = (square(0.15), plain(0.9), from_zero((-0.5, 0.3, DEPTH), Linear(np.array([10.0, 0.0, 0.0]))))
     blade_turns = (square(0.4, 0.05), plain(0.7), from_zero((0.3, -0.1, DEPTH), Spin(TURN, 40.0)))
@@ -84,14 +84,14 @@ def pulsed_lamp() -> Scene:
 
 
 def bullet() -> Scene:
-    """A square 10 px wide that crosses the image in 2 ms, between two frames of a gap."""
+    """Makes a square 10 px wide that crosses the image in 2 ms, between two frames of a gap."""
     pace = 106.0 * DEPTH / FOCAL / 2e-3
     flight = Linear(np.array([pace, 0.0, 0.0]))
     return scene_of([wall(), (square(5.0 * DEPTH / FOCAL), plain(0.9), from_zero((-pace * 0.018, 0.1, DEPTH), flight))])
 
 
 def rods() -> Scene:
-    """Rods beside the view, 2 cm wide, that fly before a lamp at up to 40 m/s: their shadows cross a wall."""
+    """Makes rods beside the view, 2 cm wide, that fly before a lamp at up to 40 m/s: their shadows cross a wall."""
     things = [wall(material=plain(0.5))]
     for n, height in enumerate((-0.6, -0.7, -0.8)):
         fly = Sinusoid(np.array([1.0, 0.0, 0.0]), 40.0 / (2 * np.pi), 2.0 * n)
@@ -100,7 +100,7 @@ def rods() -> Scene:
 
 
 def torch() -> Scene:
-    """A lamp that goes at 20 m/s behind bars 2 cm wide, which stand still beside the view."""
+    """Makes a lamp that goes at 20 m/s behind bars 2 cm wide, which stand still beside the view."""
     bars = [(square(0.01, 0.3), plain(0.2), from_zero((0.15 * n, -0.7, 0.6))) for n in range(-8, 9)]
     way = Sinusoid(np.array([0.5, 0.0, 0.0]), 40.0 / (2 * np.pi))
     things = [wall(material=plain(0.5)), *bars, (square(1e-3), plain(0.2), from_zero((0, 0, -9), way))]

@@ -1,4 +1,4 @@
-"""Time of one keyframe gap on a GPU, and where it goes: `rigid` and `splat`, one environment and many.
+"""Measures the time of one keyframe gap on a GPU and of its kernels, for `rigid` and `splat`, one environment and many.
 
     python -m bench.interpolation.gpu [--quick] [--json] [--device cuda]
 

@@ -1,4 +1,6 @@
-"""`rigid` where light changes between keyframes: error and run time beside dense rendering at as many frames."""
+"""Measures error and run time of `rigid` where light changes between keyframes, beside as many frames of dense
+rendering.
+"""
 
 from __future__ import annotations
 

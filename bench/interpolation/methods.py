@@ -1,4 +1,4 @@
-"""Error against run time: every interpolation method and keyframe rate against dense rendering, in one run.
+"""Measures error against run time of every interpolation method and keyframe rate, against dense rendering.
 
     evis bench interpolation [--quick]
 

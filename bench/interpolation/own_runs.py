@@ -1,4 +1,4 @@
-"""Error against run time of runs that somebody recorded, from what their bags say."""
+"""Reads error and run time of recorded runs from their bags, and plots one against the other."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ COLUMNS = ("bag", "scene", "interpolator", "keyframe_rate", "upsampling", "camer
 
 
 def read(bags: Sequence[str | Path]) -> list[dict[str, Any]]:
-    """Gives a row for each audited camera of the bags.
+    """Reads the audit and run time from bags; returns a row for each audited camera.
 
     Each has the columns of COLUMNS and `run time` [s per simulated s]. Raises ValueError naming a bag that has no
     audit, and what the bag reader raises for one that cannot be read.

@@ -1,4 +1,4 @@
-"""Run time with paths, where shading is dear, beside what follows from a run without them and the pixels shaded."""
+"""Measures run times with path tracing, where shading is dear, beside a prediction from the number of shaded pixels."""
 
 from __future__ import annotations
 

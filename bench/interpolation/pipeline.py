@@ -1,4 +1,4 @@
-"""The simulator's pure parts in a row, in one process and without the bus: what a method costs by itself."""
+"""Runs renderer, interpolator and event sensor in one process without the bus, to measure what a method alone costs."""
 
 from __future__ import annotations
 
@@ -74,8 +74,10 @@ class Sensors:
         self.seconds = dict.fromkeys(crossings, 0.0)
 
     def process(self, frames: np.ndarray, t: np.ndarray, share: float = 1.0, between: Samples | None = None) -> None:
-        """Takes frames float32 [1, K, H, W] at stamps int64 [K] ns; share: by how much their time counts; between:
-        samples of single pixels."""
+        """Runs the sensors on frames float32 [1, K, H, W] at stamps int64 [K] ns.
+
+        share: by how much their time counts. between: samples of single pixels.
+        """
         further = None if between is None else Further(*between.arrays(False))
         for crossing, sensor in self._sensors.items():
             start = time.process_time()
@@ -205,7 +207,7 @@ class Memory:
         self._ids: np.ndarray | None = None
 
     def of(self, poses: np.ndarray) -> int:
-        """Counts them in the next keyframe, for body poses [1, N, 7]."""
+        """Counts the pixels of the next keyframe whose light can be remembered, for body poses [1, N, 7]."""
         if self._renderer is None:
             return 0
         ids = self._renderer.render(poses, None, ("ids",))["ids"].copy()

@@ -1,4 +1,4 @@
-"""The plot of `bench.interpolation.methods`: error against run time, one panel per scene."""
+"""Plots the results of `bench.interpolation.methods`: error against run time, one panel per scene."""
 
 from __future__ import annotations
 

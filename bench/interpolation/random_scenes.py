@@ -1,4 +1,6 @@
-"""Scenes drawn at random from all kinds of things, materials, motions, lights and cameras, against dense rendering.
+"""Measures samples between frames on scenes drawn at random, against dense rendering.
+
+Things, materials, motions, lights and cameras are of all kinds.
 
 python -m bench.interpolation.random_scenes [--quick]
 """
@@ -59,7 +61,7 @@ def picture(values: np.ndarray) -> Material:
 
 
 def material(draw: Draw) -> Material:
-    """Draws what a surface is made of."""
+    """Draws the material of a surface."""
     value, rough = draw.uniform(0.1, 0.9), float(draw.uniform(0.1, 0.6))
     kinds = (
         lambda: plain(value),
@@ -74,7 +76,7 @@ def material(draw: Draw) -> Material:
 
 
 def mesh(draw: Draw) -> Mesh:
-    """Draws a shape."""
+    """Draws the mesh of a body."""
     size = draw.uniform(0.1, 0.6)
     kinds = (
         lambda: square(size, size * draw.uniform(0.3, 1.0)),

@@ -1,4 +1,4 @@
-"""CPU time of the warp and of the event sensor per pixel and sub-frame, and what each omission saves.
+"""Measures the CPU time of the warp and of the event sensor per pixel and sub-frame, and what each omission saves.
 
     evis bench interpolation_speed [--quick]
 

@@ -1,4 +1,4 @@
-"""What the runs of `bench.interpolation.methods` say, as tables."""
+"""Makes the tables of the runs of `bench.interpolation.methods`."""
 
 from __future__ import annotations
 
@@ -32,8 +32,10 @@ VP = "VP 1/ms"
 
 @dataclass
 class Row:
-    """Holds one method at one rate with one crossing method. time_tolerance [s]: of rigid, 0 without
-    further samples."""
+    """Holds the run and the errors of one method at one rate with one crossing method.
+
+    time_tolerance [s]: of rigid, 0 without further samples.
+    """
 
     method: str
     rate: float
@@ -57,8 +59,10 @@ class Row:
         return f"{self.rate:g}x{self.k}{within}"
 
     def seconds(self, duration_s: float, extra_us: float = 0.0, remember: bool = False) -> float:
-        """Computes the run time per simulated second if every shaded pixel cost extra_us more; remember: but for those
-        whose light may be remembered."""
+        """Computes the run time per simulated second if every shaded pixel cost extra_us more.
+
+        remember: pixels whose light may be remembered cost no more.
+        """
         pixels = self.run.shaded - self.run.remembered * remember
         return (self.run.seconds(self.crossing) + pixels * extra_us * 1e-6) / duration_s
 
@@ -164,7 +168,10 @@ def equal_shading(name: str, rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def failures(name: str, rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Lists runs of warps at 1000 frames per second that are far off."""
+    """Lists the runs of warps at 1000 frames per second whose error is more than twice that of dense rendering.
+
+    Those whose frames are off by more than a threshold, as a root mean square, are listed too.
+    """
     dense = {r.crossing: r.error[VP] for r in rows if r.method == "none" and r.rate == 1000}
     true = next(len(r.run.streams[r.crossing].t) for r in rows if r.method == "none" and r.rate == 1000)
     lines = []
@@ -183,8 +190,10 @@ def failures(name: str, rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def by_method(runs: Sequence[dict[str, Any]], cases: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Says where each method fails, a line for each: its runs among `failures`, and the hard cases (cases.py) in
-    which more than LOST of its pixels are off."""
+    """Lists for each method the scenes and the hard cases in which it fails, a line for each.
+
+    These are its runs among `failures`, and the cases (cases.py) in which more than LOST of its pixels are off.
+    """
     names = list(dict.fromkeys([*(r["method"] for r in runs), *(m for c in cases for m in c["off"])]))
     lines = []
     for name in sorted(names):

@@ -1,1 +1,1 @@
-"""`evis events measure` against rotations of known speed."""
+"""Measures the error of `evis events measure` on rotations of known speed."""

@@ -1,4 +1,4 @@
-"""`evis events measure` on the six clips of a wheel flicked by hand, against their reference.
+"""Measures the error of `evis events measure` on six clips of a wheel flicked by hand, against their reference.
 
 `EVIS_TEST_DATA=DIR python -m bench.measure.clips`, DIR being the folder that holds wheel/.
 """
@@ -21,7 +21,7 @@ COMMAND = "EVIS_TEST_DATA=DIR python -m bench.measure.clips"
 
 
 def row(path: Path, at: np.ndarray, wanted: np.ndarray) -> tuple[dict[str, Any], np.ndarray]:
-    """Measures a clip: a line of the report, and the relative error at each stamp.
+    """Measures a clip; returns a row of the table, and the relative error at each stamp of the reference.
 
     at: stamps of the reference [us from the first event]; wanted: its speeds [rad/s]."""
     with open_recording(path) as recording:

@@ -1,4 +1,4 @@
-"""`evis events measure` on disks that turn by a known angle: error of the speed and of its series, and CPU time.
+"""Measures error and CPU time of `evis events measure` on disks that turn by a known angle.
 
     python -m bench.measure.disks [--quick]
 
@@ -92,7 +92,7 @@ def events(case: Case) -> tuple[np.ndarray, ...]:
 
 
 def cases(quick: bool) -> list[Case]:
-    """Lists the disks: what works, and where it ends."""
+    """Lists the disks that are measured, from those that it should manage to those beyond its range."""
     at = lambda speed: lambda t: speed + 0 * t
     result = [Case(f"texture, {w} rad/s", at(w), texture(), float(np.clip(12 / w, 0.4, 2))) for w in (5, 20, 200)]
     result += [Case(f"{n} sectors, {w} rad/s", at(w), sectors(n)) for n, w in ((1, 30), (12, 30), (6, 200), (12, 280))]
@@ -114,7 +114,7 @@ def cases(quick: bool) -> list[Case]:
 
 
 def row(case: Case) -> dict[str, Any]:
-    """Measures a line of the report."""
+    """Measures the speed of one disk from its events; returns a row of the table."""
     t, x, y, p = events(case)
     began = time.process_time()
     measurement = Measurement(*case.size)

@@ -1,4 +1,4 @@
-"""`evis events measure` on long streams: memory and CPU time against the number of events.
+"""Measures memory and CPU time of `evis events measure` on long streams, against the number of events.
 
 `python -m bench.measure.long`. A disk of 420 px in 640x480 that turns twice a second, over and over; each length in a
 process of its own, fed block by block as from a file.
@@ -36,7 +36,10 @@ def resident() -> int:
 
 
 def one(wanted: int) -> dict[str, Any]:
-    """Measures at least so many events. Memory is looked at after each block and all the way through a fit."""
+    """Measures memory, CPU time and speed on a stream of at least `wanted` events.
+
+    Memory is looked at after each block and all the way through a fit.
+    """
     loop = events(case())
     before = peak = resident()
 

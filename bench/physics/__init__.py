@@ -1,1 +1,4 @@
-"""Error against run time of the dynamics: cases with a known course, every integrator and time step, failures kept."""
+"""Measures error against run time of the dynamics, on cases whose course is known, by integrator and time step.
+
+Trials that fail stay in the tables.
+"""

@@ -1,4 +1,4 @@
-"""What a case of the dynamics is: a world, how it starts, and how far a course is from the truth."""
+"""Describes a case of the dynamics: a world, how it starts, and a function for the error of its course."""
 
 from __future__ import annotations
 

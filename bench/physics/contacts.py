@@ -1,4 +1,4 @@
-"""Contacts with a known outcome: bounces, slopes, blows."""
+"""Makes cases of contacts with a known outcome: bounces, slopes, blows."""
 
 from __future__ import annotations
 

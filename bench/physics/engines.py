@@ -1,4 +1,4 @@
-"""MuJoCo Warp beside MuJoCo on stiff and extreme cases: how far both are from the truth, and from each other.
+"""Compares MuJoCo Warp with MuJoCo on stiff and extreme cases: how far both are from the truth, and from each other.
 
     python -m bench.physics.engines [--device cuda] [--cases 8]
 

@@ -1,4 +1,4 @@
-"""Milliseconds a keyframe of many environments of a MuJoCo scene, by threads and by engine.
+"""Measures the milliseconds per keyframe of many environments of a MuJoCo scene, by threads and by engine.
 
     python -m bench.physics.environments [falling_objects robot_arm] [--envs 64] [--threads 1,2] [--device cuda]
 

@@ -1,4 +1,4 @@
-"""Bodies in free motion, pendulums and chains."""
+"""Makes cases of bodies in free motion, pendulums and chains."""
 
 from __future__ import annotations
 

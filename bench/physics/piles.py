@@ -1,4 +1,4 @@
-"""What stands on each other: stacks, mass ratios, sizes far apart."""
+"""Makes cases of bodies that stand on each other: stacks, mass ratios, sizes far apart."""
 
 from __future__ import annotations
 

@@ -1,5 +1,7 @@
-"""Work-precision diagrams: error against run time, a panel per case, a line per integrator over its time steps, and one
-over tolerances."""
+"""Draws work-precision diagrams: error against run time, a panel per case.
+
+Each integrator has a line over its time steps, and one line goes over tolerances.
+"""
 
 from __future__ import annotations
 

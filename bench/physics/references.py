@@ -1,4 +1,4 @@
-"""Courses known by closed form or by an integration of our own in float64, independent of the engine's."""
+"""Computes reference courses by closed form or by an integration of our own in float64, independent of the engine's."""
 
 from __future__ import annotations
 

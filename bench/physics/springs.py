@@ -1,4 +1,4 @@
-"""Springs and servos, from soft to far stiffer than a step can follow."""
+"""Makes cases of springs and servos, from soft to far stiffer than a step can follow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tables of what came of all cases: a row per case, a row per case and time step, counts, and every trial."""
+"""Makes the tables of all trials: a row per case, a row per case and time step, counts, and every trial."""
 
 from __future__ import annotations
 
@@ -73,8 +73,9 @@ def _section(title: str, rows: list[dict[str, Any]], note: str) -> dict[str, Any
 
 
 def reliable(trials: Sequence[Trial]) -> list[Trial]:
-    """Finds the trials of one case that are right and not foretold to diverge, as are all with shorter steps of the
-    integrator.
+    """Finds the trials of one case that are right, without a warning beforehand, and right with all shorter steps too.
+
+    One that is right where a shorter step of the same integrator is not was lucky.
 
     One that is right where a shorter step is not was lucky.
     """

@@ -1,4 +1,4 @@
-"""Runs a case by the engine that the physics node has, and says whether the result is right and what was said of it."""
+"""Runs a case by the engine of the physics node, and tells whether the result is right and what warnings there were."""
 
 from __future__ import annotations
 
@@ -29,7 +29,9 @@ LEAST = 0.01
 
 @dataclass(frozen=True)
 class Method:
-    """Names how a case is stepped: integrator, time step [ns] and physics_tolerance [m and rad in a second], if any."""
+    """Describes how a case is stepped: integrator, time step [ns], and physics_tolerance [m and rad in a second] or
+    None.
+    """
 
     integrator: str
     step_ns: int
@@ -37,17 +39,17 @@ class Method:
 
     @property
     def name(self) -> str:
-        """Names the curve of a diagram that it is a point of."""
+        """Gives the name of the curve of a diagram that the method is a point of."""
         return self.integrator if self.tolerance is None else TOLERANCE
 
     @property
     def size(self) -> float:
-        """Gives what is smaller where a method of the same name is to be more exact."""
+        """Gives the time step or the tolerance: of methods of one name, the one of least size is the most exact."""
         return self.step_ns if self.tolerance is None else self.tolerance
 
     @property
     def step(self) -> str:
-        """Writes the time step, or the tolerance."""
+        """Writes the time step, or the tolerance, as text."""
         if self.tolerance is not None:
             return f"{self.tolerance:g}"
         return f"{self.step_ns / MS:g} ms" if self.step_ns >= MS / 10 else f"{self.step_ns / 1e3:g} us"

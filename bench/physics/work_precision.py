@@ -1,4 +1,4 @@
-"""Error against run time of the dynamics: known courses, by every integrator, time step and tolerance.
+"""Measures error against run time of the dynamics on known courses, by every integrator, time step and tolerance.
 
     evis bench physics [--quick]
 

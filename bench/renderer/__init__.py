@@ -1,1 +1,1 @@
-"""The renderer: its stages, its light, its paths, and other renderers on the same scene."""
+"""Measures the renderer: its stages, its light, its paths, and other renderers on the same scene."""

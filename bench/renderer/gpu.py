@@ -1,4 +1,4 @@
-"""The renderer on a CUDA device, stage by stage: the host's milliseconds, the device's, and those of every kernel.
+"""Measures the renderer on a CUDA device stage by stage: the host's milliseconds, the device's, and every kernel's.
 
 `python -m bench.renderer.gpu [--quick]`. Images stay on the device. Everything that can move does from one call to the
 next, so nothing is copied from the last image.

@@ -1,4 +1,4 @@
-"""What light costs: milliseconds of shading by kind of light, material and sky, and the noise of soft shadows.
+"""Measures what light costs: milliseconds of shading by kind of light, material and sky, and the noise of soft shadows.
 
 python -m bench.renderer.light [--quick]
 """
@@ -38,7 +38,7 @@ def lit(kinds: tuple[str, ...], gloss: bool, mapped: bool, size: tuple[int, int]
 
 
 def shading(kinds: tuple[str, ...], gloss: bool, mapped: bool, repeats: int) -> dict[str, Any]:
-    """Measures shading with every pixel lit anew, for all bodies count as moving."""
+    """Measures the CPU time of shading with every pixel lit anew, since all bodies count as moving."""
     from bench.renderer.stages import milliseconds
 
     scene, poses = lit(kinds, gloss, mapped)

@@ -1,4 +1,4 @@
-"""The same scene drawn by Mitsuba 3: a physically based path tracer (`pip install mitsuba`)."""
+"""Renders the same scene with Mitsuba 3, a physically based path tracer (`pip install mitsuba`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The same scene drawn by MuJoCo's own renderer (OpenGL; without a GPU, Mesa's software rasterizer)."""
+"""Renders the same scene with MuJoCo's own renderer (OpenGL; without a GPU, Mesa's software rasterizer)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The same scene drawn by MuJoCo Warp's batch renderer: rays on the CPU or a GPU (`pip install 'evis[gpu]'`)."""
+"""Renders the same scene with MuJoCo Warp's batch renderer: rays on the CPU or a GPU (`pip install 'evis[gpu]'`)."""
 
 from __future__ import annotations
 

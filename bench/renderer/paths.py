@@ -1,4 +1,4 @@
-"""Path tracing: milliseconds by bounces and paths, and how still its noise is when the camera stays and when it moves.
+"""Measures path tracing: milliseconds by bounces and paths, and noise from image to image as the camera stays or moves.
 
 evis bench renderer_paths [--quick]
 """
@@ -34,7 +34,7 @@ def room(size: tuple[int, int], plain: bool = True) -> tuple[Scene, np.ndarray]:
 
 
 def moved(scene: Scene, poses: np.ndarray, pixels: float) -> np.ndarray:
-    """Turns the camera by about `pixels`, and shifts it by a tenth of what that is at 1 m."""
+    """Computes poses with the camera turned by about `pixels`, and shifted by a tenth of what that is at 1 m."""
     camera = scene.cameras[0]
     index, angle = scene.body_index(camera.name), pixels / float(camera.k[0, 0])
     out = poses.copy()

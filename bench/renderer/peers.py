@@ -1,4 +1,4 @@
-"""The renderer beside others, on the same scene and machine in one run: MuJoCo, MuJoCo Warp, Mitsuba 3.
+"""Measures the renderer beside MuJoCo, MuJoCo Warp and Mitsuba 3, on the same scene and machine in one run.
 
     evis bench renderer_peers [--quick]
     python -m bench.renderer.peers --device cuda
@@ -56,7 +56,7 @@ def ours(scene: Scene, poses: np.ndarray, image: str, device: str, paths: PathOp
 
 
 def contenders(scene: Scene, poses: np.ndarray, device: str) -> list[Contender]:
-    """Lists who draws what: image, name, function."""
+    """Lists the renderers that are compared: image, name, and the function that draws it, None where it is missing."""
     first = poses[0, 0]
     listed: list[Contender] = []
     for image in ("radiance", "depth"):

@@ -1,4 +1,4 @@
-"""Sees by primary rays, and counts where that differs from the raster."""
+"""Casts primary rays, and counts the pixels in which they and the raster see different things."""
 
 import warp as wp
 

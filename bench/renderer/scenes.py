@@ -1,4 +1,4 @@
-"""Scenes that the renderer's measurements are made on."""
+"""Makes the scenes that the renderer is measured on."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from evis.scene.model import Body, Camera, Instance, Light, Material, Mesh, Scen
 
 
 class Still:
-    """Stays at a pose: a trajectory without motion."""
+    """Keeps a body at one pose: a trajectory without motion."""
 
     def __init__(self, pose: np.ndarray) -> None:
         self._pose = pose
@@ -42,7 +42,7 @@ def ball(radius: float, rings: int) -> Mesh:
 
 
 def balls(count: int, rings: int, size: tuple[int, int]) -> tuple[Scene, np.ndarray]:
-    """Makes spheres before a wall of two triangles, and their poses."""
+    """Makes `count` spheres before a wall of two triangles; returns the scene and its poses float64 [1, N, 7]."""
     # The diagonal must not run through pixel centres, where both of its triangles are right.
     corners = np.array([(-9, -8, 4), (9, -9, 4), (8, 9.1, 4), (-9, 9, 4)], np.float32)
     wall = Mesh(corners, np.array([(0, 2, 1), (0, 3, 2)], np.int32))

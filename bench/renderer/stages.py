@@ -1,4 +1,4 @@
-"""Milliseconds per keyframe and stage of the renderer on one CPU core, and the raster against rays.
+"""Measures milliseconds per keyframe and stage of the renderer on one CPU core, and the raster against rays.
 
 evis bench renderer [--quick]
 """

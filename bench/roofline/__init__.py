@@ -1,1 +1,1 @@
-"""Kernels against what their device can do: bytes and operations counted where they are done, rates measured."""
+"""Compares kernels with the peak rates of their device: counts their bytes and operations, and measures their times."""

@@ -1,4 +1,4 @@
-"""Kernels that do nothing but read, or nothing but compute."""
+"""Reads memory, or computes, and does nothing else, so that a launch shows the peak rate of the device."""
 
 import warp as wp
 
@@ -35,7 +35,7 @@ def compute(
     # Out
     sums: wp.array(dtype=float),
 ):
-    """Multiplies and adds 32 values, each for itself."""
+    """Multiplies and adds 32 independent values in each thread, over and over."""
     i = wp.tid()
     start = float(i)
     a, b, c, d = Row(start), Row(start + 1.0), Row(start + 2.0), Row(start + 3.0)

@@ -36,8 +36,10 @@ READ, ONE, HIDDEN = "reads an element", "one operation", "more"
 
 
 def kind_of(body: str, takes_array: bool, on_gpu: bool = True) -> str:
-    """Says what a function in C++ does, by the part of its body for a GPU or a CPU: one with a loop or with a header of
-    its own does more than one thing, and is not counted."""
+    """Tells what a native C++ function does from the part of its body for a GPU or a CPU: READ, ONE or HIDDEN.
+
+    One with a loop or with more than eight statements does more than one thing, and is not counted.
+    """
     if (parts := BRANCHES.search(body)) is not None:
         body = body[: parts.start()] + parts[1 if on_gpu else 2] + body[parts.end() :]
     if re.search(r"\b(for|while|do|goto)\b", body) or body.count(";") > 8:

@@ -1,4 +1,4 @@
-"""Counts what each kernel moves and computes, in a process whose kernels are compiled with counters in them."""
+"""Counts the bytes and operations of each kernel, in a process whose kernels are compiled with counters in them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FIGURES = ("bytes", "operations", "native")
 
 
 class Counting:
-    """Counts from its making on all that kernels do on a device which are compiled later, launch by launch.
+    """Counts launch by launch the bytes and operations of the kernels of a device that are compiled after its making.
 
     Warp's cache must be empty, and is of no use to other processes afterwards: WARP_CACHE_PATH. Launches that are
     otherwise recorded as graphs are done one by one, so that each has figures of its own.

@@ -1,4 +1,4 @@
-"""Each kernel of a run against what its device can do: its bytes and operations are counted, its time is measured."""
+"""Compares each kernel of a run with the peak rates of its device, by its bytes, its operations and its time."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Kernel:
 
 
 def kernels_of(timed: Mapping[str, tuple[float, float]], counted: Mapping[str, Mapping[str, Any]]) -> dict[str, Kernel]:
-    """Puts together the times and the counts of a run's kernels, the longest first.
+    """Joins the times and the counts of a run's kernels by their names, the longest first.
 
     Args:
         timed: symbol -> calls and milliseconds of a gap.

@@ -1,4 +1,4 @@
-"""Stands beside every launch of a Warp kernel in this process."""
+"""Surrounds every launch of a Warp kernel in this process with a context of the caller's."""
 
 from __future__ import annotations
 
@@ -40,5 +40,5 @@ def symbol(kernel: wp.Kernel) -> str:
 
 
 def symbol_of(name: str) -> str:
-    """Gives the same from the name that a profiler tells."""
+    """Gives the name that a kernel has in its module, as `symbol` does, from the name that a profiler gives it."""
     return name.split("(")[0].removeprefix("void ").split("<")[0].removesuffix("_cuda_kernel_forward").strip()

@@ -1,4 +1,4 @@
-"""The plot of the roofline: what kernels attain, by operations a byte, under the roofs of memory and caches."""
+"""Plots the roofline: operations per second of kernels against operations per byte, and the ceilings of the device."""
 
 from __future__ import annotations
 

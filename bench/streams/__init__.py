@@ -1,1 +1,1 @@
-"""Decoders of event streams and files, beside other libraries."""
+"""Measures the decoders of event streams and files, beside other libraries."""

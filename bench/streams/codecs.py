@@ -1,4 +1,4 @@
-"""Decoding speed of event streams: the Warp kernels and their numpy twins, and other libraries on the same files.
+"""Measures the decoding speed of event streams: Warp kernels, their numpy twins, and other libraries on the same files.
 
     evis bench streams [--quick]
 
@@ -180,7 +180,7 @@ def ours(path: str, backend: str) -> tuple[Any, Any, Any, Any]:
 
 
 def verdict(known: str, found: dict[str, Any]) -> str:
-    """Says whether arrays are what is in the file."""
+    """Tells whether decoded arrays are equal to what is in the file."""
     if found["sha256"] == known:
         return "right"
     return "clamps or changes times" if not found["back"] else f"wrong (last time {found['last_us']} us)"

@@ -1,4 +1,4 @@
-"""Other libraries that read event streams, each in its own words: run as a script in the Python that has them.
+"""Reads event files with other libraries, each in its own words: a script for the Python that has them.
 
 `python peers.py REPEATS PATH:FORMAT:WIDTH:HEIGHT ...` prints JSON: per file and library the events, the SHA-256
 of t [us] | x | y | p (int64, 3 x uint16/uint16/uint8, little endian), how many times run back, and CPU seconds.
@@ -80,7 +80,7 @@ def digest(t: Any, x: Any, y: Any, p: Any) -> dict[str, Any]:
 
 
 def main(repeats: int, files: list[str]) -> dict[str, Any]:
-    """Reads each file with each library."""
+    """Reads each file with each library; returns versions, absent libraries and what came of each file."""
     found: dict[str, str] = {}
     for name in PEERS:
         try:

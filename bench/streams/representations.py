@@ -1,4 +1,4 @@
-"""Representations of events: nanoseconds per event beside numpy as it is written elsewhere, and beside tonic if there.
+"""Measures nanoseconds per event of representations, beside numpy as it is written elsewhere, and beside tonic.
 
 `python -m bench.streams.representations`; in .venv-extras (`make test-extras`) tonic is measured too. Of every pair the
 runs alternate, the fastest of each counts, and the results are compared.
@@ -45,14 +45,14 @@ def numpy_voxels(e: np.ndarray) -> np.ndarray:
 
 
 def numpy_counts(e: np.ndarray) -> np.ndarray:
-    """Counts by np.add.at."""
+    """Counts the events of each pixel and polarity by np.add.at."""
     image = np.zeros((2, HEIGHT, WIDTH), np.int32)
     np.add.at(image, (e["p"].astype(int), e["y"], e["x"]), 1)
     return image
 
 
 def numpy_surface(e: np.ndarray) -> np.ndarray:
-    """Makes a time surface by assignment, the last of a pixel staying."""
+    """Makes a time surface by assignment, so that the last event of a pixel counts."""
     latest = np.full((2, HEIGHT, WIDTH), -np.inf)
     latest[e["p"].astype(int), e["y"], e["x"]] = e["t"]
     return np.exp((latest - e["t"][-1]) / TAU_NS).astype(np.float32)

@@ -1,1 +1,1 @@
-"""Whole runs of the graph on one device: how fast, how busy the device is, and what bounds its kernels."""
+"""Measures whole runs of the graph on one device: how fast, how busy the device is, and what bounds its kernels."""

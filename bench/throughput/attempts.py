@@ -1,4 +1,4 @@
-"""Runs of a case, each in a process of its own with a timeout, and the row that they make."""
+"""Runs a case in a process of its own with a timeout, and returns its summary or says why there is none."""
 
 from __future__ import annotations
 
@@ -25,7 +25,9 @@ LONG_S = 100_000.0
 
 @dataclass
 class Limits:
-    """Bounds a measurement. row_s: longest time of a run [s]. until: time.monotonic() from which no run begins.
+    """Limits how long a measurement takes, and how often it runs.
+
+    row_s: longest time of a run [s]. until: time.monotonic() from which no run begins.
 
     runs: of each case. windows, window_s: of each run.
     """
@@ -38,11 +40,11 @@ class Limits:
 
 
 class NotRun(Exception):
-    """Says why a run has no figures."""
+    """Signals that a run has no figures; its text says why."""
 
 
 def memory_gb(device: str) -> float:
-    """Finds how much memory is free where a run keeps its arrays [GB]."""
+    """Measures how much memory is free where a run keeps its arrays [GB]."""
     if device.startswith("cuda"):
         return float(wp.get_device(device).free_memory) / 1e9
     known = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text().splitlines())

@@ -1,4 +1,4 @@
-"""The runs that are measured, each a row of a table, and what they are to reach on one NVIDIA H200."""
+"""Lists the runs that are measured, each a row of a table, and the speed that each is to reach on one NVIDIA H200."""
 
 from __future__ import annotations
 
@@ -34,8 +34,10 @@ class Case:
 
     @property
     def name(self) -> str:
-        """Gives the name of the row: `warehouse 8 x 60x4`, `disk 30x8 recorded`, `cart_pole 30x8 mujoco_warp`, `drone
-        30x4 0.3 ms`."""
+        """Gives the name of the row.
+
+        As `warehouse 8 x 60x4`, `disk 30x8 recorded`, `cart_pole 30x8 mujoco_warp`, `drone 30x4 0.3 ms`.
+        """
         envs = f"{self.envs} x " if self.envs > 1 else ""
         small = f" {self.size[0]}x{self.size[1]}" if self.size != SIZE else ""
         scene = "disk" if self.scene == DISK else self.scene

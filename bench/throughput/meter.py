@@ -1,4 +1,4 @@
-"""Measures a run from within: a source of the graph that notes when each keyframe begins, and records the device."""
+"""Measures a run from within: a physics node that notes when each keyframe begins, and records the device's work."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class PhysicsNode(physics.PhysicsNode):
         return timed
 
     def step(self, inputs: Mapping[str, Message]) -> bool:
-        """Measures up to now and publishes the state at the next stamp."""
+        """Measures the gap that has ended and publishes the state at the next stamp."""
         over = self._look(self.k) if self.counting is None else self._count(self.counting, self.k)
         return super().step(inputs) and not (over and self.params["ends"])
 

@@ -14,7 +14,7 @@ from bench.roofline.launches import symbol, symbol_of, watch
 
 
 class Recording:
-    """Records a device from its making to `end`.
+    """Records the kernels, copies and fills of a device from its making to `end`.
 
     By CUPTI where PyTorch is installed, which sees the kernels within graphs and when each began; otherwise by Warp's
     events, to which a graph is one thing and whose times add up. On a CPU by the processor's time that launches take.

@@ -1,4 +1,4 @@
-"""One run of the graph, measured from within: what the process of each row of `python -m bench.gpu_graph` does."""
+"""Runs one graph with a meter in it: the program of the process of each row of `python -m bench.gpu_graph`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The sections of the report on whole runs, each with its title and what its columns are."""
+"""Makes the sections of the report on whole runs, each with its title and what its columns are."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bench.throughput.tables import AUDITED, DEFAULT_S, default_row, frames_row,
 
 @dataclass(frozen=True)
 class Measurement:
-    """Holds what is to be measured: the device, words of the rows, and how long it may take."""
+    """Describes what is to be measured: the device, words of the rows, and how long it may take."""
 
     device: str
     words: Sequence[str]
@@ -26,7 +26,7 @@ class Measurement:
 
     @property
     def where(self) -> str:
-        """The end of a title."""
+        """Gives the end of a title: size, processes and name of the device."""
         return f"640x480, one process, {wp.get_device(self.device).name}"
 
 
@@ -62,14 +62,14 @@ def defaults(m: Measurement) -> dict[str, Any]:
 
 
 def starts(m: Measurement) -> dict[str, Any]:
-    """Measures the time to the first event."""
+    """Measures the time from a command to its first event, with kernels compiled anew and from a cache."""
     rows = [start_row(case, m.device, m.limits) for case in chosen(STARTS, m.words, m.quick)]
     note = "Kernels compiled anew, and found in Warp's cache."
     return {"starts": {"title": f"From the command to the first event, {m.where}", "rows": rows, "note": note}}
 
 
 def roofline(m: Measurement) -> dict[str, Any]:
-    """Measures what the device can do, and holds the kernels of some runs against it."""
+    """Measures the peak rates of the device, and compares the kernels of some runs with them."""
     cases = chosen(ROOFS, m.words, m.quick)
     if not cases:
         return {}

@@ -1,4 +1,4 @@
-"""Our event sensor beside those of others, on the same frames in the same run."""
+"""Measures our event sensor beside those of others, on the same frames in the same run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rows that runs of the cases make, table by table."""
+"""Makes the rows of each table from runs of the cases."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ def unaudited(case: Case) -> dict[str, Any]:
 
 
 def spread(values: list[float], digits: int = 2) -> dict[str, float]:
-    """Gives median, min and max."""
+    """Computes median, min and max."""
     found = statistics.median(values), min(values), max(values)
     return {name: round(value, digits) for name, value in zip(("median", "min", "max"), found)}
 
 
 def frames_row(case: Case, device: str, limits: Limits) -> dict[str, Any]:
-    """Measures a case: several runs, of each several windows.
+    """Measures a case in several runs, each with several windows.
 
     Returns the row, with `recorded`, the times of its kernels, which is no cell of it.
     """
@@ -142,7 +142,7 @@ INSTALLED = ("evis", "nodes", "msgs", "bench", "warp", "numpy", "zmq")
 
 
 def compile_byte_code() -> None:
-    """Makes Python's byte code of what a start imports, where there is none yet and it can be written."""
+    """Compiles the modules that a start imports to byte code, where there is none yet and it can be written."""
     for name in INSTALLED:
         spec = importlib.util.find_spec(name)
         if spec is not None and spec.origin is not None:
@@ -193,7 +193,7 @@ def kernel_rows(kernels: dict[str, dict[str, tuple[float, float]]], most: int = 
 
 
 def roofline_rows(case: Case, device: str, limits: Limits, ceilings: Ceilings) -> list[dict[str, Any]]:
-    """Measures what the kernels of a case take, counts what they do, and holds it against the ceilings."""
+    """Measures the time, bytes and operations of the kernels of a case, and compares them with the ceilings."""
     try:
         timed = _timed([attempt(case, device, unaudited(case), limits, meter={"windows": 1})])
         with tempfile.TemporaryDirectory() as cache:

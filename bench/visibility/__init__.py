@@ -1,1 +1,1 @@
-"""Two ways to find what a sub-frame sees: the raster, and points moved from the keyframes."""
+"""Compares two ways to find what a sub-frame sees: the raster, and points moved from the keyframes."""

@@ -1,4 +1,4 @@
-"""What sub-frames see, from keyframes' depth and ids alone: every pixel's point is moved with its body (no raster)."""
+"""Finds what sub-frames see from keyframes' depth and ids alone, without a raster: every pixel moves with its body."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FOOTPRINTS = {"1 px": (0, False), "3x3 px": (1, False), "3x3 px, into holes only
 
 
 class Forward:
-    """Makes z-buffers of P instants of one environment from those of the keyframes about them.
+    """Makes z-buffers of P instants of one environment from those of the two keyframes around them.
 
     packed: Warp uint64 [P, H, W] on the device, as Visibility's but for entries without a triangle: SKY where the sky
     was moved to, HOLE where nothing was, and marks at what is beside a point's own pixel (bench.visibility.kernels).

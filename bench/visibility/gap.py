@@ -1,4 +1,4 @@
-"""One gap between keyframes, and every way to find out what its sub-frames see: z-buffers, and how long each takes."""
+"""Draws z-buffers of the sub-frames between two keyframes in every way, and measures how long each takes."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Gap:
 
     @staticmethod
     def of(world: World, rate: float, k: int, end_ns: int, device: str) -> Gap:
-        """Makes the gap of 1 / rate before end_ns."""
+        """Makes the gap of 1 / rate seconds that ends at end_ns."""
         start = end_ns - round(1e9 / rate)
         stamps = subframe_stamps(start, end_ns, k)
         poses = np.concatenate([world.poses(int(t)) for t in (end_ns, *stamps[:-1])])
@@ -56,7 +56,7 @@ class Gap:
 
 
 class Ways:
-    """Draws what the sub-frames of a gap see in every way, and measures each."""
+    """Draws the z-buffers of a gap's sub-frames in every way, and measures how long each takes."""
 
     def __init__(self, gap: Gap) -> None:
         g, k = self._gap, self._k = gap, len(gap.stamps)

@@ -1,4 +1,4 @@
-"""A keyframe's pixels moved to other instants, each with its body, into z-buffers like those of the raster."""
+"""Moves a keyframe's pixels to other instants, each with its body, into z-buffers like those of the raster."""
 
 from functools import cache
 
@@ -94,7 +94,7 @@ def settle(
     # in and out
     packed: wp.array3d(dtype=wp.uint64),
 ):
-    """Makes z-buffers [P, H, W] as the raster's are: without marks, holes filled from `exact`."""
+    """Turns z-buffers [P, H, W] into the raster's form: marks are taken off, holes are filled from `exact`."""
     row, y, x = wp.tid()
     hit = packed[row, y, x]
     if hit == HOLE:

@@ -1,4 +1,4 @@
-"""What sub-frames see, by the raster and from keyframes' depth and ids: time, wrong pixels, errors.
+"""Compares what sub-frames see by the raster and from keyframes' depth and ids: time, wrong pixels, errors.
 
     evis bench visibility [--quick]
     python -m bench.visibility.subframes --device cuda

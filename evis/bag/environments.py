@@ -60,7 +60,7 @@ def split(message: Message, envs: int) -> list[tuple[Message, dict[str, list[int
 
 
 def of_one(message: Message, env: int) -> Message | None:
-    """Gives what a message holds of an environment, None for an image of another one."""
+    """Returns the part of a message that belongs to an environment, None for an image of another one."""
     if isinstance(message, Image):
         return message if message.env == env else None
     # Tables alone do not tell how many environments there are.
@@ -86,7 +86,7 @@ def _events(packet: EventPacket, e: int) -> EventPacket:
 
 
 def join(parts: Sequence[tuple[Message, dict[str, list[int]]]]) -> Message:
-    """Joins what `split` has split."""
+    """Joins the messages that `split` has made of one message."""
     first = parts[0][0]
     if isinstance(first, EventPacket):
         return _join_events([m for m, _ in parts])  # type: ignore[misc]

@@ -1,4 +1,4 @@
-"""Describes what is in a bag, for `evis bag info`."""
+"""Describes the contents of a bag, for `evis bag info`."""
 
 from __future__ import annotations
 

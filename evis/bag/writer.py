@@ -118,7 +118,7 @@ class BagWriter:
         self.messages[topic] += 1
 
     def flush(self) -> None:
-        """Brings everything to the file now."""
+        """Writes all pending messages to the file now."""
         self.container.flush()
 
     def close(self, metadata: Mapping[str, Mapping[str, str]] | None = None) -> None:

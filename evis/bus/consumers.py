@@ -55,7 +55,7 @@ class Consumer:
         return self.shared is not None
 
     def forget(self) -> None:
-        """Releases all that it held: it is gone."""
+        """Releases all slots that a consumer held which has gone, and forgets its connection."""
         for slot in self.held.values():
             if slot is not None:
                 slot.unpin()
@@ -147,7 +147,7 @@ class Consumers:
                 raise PeerLost(consumer.name, self.topic)
 
     def subscription(self, frames: list[bytes]) -> None:
-        """Takes what the XPUB says: who has come, who has left."""
+        """Handles a message of the XPUB socket: a consumer has come or gone."""
         key = frames[0][1:]
         if len(frames) != 1 or frames[0][:1] not in (b"\0", b"\1") or len(key) > 512:
             self.rejected += 1
@@ -184,7 +184,8 @@ class Consumers:
                 self.rejected += 1
 
     def talk(self, frames: list[bytes]) -> None:
-        """Takes what the ROUTER says: greetings, and credits of those that cannot reach the pipe or found it full.
+        """Handles a message of the ROUTER: a greeting, or a credit of a consumer that cannot reach the pipe or found it
+        full.
 
         Raises BusError for a consumer of another message type.
         """

@@ -1,4 +1,4 @@
-"""Defines what can go wrong on the bus."""
+"""Defines the errors that the bus raises."""
 
 from __future__ import annotations
 

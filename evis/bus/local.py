@@ -37,7 +37,7 @@ class LocalPublisher(Lender):
         """Opens nothing: there is nobody to wait for."""
 
     def pump(self) -> None:
-        """Hears nothing: nobody can speak to it."""
+        """Does nothing, for a publisher without sockets receives no messages."""
 
     def sockets(self) -> Sequence[zmq.Socket | int]:
         """Lists no sockets."""

@@ -52,7 +52,7 @@ class TapSender:
         bind(sock, address)
 
     def subscription(self, frames: list[bytes]) -> None:
-        """Takes what the XPUB says: who has come, who has left."""
+        """Handles a message of the XPUB socket: a listener has come or gone."""
         key = frames[0][1:]
         if len(frames) != 1 or frames[0][:1] not in (b"\0", b"\1"):
             self.rejected += 1

@@ -81,7 +81,7 @@ def type_name(message_type: type[Message]) -> str:
 
 
 def private_key(consumer: str, token: str) -> bytes:
-    """Makes what one consumer subscribes beside the topic.
+    """Makes the key that one consumer subscribes to beside the topic.
 
     Its name shows who left, and it can be addressed alone.
     """

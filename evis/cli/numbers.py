@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 
 def number_up_to(most: float, refusal: str, zero: bool = False) -> Callable[[str], float]:
-    """Makes what reads a number above 0 and at most `most` for argparse.
+    """Makes a type for argparse that reads a number above 0 and at most `most`.
 
     zero: whether 0 may be given too. refusal: what is said of another text, behind it. The function that is made raises
     ArgumentTypeError.

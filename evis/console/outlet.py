@@ -92,7 +92,7 @@ class Outlet:
             self.write(line)
 
     def flush(self) -> None:
-        """Brings out what waits."""
+        """Writes buffered text to the stream."""
         if self.error is None:
             try:
                 self._stream.flush()
@@ -160,7 +160,9 @@ def standard_streams() -> Iterator[tuple[Outlet, Outlet]]:
 
 
 def occupy() -> None:
-    """Gives what is closed of descriptors 0, 1, 2 to /dev/null: the next file opened would get it, and stray words."""
+    """Opens /dev/null at each of the descriptors 0, 1, 2 that is closed: the next file opened would get it, and stray
+    words.
+    """
     for number in range(3):
         try:
             os.fstat(number)

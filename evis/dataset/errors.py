@@ -1,4 +1,4 @@
-"""Defines the errors of data sets."""
+"""Defines the errors that data sets raise."""
 
 from __future__ import annotations
 

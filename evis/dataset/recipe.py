@@ -48,12 +48,12 @@ class Plan:
         return Path(self.scene).stem
 
     def as_dict(self) -> dict[str, Any]:
-        """Gives it as JSON has it."""
+        """Converts the plan to a dictionary of plain types, for JSON."""
         return asdict(self)
 
     @staticmethod
     def from_dict(values: Mapping[str, Any]) -> Plan:
-        """Makes one of what `as_dict` gave."""
+        """Makes a plan from what `as_dict` has returned."""
         lists = {name: tuple(values[name]) for name in ("outputs", "labels")}
         return Plan(**{**values, **lists})
 
@@ -75,7 +75,7 @@ class SceneDraws:
 
     @property
     def name(self) -> str:
-        """Tells what it is called in names of sequences."""
+        """Returns the scene's name as names of sequences have it."""
         return Path(self.target).stem
 
     @property

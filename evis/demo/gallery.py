@@ -24,7 +24,7 @@ MAX_BYTES = 150_000
 
 @dataclass
 class Entry:
-    """Holds a scene's row of the table.
+    """Holds a scene's row in the gallery's table.
 
     range_db: 20 log10 of the brightest over the darkest pixel that is not black.
     """

@@ -263,5 +263,5 @@ def episode_seed(seed: int, episode: int) -> int:
 
 
 def row(observed: Observed, env: int) -> Observed:
-    """Returns what one environment observes."""
+    """Returns the observation of one environment."""
     return {name: value[env] for name, value in observed.items()} if isinstance(observed, dict) else observed[env]

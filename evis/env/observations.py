@@ -1,4 +1,4 @@
-"""Makes what an agent may see: events as images or as they are, frames, joints, poses, its own last action.
+"""Makes the observations of an agent: events as images or as they are, frames, joints, poses, its own last action.
 
 Each says what the simulation must make for it, what its space is, and makes the values of all environments at once.
 """

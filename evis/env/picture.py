@@ -1,4 +1,4 @@
-"""Draws what `render` shows: the camera's picture with the events of the step in it."""
+"""Draws the picture that `render` returns: the camera's picture with the events of the step in it."""
 
 from __future__ import annotations
 

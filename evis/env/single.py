@@ -48,7 +48,7 @@ class EventEnv(gymnasium.Env):
         return row(observed, 0), {}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Acts up to the next keyframe.
+        """Applies the action until the next keyframe; returns observation, reward, terminated, truncated and info.
 
         Raises ValueError for an action that is not in the space, and before the first reset.
         """

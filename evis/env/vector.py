@@ -101,7 +101,7 @@ class EventVectorEnv(VectorEnv):
         return np.array([seeds_of(one, [0])[0] for one in given], np.int64)[chosen]
 
     def step(self, actions: Any) -> tuple[Observed, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Acts on all environments up to the next keyframe.
+        """Applies the actions until the next keyframe; returns observations, rewards, terminated, truncated and info.
 
         Raises ValueError for an action outside the space, and before the first reset.
         """

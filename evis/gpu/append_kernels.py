@@ -75,7 +75,7 @@ def take_place(counts: wp.array(dtype=wp.int32), place: wp.int32) -> wp.int32:
 
 @wp.func_native(COUNT_ACTIVE)
 def take_place_of_many(counts: wp.array(dtype=wp.int64), place: wp.int32) -> wp.int64:
-    """Does the same with counts of 64 bits."""
+    """Takes a place of a list as `take_place` does, with counts of 64 bits."""
     ...
 
 

@@ -30,7 +30,7 @@ class Branch:
             yield
 
     def join(self) -> None:
-        """Lets what follows come after all that was launched aside."""
+        """Makes what follows wait for all that was launched aside."""
         if self._stream is not None:
             self._device.stream.wait_stream(self._stream)
 

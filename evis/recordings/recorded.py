@@ -80,7 +80,7 @@ class Recorded:
 
     @cached_property
     def counts(self) -> Counts:
-        """Counts what there is, in one pass over the file."""
+        """Counts events, triggers, inertial samples and frames, in one pass over the file."""
         found: dict[str, int] = dict.fromkeys(("events", "on", "triggers", "imu", "frames"), 0)
         first = last = None
         dropped: dict[str, int] = {}

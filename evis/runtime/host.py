@@ -216,7 +216,7 @@ class Host:
         self.ended, self.pacer = False, None
 
     def had(self, inputs: Mapping[str, Message]) -> None:
-        """Releases what `delayed_inputs` returned, once a step has had it."""
+        """Releases the messages that `delayed_inputs` returned, once a step has used them."""
         for port, message in inputs.items():
             if port in self.delayed:
                 self.delayed[port].pop(message.header.stamp_ns)

@@ -367,7 +367,7 @@ class Node:
         return first
 
     def restart_totals(self) -> None:
-        """Says that all totals begin at 0 again; what they were stays counted."""
+        """Sets all totals back to 0; what was counted before stays in the node's counters."""
         self._totals = {}
 
     def warn(self, text: str) -> None:

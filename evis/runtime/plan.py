@@ -72,7 +72,7 @@ class NodePlan:
 
 @dataclass
 class LeftOut:
-    """Names one thing that the graph does not need, and why."""
+    """Names one thing that the planner left out of the graph, and why."""
 
     what: str
     why: str
@@ -158,7 +158,7 @@ class Plan:
 
     @staticmethod
     def load(path: Path) -> Plan:
-        """Reads what `save` wrote."""
+        """Reads a plan from the file that `save` wrote."""
         raw = json.loads(path.read_text())
         nodes = {k: NodePlan(**v) for k, v in raw.pop("nodes").items()}
         topics = {k: TopicPlan(**{**v, "edges": [Edge(**e) for e in v["edges"]]}) for k, v in raw.pop("topics").items()}

@@ -128,13 +128,13 @@ class Profile:
         return Charged(self, self.node(name))
 
     def enter(self, owner: NodeProfile) -> NodeProfile:
-        """Charges an owner from now on, and returns it."""
+        """Charges time to this owner from now on, and returns it."""
         self.charge()
         self._stack.append(owner)
         return owner
 
     def leave(self) -> None:
-        """Charges again who was charged before."""
+        """Ends the present owner's time, and charges the one before it again."""
         self.charge()
         self._stack.pop()
 

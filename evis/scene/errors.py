@@ -1,4 +1,4 @@
-"""Defines what can go wrong while a scene is read."""
+"""Defines the errors that reading a scene raises."""
 
 
 class SceneError(ValueError):

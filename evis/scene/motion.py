@@ -220,7 +220,7 @@ class Prescribed:
 
     @property
     def depth(self) -> int:
-        """Counts what carries it: 0 without a parent."""
+        """Counts the parents above this motion, one on the other: 0 without one."""
         return 0 if self.parent is None else 1 + self.parent.depth
 
     def state(self, t_ns: np.ndarray, known: Known | None = None) -> tuple[np.ndarray, np.ndarray]:

@@ -15,7 +15,10 @@ T = TypeVar("T")
 
 @dataclass
 class Part(Generic[T]):
-    """Holds what was made for some environments: envs int64 [n]; live bool [n], those that it still stands for."""
+    """Holds an object that several environments share.
+
+    envs: int64 [n]; live: bool [n], those that it still stands for.
+    """
 
     envs: np.ndarray
     made: T
@@ -28,7 +31,7 @@ class Part(Generic[T]):
 
 
 class Parts(Generic[T]):
-    """Holds a part for every environment, each of which may get another world.
+    """Holds objects that several environments share, each of which may get another world.
 
     An environment whose world changes leaves its part, and the others of that go on in it as before, with all that it
     remembers of them. What it makes in the place of who has left is read by nobody.
@@ -41,7 +44,7 @@ class Parts(Generic[T]):
 
     @classmethod
     def of_all(cls, made: T, envs: int) -> Parts[T]:
-        """Gives one part for all environments, which has been made already."""
+        """Makes a single part of all environments from an object that is made already."""
         parts: Parts[T] = cls((), ())
         parts.parts = [Part(np.arange(envs), made, np.ones(envs, bool))]
         return parts

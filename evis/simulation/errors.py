@@ -1,4 +1,4 @@
-"""Defines what a simulation raises."""
+"""Defines the errors and warnings that a simulation raises."""
 
 from __future__ import annotations
 

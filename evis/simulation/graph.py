@@ -36,7 +36,9 @@ ACTION = "/action"
 
 @dataclass
 class Graph:
-    """Holds the plan, and what the caller can move. physics: name of the node that steps the world; "" without one.
+    """Holds the plan of a graph, and what the caller can move.
+
+    physics: name of the node that steps the world; "" without one.
 
     controller: node of the launch file that publishes /action, so that the caller cannot. start: controls float64 [nu]
     that the model starts with.

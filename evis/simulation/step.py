@@ -1,4 +1,4 @@
-"""Holds what one step gives: the outputs that were asked for, of every camera."""
+"""Holds the outputs of one step that were asked for, of every camera."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ HOLDS_ONE = {Keyframe: "image", Depth: "depth", Motion: "motion", Ids: "ids", No
 
 
 class CameraOutputs:
-    """Holds what was asked for of one camera; None where nothing came at this stamp.
+    """Holds the outputs of one camera that were asked for; None where nothing came at this stamp.
 
     An output that was not asked for raises AttributeError. Arrays are numpy's, or Warp's on a GPU, and the caller's
     own: they stay as they are.
@@ -79,7 +79,7 @@ class CameraOutputs:
 
 
 class Step(CameraOutputs):
-    """Holds what a step gives: the outputs of the first camera as attributes, those of all in `cameras`.
+    """Holds the outputs of a step: those of the first camera as attributes, those of all in `cameras`.
 
     stamp_ns: the simulated time [ns] that it ends at. episodes: int32 [E], number of the reset that each environment is
     in. over: the graph has ended, and no step follows.

@@ -69,11 +69,11 @@ class Child:
 
     @property
     def ended(self) -> bool:
-        """Tells whether it will say nothing more."""
+        """Tells whether the process has reported its end or its failure."""
         return self.state in ("done", "failed")
 
     def alive(self) -> bool:
-        """Says whether there is a process."""
+        """Tells whether the process exists."""
         return self.process is not None and self.process.poll() is None
 
     @property

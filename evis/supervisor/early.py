@@ -44,7 +44,7 @@ class EarlyStart:
         return process
 
     def close(self) -> None:
-        """Ends what nobody has taken."""
+        """Ends the process and the directory, where no supervisor has taken them."""
         if self._process is not None:
             self._process.kill()
             self._process.wait()

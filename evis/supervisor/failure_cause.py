@@ -1,4 +1,4 @@
-"""Decides which of several failures was the cause, and how to say it."""
+"""Finds which of several failures was the cause, and words it."""
 
 from __future__ import annotations
 

@@ -29,7 +29,10 @@ FORCE_N = 10.0
 
 
 class PoleBalancer:
-    """Turns events into a force on the cart. State: cart's place [m] and speed, pole's angle [rad] and rate."""
+    """Turns events into a force on the cart, by a Kalman filter and a linear regulator.
+
+    State: cart's place [m] and speed, pole's angle [rad] and rate.
+    """
 
     def __init__(self, k: np.ndarray, dt: float) -> None:
         """k: intrinsics [3, 3] px. dt: time from one action to the next [s]."""
@@ -39,7 +42,7 @@ class PoleBalancer:
         self.restart()
 
     def restart(self) -> None:
-        """Knows nothing but that the pole is about upright."""
+        """Resets the estimate to a pole about upright and a cart about the middle."""
         self.mean = np.zeros(4)
         self.spread = np.diag([0.1, 0.05, 0.06, 0.1]) ** 2
 
@@ -108,17 +111,17 @@ class Balancer(Node):
     OUTPUTS: ClassVar[Mapping[str, Output]] = {"action": Output("/action")}
 
     def setup(self) -> None:
-        """Waits for the camera's intrinsics."""
+        """Starts without a controller, which needs the camera's intrinsics first."""
         self.balancer: PoleBalancer | None = None
         self.episode = 0
 
     def receive(self, port: str, message: Message) -> None:
-        """Takes the camera's description."""
+        """Makes the controller from the camera's description."""
         assert isinstance(message, CameraInfo)
         self.balancer = PoleBalancer(np.array(message.k), 1 / message.keyframe_rate)
 
     def update(self, inputs: Mapping[str, Message]) -> None:
-        """Answers the events of one interval with the force of the next."""
+        """Publishes the force for the next interval from the events of the last one."""
         events = inputs["events"]
         assert isinstance(events, EventPacket) and self.balancer is not None
         if events.header.episode != self.episode:

@@ -1,4 +1,4 @@
-"""Observations of one's own, of few numbers, which a small policy learns from in minutes."""
+"""Defines observations of few numbers, from which a small policy learns in minutes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from evis.env.observations import Moment, Setting
 
 
 class Centroids(evis.env.Observation):
-    """Shows where events are in bands of rows: an observation of one's own, of few numbers, float32 [bands, 3].
+    """Shows where events are in bands of rows, as a few numbers, float32 [bands, 3].
 
     Of each band the mean column of OFF and of ON events, from -1 to 1, and how many there were. Older events count less
     by exp(-steps / fade), so where a band is quiet its columns stay as they were.
@@ -45,7 +45,7 @@ class Centroids(evis.env.Observation):
 
 
 class Mover(evis.env.Observation):
-    """Shows where something bright is that moves, float32 [6].
+    """Shows where something bright moves, float32 [6].
 
     Of the pixels that grew brighter (where it has come) and those that grew darker (where it was), the mean column and
     row from -1 to 1, as they were last seen; for both, whether they were seen in this step.

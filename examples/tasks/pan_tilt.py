@@ -39,7 +39,7 @@ class BallFollower:
         self.restart()
 
     def restart(self) -> None:
-        """Takes the ball to hang before the head."""
+        """Resets the estimate to a ball that hangs before the head."""
         self.ball, self.speed = np.zeros(2), np.zeros(2)
         self.head = np.zeros((2, 2))
         """The head's angles at the last stamp and at this one, as it was told to turn."""
@@ -66,17 +66,17 @@ class Follower(Node):
     OUTPUTS: ClassVar[Mapping[str, Output]] = {"action": Output("/action")}
 
     def setup(self) -> None:
-        """Waits for the camera's intrinsics."""
+        """Starts without a controller, which needs the camera's intrinsics first."""
         self.follower: BallFollower | None = None
         self.episode = 0
 
     def receive(self, port: str, message: Message) -> None:
-        """Takes the camera's description."""
+        """Makes the controller from the camera's description."""
         assert isinstance(message, CameraInfo)
         self.follower = BallFollower(np.array(message.k), (message.width, message.height), 1 / message.keyframe_rate)
 
     def update(self, inputs: Mapping[str, Message]) -> None:
-        """Answers the events of one interval with the rates of the next."""
+        """Publishes the rates of pan and tilt for the next interval from the events of the last one."""
         events = inputs["events"]
         assert isinstance(events, EventPacket) and self.follower is not None
         if events.header.episode != self.episode:

@@ -45,7 +45,7 @@ class BallReturner:
         self.restart()
 
     def restart(self) -> None:
-        """Takes the ball to come from the middle of the table."""
+        """Resets the estimate to a ball that comes from the middle of the table."""
         self.place, self.speed = np.array([1.3, 0.0]), np.array([-2.8, 0.0])
         self.seen = 0
 
@@ -100,17 +100,17 @@ class Returner(Node):
     OUTPUTS: ClassVar[Mapping[str, Output]] = {"action": Output("/action")}
 
     def setup(self) -> None:
-        """Waits for the camera's intrinsics."""
+        """Starts without a controller, which needs the camera's intrinsics first."""
         self.returner: BallReturner | None = None
         self.episode = 0
 
     def receive(self, port: str, message: Message) -> None:
-        """Takes the camera's description."""
+        """Makes the controller from the camera's description."""
         assert isinstance(message, CameraInfo)
         self.returner = BallReturner(np.array(message.k), (message.width, message.height), 1 / message.keyframe_rate)
 
     def update(self, inputs: Mapping[str, Message]) -> None:
-        """Answers the events of one interval with the place for the next."""
+        """Publishes the paddle's place for the next interval from the events of the last one."""
         events = inputs["events"]
         assert isinstance(events, EventPacket) and self.returner is not None
         if events.header.episode != self.episode:

@@ -1,4 +1,4 @@
-"""Measures how well nobody, chance and the controllers of this folder do the tasks: a table over seeds.
+"""Measures how well no action, random actions and the controllers of this folder do the tasks: a table over seeds.
 
 python examples/tasks/score.py --seeds 20
 """

@@ -40,7 +40,7 @@ NOISE = {"CartPole": -0.5, "PanTilt": -1.2, "Pong": -1.0}
 
 
 class Hint(VecEnvWrapper):
-    """Adds a little to the reward of every step while a policy is trained at Pong: being level with the ball.
+    """Adds a small reward for being level with the ball to every step, while a policy is trained at Pong.
 
     A return or a miss comes once in 65 steps, and says little about what led to it.
     """

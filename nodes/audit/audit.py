@@ -32,7 +32,7 @@ BATCH_NS = 1_000_000_000
 
 @dataclass(frozen=True)
 class AuditOptions:
-    """Holds what an audit is to do.
+    """Holds the options of an audit.
 
     pixels: N, over all environments. seed: of environment 0. sensor: resolved parameters of the run's sensor, of which
     thresholds, dark level and crossing count. horizon_ns: how far ahead motion in closed form is looked at before

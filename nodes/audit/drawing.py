@@ -91,7 +91,7 @@ class Drawing:
 
     @property
     def score(self) -> np.ndarray:
-        """Gives what the chances follow, float64 [H, W], after a scan."""
+        """Returns the score of each pixel, float64 [H, W], after a scan; the chance of being drawn follows it."""
         assert self._score is not None
         return self._score
 

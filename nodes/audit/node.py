@@ -74,7 +74,7 @@ class AuditNode(Node):
 
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
-        """Names the states, and what the sensor reads."""
+        """Names the inputs: states, and the frames that the event sensor reads."""
         return frozenset({"state", _source(params)})
 
     @classmethod

@@ -33,7 +33,7 @@ class Units:
 
     @staticmethod
     def joined(parts: list[Units]) -> Units:
-        """Gives several as one."""
+        """Joins several groups of pixels into one."""
         names = Units.__dataclass_fields__
         return Units(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 

@@ -20,7 +20,7 @@ LONG_GAP = 100
 
 @dataclass
 class FileSettings(Configuration):
-    """Says how a recording is played. All times are the device's."""
+    """Holds the settings by which a recording is played. All times are the device's."""
 
     packet_ms: float = setting(10.0, "length of a packet's interval", "ms", 0.01, 10_000)
     speed: float = setting(1.0, "device time per real time; 0 = as fast as it is read", "", 0, 1e6)

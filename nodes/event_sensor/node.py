@@ -99,7 +99,7 @@ class EventSensorNode(Node):
 
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
-        """Names one of three: samples or frames where an interpolator runs, keyframes where it is left out."""
+        """Names the input: samples or frames where an interpolator runs, keyframes where it is left out."""
         return frozenset({source_of(params["source"], lambda: resolve_with_scene("event sensor", params))})
 
     @classmethod

@@ -47,13 +47,13 @@ class FrameCameraNode(Node):
 
     @classmethod
     def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
-        """Names the noise that it has."""
+        """Names the noise that the parameters ask for, which the seed decides."""
         sensor = settings_of("frame camera", params["preset"], _own(params)).sensor
         return tuple(what for name, what in RANDOM.items() if sensor[name])
 
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
-        """Names one of the two: frames where an interpolator runs, keyframes where it is left out."""
+        """Names the input that is read: frames where an interpolator runs, keyframes where it is left out."""
         return frozenset({params["source"]})
 
     @classmethod

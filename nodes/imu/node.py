@@ -55,11 +55,11 @@ class ImuNode(Node):
 
     @classmethod
     def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
-        """Names noise and bias, those that it has."""
+        """Names the noise and bias that the parameters ask for, which the seed decides."""
         return tuple(what for name, what in RANDOM.items() if params[name])
 
     def setup(self) -> None:
-        """Makes the unit."""
+        """Makes the inertial unit from the parameters."""
         from nodes.imu.inertial import ImuModel
 
         self._model: ImuModel = ImuModel(**{field.name: self.params[field.name] for field in fields(ImuModel)})

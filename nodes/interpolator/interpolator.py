@@ -289,8 +289,10 @@ class Interpolator:
             tiny.push(stamp, np.zeros(1, np.int32), radiance, depth, motion, states=states)
 
     def begin(self, envs: int, height: int, width: int, margin: int = 0) -> None:
-        """Makes what gaps between such keyframes need, whose kernels are compiled while the caller does something else;
-        arguments as of `warm_up_for`, which ends it."""
+        """Begins to build what gaps of this size need: kernels compile while the caller does something else.
+
+        Arguments are those of `warm_up_for`, which ends it.
+        """
         self._size, self._samples = ((envs, height, width), margin), self._samples_of(height, width, margin)
         self._made_method()
         self._begin_image()

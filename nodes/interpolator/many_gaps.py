@@ -34,7 +34,7 @@ class Arrived:
 
 @dataclass(frozen=True)
 class MadeGaps:
-    """Holds what is made of gaps at once.
+    """Holds the frames, further samples and counts of several gaps that were made at once.
 
     frames: for each, their times and themselves, as `Interpolator.push` returns them. further: samples of single pixels
     between those of each gap. report: counts, but for what it counts of these samples of the gaps made before, so that

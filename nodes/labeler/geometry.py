@@ -44,7 +44,7 @@ class Geometry:
         self._group()
 
     def follow(self, worlds: Worlds) -> None:
-        """Uses these worlds from now on."""
+        """Replaces the worlds that labels are computed from."""
         changed = len(worlds.changed(self.worlds, appearance)) > 0
         self.worlds = worlds
         if changed:

@@ -19,7 +19,7 @@ COVERED = wp.constant(wp.float64(1.0e-4))
 
 @wp.struct
 class Ways:
-    """Holds the ways of points from the camera's frame into those of E environments' meshes: p -> turn p + shift."""
+    """Holds transforms of points from the camera's frame to those of E environments' meshes: p -> turn p + shift."""
 
     turn: wp.array2d(dtype=wp.mat33d)
     """[E, I]."""
@@ -37,7 +37,7 @@ def find_ways(
     # out
     ways: Ways,
 ):
-    """Works out the ways of environments int32 [E] at an instant [ns]."""
+    """Computes the transforms from the camera to the meshes of environments int32 [E] at an instant [ns]."""
     e, i = wp.tid()
     gap = gap_at(motion, t)
     u = fraction(motion, gap, t)

@@ -28,7 +28,7 @@ class Seen:
 
 @dataclass
 class Instant:
-    """Holds where things are at an instant, and what the pixels see of them once that was computed.
+    """Holds the poses of all bodies at an instant, and what the pixels see once that was computed.
 
     poses: of the bodies, float64 [E, N, 7]. ways: of the meshes, on the device.
     """
@@ -43,7 +43,7 @@ class Instant:
 
 
 class Instants:
-    """Computes instants for one camera."""
+    """Computes where the surfaces seen by one camera are at single instants, and their flow from one to another."""
 
     def __init__(self, scene: Scene, camera: Camera, sight: Sight) -> None:
         """sight: of the same camera."""

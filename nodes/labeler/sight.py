@@ -44,7 +44,7 @@ class History:
 
     @property
     def known(self) -> bool:
-        """Tells whether there is any."""
+        """Tells whether any state is known."""
         return bool(self._states)
 
     @property
@@ -134,7 +134,9 @@ class Histories:
 
 
 class Sight:
-    """Answers what is seen in directions from a camera, for many questions at once, each with its own time."""
+    """Finds the surfaces that a camera sees in given directions, for many directions at once, each at a time of its
+    own.
+    """
 
     def __init__(self, scene: Scene, camera: Camera, device: str = "cpu") -> None:
         """Takes the scene's meshes. Raises ValueError naming an instance or a camera that is not usable."""

@@ -22,7 +22,9 @@ LIFT = wp.constant(4.0e-6)
 
 @wp.struct
 class Surfaces:
-    """Holds what can be seen: instances [I], each a mesh (id 0 for an empty one) about its middle, on a body."""
+    """Holds the surfaces that can be seen: instances [I], each a mesh (id 0 for an empty one) about its middle, on a
+    body.
+    """
 
     mesh: wp.array(dtype=wp.uint64)
     body: wp.array(dtype=wp.int32)

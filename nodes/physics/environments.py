@@ -75,8 +75,10 @@ class Environments:
         return self._joined(keyframe_stamp(before, self._rate))
 
     def foresee(self, k: int) -> None:
-        """Begins with what leads to keyframe k, the next one, while others work on the present one. Whatever is asked
-        for afterwards comes out as if nothing had been begun."""
+        """Begins the steps that lead to keyframe k, the next one, while others work on the present one.
+
+        Results of later calls are as if nothing had been begun.
+        """
         engines = [(group.engine, keyframe_stamp(k - group.first, self._rate)) for group in self._groups]
         ahead = [(engine, stamp) for engine, stamp in engines if prepares(engine)]
         for engine, stamp in ahead:

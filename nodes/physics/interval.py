@@ -117,7 +117,7 @@ class Engine(Protocol):
 
 
 class Preparing(Engine, Protocol):
-    """Moves environments together with those of other engines."""
+    """Defines an engine that steps its environments in one batch with those of other engines."""
 
     def prepare(self, to_ns: int, controls: np.ndarray | None = None) -> None:
         """Takes the controls up to a stamp, and requests the steps that engines which belong together take at once;
@@ -125,10 +125,12 @@ class Preparing(Engine, Protocol):
         """
 
     def foresee(self, to_ns: int) -> None:
-        """Asks for what leads to a stamp under the present controls, before it is known whether it will be wanted."""
+        """Asks for the steps to a stamp under the present controls, before it is known whether they will be wanted."""
 
     def begin(self) -> None:
-        """Begins with what was foreseen, by this engine and those that belong together, while others work."""
+        """Begins the steps asked for by `foresee`, of this engine and of those that share a batch with it, while others
+        work.
+        """
 
 
 def prepares(engine: Engine) -> TypeGuard[Preparing]:

@@ -40,7 +40,7 @@ class SeparateEngines:
         """Does nothing: each engine moves one environment, and waits until it is to."""
 
     def begin(self) -> None:
-        """Does nothing, see `foresee`."""
+        """Does nothing, for `foresee` asks for no steps here."""
 
     def advance(self, to_ns: int, controls: np.ndarray | None = None) -> Interval:
         """Gives the states up to a stamp. Raises ValueError for controls of a wrong shape or not finite."""

@@ -81,7 +81,7 @@ class Watchdog:
         return f"body '{self._body(body)}' diverged at t = {data.time:.6g} s: {what}; likely cause: {cause}"
 
     def unremarkable(self, state: Mapping[str, np.ndarray], nearest: float) -> bool:
-        """Says whether there is nothing to tell in the states after some steps.
+        """Tells whether the states after some steps give no reason for a warning.
 
         state: pose, twist, qpos and qvel, [n, ...] after each. nearest: least distance of a contact [m].
         """

@@ -68,7 +68,7 @@ class RecorderNode(Node):
             self.runtime.diagnose(self, "info", f"the older {p['path']} is now {backup}")
 
     def receive(self, port: str, message: Message) -> None:
-        """Has one message of topic `port` written."""
+        """Hands a message of topic `port` to the thread that writes the bag."""
         self.recorder.notice(port, message.header)
         if device_of(message) is None:  # else it is none of those that arrays_hz asks for
             self._handover.put(port, message)

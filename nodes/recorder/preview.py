@@ -21,7 +21,7 @@ class PreviewMaker:
         self._due = Sampling(rate_hz)
 
     def topic(self, keyframe: Keyframe) -> str:
-        """Tells where the image belongs."""
+        """Returns the topic of the preview."""
         return f"{FIRST_ENV if len(keyframe.image) > 1 else ''}{self.camera}/image"
 
     def update(self, keyframe: Keyframe, threads: Threads = ALONE) -> Image | None:

@@ -45,7 +45,7 @@ make_shade = cache(shading_kernels.make_shade)
 
 @dataclass(frozen=True)
 class ShadingOptions:
-    """Holds how light is worked out."""
+    """Holds the options of shading."""
 
     light_samples: int = 16
     """Rays for each area light and pixel, a square number."""

@@ -68,12 +68,12 @@ class SupersampledRenderer:
 
     @property
     def not_finite(self) -> int:
-        """Gives the first of `counts`."""
+        """Counts the samples of the last image that were not finite."""
         return self.counts()[0]
 
     @property
     def clipped(self) -> int:
-        """Gives the second of `counts`."""
+        """Counts the pixels of the last image that were clipped to float16."""
         return self.counts()[1]
 
     def array_shape(self, name: str) -> tuple[tuple[int, ...], np.dtype]:

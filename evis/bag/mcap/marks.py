@@ -1,4 +1,4 @@
-"""Defines what marks a file as MCAP, and as one that this project wrote."""
+"""Defines the marks of an MCAP file, and of one that this project wrote."""
 
 MAGIC = b"\x89MCAP0\r\n"
 """The first and the last bytes of a whole file."""

@@ -76,5 +76,5 @@ class Packer:
         return Packed("zstd", size, crc32(pieces, ALONE)(), stored)
 
     def plain(self, pieces: Sequence[Piece]) -> Packed:
-        """Leaves a chunk as it is."""
+        """Packs a chunk without compression."""
         return Packed("", sum(map(len, pieces)), crc32(pieces, self._threads)(), pieces)

@@ -138,7 +138,7 @@ class Summary:
         self._metadata.add(record_bytes(MetadataIndex(at, size, name)))
 
     def add_chunk(self, chunk: ChunkEntry) -> None:
-        """Notes a chunk."""
+        """Adds a chunk to the index."""
         first, last = chunk.first_ns, chunk.last_ns
         self._span = (min(self._span[0], first), max(self._span[1], last)) if self.messages else (first, last)
         self._chunks.add(chunk.pack())

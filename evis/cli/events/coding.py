@@ -53,7 +53,7 @@ class Coding:
         return code, float(self._tone.decode(codes[code]))
 
     def report(self) -> dict[str, Any]:
-        """Tells the shares, for a summary."""
+        """Reports the shares of pixels that were black, at full scale or coarsely coded, for a summary."""
         if not self._pixels:
             return {}
         black, full, coarse = self._shares()

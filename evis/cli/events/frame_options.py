@@ -78,7 +78,7 @@ def selection_of(args: argparse.Namespace) -> Selection:
 
 
 def upsampler_of(args: argparse.Namespace) -> Upsampler | None:
-    """Makes what makes frames between frames, None where nothing is wanted. Raises UsageError."""
+    """Makes the upsampler that the options ask for, None where they ask for none. Raises UsageError."""
     frames: int | None = args.upsample
     if frames == 1:
         if args.interpolator is not None:

@@ -22,13 +22,13 @@ class PassProgress:
             self._bar = tqdm(total=100, desc=text, bar_format=form, leave=False, file=sys.stderr)
 
     def at(self, share: float) -> None:
-        """Shows that so much of the recording was read, 0 to 1."""
+        """Shows the share of the recording that has been read, 0 to 1."""
         if self._bar is not None:
             self._bar.n = int(100 * share)
             self.say("")
 
     def say(self, what: str) -> None:
-        """Shows what goes on; drawn ten times a second at most."""
+        """Shows a text beside the bar; drawn ten times a second at most."""
         if self._bar is not None and time.monotonic() - self._drawn > _REDRAW_S:
             self._drawn = time.monotonic()
             self._bar.set_postfix_str(what, refresh=True)

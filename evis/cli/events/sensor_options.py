@@ -39,7 +39,7 @@ def add_sensor_options(parser: argparse.ArgumentParser) -> None:
 
 
 def sensor_values(args: argparse.Namespace) -> dict[str, Any]:
-    """Returns what was given, by the names of SENSOR; None is not given."""
+    """Returns the parameters that were given, by the names of SENSOR; None where one was not."""
     return {name: getattr(args, name) for name in SENSOR}
 
 

@@ -26,7 +26,7 @@ def add_arguments(parser: Parser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Asks physics, and says from where on it begins anew."""
+    """Asks physics for a reset, and prints the time from which on the environments begin anew."""
     from evis.client.run import Run
 
     envs = None if args.envs is None else _numbers(args.envs)

@@ -41,7 +41,7 @@ MB = 1 << 20
 
 @dataclass
 class Finding:
-    """Says what one check found.
+    """Describes the result of one check.
 
     level: ok, note (something optional is not there) or fail (with the remedy in text).
     """

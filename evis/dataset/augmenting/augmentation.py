@@ -17,7 +17,7 @@ UNMIRRORED = ("poses", "velocities", "accelerations", "joints", "boxes3d", "cont
 
 @dataclass(frozen=True)
 class Drawn:
-    """Describes what is done with one window.
+    """Describes the augmentation that was drawn for one window.
 
     top, left, height, width: of what stays [px]. key: of what is drawn for each event.
     """
@@ -34,7 +34,7 @@ class Drawn:
 
 @dataclass(frozen=True)
 class Augment:
-    """Says how windows are changed, events and labels alike.
+    """Describes how windows are changed, events and labels alike.
 
     flip_x, flip_y: how likely a window is mirrored from left to right, from top to bottom. reverse: how likely its time
     runs backwards, with ON for OFF. crop: (height, width) px of a part at a random place. drop: share of events that

@@ -1,4 +1,4 @@
-"""Defines what the readers of all layouts offer."""
+"""Defines the interface of the readers of all layouts."""
 
 from __future__ import annotations
 

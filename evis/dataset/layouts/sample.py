@@ -39,7 +39,7 @@ ENVIRONMENT_AXIS = frozenset(name for kind in DENSE.values() for name in kind) -
 
 @dataclass
 class Sample:
-    """Holds what one step has of one camera.
+    """Holds the outputs of one camera in one step.
 
     stamp_ns: its end. t0_ns: start of the events' interval. labels: array name -> array, without the axis of the
     environments. bodies: those of poses, velocities and accelerations.

@@ -30,7 +30,7 @@ class WholeChunks:
             self._waiting, self._count = [held[whole:].copy()], self._count - whole
 
     def flush(self) -> None:
-        """Hands on the rest."""
+        """Writes the rows that are left, which are less than a chunk."""
         if self._count:
             self._sink(np.concatenate(self._waiting))
         self._waiting, self._count = [], 0

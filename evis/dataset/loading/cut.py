@@ -16,7 +16,7 @@ from evis.dataset.loading.representing import Representing
 
 @dataclass(frozen=True)
 class Cut:
-    """Says how sequences are cut. Made by `of`, which checks it.
+    """Describes how sequences are cut into windows. Made by `of`, which checks it.
 
     seconds, events: length of a window; one of them is 0. stride: from one window to the next, in the same unit.
     """

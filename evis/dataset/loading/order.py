@@ -19,7 +19,7 @@ def order(count: int, shuffle: bool, seed: int, epoch: int) -> np.ndarray:
 
 
 def share(indices: np.ndarray, rank: int, ranks: int, worker: int = 0, workers: int = 1) -> np.ndarray:
-    """Returns what a worker of a rank takes.
+    """Returns the part of the windows that a worker of a rank takes.
 
     Each rank has equally many, so that none waits for another at the end of an epoch: up to ranks - 1 are left out.
     """

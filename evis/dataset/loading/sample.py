@@ -1,4 +1,4 @@
-"""Makes what a window gives: events or their image, labels, and where it comes from."""
+"""Makes the sample of a window: events or their image, labels, and their source."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class Sequence:
 
     @property
     def folder(self) -> Path:
-        """Returns where it lies on this machine; what lies elsewhere is copied. Raises DatasetError, OSError."""
+        """Returns the folder on this machine; one that lies elsewhere is copied first. Raises DatasetError, OSError."""
         return local_folder(self._out, self._path)
 
     @cached_property
@@ -58,7 +58,7 @@ class Sequence:
 
     @property
     def about(self) -> About:
-        """Tells what its folder tells of it."""
+        """Returns the description of the sequence that its folder holds."""
         return self.reader.about
 
     @property
@@ -73,7 +73,7 @@ class Sequence:
 
     @property
     def duration_ns(self) -> int:
-        """Tells how long it is."""
+        """Returns the duration of the sequence [ns]."""
         return self.about.duration_ns
 
     def kinds(self, camera: str | None = None) -> tuple[str, ...]:

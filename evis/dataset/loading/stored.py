@@ -89,7 +89,7 @@ class Table:
         return len(self.number)
 
     def window(self, i: int) -> Window:
-        """Returns the i-th of them."""
+        """Returns the i-th window."""
         return Window(
             int(self.number[i]),
             int(self.t0[i]),

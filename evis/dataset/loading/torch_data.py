@@ -25,7 +25,7 @@ class Epoch:
         self._number = torch.zeros((), dtype=torch.int64).share_memory_()
 
     def set(self, epoch: int) -> None:
-        """Sets it, for all processes."""
+        """Sets the number of the epoch for all processes."""
         self._number.fill_(epoch)
 
     @property

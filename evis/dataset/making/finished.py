@@ -32,7 +32,7 @@ class Entry:
     notes: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
-        """Gives it as dataset.json has it."""
+        """Converts the entry to a dictionary of plain types, as dataset.json holds it."""
         plan = self.plan
         return {
             "index": plan.index,

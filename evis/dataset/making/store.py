@@ -49,7 +49,7 @@ class Store(ABC):
 
     @abstractmethod
     def is_empty(self) -> bool:
-        """Says whether nothing is there yet."""
+        """Tells whether the place holds nothing yet."""
 
     @abstractmethod
     def alone(self) -> contextlib.AbstractContextManager[None]:
@@ -61,7 +61,7 @@ class Store(ABC):
 
 
 class LocalStore(Store):
-    """Keeps them in a folder of this machine, or of one that all machines see."""
+    """Keeps a data set in a folder of this machine, or of one that all machines see."""
 
     def __init__(self, out: str) -> None:
         self.folder = Path(out)
@@ -148,7 +148,7 @@ class LocalStore(Store):
 
 
 class RemoteStore(Store):
-    """Keeps them where fsspec reaches, as s3://bucket/folder; a sequence is finished when its entry is there."""
+    """Keeps a data set where fsspec reaches, as s3://bucket/folder; a sequence is finished when its entry is there."""
 
     def __init__(self, out: str) -> None:
         try:

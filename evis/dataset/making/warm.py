@@ -138,7 +138,7 @@ def last_keyframe(plan: Plan, simulation: Simulation) -> int:
 
 
 def about_of(plan: Plan, simulation: Simulation, first: Step) -> About:
-    """Gives what is known of a sequence at its first step."""
+    """Makes the description of a sequence from its plan and its first step."""
     rate = simulation.keyframe_rate
     cameras: dict[str, CameraInfo] = {name: o.info for name, o in first.cameras.items() if o.info is not None}
     return About(

@@ -95,7 +95,7 @@ class Written:
         self._writer.add(step)
 
     def close(self) -> tuple[str, ...]:
-        """Writes what is left; gives what the layout cannot hold."""
+        """Writes the rest of the sequence; returns notes on what the layout cannot hold."""
         self._writer.close()
         if self._picture is not None:
             write_frame(self.folder, self._picture)

@@ -66,7 +66,7 @@ def computes_on_gpu(recipe: Recipe) -> bool:
 
 
 def devices(corners: list[dict[str, object]]) -> list[object]:
-    """Lists what a scene's sequences say of their device."""
+    """Lists the devices on which a scene's sequences run."""
     return [arguments.get("device", "cpu") for arguments in corners]
 
 

@@ -21,7 +21,7 @@ def opened(out: str) -> tuple[Store, dict[str, Any]]:
 
 
 def summary(out: str) -> dict[str, Any]:
-    """Tells what a data set holds. Raises DatasetError."""
+    """Sums up a data set: sequences, splits, events, duration. Raises DatasetError."""
     _, index = opened(out)
     sequences = index["sequences"]
     seconds = sum(entry["duration_s"] for entry in sequences)

@@ -12,7 +12,7 @@ _WRITING = [Path(__file__).with_name("writing.h")]
 
 @wp.struct
 class Span:
-    """Says what one launch decodes.
+    """Describes the part of a stream that one launch decodes.
 
     start: first word. limit_us: events up to this time [us]. width, height: columns and rows of the words, 0 = unknown.
     """

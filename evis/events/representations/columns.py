@@ -24,7 +24,7 @@ TYPES: tuple[dict[str, Any], ...] = (
 
 
 class Representation(NamedTuple):
-    """Holds what was made of events, and how many of them had no place in it.
+    """Holds a representation of events, and how many events lay outside its time window and its array.
 
     values: float32 or int32, the images; leading axis E where the events have environments. outside: int64 [2] or
     [E, 2], events outside the time window, and events inside it but outside the array (which are not counted twice).

@@ -47,7 +47,7 @@ def first_channel(polarity: wp.int32, on: wp.bool, bins: wp.int32):
 
 @wp.func
 def sign_of(polarity: wp.int32, on: wp.bool):
-    """Returns what an event counts."""
+    """Returns the weight of an event: -1 for OFF events of signed polarity, otherwise 1."""
     if polarity == SIGNED and not on:
         return -1
     return 1

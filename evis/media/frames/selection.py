@@ -20,7 +20,7 @@ STRETCH = 0.02
 
 @dataclass(frozen=True)
 class Selection:
-    """Says which part of a sequence is wanted.
+    """Describes which part of a sequence is wanted.
 
     crop: x, y, width, height [px] of the source. width, height: of the frames [px]; one alone keeps the picture's
     proportions. start_ns, stop_ns: as the source plays, from its first frame on; stop is not included. slow_motion: the

@@ -51,7 +51,7 @@ class NamedImage(NamedTuple):
 
 @dataclass(frozen=True)
 class FrameOptions:
-    """Says how frames are to be read.
+    """Describes how frames are to be read.
 
     colour: RGB instead of luminance. slopes: read dlog_dt where there is one. fps: frames per second in place of the
     times that the files tell. tone, white: inverse tone curve of PNG, JPEG, TIFF and video, and the radiance of full

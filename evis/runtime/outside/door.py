@@ -64,7 +64,7 @@ class Door:
         return [] if self._listener is None else [self._listener.fileno(), *(link.fileno() for link in self._links)]
 
     def pump(self) -> bool:
-        """Handles what has come; never waits. True when something has."""
+        """Handles connections and packets that have arrived, without waiting. True when there were any."""
         if self._listener is None:
             return False
         progress = False

@@ -101,7 +101,7 @@ class Holding:
         return dataclasses.replace(self._pending, header=Header(stamp_ns))  # type: ignore[type-var]
 
     def done(self) -> None:
-        """Says that the step has had its action."""
+        """Clears the action that the last step has used."""
         self._pending, self._due = None, None
 
 

@@ -1,1 +1,1 @@
-"""Puts a user's own pictures and meshes in the place of those by code: folders, from which the seed draws."""
+"""Replaces pictures and meshes made by code by a user's own: folders, from which the seed draws."""

@@ -1,4 +1,4 @@
-"""Puts a mesh of the user's in the place of a shape."""
+"""Replaces a shape by a mesh of the user's."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ class Samples:
     instance: np.ndarray
 
     def ordered(self) -> Samples:
-        """Gives them by pixel and time."""
+        """Returns the samples sorted by pixel, then by time."""
         # What comes in a few ascending runs is sorted in little time.
         first = int(self.t.min(initial=0))
         order = np.argsort(self.pixel * (int(self.t.max(initial=0)) - first + 1) + (self.t - first), kind="stable")

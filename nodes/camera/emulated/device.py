@@ -23,7 +23,7 @@ LANGUAGE = 0x0409
 
 @dataclass
 class Identity:
-    """Holds what the descriptors say.
+    """Holds the contents of an emulated device's USB descriptors.
 
     endpoints in the order of the interface; those of `interrupt` are no bulk endpoints.
     """
@@ -89,7 +89,7 @@ class EmulatedDevice(abc.ABC):
         stall()
 
     def answer(self, timeout_s: float) -> bytes:
-        """Tells what waits on the answer endpoint, or comes in time; empty for nothing."""
+        """Returns the bytes that wait on the answer endpoint, or come in time; empty for nothing."""
         return b""
 
     def readout(self) -> Readout:

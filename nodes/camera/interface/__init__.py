@@ -1,1 +1,1 @@
-"""Defines what every camera driver offers to the node: the driver itself, its settings, its readings as messages."""
+"""Defines the interface of camera drivers to the node: the driver itself, its settings, its readings as messages."""

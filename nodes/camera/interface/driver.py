@@ -18,7 +18,10 @@ from nodes.camera.interface.settings import Configuration
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """Says who a camera is. `clock` names the domain of its times in message headers."""
+    """Identifies a camera: name, serial number, sensor, size and encoding.
+
+    `clock` names the domain of its times in message headers.
+    """
 
     name: str
     serial: str
@@ -65,7 +68,7 @@ class Driver(abc.ABC):
 
     @abc.abstractmethod
     def info(self) -> DeviceInfo:
-        """Says who the camera is; only while it is open."""
+        """Returns the camera's identity; only while it is open."""
 
     def settings_type(self) -> type[Configuration]:
         """Gives the configuration that this camera takes; only while it is open."""

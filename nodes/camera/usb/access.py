@@ -102,7 +102,7 @@ def claim(device: Any, interface: int, set_alternate: bool = True) -> None:
 
 
 def release(device: Any) -> None:
-    """Gives everything back; a device that is gone needs none of it."""
+    """Releases the device and its interfaces; one that is gone needs no release."""
     try:
         usb.util.dispose_resources(device)
     except usb.core.USBError:

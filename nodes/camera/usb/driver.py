@@ -32,7 +32,7 @@ RETRY_S = 0.5
 
 @dataclass
 class UsbSettings(Configuration):
-    """Says how any USB camera is read. Families add their own settings."""
+    """Holds the settings that every USB camera has. Families add their own."""
 
     packet_ms: float = setting(10.0, "length of a packet's interval, device time", "ms", 0.01, 10_000)
     longest_ms: float = setting(100.0, "longest packet while the host is behind", "ms", 0.01, 10_000)
@@ -112,7 +112,7 @@ class UsbDriver(Driver):
         self._open(self._initialise)
 
     def identify(self) -> DeviceInfo:
-        """Tells who it is, without touching the sensor; the device is given back at once. Raises OSError."""
+        """Reads the camera's identity without touching the sensor, and closes the device at once. Raises OSError."""
         self._open(lambda: None)
         assert self._info is not None
         info, self._info = self._info, None

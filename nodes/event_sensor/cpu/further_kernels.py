@@ -87,5 +87,5 @@ def merge(
     # in and out
     keys: wp.array(dtype=wp.int64),
 ):
-    """Merges by one thread."""
+    """Merges the sorted keys of further events into the sorted `keys`, by one thread."""
     merge_sorted(more, n, count, keys)

@@ -90,7 +90,7 @@ class Ideal:
         return [(self._kernel, 1)]
 
     def arrays(self) -> tuple[wp.array, ...]:
-        """Returns everything that is kept per pixel."""
+        """Returns all arrays of the pixels' state."""
         return self._state.last, self._state.low, self._state.high, self._state.level
 
     def launch(self, sensor: Sensor, batch: Any, keys: wp.array, counters: wp.array, resume: int) -> None:

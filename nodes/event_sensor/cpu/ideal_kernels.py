@@ -74,7 +74,7 @@ def forget(index: wp.int32, size: wp.int32, state: IdealState):
 
 @wp.func
 def pause(status: wp.int32, needed: wp.int64, step: wp.int32, progress: wp.array(dtype=wp.int64)):
-    """Ends a launch."""
+    """Writes the status at which a launch ends: why, room needed, and the step to go on with."""
     progress[STATUS] = wp.int64(status)
     progress[NEEDED] = needed
     progress[STEP] = wp.int64(step)

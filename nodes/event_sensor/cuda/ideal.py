@@ -40,7 +40,7 @@ class IdealPasses:
         self._active: wp.array = wp.empty(total, dtype=wp.vec2i, device=device)
 
     def arrays(self) -> tuple[wp.array, ...]:
-        """Returns everything that there is per pixel, the list with it."""
+        """Returns all arrays of the pixels' state, and the list of active ones."""
         s = self._state
         return s.last, s.low, s.high, s.counts, s.base, self._active
 

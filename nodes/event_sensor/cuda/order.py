@@ -39,7 +39,7 @@ class Order:
         self._first = [self._empty(self._length + 1) for _ in range(2)]
 
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
-        """Gives one kernel for each number of threads to a block that there is, as `build_together` takes them."""
+        """Lists the kernels that put events in order, one for each block size, as `build_together` takes them."""
         return [(order_kernels.place_buckets, SCAN), (order_kernels.in_order, sort_kernels.BLOCK)]
 
     def _empty(self, length: int, dtype: Any = wp.int32) -> wp.array:

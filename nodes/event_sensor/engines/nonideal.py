@@ -51,7 +51,7 @@ class NonIdeal:
         return [(self._make(self._features), LAUNCH_BLOCK)]
 
     def arrays(self) -> tuple[wp.array, ...]:
-        """Returns everything that is kept per pixel."""
+        """Returns all arrays of the pixels' state."""
         states = (self._before,) if self.in_place else (self._before, self._after)
         kept = (a for state, side in states for a in (*arrays_of(state), side))
         return *kept, self._rare

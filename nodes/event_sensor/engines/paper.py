@@ -31,7 +31,7 @@ class Paper:
         self._after: wp.array = wp.zeros(total, dtype=paper_kernels.PaperPixel, device=device)
 
     def arrays(self) -> tuple[wp.array, ...]:
-        """Returns everything that is kept per pixel."""
+        """Returns all arrays of the pixels' state."""
         return self._before, self._after, *self._pattern
 
     def kernels(self) -> list[tuple[wp.Kernel, int]]:

@@ -50,12 +50,12 @@ class Wheel:
 
     @property
     def start_ns(self) -> int:
-        """Tells when the motion begins."""
+        """Returns the time at which the motion begins [ns]."""
         return int(self.at[0])
 
     @property
     def end_ns(self) -> int:
-        """Tells when it ends."""
+        """Returns the time at which the motion ends [ns]."""
         return int(self.at[-1])
 
     @property

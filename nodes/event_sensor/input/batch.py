@@ -64,7 +64,7 @@ class Batch:
 
 @dataclass(frozen=True)
 class Size:
-    """Says how large the images of all environments are."""
+    """Describes the size of the images of all environments."""
 
     height: int
     width: int

@@ -102,7 +102,7 @@ class Rare:
 
 @wp.func
 def read_frequent(state: FrequentState, index: wp.int32):
-    """Reads what every step needs of a pixel."""
+    """Reads the state of a pixel that every step needs."""
     frequent = Frequent()
     frequent.last = state.last[index]
     frequent.low = state.low[index]
@@ -117,7 +117,7 @@ def read_frequent(state: FrequentState, index: wp.int32):
 
 @wp.func
 def write_frequent(state: FrequentState, index: wp.int32, frequent: Frequent):
-    """Writes it back, as far as there is room for it."""
+    """Writes back the state of a pixel that every step needs; fields without an array are left out."""
     state.last[index] = frequent.last
     state.low[index] = frequent.low
     state.high[index] = frequent.high

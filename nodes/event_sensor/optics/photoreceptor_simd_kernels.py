@@ -60,7 +60,7 @@ CONSTANT, PROPORTIONAL, POWER = range(3)
 
 
 def constants(poles: int, law: int, bends: bool) -> dict[str, Any]:
-    """Returns what the header has of the filter."""
+    """Returns the constants that the C++ header of the filter is compiled with."""
     filters = {"TWO": poles == 2, "VARYING": law != CONSTANT, "POWERED": law == POWER, "BENDS": bends}
     return {**CONSTANTS, **filters, "LN2": math.log(2.0), "GRAIN": float(GRAIN), "PIECE": float(PIECE)}
 

@@ -17,7 +17,7 @@ NEVER = wp.constant(wp.int64(-(1 << 62)))
 
 @wp.struct
 class Frame:
-    """Says which frame of which call it is.
+    """Identifies a frame within a call of a model, with its times and the layout of its events' keys.
 
     k, count: its place among the frames of the call, and their number. pixels: of an environment. number: of the frame
     since the start. before: stamp of the frame before; span: the time since [ns]. t_base: the call's start [ns].

@@ -39,7 +39,7 @@ def merged(
 def parted(
     columns: dict[str, np.ndarray], offsets: np.ndarray, end: int
 ) -> tuple[tuple[dict[str, np.ndarray], np.ndarray], tuple[dict[str, np.ndarray], np.ndarray]]:
-    """Parts columns and offsets into those of the events up to `end` [ns] and of the later ones."""
+    """Splits columns and offsets at `end` [ns] into those of the events up to it and of the later ones."""
     early = columns["t"] <= end
     counts = [np.count_nonzero(early[a:b]) for a, b in itertools.pairwise(offsets)]
     before = np.append(0, np.cumsum(counts)).astype(np.int64)

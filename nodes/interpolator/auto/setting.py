@@ -123,7 +123,7 @@ class Grid:
 
     @property
     def length(self) -> int:
-        """Gives the duration of that gap [ns]."""
+        """Returns the duration of the longest gap between keyframes [ns]."""
         return self.stamp(0, self.gap)
 
     def stamp(self, start_ns: int, step: int) -> int:

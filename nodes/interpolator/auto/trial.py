@@ -1,4 +1,4 @@
-"""Runs the second stage of the probe: candidates whose cost decides are run like the real thing, and believed.
+"""Runs the second stage of the probe: candidates whose cost decides the choice are run in full for some gaps.
 
 What the first stage predicts is put together from parts, each measured by itself, while in a run they take caches from
 each other; it can be off by some ten percent. That matters only where another choice would be made if a cost were a
@@ -125,7 +125,7 @@ def settle(
     wanted_rtf: float | None = None,
     say: Callable[[str], None] = lambda line: None,
 ) -> Choice:
-    """Chooses, after trials of the candidates that the choice depends on.
+    """Chooses a candidate, after trials of those that the choice depends on.
 
     Args:
         setting: how the scene is run.

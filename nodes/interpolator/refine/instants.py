@@ -22,7 +22,7 @@ LOOKS, LEAST_LOOKS = 32, 4
 
 @dataclass(frozen=True)
 class Instants:
-    """Says how finely a gap is divided.
+    """Describes how finely a gap is divided.
 
     coarse: K coarse intervals, each divided into 2^depth by the instants inside it. per_window: coarse intervals that
     are worked on at once. reached: whether the instants are as close as the tolerance of time asks for.

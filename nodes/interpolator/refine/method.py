@@ -56,7 +56,7 @@ class Refined:
         self.rigid.settle()
 
     def prepare_for(self, gap_ns: int) -> None:
-        """Has the gaps to come divided as finely as one of a length [ns] if they are shorter; 0 = as they are."""
+        """Divides gaps that are shorter than `gap_ns` [ns] as finely as one of that length; 0 = as they are."""
         self.refinement.as_long_as_ns = gap_ns
 
     def hand_over(self, out: np.ndarray | wp.array) -> None:

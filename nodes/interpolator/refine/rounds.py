@@ -71,7 +71,7 @@ class Kernels:
         return cls(make_find_plain(*how), ends, make_find_runs(*how), *make_rounds(layout.channels))
 
     def to_build(self, trees: bool) -> list[tuple[wp.Kernel, int]]:
-        """Gives them as `build_together` takes them, with those that depend on trees: as of `make_seen_of_all`."""
+        """Lists the kernels and their block sizes for `build_together`. trees: as of `make_seen_of_all`."""
         others = (self.find_plain, find_breaks, find_times, self.find_ends, self.find_runs, self.check, self.split, see)
         return [*((kernel, LAUNCH_BLOCK) for kernel in others), (make_find_changes(trees), BLOCK)]
 

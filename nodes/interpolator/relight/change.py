@@ -230,7 +230,7 @@ def _extent(light: Light) -> float:
 def make_light_change(
     shading: Shading, envs: int, movers: np.ndarray, tolerance: float, paths: bool
 ) -> LightChange | None:
-    """Makes what tells where light changes, or None where nothing in a scene can change it."""
+    """Makes the LightChange of a scene, or None where nothing in it can change the light."""
     visibility: Visibility = shading.visibility
     features = light_changes(shading.scene, visibility.camera_body, paths)
     return LightChange(shading, envs, movers, features, tolerance) if features.any else None

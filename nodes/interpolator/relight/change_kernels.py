@@ -123,7 +123,7 @@ class Displacements:
 
 @wp.func
 def point_then(s: Point, moves: Displacements, k: int):
-    """Gives the same point in the camera frame of keyframe A (k = 0) or B (1)."""
+    """Computes where a point is in the camera frame of keyframe A (k = 0) or B (1)."""
     at = moves.at + k * moves.behind
     r = s
     r.position = s.position + displaced(moves.turn, moves.shift, at, s.position)

@@ -43,7 +43,7 @@ class Sweep:
         self._graphs = CudaGraphs(v.device)
 
     def send(self, moved: np.ndarray, before: np.ndarray, origin: np.ndarray) -> None:
-        """Finds the boxes of a gap, on the device.
+        """Sends the poses of a gap to the device, and finds the boxes around the moving things there.
 
         Args:
             moved: poses of the movers at the sub-frames, float64 [K, E, M, 7].

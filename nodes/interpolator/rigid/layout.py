@@ -37,7 +37,7 @@ sub-frames where there are lines between samples, in which case it is as on a CP
 
 @dataclass(frozen=True)
 class RigidOptions:
-    """Holds what may be asked of the method besides sizes."""
+    """Holds the options of `rigid` besides sizes."""
 
     light_samples: int = 16
     """The renderer's shadow rays for an area light, with its `paths`."""

@@ -155,7 +155,7 @@ class Rigid:
         return self._sparse is not None
 
     def settle(self) -> None:
-        """Takes what it remembers now for what it knows when an episode begins: after it was warmed up."""
+        """Keeps what it has seen so far as what it knows at the start of every episode, after it was warmed up."""
         if self._sparse is not None:
             self._sparse.settle()
 

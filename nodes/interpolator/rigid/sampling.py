@@ -49,9 +49,11 @@ class SubframeRange:
 
 @dataclass
 class Todo:
-    """Holds what is to be looked up. pixels: int32 indices into [count, E, h, w]; of band k from starts[k] to starts[k
-    + 1], or, with starts None, as many as counts[at + k] says on the device. at: where in the counts the first band
-    is."""
+    """Holds the pixels that are to be looked up.
+
+    pixels: int32 indices into [count, E, h, w]; of band k from starts[k] to starts[k + 1], or, with starts None, as
+    many as counts[at + k] says on the device. at: where in the counts the first band is.
+    """
 
     pixels: wp.array
     starts: list[int] | None

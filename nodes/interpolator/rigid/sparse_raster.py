@@ -76,7 +76,7 @@ class SparseRaster:
         return int(v.geometry.static[v.raster.blocks[0].instance.numpy()].sum()) >= MANY
 
     def settle(self) -> None:
-        """Takes what was seen up to now for what is known when an episode begins."""
+        """Keeps what was seen so far as the knowledge at the start of every episode."""
         self._seen_first, self._full_first = self._seen.copy(), list(self._full)
 
     def begin(self, env: int) -> None:

@@ -60,7 +60,7 @@ class Keyframe:
         self._taking.launch()
 
     def find_brightest(self) -> None:
-        """Tells what the image's values are counted in."""
+        """Finds the brightest value of the image, which sets the unit that sums are counted in."""
         brightest, seen = self.sources.brightest, self._seen
         brightest.zero_()
         _launch(cuda_source_kernels.find_brightest, seen.shape, [seen], [brightest], device=seen.device)

@@ -41,7 +41,9 @@ LIST_WORKERS = wp.constant(1 << 16)
 
 @wp.struct
 class Chains:
-    """Holds what landed where, by sub-frame. first: 1 + a source in each cell [rows, padded], 0 = none.
+    """Holds chained lists of the sources that land in each cell of a sub-frame.
+
+    first: 1 + a source in each cell [rows, padded], 0 = none.
 
     Of each source [rows, H W], where it is in a chain: landed: its fractions in x (12 bits) and y, and MORE, as the
     upper half, and the bits of its depth; next: 1 + the one after it, where there is MORE.

@@ -105,7 +105,7 @@ class Upsampler:
         return self._agreeing / self._moving if self._moving else None
 
     def report(self) -> dict[str, Any]:
-        """Tells what was made, for a summary."""
+        """Reports the number of gaps and sub-frames, and figures of the motion, for a summary."""
         told: dict[str, Any] = {"gaps": self.gaps, "sub_frames": self.made}
         if self._flow is not None:
             agreement = None if self.agreement is None else round(self.agreement, 4)

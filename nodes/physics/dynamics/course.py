@@ -100,7 +100,7 @@ class Course:
             self.now[name][envs] = values[:, -1]
 
     def hold(self, envs: Sequence[int]) -> None:
-        """Leaves environments in their present states."""
+        """Keeps environments in their present states for the whole interval."""
         if len(envs):
             chosen = np.array(envs)
             now = {name: value[chosen][:, None] for name, value in self.now.items()}
@@ -179,7 +179,7 @@ class Course:
         return result
 
     def put_to_rest(self, envs: Sequence[int]) -> None:
-        """Lets environments be at rest in the state at their last grid point."""
+        """Sets environments to rest in the state at their last grid point."""
         chosen = list(envs)
         self.now["twist"][chosen] = 0.0
         for name, value in self.now.items():

@@ -44,7 +44,7 @@ class Errors:
         return self._position, self._rotation
 
     def clear(self) -> None:
-        """Begins anew."""
+        """Sets all errors back to zero."""
         self.restore((np.zeros(0), np.zeros(0)))
 
     def restore(self, kept: Kept) -> None:

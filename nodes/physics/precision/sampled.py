@@ -17,12 +17,12 @@ EVERY = 20
 
 
 def shadow_of(model: Any, errors: Errors) -> Shadow | SampledShadow:
-    """Makes what follows an environment of a model."""
+    """Makes the error estimator of an environment, which follows every keyframe, or a few where the model is large."""
     return SampledShadow(model, errors) if model.nv > MANY else Shadow(model, errors)
 
 
 class SampledShadow:
-    """Follows an environment from one keyframe to the next, and counts what it finds EVERY times.
+    """Estimates the error of an environment from one keyframe interval in EVERY, and counts what it finds EVERY times.
 
     The errors of the intervals are added up as if all pointed the same way; what the dynamics make of them is left out.
     """
@@ -33,7 +33,7 @@ class SampledShadow:
         errors.erased = self._own.erased
 
     def begin(self, data: Any) -> None:
-        """Begins where the environment is."""
+        """Starts the second simulation from the present state of the environment."""
         self._position = self._rotation = np.zeros(1)
         self._start(data)
 

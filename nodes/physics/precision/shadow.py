@@ -52,7 +52,7 @@ class Past:
 
 
 class Shadow:
-    """Follows an environment of an engine, and notes into `errors` how far it is off."""
+    """Simulates an environment a second time, and records in `errors` how far the first simulation is off."""
 
     def __init__(self, model: Any, errors: Errors) -> None:
         self._model, self._errors = model, errors
@@ -63,7 +63,7 @@ class Shadow:
         self._too_long = any(mode.grows(self._length * model.opt.timestep) for mode in modes(model))
 
     def begin(self, data: Any) -> None:
-        """Begins where the environment is."""
+        """Starts the second simulation from the present state of the environment."""
         mujoco.mj_copyData(self._data, self._model, data)
         self._behind = 0
         """Steps of the environment that are still to be followed, 0 or 1."""

@@ -1,4 +1,4 @@
-"""Defines how wrong physics may be."""
+"""Defines the tolerance of a body's error in position and rotation."""
 
 from __future__ import annotations
 

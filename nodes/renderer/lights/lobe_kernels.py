@@ -34,5 +34,5 @@ def gathered_by_runs(
     stretched: wp.vec3,
     widest: float,
 ) -> Means:
-    """Gives what `sky_kernels.gathered` gives."""
+    """Computes the same means as `sky_kernels.gathered`, in C++ with several samples at a time."""
     ...

@@ -160,7 +160,7 @@ class TiledRaster:
 
 
 class NoRaster:
-    """Draws nothing: for who finds by himself what the pixels show."""
+    """Draws nothing, for a caller that finds by itself what the pixels show."""
 
     local = True
     kernels: Sequence[tuple[wp.Kernel, int]] = ()

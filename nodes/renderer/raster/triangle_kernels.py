@@ -215,7 +215,7 @@ def walk_all(
     face: int,
     packed: wp.array3d(dtype=wp.uint64),
 ):
-    """Does the same where there are few pixels."""
+    """Draws a triangle's pixels as `walk` does, in the way that is faster where there are few."""
     for y in range(y0, y1 + 1):
         r = row_share(view, s, y)
         for x in range(x0, x1 + 1):

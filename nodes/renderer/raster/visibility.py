@@ -142,7 +142,7 @@ class Visibility(SceneArrays):
         self._upload.arrive()
 
     def settle(self) -> None:
-        """Moves it there at once."""
+        """Moves the poses that are under way to their place on the device at once."""
         self._upload.settle()
 
     @property
@@ -291,7 +291,7 @@ class Visibility(SceneArrays):
         return self._layered and (same_bytes(a, b) or np.array_equal(a[:, still], b[:, still]))
 
     def hits(self) -> dict[str, np.ndarray]:
-        """Gives what `packed` says, as numpy.
+        """Unpacks the z-buffer into triangles, instances and surface points, as numpy arrays.
 
         triangle int32 [E, H, W]: index over all instances, -1 = nothing (of instance i: `geometry.first[i]` on);
         instance int32 [E, H, W], -1 = nothing; point float32 [E, H, W, 3] m in the frame of the instance's body.

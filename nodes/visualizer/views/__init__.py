@@ -1,1 +1,3 @@
-"""Makes what panels show: each view takes a topic's messages on one thread and makes what the page draws on another."""
+"""Draws the contents of panels: each view takes a topic's messages on one thread and makes what the page draws on
+another.
+"""

@@ -19,7 +19,7 @@ class Lines:
         self.count += 1
 
     def pour(self, out: IO[str]) -> None:
-        """Copies all of them, and removes the file."""
+        """Copies all objects to `out`, and removes the file that held them."""
         self._file.close()
         with self._path.open() as file:
             shutil.copyfileobj(file, out)

@@ -28,7 +28,7 @@ def tracks(stamp_us: int, boxes: np.ndarray, ids: np.ndarray, semantic: np.ndarr
 
 
 def boxes_of(rows: np.ndarray) -> dict[str, np.ndarray]:
-    """Returns what `tracks` was made of: stamps `t` ns, `offsets`, `box`, `box_id`, and `class_id`."""
+    """Reads the boxes of `tracks` back: stamps `t` ns, `offsets`, `box`, `box_id`, and `class_id`."""
     t, first = np.unique(rows["t"], return_index=True)
     box = np.stack((rows["x"], rows["y"], rows["x"] + rows["w"] - 1, rows["y"] + rows["h"] - 1), -1)
     return {

@@ -35,7 +35,7 @@ MASK_BITS = 5
 
 
 class Head(NamedTuple):
-    """Says how a chunk is stored. n: events. t0: first time [us]. yxp, xp: packed events, packed columns."""
+    """Describes how a chunk is stored. n: events. t0: first time [us]. yxp, xp: packed events, packed columns."""
 
     n: int
     t0: int

@@ -55,7 +55,7 @@ class Table:
 
     @property
     def bytes(self) -> int:
-        """Tells what all of it takes unpacked."""
+        """Returns the size of the whole dataset in memory, unpacked."""
         return self.size * self.dtype.itemsize
 
     def __len__(self) -> int:

@@ -71,7 +71,7 @@ def encoding_of(header: dict[str, str]) -> str:
 
 
 def value_in_format(header: dict[str, str], name: str) -> str:
-    """Tells what `format EVT21;endianness=legacy;...` says of one name."""
+    """Reads the value of one name from a header's `format EVT21;endianness=legacy;...`, "" where it is absent."""
     return dict(re.findall(r";(\w+)=(\w+)", header.get("format", ""))).get(name, "")
 
 

@@ -50,7 +50,7 @@ class UnpackedFile:
         return RecordingError(f"{self._source}: {where}: {why}; make room, or name another folder with TMPDIR")
 
     def close(self) -> None:
-        """Gives its room back."""
+        """Closes the file, which frees its space on the disk."""
         self._file.close()
 
 

@@ -91,7 +91,7 @@ class Evaluator:
 
     @property
     def targets(self) -> Any:
-        """Gives what rays can meet, for kernels: with the trees that there are now."""
+        """Gives the kernels' struct of surfaces that rays can meet, with the present trees."""
         self._targets.casters = self.shading.occluders.casters
         return self._targets
 

@@ -24,7 +24,7 @@ BACKS = wp.constant(8)
 
 @wp.struct
 class Targets:
-    """Holds what rays can meet.
+    """Holds the surfaces that rays can meet.
 
     vertices: as of triangle_kernels.corner. triangles: corners of each triangle. instance: of each triangle. two_sided:
     of each instance, 0 or 1. first: first triangle of each instance. pieces: body and front's patch of each triangle.

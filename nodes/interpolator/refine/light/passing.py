@@ -108,8 +108,10 @@ class Passing:
     def parts(
         self, instants: Instants, poses: Poses, lengths: np.ndarray, held: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Gives how many parts of a coarse interval each environment has to be looked at, int [E], powers of two; 0
-        where half of one will do; and, bool [E], where some shadow or beam is too thin and fast to be seen at each.
+        """Computes into how many parts a coarse interval is divided to look for shadows and beams that pass, int [E].
+
+        Powers of two; 0 where half of one will do. Also, bool [E], where some shadow or beam is too thin and fast to be
+        seen at each.
 
         poses: at all instants of the gap. lengths: of the gap, int64 [E] ns. held: bool [E], who has none.
         """

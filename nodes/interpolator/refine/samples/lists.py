@@ -30,7 +30,7 @@ class Lists:
 
     @property
     def size(self) -> int:
-        """Gives the entries of all bands."""
+        """Returns the number of entries of all bands together."""
         return self._bands * self.most
 
     def reserve(self, most: int) -> bool:
@@ -56,7 +56,7 @@ class Samples:
 
     @property
     def size(self) -> int:
-        """Tells for how many there is room."""
+        """Tells how many samples there is room for."""
         return int(self.arrays[0].size)
 
     def reserve(self, size: int, kept: int) -> bool:

@@ -20,7 +20,7 @@ MOST_PIECES = wp.constant(64)
 
 @wp.struct
 class Division:
-    """Says how the sub-pixels of a gap lie: fineness x fineness for each of height x width pixels, with K frames.
+    """Describes the sub-pixels of a gap: fineness x fineness for each of height x width pixels, with K frames.
 
     each: instants from one frame to the next. finest: time [ns] between two samples of a mean where no sub-pixel has
     one. tolerance: of ln of the mean. margin: sub-pixels around keyframe A.

@@ -17,7 +17,7 @@ last of which none is listed."""
 
 @dataclass(frozen=True)
 class Counts:
-    """Holds what a tally has counted.
+    """Holds the counts of a tally.
 
     changes [bands]: changes from one surface to another. lists [LISTS, bands]: entries of each list. shaded: of them,
     those that no keyframe shows. made [LISTS + 1]: samples before each list was evaluated, and after the last one.
@@ -52,7 +52,7 @@ class Tally:
             self.made[:1].fill_(made)
 
     def read(self) -> Counts:
-        """Gives what was counted; on a GPU it waits for that."""
+        """Reads the counts; on a GPU it waits for them."""
         counted = self._all.numpy()
         rows = counted[LISTS + 1 :].reshape(-1, self._bands)
         return Counts(rows[1], rows[3 : 3 + LISTS], int(rows[3 + LISTS :].sum()), counted[: LISTS + 1])

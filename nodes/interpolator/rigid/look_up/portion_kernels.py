@@ -56,7 +56,7 @@ def cut(portion: Any, width: int, height: int) -> None:
 
 @wp.struct
 class Place:
-    """Holds where a pixel of a portion is.
+    """Holds the coordinates of a pixel within a portion.
 
     at: its index into [count, E, h, w], from slot0 on. left: that of the first pixel of its row; row: the number of
     this row, or less than 0 where none is known. slot, env: of the image; y, x: in it, with its margin.

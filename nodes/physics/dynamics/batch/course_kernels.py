@@ -12,7 +12,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class Recorded:
-    """Holds what n environments did in S steps.
+    """Holds the states of n environments in S steps, as MuJoCo has them.
 
     xpos, xquat, cvel, com: fields of all bodies, [n, S, bodies, ...] before each step where `late` is 1, otherwise
     after it. now_xpos, ...: after the last step. qpos, qvel: [n, S, ...] after each.
@@ -33,7 +33,7 @@ class Recorded:
 
 @wp.struct
 class Written:
-    """Holds where their course is written.
+    """Holds the arrays that the motion of environments is written to.
 
     poses, twists: [E, rows, M, ...] of bodies that may move, from row `first` on, but for the last step. state_pose,
     state_twist: [m, 2, bodies without the world, ...] after the last two steps. speed: [m], greatest speed of a point

@@ -54,7 +54,7 @@ class EnvironmentData:
         return (self[env] for env in range(len(self._all)))
 
     def of(self, envs: Sequence[int]) -> EnvironmentData:
-        """Gives those of some environments, in this order."""
+        """Selects the data of some environments, in this order."""
         part = EnvironmentData.__new__(EnvironmentData)
         part._model, part._batch, part._all = self._model, self._batch, [self._all[env] for env in envs]
         return part

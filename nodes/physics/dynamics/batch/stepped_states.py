@@ -12,7 +12,7 @@ from nodes.physics.dynamics.states import State
 
 @dataclass
 class Records:
-    """Holds raw fields of MuJoCo.
+    """Holds fields of MuJoCo's states as they were recorded after each step.
 
     each: [n, S, ...] after each step, by name; of places of bodies before each step where `now`, [n, ...], has those
     after the last one.

@@ -115,5 +115,5 @@ def deepest(
 
 @wp.kernel(enable_backward=False)
 def go_on(step: wp.array(dtype=int)):
-    """Counts a step."""
+    """Adds one to the number of the step."""
     step[0] = step[0] + 1
