@@ -300,7 +300,7 @@ def test_an_error_of_another_node_is_not_hidden_by_its_end():
 
 
 def test_samples_without_a_tolerance_of_time_are_refused_in_words():
-    """Nothing would come on the topic: a recording that named it had none, and a sensor that reads it waited for ever."""
+    """Nothing would come on the topic: a recording that named it had none, and a sensor that reads it waited."""
     node = InterpolatorNode("interpolator", {"method": "rigid", "camera": "left"})
     node.runtime = Bus()
     node.runtime.wanted = "samples"

@@ -126,7 +126,7 @@ def test_a_models_own_parameters_reach_it_from_python_and_from_a_presets_file(tm
         evis.EventSensor(1, 1, k1=500)
     with pytest.raises(ValueError, match=r"mine\.yaml has no parameter 'k1'"):
         evis.EventSensor(1, 1, preset=path, model="v2e")
-    with pytest.raises(ValueError, match="preset is .*, must be a text"):
+    with pytest.raises(ValueError, match=r"preset is .*, must be a text"):
         evis.EventSensor(1, 1, preset={"k1": 500})
 
 
