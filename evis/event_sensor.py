@@ -292,4 +292,5 @@ def _stamps(t: Any) -> np.ndarray:
 
 def _resolved(preset: str | os.PathLike[str], given: dict[str, Any]) -> dict[str, Any]:
     """All parameters: given ones over the preset's, which may be a file's."""
-    return resolve_sensor(_OWNER, os.fspath(preset), given)
+    name: Any = os.fspath(preset) if isinstance(preset, os.PathLike) else preset
+    return resolve_sensor(_OWNER, name, given)

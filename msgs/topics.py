@@ -66,7 +66,7 @@ TOPICS: tuple[Topic, ...] = (
     Topic("/<cam>/ids", Ids, True, False, 2, False, "instance ids of the keyframe"),
     Topic("/<cam>/normal", Normal, True, False, 2, False, "surface normals of the keyframe"),
     Topic("/<cam>/frames", Frames, True, False, 2, False, "luminance between keyframes"),
-    Topic("/<cam>/samples", Samples, True, False, 2, False, "the same, and further samples of single pixels between"),
+    Topic("/<cam>/samples", Samples, True, False, 2, False, "frames, and samples of single pixels between them"),
     Topic("/<cam>/events", EventPacket, True, False, 16, True, "events of one interval"),
     Topic("/<cam>/signal", EventSignal, True, False, 16, False, "which events light made, and which noise"),
     Topic("/<cam>/labels", Labels, True, False, 2, True, "ground truth at the event packet's stamp"),

@@ -18,7 +18,7 @@ from evis.launch.catalog import comes_with_evis, files_of
 from evis.launch.expand import Expanded, NodeSpec, expand
 from evis.launch.files import LaunchFile, load
 from evis.launch.graph.checks import check_files
-from evis.launch.graph.demand import Demand, Pruner, globs_of, left_out
+from evis.launch.graph.demand import Demand, Pruner, globs_of, is_open, left_out
 from evis.launch.graph.order import data_flow_order
 from evis.launch.graph.pace import check_pace
 from evis.launch.graph.sharing import over_devices
@@ -143,7 +143,7 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
     plan.waits, plan.single = who_waits(plan, chosen, options.stepped)
     if not plan.single:
         plan.window = WINDOW_AT_ONCE
-    plan.left_out = left_out(nodes, demand, expanded.absent) + _unmade(plan, chosen) + _colourless(plan)
+    plan.left_out = left_out(nodes, demand, expanded.absent) + _unmade(plan, chosen, demand) + _colourless(plan)
     plan.random = {
         node.among_all(node.name): list(node.cls.random(node.params))
         for node in chosen
@@ -224,7 +224,7 @@ def _choose(nodes: list[Wired], demand: Demand) -> list[Wired]:
     needed = [n for n in nodes if n.name in demand.inputs or n.spec.tap]
     there = {t for n in needed for t in n.outputs.values()} | set(SYSTEM_TOPICS)
     late: list[Wired] = []
-    rest = [n for n in nodes if n.late and n not in needed]
+    rest = [n for n in nodes if n.late and n.open and n not in needed]
     while more := [n for n in rest if n not in late and {n.inputs[p] for p in n.inputs if p in _all_needs(n)} <= there]:
         late += more
         there |= {t for n in more for t in n.outputs.values()}
@@ -264,7 +264,7 @@ def _node_plan(node: Wired, demand: Demand, grouping: str, together: Collection[
     outputs = {
         port: topic
         for port, topic in node.outputs.items()
-        if topic not in SYSTEM_TOPICS and (dormant or _makeable(node, port, inputs))
+        if topic not in SYSTEM_TOPICS and (dormant or (_makeable(node, port, inputs) and is_open(node, port, demand)))
     }
     return NodePlan(
         name=node.name,
@@ -336,14 +336,14 @@ def _in_order(plan: Plan) -> dict[str, NodePlan]:
     return {name: plan.nodes[name] for name in data_flow_order(list(plan.nodes), edges)}
 
 
-def _unmade(plan: Plan, chosen: list[Wired]) -> list[LeftOut]:
+def _unmade(plan: Plan, chosen: list[Wired], demand: Demand) -> list[LeftOut]:
     """Outputs that cannot be opened later, because their inputs are not connected."""
     return [
         LeftOut(f"{node.name} -> {topic}", "its inputs are not connected")
         for node in chosen
         if not node.part
         for port, topic in node.outputs.items()
-        if topic not in SYSTEM_TOPICS and port not in plan.nodes[node.name].outputs
+        if topic not in SYSTEM_TOPICS and port not in plan.nodes[node.name].outputs and is_open(node, port, demand)
     ]
 
 

@@ -56,9 +56,13 @@ class Input:
 
 @dataclass(frozen=True)
 class Output:
-    """Declares a port that messages leave by. topic as in Input."""
+    """Declares a port that messages leave by. topic as in Input.
+
+    late: who comes while the graph runs may have it; otherwise it is made only where a node reads it from the start.
+    """
 
     topic: str
+    late: bool = True
 
 
 class Runtime(Protocol):

@@ -6,6 +6,8 @@ import importlib
 from collections.abc import Mapping
 from typing import Any
 
+from nodes.event_sensor.parameters import SENSOR
+
 NEEDS: dict[str, tuple[str, ...]] = {
     "threshold_floor": ("threshold_mismatch",),
     "leak_jitter": ("leak_rate",),
@@ -44,8 +46,9 @@ def random(resolved: Mapping[str, Any]) -> tuple[str, ...]:
         return ("its model of every crossing",)
     idle = without_effect(resolved)
     found = (what for what, names in RANDOM.items() if all(resolved[n] and n not in idle for n in names))
-    # v2e's leak is even and begins at the first frame unless it has a jitter.
-    return tuple(w for w in found if w != "leak" or model.startswith("evis") or resolved["leak_jitter"])
+    # v2e's leak is even and begins at the first frame unless it has a jitter or a spread.
+    spread = resolved["leak_jitter"] or resolved.get("rate_spread_decades")
+    return tuple(w for w in found if w != "leak" or model.startswith("evis") or spread)
 
 
 def without_effect(resolved: Mapping[str, Any]) -> dict[str, str]:
@@ -81,7 +84,7 @@ def _of_model(model: str, resolved: Mapping[str, Any]) -> dict[str, str]:
 
     uses = getattr(importlib.import_module(f"nodes.event_sensor.peers.{model}"), MODELS[model]).USES
     has = ", ".join(sorted((*THRESHOLDS, *uses)))
-    missing = {name for name in resolved if name not in (*THRESHOLDS, *uses, "model")}
+    missing = {name for name in SENSOR if name not in (*THRESHOLDS, *uses, "model")}
     found = dict.fromkeys(sorted(missing), f"event model {model} has none; it has {has}")
     found |= {
         name: f"{' and '.join(needed)} is 0"

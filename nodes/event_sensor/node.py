@@ -66,7 +66,7 @@ class EventSensorNode(Node):
         "samples": Input("/{camera}/samples", on_device=True),
         "keyframe": Input("/{camera}/keyframe", on_device=True),
     }
-    OUTPUTS = {"events": Output("/{camera}/events"), "signal": Output("/{camera}/signal")}
+    OUTPUTS = {"events": Output("/{camera}/events"), "signal": Output("/{camera}/signal", late=False)}
 
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
@@ -128,7 +128,7 @@ class EventSensorNode(Node):
         if self._marked and not self._resolved["model"].startswith("evis"):
             raise ValueError(
                 f"{self.name}: event model {self._resolved['model']} does not say which events noise made; "
-                "labels:=events takes evis or evis-paper"
+                f"leave out labels:=events and the topic /{self.params['camera']}/signal, or take evis or evis-paper"
             )
         self._sensor: Any = None
         self._groups: ResetGroups | None = None

@@ -71,23 +71,40 @@ def resolve_sensor(owner: str, preset: str, given: Mapping[str, Any]) -> dict[st
     """Resolves all of SENSOR: given values over the preset's over the defaults; None counts as not given.
 
     preset: a name, or a YAML file of parameters. A `threshold` that is given is that of both sides, whatever the
-    preset has for one of them. Raises ParamError naming `owner`, or the file, the key and the nearest valid one.
+    preset has for one of them. Parameters that only the chosen model has are in the result where they are given, by
+    the caller or by the file. Raises ParamError naming `owner`, or the file, the key and the nearest valid one.
     """
     explicit = {key: value for key, value in given.items() if value is not None}
-    values = preset_values(owner, preset)
+    values = preset_values(owner, preset, explicit.get("model"))
     if "threshold" in explicit:
         values = {key: value for key, value in values.items() if key not in ("threshold_on", "threshold_off")}
-    return resolve(owner, SENSOR, {**values, **explicit})
+    chosen = {**values, **explicit}
+    resolved = resolve(owner, _declared(chosen.get("model")), chosen)
+    return {name: value for name, value in resolved.items() if name in SENSOR or name in chosen}
 
 
-def preset_values(owner: str, preset: str) -> dict[str, Any]:
-    """Gives the values of a preset, by parameter. Raises ParamError, or LaunchError for a file that is no map."""
+def preset_values(owner: str, preset: str, model: Any = None) -> dict[str, Any]:
+    """Gives the values of a preset, by parameter. Raises ParamError, or LaunchError for a file that is no map.
+
+    model: the event model that is chosen beside the preset, None where the preset chooses; a file may have its own
+    parameters.
+    """
     preset = PRESET.convert(owner, "preset", preset)
     if preset in PRESETS:
         return dict(PRESETS[preset].values)
     of_file = dict(read(Path(preset), "preset"))
-    resolve(preset, SENSOR, of_file)  # so that what is wrong there names the file
+    declared = _declared(of_file.get("model") if model is None else model)
+    resolve(preset, declared, of_file)  # so that what is wrong there names the file
     return of_file
+
+
+def _declared(model: Any) -> Mapping[str, Param]:
+    """SENSOR and what the event model has besides, if it is one of the other published ones."""
+    if model not in MODELS or model.startswith("evis"):
+        return SENSOR
+    from nodes.event_sensor.peers import own_parameters
+
+    return {**SENSOR, **own_parameters(model)}
 
 
 def preset_name(preset: str) -> str:

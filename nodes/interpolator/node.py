@@ -87,7 +87,7 @@ class InterpolatorNode(Node):
         "motion": Input("/{camera}/motion", on_device=True),
         "state": Input("/state"),
     }
-    OUTPUTS = {"frames": Output("/{camera}/frames"), "samples": Output("/{camera}/samples")}
+    OUTPUTS = {"frames": Output("/{camera}/frames"), "samples": Output("/{camera}/samples", late=False)}
     interpolator: Interpolator | SeparateInterpolators
 
     @classmethod
@@ -142,6 +142,11 @@ class InterpolatorNode(Node):
         self._method = method = usable(p)
         # Nobody would read what lies between the frames.
         self._sampled = p["time_tolerance"] > 0 and self.wants("samples")
+        if self.wants("samples") and not self._sampled:
+            raise ValueError(
+                f"{self.name}: /{p['camera']}/samples is read, and without a time_tolerance there are none: give "
+                f"one, as time_tolerance:=0.0003, or read /{p['camera']}/frames"
+            )
         if method != p["method"]:
             self.warn(f"method {p['method']} needs the scene that was rendered (scene:=NAME); {method} is used instead")
         worlds = self.worlds = worlds_of(self.name, p) if "state" in reads(method) else None

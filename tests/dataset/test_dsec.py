@@ -221,3 +221,11 @@ def test_what_dsec_does_not_hold_is_said(tmp_path: Path, monkeypatch: pytest.Mon
     long = About("a", "s", {}, 0, 1, 30.0, about.cameras, start_ns=-(1 << 32) * 1000)
     with pytest.raises(LayoutError, match="DSEC's times end after 71 minutes"):
         written("dsec", tmp_path / "d", long, steps)
+
+
+@pytest.mark.parametrize("layout", ["dsec", "mvsec"])
+def test_flow_at_an_instant_is_told_from_that_over_an_interval(layout: str, tmp_path: Path) -> None:
+    """Both layouts hold flow: that they had none was said of labels in px/s."""
+    notes = written(layout, tmp_path / "s", *simulated("spinning_disk", "flow")).notes
+    said = f"{layout.upper()}'s flow is over an interval, labels forward_flow; flow, in px/s, is left out"
+    assert said in notes and not any("has no flow" in note for note in notes)

@@ -22,6 +22,7 @@ class Bus:
 
     def __init__(self):
         self.sent, self.counted, self.said = [], {}, []
+        self.wanted = "frames"
 
     def loan(self, node, port, arrays):
         return {name: np.full(shape, np.nan, dtype) for name, (shape, dtype) in arrays.items()}
@@ -37,7 +38,7 @@ class Bus:
         self.said.append((level, text))
 
     def wants(self, node, port, array=""):
-        return port == "samples"
+        return port == self.wanted
 
     def count(self, node, name, amount):
         self.counted[name] = self.counted.get(name, 0) + amount
@@ -63,6 +64,7 @@ class Slot:
 def start(**params):
     node = InterpolatorNode("interpolator", {"method": "splat", **params})
     node.runtime = Bus()
+    node.runtime.wanted = "samples" if node.params["time_tolerance"] else "frames"
     node.setup()
     return node
 
@@ -295,3 +297,12 @@ def test_an_error_of_another_node_is_not_hidden_by_its_end():
     """The sensor is set up first."""
     with pytest.raises(SimulationError, match="there is no device 'cuda:99' here"):
         evis.Simulation("spinning_disk", device="cuda:99", width=32, height=24)
+
+
+def test_samples_without_a_tolerance_of_time_are_refused_in_words():
+    """Nothing would come on the topic: a recording that named it had none, and a sensor that reads it waited."""
+    node = InterpolatorNode("interpolator", {"method": "rigid", "camera": "left"})
+    node.runtime = Bus()
+    node.runtime.wanted = "samples"
+    with pytest.raises(ValueError, match=r"/left/samples is read, and without a time_tolerance there are none"):
+        node.setup()

@@ -299,3 +299,19 @@ def test_what_nobody_in_the_graph_gives_a_program_outside_may() -> None:
     physics = plan("spinning_disk").nodes["physics"]
     assert physics.outside == {"action": "/action", "reset": "/reset"} and "action" not in physics.inputs
     assert not any(node.outside for name, node in plan("spinning_disk").nodes.items() if name != "physics")
+
+
+def test_what_is_decided_at_the_start_is_not_promised_to_who_comes_later() -> None:
+    """The page offered /cam0/samples, and `evis topic echo` waited for it, where nothing would ever come."""
+    from evis.client.running import check_topic
+
+    made = plan("spinning_disk")
+    for topic in ("/cam0/samples", "/cam0/signal"):
+        assert topic not in made.open_topics() and "from the start" in left_out(made)[topic]
+        with pytest.raises(ValueError, match=f"the graph does not make {topic}: nobody reads it from the start"):
+            check_topic(made, topic)
+    assert "/cam0/frames" in made.open_topics()
+    assert "/cam0/samples" in plan("spinning_disk", time_tolerance=0.0003).topics
+    assert "/cam0/signal" in plan("spinning_disk", labels="events").topics
+    recorded = plan("spinning_disk", Options(record=Path("a.mcap"), record_topics=("/cam0/signal",)))
+    assert "/cam0/signal" in recorded.topics

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -51,11 +52,11 @@ class Augment:
     def check(self, labels: tuple[str, ...]) -> None:
         """Raises DatasetError for a value out of range, and for labels that do not follow what is asked for."""
         for name in ("flip_x", "flip_y", "reverse", "drop"):
-            if not 0 <= getattr(self, name) <= 1:
+            if not (_is_number(share := getattr(self, name)) and 0 <= share <= 1):
                 raise DatasetError(f"{name} of Augment is {getattr(self, name)!r}; it is a share, from 0 to 1")
-        if not 0 <= self.noise < float("inf"):
+        if not (_is_number(self.noise) and 0 <= self.noise < float("inf")):
             raise DatasetError(f"noise of Augment is {self.noise!r}; it is a rate per pixel, 0 Hz or more")
-        if self.crop is not None and (len(self.crop) != 2 or not all(isinstance(n, int) and n > 0 for n in self.crop)):
+        if self.crop is not None and not _is_size(self.crop):
             raise DatasetError(f"crop of Augment is {self.crop!r}; it is (height, width) in pixels")
         if self.flip_x or self.flip_y:
             fixed = [kind for kind in labels if kind in UNMIRRORED]
@@ -87,3 +88,13 @@ class Augment:
             height=crop[0],
             width=crop[1],
         )
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float | np.number)
+
+
+def _is_size(value: Any) -> bool:
+    if not isinstance(value, tuple | list) or len(value) != 2:
+        return False
+    return all(isinstance(n, int | np.integer) and n > 0 for n in value)

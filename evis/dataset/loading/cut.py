@@ -13,6 +13,9 @@ from evis.dataset.augmenting.augmentation import Augment
 from evis.dataset.errors import DatasetError
 from evis.dataset.loading.representing import Representing
 
+LEAST_S = 1e-6
+"""Shortest window and stride by time: of shorter ones there would be more than fit in memory."""
+
 
 @dataclass(frozen=True)
 class Cut:
@@ -67,6 +70,8 @@ class Cut:
         for name, value in (("window", length), ("stride", length if stride is None else stride)):
             if not _is_length(value, whole=events is not None):
                 raise DatasetError(f"the {name} is {value!r} {unit}; it must be more than 0{_what(unit)}")
+            if events is None and value < LEAST_S:  # type: ignore[operator]
+                raise DatasetError(f"the {name} is {value!r} s; it must be {LEAST_S:g} s or more")
         if isinstance(labels, str) or isinstance(arguments, str):
             raise DatasetError("labels and arguments are lists: labels=['forward_flow']")
         kinds, change = tuple(labels), augment or Augment()

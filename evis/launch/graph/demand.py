@@ -13,6 +13,7 @@ from evis.runtime.plan import LeftOut, Plan
 from msgs.topics import SYSTEM_TOPICS, find_topic
 
 UNREAD = "nobody reads it; made only while somebody looks at it"
+NEVER_MADE = "nobody reads it from the start; who comes later finds none"
 ABSENT = " <- "
 """Between a node and a topic that it would take and nobody publishes, among what is left out."""
 
@@ -165,6 +166,11 @@ def untaken(plan: Plan) -> dict[str, str]:
     return {topic: node for node, _, topic in pairs}
 
 
+def is_open(node: Wired, port: str, demand: Demand) -> bool:
+    """Tells whether somebody reads an output of a node, or may come to while the graph runs."""
+    return node.late_output(port) or port in demand.wanted.get(node.name, ())
+
+
 def left_out(nodes: list[Wired], demand: Demand, absent: Mapping[str, str]) -> list[LeftOut]:
     """Lists everything that will not run or not be computed, with the reason."""
     found = [LeftOut(name, reason) for name, reason in absent.items()]
@@ -173,14 +179,15 @@ def left_out(nodes: list[Wired], demand: Demand, absent: Mapping[str, str]) -> l
         topics = [node.among_all(t) for t in node.outputs.values() if t not in SYSTEM_TOPICS]
         if node.name not in demand.inputs:
             if node.joins:
-                found.append(LeftOut(topics[0], UNREAD))
+                found.append(LeftOut(topics[0], UNREAD if node.open else NEVER_MADE))
             elif not node.spec.tap:
                 late = "; started when a viewer opens it" if node.late else ""
                 found.append(LeftOut(node.among_all(node.name), f"nobody reads {' or '.join(topics)}{late}"))
             continue
         for port, topic in node.outputs.items():
             if port not in demand.wanted[node.name] and topic not in SYSTEM_TOPICS and not find_topic(topic).latched:
-                found.append(LeftOut(node.among_all(topic), UNREAD))
+                why = UNREAD if is_open(node, port, demand) else NEVER_MADE
+                found.append(LeftOut(node.among_all(topic), why))
         for port, topic in node.inputs.items():
             declared = node.cls.INPUTS[port]
             unpublished = topic not in published and topic not in SYSTEM_TOPICS

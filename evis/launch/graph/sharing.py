@@ -140,7 +140,8 @@ def _join(topic: str, publisher: Wired, envs: int, shares: int) -> Wired:
     keep = ["whole"] if late and publisher.spec.keep else []
     spec = NodeSpec(f"join{topic}", JOIN, where, params, process="join", on_demand=late, keep=keep)
     inputs = {f"share{k}": _below(f"share{k}", topic) for k in range(shares)}
-    return Wired(spec, target, cls, params, inputs, {"whole": topic}, joins=True)
+    is_open = all(publisher.late_output(port) for port, name in publisher.outputs.items() if name == topic)
+    return Wired(spec, target, cls, params, inputs, {"whole": topic}, joins=True, open=is_open)
 
 
 def _below(group: str, topic: str) -> str:

@@ -29,6 +29,7 @@ class Wired:
 
     group: its process where all others are composed, for it is on another device than they are. part: it has a share of
     the environments, and its topics are for the one that joins the shares (`joins`), whose topics are those of all.
+    open: who comes while the graph runs may have these.
     """
 
     spec: NodeSpec
@@ -40,6 +41,7 @@ class Wired:
     group: str = ""
     part: bool = False
     joins: bool = False
+    open: bool = True
 
     @property
     def name(self) -> str:
@@ -50,6 +52,11 @@ class Wired:
     def late(self) -> bool:
         """Tells whether it is started only when a viewer asks for it."""
         return self.joins or self.spec.on_demand
+
+    def late_output(self, port: str) -> bool:
+        """Tells whether who comes while the graph runs may have an output that nobody reads from the start."""
+        declared = self.cls.OUTPUTS.get(port)
+        return self.open if declared is None or self.joins else declared.late
 
     def port_of(self, port: str, topic: str) -> str:
         """Returns the name by which the node knows what comes on a port: the topic's where the port takes any."""

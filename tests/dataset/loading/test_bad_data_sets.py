@@ -60,6 +60,10 @@ def test_windows_that_cannot_be(small: Made) -> None:
         ({"events": 100, "labels": ["events"]}, "take windows by seconds="),
         ({"seconds": 0.1, "camera": "cam7"}, "has no camera 'cam7'; it has cam0"),
         ({"seconds": 0.1, "augment": Augment(flip_x=2)}, "it is a share, from 0 to 1"),
+        ({"seconds": 0.1, "augment": Augment(flip_x="half")}, "flip_x of Augment is 'half'; it is a share"),  # type: ignore[arg-type]
+        ({"seconds": 0.1, "augment": Augment(crop=5)}, "crop of Augment is 5; it is (height, width)"),  # type: ignore[arg-type]
+        ({"seconds": 1e-10}, "the window is 1e-10 s; it must be 1e-06 s or more"),
+        ({"seconds": 0.1, "stride": 1e-9}, "the stride is 1e-09 s; it must be 1e-06 s or more"),
         ({"seconds": 0.1, "augment": Augment(noise=-1)}, "a rate per pixel, 0 Hz or more"),
         ({"seconds": 0.1, "augment": Augment(crop=(0, 4))}, "it is (height, width) in pixels"),
         ({"seconds": 0.1, "augment": Augment(flip_y=0.5), "labels": ["poses"]}, "a mirrored image has no poses"),

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+import evis
 from nodes.event_sensor.parameters import SENSOR, resolve_sensor
 from nodes.event_sensor.peers import MODELS, make_model
+from nodes.event_sensor.simulate import simulate_frames
 
 MS = 1_000_000
 NOISE = {
@@ -109,6 +111,23 @@ def test_models_take_the_sensors_defaults_and_refuse_what_they_lack(name):
         make_model(name, 2, 2, threshold_onn=0.1)
     with pytest.raises(ValueError, match=r"the least is 0\.001"):
         make_model(name, 2, 2, threshold=-0.1)
+
+
+def test_a_models_own_parameters_reach_it_from_python_and_from_a_presets_file(tmp_path):
+    """Without noise and leak, a rise from 100 to 103 DN is k1 x 3 / (101.5 + k2) of a threshold: 10.15 of k1 = 500."""
+    frames, t = np.array([100, 103], np.float32).reshape(2, 1, 1), np.array([0, MS])
+    own = {"k1": 500, "k2": 46.3, "k3": 0, "k4": 0, "k5": 0, "k6": 0}
+    (path := tmp_path / "mine.yaml").write_text("".join(f"{k}: {v}\n" for k, v in own.items()))
+    given = {"model": "dvs_voltmeter", "shot_white": 255}
+    assert len(evis.EventSensor(1, 1, **given, **own)(frames, t)) == 10
+    assert len(evis.EventSensor(1, 1, preset=path, **given)(frames, t)) == 10
+    assert len(simulate_frames(frames, t, preset=str(path), **given)["t"]) == 10
+    with pytest.raises(ValueError, match="no parameter 'k1'"):
+        evis.EventSensor(1, 1, k1=500)
+    with pytest.raises(ValueError, match=r"mine\.yaml has no parameter 'k1'"):
+        evis.EventSensor(1, 1, preset=path, model="v2e")
+    with pytest.raises(ValueError, match=r"preset is .*, must be a text"):
+        evis.EventSensor(1, 1, preset={"k1": 500})
 
 
 def test_misuse_has_one_clear_line(name):

@@ -75,6 +75,8 @@ class DsecWriter(SequenceWriter):
                 self._disparity(camera, sample.stamp_ns, arrays["depth"])
             elif kind == "depth" and first:
                 self.note("DSEC has disparity for depth, which needs a stereo pair: depth is left out")
+            elif kind == "flow":
+                self.note("DSEC's flow is over an interval, labels forward_flow; flow, in px/s, is left out")
             elif kind not in _HELD:
                 self.note(f"DSEC has no {kind}: it is left out")
         if "event_instance" in sample.labels:

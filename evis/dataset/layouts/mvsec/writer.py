@@ -72,6 +72,8 @@ class MvsecWriter(SequenceWriter):
                 self._stamped(self._truth, f"{group}/pose", matrix(pose), seconds)
             elif kind == "forward_flow" and group.endswith("left"):
                 self._add_flow(group, self.about.cameras[camera], arrays)
+            elif kind == "flow":
+                self.note("MVSEC's flow is over an interval, labels forward_flow; flow, in px/s, is left out")
             elif kind not in _HELD:
                 self.note(f"MVSEC has no {kind}: it is left out")
         if "event_instance" in sample.labels:
