@@ -143,7 +143,9 @@ def test_a_lamp_that_flickers_where_nothing_else_changes_light(motions):
 def test_a_sine_is_sampled_where_it_turns():
     """Events that a lamp makes at the end of its swing are lost where lines pass below its height: 16 % of them at a
     depth of 0.3 and 0.3 ms, of which the closed form has all."""
-    scene = world([(quad(9.0), plain(0.8), Prescribed(pose(z=3.0)))], lights=[lamp(waveform=Waveform("sine", 200.0, 0.3))])
+    scene = world(
+        [(quad(9.0), plain(0.8), Prescribed(pose(z=3.0)))], lights=[lamp(waveform=Waveform("sine", 200.0, 0.3))]
+    )
     _, (pixels, _, values) = refined(scene, 4, 300_000)
     still = closed_form(scene, np.array([0])).pose[:, 0]
     alone = []
