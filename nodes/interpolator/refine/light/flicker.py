@@ -162,8 +162,8 @@ def _switches(waveform: Waveform, t: np.ndarray) -> dict[int, int]:
 def _bends(waveform: Waveform, t: np.ndarray, bend: float) -> dict[int, int]:
     """Marks of a smooth waveform within instants t, between which its logarithm is on a straight line.
 
-    Where it turns there is one in any case: a line beside its highest and lowest value would take from all of the swing,
-    and a threshold that is just reached there would not be.
+    Where it turns there is one in any case: a line beside its highest and lowest value would take from all of the
+    swing, and a threshold that is just reached there would not be.
     """
     value = np.log(np.maximum([waveform_strength(waveform, int(s)) for s in t], LEAST_STRENGTH))
     rises = np.diff(value)
