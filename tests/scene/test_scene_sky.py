@@ -123,6 +123,7 @@ def test_sky_studio_and_tunnel(load):
         ("{kind: sky, sun: {towards: [0, 0, 0], irradiance: 1}}", "towards is zero"),
         ("{kind: sky, sun: {towards: [0, 0, 1], irradiance: 1, size: 200 deg}}", "size must lie between"),
         ("{kind: studio, panels: {towards: [0, 0, 1], radiance: 1, size: [1, 4]}}", "size must be two angles"),
+        ("{kind: studio, panels: {towards: [0, 0, 1], radiance: 1, size: 0.6}}", "size must be two angles"),
         ("{kind: tunnel, wall: -1}", "wall is -1; the least is 0"),
     ],
 )

@@ -92,7 +92,8 @@ def _studio(fields: Fields, direction: np.ndarray) -> np.ndarray:
         towards = panel.direction("towards")
         side = np.cross(towards, [0.0, 0.0, 1.0])
         side = side / np.linalg.norm(side) if np.linalg.norm(side) > 1e-6 else np.array([1.0, 0.0, 0.0])
-        size = [panel.angle_of("size", v) for v in panel.plain("size")]
+        given = panel.plain("size")
+        size = [panel.angle_of("size", v) for v in (given if isinstance(given, list) else [given])]
         if len(size) != 2 or not all(0.0 < s < 3.0 for s in size):
             raise panel.error("size", "must be two angles between 0 and 170 deg, width and height")
         ahead = direction @ towards

@@ -11,7 +11,8 @@ from rigid_rig import FOCAL, GAP, HEIGHT, START, WIDTH, closed_form, keyframe, l
 from evis.geometry import se3
 from evis.scene.mesh.shapes import disk, sphere
 from evis.scene.model import Mesh, Waveform
-from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
+from evis.scene.motion import Linear, Path, Prescribed, Sinusoid, Spin
+from evis.scene.spline import Spline
 from nodes.interpolator.refine.light.outlines import PLACES, finest_half
 from nodes.interpolator.refine.light.passing_kernels import key_of
 from nodes.interpolator.refine.method import Refined
@@ -107,26 +108,66 @@ def test_the_shadow_of_what_is_thin_and_fast(part):
     check(shadow_times(half, speed, 0.0), found_times(rod(half, speed)), 0.3)
 
 
+SUN = -np.array([0.0, np.sin(1.0), np.cos(1.0)])
+ALONG = np.array([1.0, 0.0, 0.0])
+ACROSS = np.cross(ALONG, SUN)
+
+
+def before_the_sun(mesh, axes, motion, begins):
+    """A thing whose axes are given flies along the image beside the view, before a sun, so that its shadow comes by."""
+    place = np.array([-begins, 0.0, WALL]) + 2.4 * SUN
+    flight = Prescribed(se3.make_pose(place, se3.from_matrix(np.stack(axes, -1))), [motion])
+    things = [(quad(6.0), plain(0.5), Prescribed(pose(z=WALL))), (mesh, plain(0.2), flight)]
+    return world(things, lights=[replace(lamp(), kind="directional", vector=-SUN)])
+
+
+def on_the_wall():
+    """Where the points that pixels see are along the way of what flies before the sun, and across it, [2, h, w] m."""
+    k = world([], lights=[lamp()]).cameras[0].k
+    u, v = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
+    return WALL * (u - k[0, 2]) / k[0, 0], ACROSS[1] * WALL * (v - k[1, 2]) / k[1, 1]
+
+
+def edge_on(half, narrow):
+    """Axes of a plate with sides 2 half whose shadow is 2 narrow wide along its way: it lies along the sun nearly."""
+    sine = np.sqrt(0.5) * narrow / half
+    along, side = np.sqrt(1 - sine**2) * SUN + sine * np.sqrt(0.5) * (ALONG + ACROSS), np.sqrt(0.5) * (ALONG - ACROSS)
+    return along, side, np.cross(along, side)
+
+
 def test_the_shadow_of_a_plate_that_turns_its_edge_to_the_sun():
     """A plate flies aslant, and its shadow is as wide as it is long times the sine of its angle with the light: on a
     point for a fifth of the time between two frames, though the plate is far wider along its way."""
-    speed, half, middle = 60.0, 0.5, (START + GAP / 2) * 1e-9
+    speed, half = 60.0, 0.5
     narrow = 0.5 * 0.2 * GAP / K * 1e-9 * speed
-    sun = -np.array([0.0, np.sin(1.0), np.cos(1.0)])
-    x = np.array([1.0, 0.0, 0.0])
-    across = np.cross(x, sun)
-    sine = np.sqrt(0.5) * narrow / half
-    along, side = np.sqrt(1 - sine**2) * sun + sine * np.sqrt(0.5) * (x + across), np.sqrt(0.5) * (x - across)
-    stand = se3.from_matrix(np.stack([along, side, np.cross(along, side)], -1))
-    place = np.array([-speed * middle, 0.0, WALL]) + 2.4 * sun
-    flight = Prescribed(se3.make_pose(place, stand), [Linear(speed * x)])
-    things = [(quad(6.0), plain(0.5), Prescribed(pose(z=WALL))), (quad(half), plain(0.2), flight)]
-    scene = world(things, lights=[replace(lamp(), kind="directional", vector=-sun)])
-    k = scene.cameras[0].k
-    u, v = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
-    there, height = WALL * (u - k[0, 2]) / k[0, 0], across[1] * WALL * (v - k[1, 2]) / k[1, 1]
+    begins = speed * (START + GAP / 2) * 1e-9
+    scene = before_the_sun(quad(half), edge_on(half, narrow), Linear(speed * ALONG), begins)
+    there, height = on_the_wall()
     expected = [(there + height + way * narrow) / speed * 1e9 + GAP / 2 for way in (-1, 1)]
     check(np.where(abs(height) < 0.6 * half, expected, np.nan), found_times(scene))
+
+
+def test_a_plate_that_flies_for_a_part_of_the_gap_is_looked_for_as_often():
+    speed, half, middle = 60.0, 0.5, (START + GAP / 2) * 1e-9
+    axes = edge_on(half, 0.5 * 0.2 * GAP / K * 1e-9 * speed)
+    all_along = before_the_sun(quad(half), axes, Linear(speed * ALONG), speed * middle)
+    # From rest to rest, and in its middle as fast.
+    ends = np.array([-1, 1]) * GAP / 50 * 1e-9
+    jolt = Path(Spline(middle + ends, speed / 1.5 * ends[:, None] * ALONG))
+    assert parts_of(before_the_sun(quad(half), axes, jolt, 0.0)) == parts_of(all_along) == (8, False)
+
+
+def test_the_shadow_of_a_box_that_flies_corner_first():
+    """A shadow that is a square on its corner is on a point for the longer the nearer the point is to its middle's way,
+    and is looked for on all but the outermost seventh."""
+    speed, half = 600.0, 0.5 * 0.4 * GAP / K * 1e-9 * 600.0 / np.sqrt(2)
+    axes = np.sqrt(0.5) * (ALONG + ACROSS), np.sqrt(0.5) * (ALONG - ACROSS)
+    begins = speed * (START + GAP / 2) * 1e-9
+    scene = before_the_sun(box((half,) * 3), (*axes, np.cross(*axes)), Linear(speed * ALONG), begins)
+    there, height = on_the_wall()
+    width = np.sqrt(2) * half - abs(height)
+    expected = [(there + way * width) / speed * 1e9 + GAP / 2 for way in (-1, 1)]
+    check(np.where(width > 0, expected, np.nan), found_times(scene), least=1 / 7)
 
 
 def test_a_lamp_that_passes_behind_what_stands_still():

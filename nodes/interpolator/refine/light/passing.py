@@ -13,9 +13,9 @@ import warp as wp
 from evis.geometry import se3
 from nodes.interpolator.refine.evaluation.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
+from nodes.interpolator.refine.light.chords import Chords
 from nodes.interpolator.refine.light.outlines import finest_halves
 from nodes.interpolator.refine.light.passing_kernels import make_find_passing
-from nodes.interpolator.refine.light.plates import Plates
 from nodes.interpolator.refine.probing.visit_kernels import find_briefest, find_turns
 from nodes.interpolator.refine.probing.visits import boxes_of
 from nodes.interpolator.rigid.method import Rigid
@@ -64,7 +64,7 @@ class Passing:
         asked = moving | bool(lamps) if self._changes.passes else np.zeros_like(moving)
         fine = finest_halves(v, asked)
         self._boxes, self._count = boxes_of(v, movers, np.flatnonzero(moving), fine)
-        self._plates = Plates(v, movers, np.flatnonzero(moving & asked), fine)
+        self._chords = Chords(v, movers, np.flatnonzero(moving & asked), fine)
         self._lamp_mover = np.searchsorted(movers, [scene.lights[l].body for l in lamps]).astype(np.int64)
         # A light far away sweeps over what throws shadows as one does that is as far as these may fall.
         far = FALL * float(geometry.radius[(half > 0).all(axis=1)].max(initial=0.0))
@@ -169,8 +169,8 @@ class Passing:
             apart = np.linalg.norm(se3.rotate(after, self._beams) - se3.rotate(before, self._beams), axis=-1)
             turned = 2 * np.arcsin(np.minimum(apart / 2, 1.0))
             shortest = np.minimum(shortest, (self._cones / np.maximum(turned, 1e-30)).min(axis=(0, 2)))
-        if self._plates.any:
-            shortest = np.minimum(shortest, self._plates.shortest(moved, rest, first))
+        if self._chords.any:
+            shortest = np.minimum(shortest, self._chords.shortest(moved, rest, first))
         if self._count:
             eye = rest[:, self._rigid.visibility.camera_body]
             with wp.ScopedDevice("cpu"):

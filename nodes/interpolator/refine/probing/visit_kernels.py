@@ -147,7 +147,7 @@ def width_over(fine: wp.vec3d, along: wp.vec3d, length: wp.float64):
     """Gives half the width [m] of a box of half sides `fine` along a way, in its own frame, of a length: how far it
     reaches along it or, if that is less, what of the way lies in it, as of a long wire that goes aslant.
 
-    A plate counts there as thick as it is wide: where a lamp shines along it `Plates` tells.
+    A plate counts there as thick as it is wide: where a lamp shines along it `Chords` tells.
     """
     thick = fine[0] + fine[1] + fine[2] - wp.min(fine) - wp.max(fine)
     width = (wp.abs(along[0]) * fine[0] + wp.abs(along[1]) * fine[1] + wp.abs(along[2]) * fine[2]) / length

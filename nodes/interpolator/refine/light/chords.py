@@ -1,0 +1,83 @@
+"""Finds for how long shadows of boxes and flat things that move, narrow at corners and edge-on, are on a point."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from evis.geometry import se3
+from nodes.interpolator.refine.light.chord_kernels import find_chords
+from nodes.interpolator.refine.probing.visits import boxes_of
+from nodes.renderer.lights.lights import fixed_vectors
+from nodes.renderer.raster.visibility import Visibility
+from nodes.renderer.shadows.boxes import box_halves
+
+FLAT = 1e-3
+"""Thickness of what is flat, of its next larger side."""
+SELDOM = 16
+"""A shadow counts that is so narrow for one part in so many of its way: what tumbles is edge-on for a moment."""
+CORNERS = 1 / 14
+"""Share of an outline's height, from its top and its bottom, in which its shadow may be shorter: one point in seven, as
+many as of a round thing's are on less than half of its width."""
+
+
+class Chords:
+    """Finds the shortest time for which the shadow of a box, or of something flat, that moves is on a point."""
+
+    def __init__(self, visibility: Visibility, movers: np.ndarray, which: np.ndarray, fine: np.ndarray) -> None:
+        """movers: bodies that move. which: instances on them that may be such. fine: of all instances, as of Boxes."""
+        scene, sides = visibility.scene, np.sort(fine, axis=1)
+        corners = np.any(box_halves(visibility) > 0, axis=1)
+        flat = sides[:, 0] < FLAT * sides[:, 1]
+        which = which[corners[which] | flat[which]]
+        lamps = [n for n, light in enumerate(scene.lights) if light.shadows]
+        self._boxes, self._count = boxes_of(visibility, movers, which, fine)
+        # Of what is round and flat `fine` is narrower than the most already.
+        self._share = np.where(corners[which], CORNERS, 0.5)
+        self._bodies = [scene.lights[n].body for n in lamps]
+        self._far = np.array([scene.lights[n].kind == "directional" for n in lamps], bool)
+        self._place = fixed_vectors(scene.lights)[0][lamps]
+        self._movers = movers
+        self.any = bool(len(which) and lamps)
+
+    def shortest(self, moved: np.ndarray, rest: np.ndarray, first: np.ndarray) -> np.ndarray:
+        """Gives that time, float64 [E] instants, from some instants to the next ones.
+
+        moved: poses of the movers, float64 [n, E, M, 7]. rest: of all bodies at one time, float64 [E, N, 7]. first [n]:
+        those instants.
+        """
+        rides = [int(np.searchsorted(self._movers, b)) if b in self._movers else -1 for b in self._bodies]
+        at = np.stack([self._lamp(n, mover, moved[first], rest) for n, mover in enumerate(rides)])
+        shape = (len(rides), len(first), moved.shape[1], self._count)
+        with wp.ScopedDevice("cpu"):
+            times, gone = wp.empty(shape, dtype=wp.float64), wp.empty(shape, dtype=wp.float64)
+            share: wp.array = wp.array(self._share, dtype=wp.float64)
+            lamps: wp.array = wp.array(at, dtype=wp.vec3d)
+            far: wp.array = wp.array(self._far.astype(np.int32), dtype=wp.int32)
+            on: wp.array = wp.array(np.array(rides, np.int32), dtype=wp.int32)
+            where: wp.array = wp.array(first, dtype=wp.int32)
+            poses: wp.array = wp.array(np.ascontiguousarray(moved), dtype=wp.transformd)
+            wp.launch(find_chords, shape, [self._boxes, share, lamps, far, on, where, poses], [times, gone])
+        return _but_for(times.numpy(), gone.numpy()).min(axis=(0, 2))
+
+    def _lamp(self, n: int, mover: int, moved: np.ndarray, rest: np.ndarray) -> np.ndarray:
+        """Gives where a lamp is or, far away, towards where it is, float64 [n, E, 3]."""
+        at = np.broadcast_to(se3.IDENTITY, (1, 1, 7))
+        if mover >= 0:
+            at = moved[:, :, mover]
+        elif self._bodies[n] >= 0:
+            at = rest[None, :, self._bodies[n]]
+        place = se3.rotate(at[..., 3:], self._place[n]) if self._far[n] else se3.transform(at, self._place[n])
+        return np.broadcast_to(place, (*moved.shape[:2], 3))
+
+
+def _but_for(times: np.ndarray, gone: np.ndarray) -> np.ndarray:
+    """Gives the time [lamps, E, J] than which shadows are longer on a point for all but one part in SELDOM of their
+    way; times: from instants [lamps, n, E, J]. gone: how far a shadow comes from each of them to the next.
+
+    A part of the way and not of the gap: what flies through the image in a tenth of a gap is edge-on within that.
+    """
+    order = np.argsort(times, axis=1)
+    so_far = np.cumsum(np.take_along_axis(gone, order, axis=1), axis=1)
+    enough = (so_far * SELDOM > so_far[:, -1:]).argmax(axis=1)
+    return np.take_along_axis(np.take_along_axis(times, order, axis=1), enough[:, None], axis=1)[:, 0]
