@@ -19,7 +19,7 @@ The file is YAML; every key is optional but `cameras` (an MJCF may do without). 
                 flicker: {kind: sine|square, frequency, depth, phase (periods), duty}}
     environment: radiance of the sky
     environment_map: FILE.exr | {kind: sky, rows, zenith, horizon, ground, sun: {towards, irradiance, size}}
-                | {kind: studio, wall, panels: [{towards, size, radiance}]}
+                | {kind: studio, wall, panels: [{towards, size: [width, height], radiance}]}
                 | {kind: tunnel, wall, outside, towards, size}
     include:    a file with materials, world, bodies, lights and environment that several scenes share
     timestep:   sub-step of prescribed motion [s]
@@ -41,7 +41,8 @@ The file is YAML; every key is optional but `cameras` (an MJCF may do without). 
             | {kind: path, times, points, loop, start_velocity, end_velocity}, a spline
             in the body's frame, chained: {kind: spin, axis, rate} | {kind: swing, axis, amplitude, frequency, phase}
             | {kind: turn, axis, times, angles, loop, start_rate, end_rate}, a spline
-    SHAPE:  {shape: box (size, edge: radius of round edges | tile) | sphere | ellipsoid | cylinder | capsule | disk
+    SHAPE:  {shape: box (size, edge: radius of round edges | tile) | sphere (radius) | ellipsoid (radii)
+            | cylinder (radius, height) | capsule (radius, height of the part between its ends) | disk (radius)
             | torus (radius, tube) | rock (radius, rough, seed)
             | plane (size, repeat | tile, cells) | mesh (vertices, faces), material, name, position, rotation}
             or {shape: mesh, file: X.obj|ply|stl|gltf|glb, scale, up: y|z, crease}, with the file's own materials
