@@ -54,6 +54,23 @@ SENSOR: dict[str, Param] = {
 }
 
 
+OF_MODEL: dict[str, Mapping[str, Param]] = {
+    "v2e": {
+        "linlog": Param(bool, False, "lin-log of 8-bit numbers instead of ln(I + dark_level)"),
+        "rate_spread_decades": Param(float, 0.0, "spread of the leak rate over pixels, log-normal", "decades", 0, 3),
+    },
+    "dvs_voltmeter": {
+        "k1": Param(float, None, "events per nat", "1/ln I", 0, optional=True),
+        "k2": Param(float, 20.0, "dark level", "DN", 0),
+        "k3": Param(float, 1e-4, "photon noise", "DN^0.5 us^-0.5", 0),
+        "k4": Param(float, 1e-7, "leak", "1/us"),
+        "k5": Param(float, 5e-9, "leak that grows with light", "1/(DN us)"),
+        "k6": Param(float, 1e-5, "noise that does not depend on light", "us^-0.5", 0),
+    },
+}
+"""What other published event models have beside SENSOR, by model: the parameters of their papers."""
+
+
 def _of_preset(name: str, param: Param) -> Param:
     """The parameter as a node has it: not given means the preset's value."""
     ideal = "" if param.default in (None, 0, 0.0) else f"; ideal: {describe_value(param.default)}"
@@ -100,11 +117,7 @@ def preset_values(owner: str, preset: str, model: Any = None) -> dict[str, Any]:
 
 def _declared(model: Any) -> Mapping[str, Param]:
     """SENSOR and what the event model has besides, if it is one of the other published ones."""
-    if model not in MODELS or model.startswith("evis"):
-        return SENSOR
-    from nodes.event_sensor.peers import own_parameters
-
-    return {**SENSOR, **own_parameters(model)}
+    return {**SENSOR, **OF_MODEL.get(model, {})} if isinstance(model, str) else SENSOR
 
 
 def preset_name(preset: str) -> str:

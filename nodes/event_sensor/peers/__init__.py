@@ -7,7 +7,6 @@ is nodes.event_sensor.sensor.EventSensor.
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
 from typing import Any
 
 from evis.config.params import Param
@@ -16,7 +15,7 @@ from nodes.event_sensor.peers.model import Model
 MODELS = {"esim": "Esim", "v2e": "V2e", "dvs_voltmeter": "DvsVoltmeter"}
 """Name of the model, which is also its file here -> class."""
 
-__all__ = ["MODELS", "Model", "make_model", "own_parameters"]
+__all__ = ["MODELS", "Model", "make_model"]
 
 
 def make_model(name: str, height: int, width: int, envs: int = 1, *, seed: int = 0, **params: Any) -> Model:
@@ -33,15 +32,5 @@ def make_model(name: str, height: int, width: int, envs: int = 1, *, seed: int =
     Raises ValueError naming what is wrong.
     """
     Param(str, "esim", "", choices=tuple(MODELS)).convert("event sensor", "model", name)
-    return _class_of(name)(height, width, envs, seed=seed, **params)
-
-
-def own_parameters(name: str) -> Mapping[str, Param]:
-    """Gives the parameters that the event model has beside those of the sensor. name: one of MODELS."""
-    return _class_of(name).OWN
-
-
-def _class_of(name: str) -> type[Model]:
     module = importlib.import_module(f"nodes.event_sensor.peers.{name}")
-    found: type[Model] = getattr(module, MODELS[name])
-    return found
+    return getattr(module, MODELS[name])(height, width, envs, seed=seed, **params)

@@ -16,10 +16,9 @@ two distances where the program takes 1/2; sigma = 0 is allowed and gives straig
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from evis.config.params import Param
+from nodes.event_sensor.parameters import OF_MODEL
 from nodes.event_sensor.peers.dvs_voltmeter_kernels import VoltPixel, VoltSensor, voltmeter_events
 from nodes.event_sensor.peers.kernels import each_pixel
 from nodes.event_sensor.peers.model import Model, filled
@@ -35,14 +34,7 @@ class DvsVoltmeter(Model):
 
     NAME: ClassVar[str] = "dvs_voltmeter"
     USES: ClassVar[tuple[str, ...]] = ("shot_white",)
-    OWN: ClassVar[Mapping[str, Param]] = {
-        "k1": Param(float, None, "events per nat", "1/ln I", 0, optional=True),
-        "k2": Param(float, 20.0, "dark level", "DN", 0),
-        "k3": Param(float, 1e-4, "photon noise", "DN^0.5 us^-0.5", 0),
-        "k4": Param(float, 1e-7, "leak", "1/us"),
-        "k5": Param(float, 5e-9, "leak that grows with light", "1/(DN us)"),
-        "k6": Param(float, 1e-5, "noise that does not depend on light", "us^-0.5", 0),
-    }
+    OWN = OF_MODEL["dvs_voltmeter"]
 
     def __init__(self, height: int, width: int, envs: int = 1, *, seed: int = 0, **params: Any) -> None:
         super().__init__(height, width, envs, seed=seed, **params)

@@ -17,13 +17,12 @@ logarithm; a pixel's level is float32 as in v2e.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 import warp as wp
 
-from evis.config.params import Param
+from nodes.event_sensor.parameters import OF_MODEL
 from nodes.event_sensor.peers import v2e_kernels as kernels
 from nodes.event_sensor.peers.model import Model, filled
 
@@ -47,10 +46,7 @@ class V2e(Model):
         "threshold_mismatch", "threshold_floor", "dark_level", "refractory_us", "leak_rate", "leak_jitter", "shot_rate",
         "shot_white", "bandwidth_hz",
     )  # fmt: skip
-    OWN: ClassVar[Mapping[str, Param]] = {
-        "linlog": Param(bool, False, "lin-log of 8-bit numbers instead of ln(I + dark_level)"),
-        "rate_spread_decades": Param(float, 0.0, "spread of the leak rate over pixels, log-normal", "decades", 0, 3),
-    }
+    OWN = OF_MODEL["v2e"]
 
     def __init__(self, height: int, width: int, envs: int = 1, *, seed: int = 0, **params: Any) -> None:
         super().__init__(height, width, envs, seed=seed, **params)
