@@ -43,6 +43,12 @@ def unmatched(available: Iterable[str], globs: Sequence[str]) -> list[str]:
     return [g for g in globs if not any(_matches(name, g) for name in examples)]
 
 
+def unpublished(published: Iterable[str], globs: Sequence[str]) -> list[str]:
+    """Returns the globs that match none of a graph's topics, so that nothing is recorded for them."""
+    names = list(published)
+    return [g for g in globs if not any(_matches(name, g) for name in names)]
+
+
 def preview_sources(available: Iterable[str]) -> list[str]:
     """Returns the keyframe topics that a preview is made from: those of cameras that have no image of their own."""
     names = list(available)

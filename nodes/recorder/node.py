@@ -48,7 +48,9 @@ class RecorderNode(Node):
         return None if select([port], given["topics"]) else given["preview_hz"] or None
 
     def setup(self) -> None:
-        """Opens the bag, so that a path that cannot be written is known before the graph starts."""
+        """Opens the bag, so that a path that cannot be written is known before the graph starts, and tells which of the
+        asked topics no node publishes."""
+        from evis.bag.selection import unpublished
         from evis.files.named_pipe import with_reader
         from nodes.recorder.recorder import Recorder
 
@@ -64,6 +66,8 @@ class RecorderNode(Node):
                 p["threads"] or None,
             )
         self._handover = Handover(self.recorder.write)
+        for glob in unpublished(self.runtime.plan.topics, p["topics"]):
+            self.warn(f"no node of this graph publishes a topic like '{glob}': the bag has none of it")
         if backup := self.recorder.writer.backup:
             self.runtime.diagnose(self, "info", f"the older {p['path']} is now {backup}")
 

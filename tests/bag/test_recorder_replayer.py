@@ -154,6 +154,17 @@ def test_what_the_planner_is_told():
         RecorderNode.dynamic_inputs({"topics": ["/cam0/keyfrane"]}, available)
 
 
+def test_topics_that_no_node_publishes_are_told(tmp_path):
+    """The table knows triggers, but a simulator has none: the bag lacked them without a word."""
+    node = make(RecorderNode, path=str(tmp_path / "a.mcap"), topics=["/cam0/trigger", "*/depth"])
+    node.runtime.plan.topics = dict.fromkeys(["/cam0/events", "/cam0/depth"])
+    node.setup()
+    assert [level for level, text in node.runtime.said if "/cam0/trigger" in text] == ["warning"]
+    assert len(node.runtime.said) == 1
+    node.finish()
+    node.close()
+
+
 def test_the_run_is_described_in_the_bag(tmp_path):
     record(tmp_path / "a.mcap", keyframes=1)
     with BagReader(tmp_path / "a.mcap") as reader:

@@ -164,7 +164,7 @@ def _export_layout(args: argparse.Namespace) -> dict[str, Any]:
 
 def _record(args: argparse.Namespace) -> dict[str, Any]:
     from evis.bag.attach import Taps
-    from evis.bag.selection import subscribed
+    from evis.bag.selection import subscribed, unpublished
     from evis.runtime.control import ask_for
     from evis.supervisor.run_directory import is_live
     from nodes.recorder.recorder import Recorder
@@ -178,6 +178,8 @@ def _record(args: argparse.Namespace) -> dict[str, Any]:
     publishers = {name: plan.nodes[plan.topics[name].node] for name in plan.open_topics()}
     made = [name for name, node in publishers.items() if node.joins or not node.dormant]
     topics = subscribed(made, globs, args.preview_hz)
+    for glob in unpublished(made, globs):
+        print(f"evis bag record: no node of this graph publishes a topic like '{glob}'", file=sys.stderr)
     recorder = Recorder(args.bag, plan, globs, args.preview_hz, args.event_encoding, args.sync)
     if recorder.writer.backup:
         print(f"evis bag record: the older {args.bag} is now {printable(recorder.writer.backup)}", file=sys.stderr)
