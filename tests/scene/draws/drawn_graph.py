@@ -102,7 +102,7 @@ class Graph:
         size = {"width": 40, "height": 30}
         world = {"scene": str(scene), "seed": seed, "envs": envs, **size, **more}
         rate = 30.0 if method != "none" else 120.0
-        self.bus = Bus(("signal",) if method != "none" else ("signal", "frames"))
+        self.bus = Bus(("signal", "samples") if method != "none" else ("signal", "frames"))
         self.physics = PhysicsNode("physics", {**world, "keyframe_rate": rate, "joints": True})
         self.renderer = RendererNode("renderer", world)
         self.interpolator = InterpolatorNode("interpolator", {**world, "method": method, "upsampling": 4})
