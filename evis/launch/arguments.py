@@ -169,18 +169,17 @@ def brought(
     return found
 
 
-def parse_pairs(words: Sequence[str], form: str = "key:=value", example: str = "seed:=3") -> dict[str, str]:
-    """Parses words of a form such as `key:=value` into a map. Raises ArgumentError for any other word, and for a key
-    that comes twice.
+def parse_pairs(words: Sequence[str], mark: str = ":=", named: str = "key", example: str = "seed:=3") -> dict[str, str]:
+    """Parses words such as `key:=value` into a map. Raises ArgumentError for any other word, and for a key that comes
+    twice.
 
-    example: of a word, for the error.
+    mark: between key and value. named: what a key is, and example: of a word, for the error.
     """
-    mark = form.removesuffix("value").lstrip("abcdefghijklmnopqrstuvwxyz")
     pairs: dict[str, str] = {}
     for word in words:
         key, between, value = word.partition(mark)
         if not between or not key:
-            raise ArgumentError(f"'{word}' is not {form}, as in {example}")
+            raise ArgumentError(f"'{word}' is not {named}{mark}value, as in {example}")
         if key in pairs:
             raise ArgumentError(f"{key} is given twice, as {pairs[key]} and {value}")
         pairs[key] = value

@@ -99,4 +99,4 @@ def _of_the_scene(values: Mapping[str, Any]) -> dict[str, float]:
 def pairs(words: Sequence[Any]) -> dict[str, str]:
     """Parses `name=value` words, with spaces about name and value or without, as `parse_pairs` does."""
     tight = ["=".join(part.strip() for part in str(word).split("=", 1)) for word in words]
-    return parse_pairs(tight, "name=value", "cam1=15")
+    return parse_pairs(tight, "=", "name", "cam1=15")
