@@ -43,9 +43,12 @@ def as_warp(values: Any, dtype: Any = None) -> wp.array:
     return array
 
 
-def cpu_array(values: np.ndarray) -> wp.array:
-    """Gives numpy's memory float64 or int32 to kernels of a CPU as it lies, so that what they write is there."""
-    kind = {"f": wp.float64, "i": wp.int32}[values.dtype.kind]
+def cpu_array(values: np.ndarray, dtype: Any = None) -> wp.array:
+    """Gives numpy's memory float64 or int32 to kernels of a CPU as it lies, so that what they write is there.
+
+    dtype: a Warp type of its numbers that takes its last axis in (vec3d), None where there is none.
+    """
+    kind = dtype or {"f": wp.float64, "i": wp.int32}[values.dtype.kind]
     there: wp.array = wp.array(values, dtype=kind, device="cpu", copy=False)
     return there
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
+from evis.runtime.workers import Workers
 from nodes.interpolator.keyframe import KeyframeView, Span
 from nodes.interpolator.refine.evaluation.evaluator import Evaluator, make_look_up_kernels
 from nodes.interpolator.refine.instants import Instants, instants_of, least_parts
@@ -39,6 +41,8 @@ to .020 where they are .004 to .032."""
 EVEN = 2.5
 """Distance [px] from a straight way, for a tolerance of 1, up to which a point counts as on it: with less the drone's
 events are nearer by 5 %, for 12 % more time, which a closer tolerance of time makes nearer by 15 %."""
+BESIDE = 2
+"""Threads beside the caller's that work out what the motion of bodies tells."""
 ROUGH = 4.0
 """Tolerances by which neighbouring pixels of a keyframe differ where look-ups between them may miss contrast."""
 
@@ -88,6 +92,9 @@ class Refinement:
         """Length of a gap as finely as which shorter ones are divided [ns], so as to be prepared for it."""
         self._foreseen: Motion | None = None
         """Of the gap that follows, if it is known already."""
+        # A GPU has a host of many cores, which it would wait for.
+        self._beside = Workers(BESIDE, "motion") if self._device.is_cuda else None
+        self._moved_once = False
         self.evaluated = self.shaded = 0
         """How many samples the last gap has, and how many of them were shaded."""
         self.reached = True
@@ -170,10 +177,14 @@ class Refinement:
         """Works out what the bodies' motion tells of a gap, on the host alone."""
         stamps = gap.stamps(instants.count)
         poses = evaluator.places.find(stamps, gap.a, gap.b, gap.held)
-        probes = self._probes.foresee(instants, stamps, poses, gap)
-        return Motion(
-            gap, stamps, poses, probes, *self._passing.parts(instants, poses, gap.ends - gap.starts, gap.held)
-        )
+        parts = partial(self._passing.parts, instants, poses, gap.ends - gap.starts, gap.held)
+        probes = partial(self._probes.foresee, instants, stamps, poses, gap)
+        if self._beside is None or not self._moved_once:
+            # What compiles and loads a kernel is not for several threads at once.
+            self._moved_once = True
+            return Motion(gap, stamps, poses, probes(None), *parts())
+        passing = self._beside.submit(parts)
+        return Motion(gap, stamps, poses, probes(self._beside), *passing.result())
 
     def _prepare(self, gap: Span, stamps: np.ndarray, following: Span | None) -> None:
         """Prepares the gap after this one; stamps: of all instants of this one."""

@@ -6,6 +6,7 @@ import numpy as np
 import warp as wp
 
 from evis.geometry import se3
+from evis.gpu.exchange import cpu_array
 from nodes.interpolator.refine.light.chord_kernels import find_chords
 from nodes.interpolator.refine.probing.visits import boxes_of
 from nodes.renderer.lights.lights import fixed_vectors
@@ -49,16 +50,12 @@ class Chords:
         rides = [int(np.searchsorted(self._movers, b)) if b in self._movers else -1 for b in self._bodies]
         at = np.stack([self._lamp(n, mover, moved[first], rest) for n, mover in enumerate(rides)])
         shape = (len(rides), len(first), moved.shape[1], self._count)
-        with wp.ScopedDevice("cpu"):
-            times, gone = wp.empty(shape, dtype=wp.float64), wp.empty(shape, dtype=wp.float64)
-            share: wp.array = wp.array(self._share, dtype=wp.float64)
-            lamps: wp.array = wp.array(at, dtype=wp.vec3d)
-            far: wp.array = wp.array(self._far.astype(np.int32), dtype=wp.int32)
-            on: wp.array = wp.array(np.array(rides, np.int32), dtype=wp.int32)
-            where: wp.array = wp.array(first, dtype=wp.int32)
-            poses: wp.array = wp.array(np.ascontiguousarray(moved), dtype=wp.transformd)
-            wp.launch(find_chords, shape, [self._boxes, share, lamps, far, on, where, poses], [times, gone])
-        return _but_for(times.numpy(), gone.numpy()).min(axis=(0, 2))
+        times, gone = np.empty(shape), np.empty(shape)
+        far, on = self._far.astype(np.int32), np.array(rides, np.int32)
+        given = [self._boxes, cpu_array(self._share), cpu_array(at, wp.vec3d), cpu_array(far), cpu_array(on)]
+        given += [cpu_array(first), cpu_array(np.ascontiguousarray(moved), wp.transformd)]
+        wp.launch(find_chords, shape, given, [cpu_array(times), cpu_array(gone)], device="cpu")
+        return _but_for(times, gone).min(axis=(0, 2))
 
     def _lamp(self, n: int, mover: int, moved: np.ndarray, rest: np.ndarray) -> np.ndarray:
         """Gives where a lamp is or, far away, towards where it is, float64 [n, E, 3]."""

@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 
 from evis.geometry import se3
+from evis.gpu.exchange import cpu_array
 from nodes.interpolator.refine.evaluation.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.light.chords import Chords
@@ -173,17 +174,14 @@ class Passing:
             shortest = np.minimum(shortest, self._chords.shortest(moved, rest, first))
         if self._count:
             eye = rest[:, self._rigid.visibility.camera_body]
-            with wp.ScopedDevice("cpu"):
-                poses: wp.array = wp.array(np.ascontiguousarray(moved), dtype=wp.transformd)
-                where: wp.array = wp.array(first, dtype=wp.int32)
-                ways: wp.array = wp.array(shine, dtype=wp.float64)
-                found = wp.empty((times, envs, self._count), dtype=wp.float64)
-                wp.launch(find_briefest, found.shape, [self._boxes, ways, where, poses], [found])
-                turns = wp.empty((envs, self._count), dtype=wp.float64)
-                given = [self._boxes, max(1, len(moved) // LOOKED_FOR), wp.float64(self._near)]
-                eyes: wp.array = wp.array(np.ascontiguousarray(eye), dtype=wp.transformd)
-                wp.launch(find_turns, turns.shape, [*given, eyes, poses], [turns])
+            poses = cpu_array(np.ascontiguousarray(moved), wp.transformd)
+            found, turns = np.empty((times, envs, self._count)), np.empty((envs, self._count))
+            given = [self._boxes, cpu_array(shine), cpu_array(first), poses]
+            wp.launch(find_briefest, found.shape, given, [cpu_array(found)], device="cpu")
+            given = [self._boxes, max(1, len(moved) // LOOKED_FOR), wp.float64(self._near)]
+            given += [cpu_array(np.ascontiguousarray(eye), wp.transformd), poses]
+            wp.launch(find_turns, turns.shape, given, [cpu_array(turns)], device="cpu")
             # A shadow's edge is on most points that it comes over for a part of the time between two turns.
-            turned = turns.numpy().min(axis=1) / PER_TURN
-            shortest = np.minimum(shortest, np.minimum(found.numpy().min(axis=(0, 2)), turned))
+            turned = turns.min(axis=1) / PER_TURN
+            shortest = np.minimum(shortest, np.minimum(found.min(axis=(0, 2)), turned))
         return apart_ns * shortest / self._looks

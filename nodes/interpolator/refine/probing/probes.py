@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -104,10 +106,12 @@ class Probes:
             self._drawers[count] = v, Slots(coarse.scene, v, placement, count)
         return self._drawers[count]
 
-    def foresee(self, instants: Instants, stamps: np.ndarray, poses: Poses, gap: Span) -> Ahead | None:
+    def foresee(
+        self, instants: Instants, stamps: np.ndarray, poses: Poses, gap: Span, beside: Executor | None
+    ) -> Ahead | None:
         """Works out what the bodies' motion alone tells of a gap; None where nothing moves.
 
-        stamps: of its instants, int64 [n] or [E, n] ns. poses: at all of them.
+        stamps: of its instants, int64 [n] or [E, n] ns. poses: at all of them. beside: threads that do some of it.
         """
         rigid, coarse, held = self._rigid, self._coarse, gap.held
         if not len(rigid.placement.movers):
@@ -120,8 +124,9 @@ class Probes:
         least = min(self._least, 1 << instants.depth)
         most = max(most, least)
         # So many that what comes and goes is in some of them, then as many as what is in them needs.
+        off = partial(self._strays.needed, instants, poses, shortest, least, most)
+        later = None if beside is None else beside.submit(off)
         visits, passing = self._visits.needed(instants, poses, least)
-        strays = self._strays.needed(instants, poses, shortest, least, most)
         begun = np.where(held, least, np.minimum(visits, most))
         # Coarse frames tell, but for what is in the image between them alone.
         looked_at = coarse * np.where(begun > least, begun, 1)
@@ -130,6 +135,7 @@ class Probes:
         frames = [coarse * length - 1, *range(length - 1, (coarse - 1) * length, length)]
         between = order_of(instants, int(looked_at.max()) // coarse)
         pairs = [self._shortly_before(which, stamps, poses, gap) for which in (frames, between) if which]
+        strays = off() if later is None else later.result()
         return Ahead(least, most, begun, looked_at, np.maximum(visits, strays), passing & ~held, pairs)
 
     def draw(self, ahead: Ahead | None, instants: Instants, poses: Poses, gap: Span) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 
 from evis.geometry import se3
+from evis.gpu.exchange import cpu_array
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.probing.stray_kernels import Balls, find_strays
 from nodes.interpolator.refine.probing.visits import sides_of
@@ -64,16 +65,15 @@ class Strays:
         envs, balls = poses.rest.shape[0], self._balls
         late = LATE * self._tolerance_ns * instants.count / max(length_ns, 1)
         sides = self._sides or NO_SIDES
-        with wp.ScopedDevice("cpu"):
-            needed: wp.array = wp.full(envs, least, dtype=wp.int32)
-            balls.away = wp.array(self._away(poses), dtype=wp.float64)
-            balls.eye = wp.array(np.ascontiguousarray(poses.rest[:, self._camera_body]), dtype=wp.transformd)
-            start: wp.array = wp.array(np.ascontiguousarray(poses.before[:, self._movers]), dtype=wp.transformd)
-            moved: wp.array = wp.array(np.ascontiguousarray(poses.moved), dtype=wp.transformd)
-            given = [balls, self._camera, int(self._sides is None), wp.vec4d(*sides), instants.coarse, least, most]
-            given += [EVEN * self._pixel, late, start, moved]
-            wp.launch(find_strays, (envs, balls.mover.size + 1), given, [needed])
-        return needed.numpy().astype(np.int64)
+        needed = np.full(envs, least, np.int32)
+        balls.away = cpu_array(self._away(poses))
+        balls.eye = cpu_array(np.ascontiguousarray(poses.rest[:, self._camera_body]), wp.transformd)
+        start = cpu_array(np.ascontiguousarray(poses.before[:, self._movers]), wp.transformd)
+        moved = cpu_array(np.ascontiguousarray(poses.moved), wp.transformd)
+        given = [balls, self._camera, int(self._sides is None), wp.vec4d(*sides), instants.coarse, least, most]
+        given += [EVEN * self._pixel, late, start, moved]
+        wp.launch(find_strays, (envs, balls.mover.size + 1), given, [cpu_array(needed)], device="cpu")
+        return needed.astype(np.int64)
 
     def _away(self, poses: Poses) -> np.ndarray:
         """Gives how far from the cameras the nearest side of a box of each ball is, float64 [E, balls] m: at the start

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.gpu.exchange import cpu_array
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.probing.visit_kernels import Boxes, find_visits
 from nodes.interpolator.rigid.placement import Placement
@@ -45,13 +46,12 @@ class Visits:
             return np.full(envs, least), np.zeros(envs, bool)
         sides = self._sides
         deep = DEEP * min(sides[1] - sides[0], sides[3] - sides[2])
-        with wp.ScopedDevice("cpu"):
-            shortest: wp.array = wp.full(envs, instants.count, dtype=wp.int32)
-            passing: wp.array = wp.zeros(envs, dtype=wp.int32)
-            eye: wp.array = wp.array(np.ascontiguousarray(poses.rest[:, self._camera_body]), dtype=wp.transformd)
-            moved: wp.array = wp.array(np.ascontiguousarray(poses.moved), dtype=wp.transformd)
-            given = [self._boxes, self._camera, self._near, wp.vec4d(*sides), deep, eye, moved]
-            wp.launch(find_visits, (envs, self._count), given, [shortest, passing])
+        shortest: wp.array = wp.full(envs, instants.count, dtype=wp.int32, device="cpu")
+        passing: wp.array = wp.zeros(envs, dtype=wp.int32, device="cpu")
+        eye = cpu_array(np.ascontiguousarray(poses.rest[:, self._camera_body]), wp.transformd)
+        moved = cpu_array(np.ascontiguousarray(poses.moved), wp.transformd)
+        given = [self._boxes, self._camera, self._near, wp.vec4d(*sides), deep, eye, moved]
+        wp.launch(find_visits, (envs, self._count), given, [shortest, passing], device="cpu")
         found = shortest.numpy()
         apart = np.maximum(found // TWICE, 1)
         needed = np.clip(most >> np.floor(np.log2(apart)).astype(np.int64), least, None)
