@@ -95,3 +95,20 @@ def test_a_pixel_that_is_not_there_is_named() -> None:
         evis.Further.of_pixels((5, 6), [1], [6], [9], [1.5])
     with pytest.raises(ValueError, match="environment 2 to 2; there are 0 to 1"):
         evis.Further.of_pixels(SHAPE, [1], [2], [9], [1.5], [2])
+
+
+@pytest.mark.parametrize(
+    ("x", "offset", "value", "told"),
+    [
+        ([2], [2**32 + 5], [1.5], "an offset of 4294967301 ns; give frames in between"),
+        ([2], [-3_000_000_000], [1.5], "an offset of -3000000000 ns"),
+        ([2], [9.7], [1.5], "offset of float64"),
+        ([2.5], [9], [1.5], "x of float64"),
+        ([2, 3], [9, 8], [1.5, 2.0, 2.5], "2 offsets and 3 values"),
+        ([2, 3], [9, 8], [1.5], "2 offsets and 1 values"),
+    ],
+)
+def test_numbers_that_would_be_cut_are_refused(x: list, offset: list, value: list, told: str) -> None:
+    """An offset of 2^32 + 5 ns is not one of 5 ns."""
+    with pytest.raises(ValueError, match=told):
+        evis.Further.of_pixels((5, 6), 1, x, offset, value)

@@ -44,18 +44,28 @@ class Further:
             offset: int [R] ns, as of the class.
             value: float [R], in colour [R, 3].
 
-        Raises ValueError for a pixel that is not there.
+        Raises ValueError for a pixel that is not there, and for numbers that are not whole, too large or too few.
         """
         size = (1, *shape)[-3:]
-        given = np.broadcast_arrays(env, y, x, offset)
+        given = np.broadcast_arrays(*np.atleast_1d(env, y, x, offset))
+        value = np.atleast_1d(np.asarray(value, np.float32))
+        for name, at in zip(("offset", "x", "y", "env"), given[::-1]):
+            if at.ndim != 1 or (at.size and at.dtype.kind not in "iu"):
+                raise ValueError(f"further samples have {name} of {at.dtype} {at.shape}, expected integers in one row")
+        times = given[3]
+        if len(value) != times.size:
+            raise ValueError(f"further samples have {times.size} offsets and {len(value)} values; each has one")
+        if times.size and not -MOST <= times.min() <= times.max() <= MOST:
+            far = max(times.min(), times.max(), key=abs)
+            raise ValueError(f"further samples have an offset of {far} ns; give frames in between, {MOST} is the most")
         for name, at, length in zip(("environment", "y", "x"), given, size):
             if at.size and not 0 <= at.min() <= at.max() < length:
                 raise ValueError(f"further samples have {name} {at.min()} to {at.max()}; there are 0 to {length - 1}")
         q = np.ravel_multi_index([np.asarray(a, np.int64) for a in given[:3]], size)
-        order = np.lexsort((given[3], q))
+        order = np.lexsort((times, q))
         counts = np.bincount(q, minlength=int(np.prod(size)))
         first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
-        return cls(first, given[3][order].astype(np.int32), np.asarray(value, np.float32)[order])
+        return cls(first, times[order].astype(np.int32), value[order])
 
     def of(self, envs: slice, total: int) -> Further:
         """Gives the samples of neighbouring environments; total: E of this object."""

@@ -202,6 +202,21 @@ def traced_step(poles: int, law: int, gpu: bool) -> Any:
                     seconds = wp.float64(now - at) * wp.float64(1.0e-9)
             a = wp.float64(0.5) * (before + after) * seconds
             count = trace_piece(receptor, chord, at, now, level, grown, a, first, second, count, output)
+        elif begun and not good and (e1 != wp.float64(0.0) or e2 != wp.float64(0.0)):
+            # The input is held while the output goes on, and the bad sample itself cannot tell how far.
+            to = now - wp.int64(1)
+            if to > start and to <= LAST_OFFSET:
+                level = wp.max(wp.float64(last) + receptor.dark, receptor.floor)
+                a = receptor.rate
+                if wp.static(varying):
+                    a = corner(receptor, last)
+                a *= wp.float64(to - start) * wp.float64(1.0e-9)
+                count = trace_piece(receptor, chord, start, to, level, grown, a, first, second, count, output)
+                held_first, held_second = poles_after(first, second, grown, a, response(a), wp.static(two))
+                behind = held_first
+                if wp.static(two):
+                    behind = held_second
+                count = put(output, count, to, light_of(receptor, level, behind))
         constant = wp.vec2d()
         if wp.static(not varying):
             constant = response(receptor.rate * seconds)

@@ -85,6 +85,24 @@ def test_a_step_crosses_levels_at_the_closed_form_times(coarse_hz):
     assert len(events) == 9 and (np.abs(error) < (C / 50 + 1e-6) / slope + 1).all()
 
 
+@pytest.mark.parametrize("coarse_hz", [10, 1000])
+@pytest.mark.parametrize("level", [0.0, 0.5])
+def test_the_output_goes_on_while_samples_are_bad(coarse_hz, level):
+    """After the jump all samples are black without dark current: the input is held, and levels are crossed as above."""
+    jump = 2_345_678
+    further = np.concatenate([[jump, jump + 1], np.arange(4, 60) * 1_100_000 + 7])
+
+    def log_light(ns):
+        return np.select([ns <= jump, ns == jump + 1], [0.0, 1.95], -np.inf)
+
+    events, _ = sensed(gaps_of(log_light, further, coarse_hz, 0.1), threshold=C, bandwidth_hz=HZ, bandwidth_level=level)
+    k = np.arange(1, 10)
+    closed = jump - TAU * S * np.log(1 - k * C / 1.95)
+    slope = (1.95 - k * C) / (TAU * S)
+    error = np.array([e[1] for e in events]) - closed
+    assert len(events) == 9 and (np.abs(error) < (C / 50 + 1e-6) / slope + 1).all()
+
+
 def test_events_hang_little_on_the_coarse_rate():
     """Coarse frames at 30 and 240 Hz of the same lines: the same events to a fiftieth of a threshold."""
     rng = np.random.default_rng(1)
