@@ -224,7 +224,8 @@ class Simulation:
             raise SimulationError(f"run takes a finite time longer than 0 s, not {seconds!r:.60}")
         self._check_usable()
         steps = [self.reset(self._seed)] if self._run.k < 0 else []
-        end = self.stamp_ns + round(seconds * 1e9)
+        # Each of both stamps, and the time itself, is rounded to whole ns.
+        end = self.stamp_ns + round(seconds * 1e9) + 1
         while not self._run.over and self._run.next_stamp() <= end:
             steps.append(self.step(action))
             action = None
