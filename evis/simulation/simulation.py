@@ -211,9 +211,10 @@ class Simulation:
             self._run.advance()
         if action is not None:
             self._run.act(action)
-        step = self._run.advance()
-        self._run.warn()
-        return step
+        try:
+            return self._run.advance()
+        finally:
+            self._run.warn()
 
     def run(self, seconds: float, action: Any = None) -> list[Step]:
         """Goes on for so many simulated seconds, and returns every step; the first of a run is that at keyframe 0.
