@@ -184,7 +184,7 @@ class Simulation:
 
     def _reset_some(self, chosen: np.ndarray, seeds: list[int] | None) -> Step:
         """Puts environments int64 [R] to their start at the present stamp; seeds: of each, None = they keep theirs."""
-        self._check_usable()
+        self._check_going()
         if self._run.k < 0 and len(chosen) < self.envs:
             self._run.advance()
         given = np.full(len(chosen), CONFIGURED) if seeds is None else np.array(seeds, np.int64)
@@ -204,9 +204,7 @@ class Simulation:
         shape, not finite or out of range (nothing has happened then), and for a node that failed (`reset` begins anew);
         Diverged where an environment has diverged, and begins its next episode.
         """
-        self._check_usable()
-        if self._run.over:
-            raise SimulationError(f"{self._run.graph.plan.name} has ended{AGAIN}")
+        self._check_going()
         if self._run.k < 0:
             self._run.advance()
         if action is not None:
@@ -223,7 +221,7 @@ class Simulation:
         """
         if not _is_duration(seconds):
             raise SimulationError(f"run takes a finite time longer than 0 s, not {seconds!r:.60}")
-        self._check_usable()
+        self._check_going()
         steps = [self.reset(self._seed)] if self._run.k < 0 else []
         # Each of both stamps, and the time itself, is rounded to whole ns.
         end = self.stamp_ns + round(seconds * 1e9) + 1
@@ -335,6 +333,11 @@ class Simulation:
         self._check_open()
         if self._run.broken:
             raise SimulationError(f"the simulation has stopped ({self._run.broken}){AGAIN}")
+
+    def _check_going(self) -> None:
+        self._check_usable()
+        if self._run.over:
+            raise SimulationError(f"{self._run.graph.plan.name} has ended{AGAIN}")
 
 
 def _is_duration(seconds: Any) -> bool:
