@@ -241,7 +241,10 @@ class Simulation:
         if not told:
             return alone(step, env, {})
         graph = self._run.graph
-        plan = graph.each[env] if graph.each else self._planner.plan(self._seeds.get(env, self._seed + env)).plan
+        if graph.each and env not in self._seeds:
+            plan = graph.each[env]
+        else:
+            plan = self._planner.plan_of(env, self._seeds.get(env, self._seed + env))
         return alone(step, env, {name: info_of(info, env, plan, graph.physics) for name, info in told.items()})
 
     def finish(self) -> Step:

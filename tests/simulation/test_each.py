@@ -144,3 +144,30 @@ def test_what_environments_have_in_common_is_named(each: list[dict[str, Any]], w
     with pytest.raises(evis.SimulationError, match=words) as told:
         evis.Simulation("spinning_disk", each=each, height=30)
     assert "\n" not in str(told.value)
+
+
+RESET_ALONE: dict[str, tuple[str, dict[str, Any], list[dict[str, Any]]]] = {
+    "motion": ("spinning_disk", {}, [{"omega": 20.0}, {"omega": 40.0}]),
+    "sensor and seeds": ("falling_objects", {"shot_rate": 9.0}, [{"seed": 9}, {"threshold": 0.3, "seed": 5}]),
+    "another model's sensor": ("falling_objects", {"model": "v2e"}, [{"threshold": 0.3}, {"threshold": 0.25}]),
+}
+
+
+@pytest.mark.parametrize("case", RESET_ALONE)
+def test_one_that_is_reset_alone_is_what_it_is_by_itself(case: str) -> None:
+    """From its reset on, in time of its own; with seeds for all of them too."""
+    scene, shared, each = RESET_ALONE[case]
+    given: dict[str, Any] = {"outputs": ["frames", "events", "info"], **SIZE, **shared}
+    with evis.Simulation(scene, each=each, **given) as sim, evis.Simulation(scene, **given, **each[1]) as single:
+        expected = [single.reset(seed=77), single.step(), single.step()]
+        sim.run(0.1)
+        for again in (lambda: sim.reset(envs=[1], seed=[77]), lambda: sim.reset(seed=[8, 77])):
+            steps = [again(), sim.step(), sim.step()]
+            for step, own in zip(steps, expected):
+                part = sim.alone(step, 1)
+                same(part.frames.luminance, own.frames.luminance)
+                same(part.events.t - steps[0].stamp_ns, own.events.t)
+                for name in "xyp":
+                    same(getattr(part.events, name), getattr(own.events, name))
+            assert sim.alone(steps[0], 1).info is None or sim.alone(steps[0], 1).info.sensor["seed"] == 77
+        assert len(expected[-1].events.t) > 50
