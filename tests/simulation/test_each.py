@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -171,3 +172,18 @@ def test_one_that_is_reset_alone_is_what_it_is_by_itself(case: str) -> None:
                     same(getattr(part.events, name), getattr(own.events, name))
             assert sim.alone(steps[0], 1).info is None or sim.alone(steps[0], 1).info.sensor["seed"] == 77
         assert len(expected[-1].events.t) > 50
+
+
+def test_a_bag_of_sensors_with_parameters_of_their_own_is_without_an_audit(tmp_path: Path) -> None:
+    """The error that its audit cannot be had tells what helps, which does."""
+    each, bag = [{"threshold": 0.2}, {"threshold": 0.4}], tmp_path / "run.mcap"
+    with evis.Simulation("spinning_disk", each=each, **SIZE) as sim:
+        sim.run(0.05)
+        with pytest.raises(evis.SimulationError, match="threshold of audit in common.*; audit=0 leaves it out"):
+            sim.save(bag)
+    with evis.Simulation("spinning_disk", each=each, audit=0, **SIZE) as sim:
+        steps = sim.run(0.05)
+        sim.save(bag)
+        for env in range(2):
+            with evis.open(bag, topic=f"/env{env}/cam0/events") as recording:
+                same(np.concatenate([p.t for p in recording]), sim.alone(steps[-1], env).events.t)
