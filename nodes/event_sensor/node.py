@@ -180,14 +180,14 @@ class EventSensorNode(Node):
         """
         params, envs = self._params_of(span, seed), span.stop - span.start
         each = resolve_each(self.name, params, envs)
+        seeds = seeds_of({**params, "envs": envs})
         for name in SHARED:
             if each[0][name] != self._resolved[name]:
                 raise ValueError(
-                    f"{self.name}: {name} is {each[0][name]} with seed {params['seed']}, and was {self._resolved[name]}; "
+                    f"{self.name}: {name} is {each[0][name]} with seed {seeds[0]}, and was {self._resolved[name]}; "
                     "environments side by side need the same"
                 )
         self._unlit = self._unlit or any(map(fires_unlit, each))
-        seeds = seeds_of({**params, "envs": envs})
         if len(each) == 1 and seeds == list(range(seeds[0], seeds[0] + envs)):
             return self._one(height, width, envs, each[0], seeds[0], number)
         from nodes.event_sensor.environments.separate import SeparateSensors

@@ -179,7 +179,7 @@ def test_a_bag_of_sensors_with_parameters_of_their_own_is_without_an_audit(tmp_p
     each, bag = [{"threshold": 0.2}, {"threshold": 0.4}], tmp_path / "run.mcap"
     with evis.Simulation("spinning_disk", each=each, **SIZE) as sim:
         sim.run(0.05)
-        with pytest.raises(evis.SimulationError, match="threshold of audit in common.*; audit=0 leaves it out"):
+        with pytest.raises(evis.SimulationError, match=r"threshold of audit in common.*; audit=0 leaves it out"):
             sim.save(bag)
     with evis.Simulation("spinning_disk", each=each, audit=0, **SIZE) as sim:
         steps = sim.run(0.05)
