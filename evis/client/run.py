@@ -54,6 +54,7 @@ class Run:
         self._controls = False
         self._requests: dict[str, Requests] = {}
         self._readers: list[TopicReader] = []
+        self._closed = False
 
     def topic(self, name: str, *, every: bool = True) -> TopicReader:
         """Reads a topic from now on: `for packet in run.topic("/cam0/events")`.
@@ -64,7 +65,9 @@ class Run:
 
         Raises:
             ValueError: the graph has no such topic.
+            ConnectionError: this was closed.
         """
+        self._check_open()
         reader = TopicReader(self._plan, name, every=every)
         self._readers.append(reader)
         return reader
@@ -169,14 +172,19 @@ class Run:
         """Environments of the run."""
         return int(self._plan.nodes[taker(self._plan, RESET)].params.get("envs", 1))
 
+    def _check_open(self) -> None:
+        if self._closed:
+            raise ConnectionError(f"the connection to {self.name} was closed; evis.connect() makes another")
+
     def _to(self, topic: str) -> Requests:
+        self._check_open()
         node = taker(self._plan, topic)
         if node not in self._requests:
             self._requests[node] = Requests(self._plan, node)
         return self._requests[node]
 
     def close(self) -> None:
-        """Hands back what it controls and ends all reading."""
+        """Hands back what it controls and ends all reading; nothing can be asked for afterwards."""
         for requests in self._requests.values():
             try:
                 if self._controls:
@@ -187,6 +195,7 @@ class Run:
         for reader in self._readers:
             reader.close()
         self._requests, self._readers = {}, []
+        self._closed = True
 
     def __enter__(self) -> Run:
         return self

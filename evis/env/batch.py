@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.spaces import Dict, Space
 
 from evis.env.actions import Actions
-from evis.env.observations import Moment, Observation, Setting, is_number
+from evis.env.observations import Frames, Moment, Observation, Setting, is_number
 from evis.env.picture import Painter
 from evis.env.state import State
 from evis.env.task import Task
@@ -109,6 +109,14 @@ class Batch:
                 raise ValueError(
                     f"crossing={crossing} gives events one frame late, after the step whose end is observed; "
                     "take crossing=linear"
+                )
+        for part in self._parts.values():
+            if not isinstance(part, Frames) or part.grey:
+                continue
+            if first.cameras[part.camera or simulation.cameras[0]].keyframe.ndim == 3:
+                raise ValueError(
+                    "Frames(grey=False) shows colour, and keyframes=luminance has none; leave keyframes out, or take "
+                    "Frames()"
                 )
         positions, velocities = (0 if a is None else a.shape[-1] for a in (state.qpos, state.qvel))
         self.rate = simulation.keyframe_rate

@@ -39,9 +39,12 @@ def together(plans: Sequence[Plan]) -> Plan:
         own = [key for key in rows[0] if any(row[key] != rows[0][key] for row in rows)]
         may = (*OWN, *SENSOR) if node.target.endswith(":EventSensorNode") else OWN
         if shared := [key for key in own if key not in may]:
+            other = next(row[shared[0]] for row in rows if row[shared[0]] != rows[0][shared[0]])
+            # Nobody may have asked for it: a bag has it unless it is turned off.
+            remedy = "; audit=0 leaves it out" if node.target.endswith(":AuditNode") else ""
             raise SimulationError(
                 f"environments have {shared[0]} of {name} in common; environment 0 has {rows[0][shared[0]]!r}, another "
-                f"one {next(row[shared[0]] for row in rows if row[shared[0]] != rows[0][shared[0]])!r}"
+                f"one {other!r}{remedy}"
             )
         keys = dict.fromkeys([*own, *(["seed"] if "seed" in rows[0] else [])])
         if keys:

@@ -83,11 +83,20 @@ class Planner:
         if not self._each:
             return self._plan(seed, record, self._arguments)
         seeds = [own.get("seed", seed + env) for env, own in enumerate(self._each)]
-        shared = {**self._arguments, "envs": len(self._each)}
-        others = [{**shared, **{name: value for name, value in own.items() if name != "seed"}} for own in self._each]
-        graphs = [self._plan(own, record, arguments) for own, arguments in zip(seeds, others)]
+        graphs = [self._plan(own, record, self._arguments_of(env)) for env, own in enumerate(seeds)]
         each = [copy.deepcopy(graph.plan) for graph in graphs]
         return dataclasses.replace(graphs[0], plan=together([graph.plan for graph in graphs]), each=each)
+
+    def plan_of(self, env: int, seed: int) -> Plan:
+        """Makes the plan of one environment with its arguments and this seed. Raises SimulationError in one line."""
+        return self._plan(seed, None, self._arguments_of(env)).plan
+
+    def _arguments_of(self, env: int) -> Mapping[str, Any]:
+        """Those of an environment, and those that it shares with the others."""
+        if not self._each:
+            return self._arguments
+        own = {name: value for name, value in self._each[env].items() if name != "seed"}
+        return {**self._arguments, "envs": len(self._each), **own}
 
     def _plan(self, seed: int, record: str | None, arguments: Mapping[str, Any]) -> Graph:
         given = {name: value for name, value in arguments.items() if value is not None}

@@ -165,7 +165,8 @@ class Run:
             return step
         fallen = np.flatnonzero(step.episodes != self._episodes).tolist()
         if fallen:
-            self._said = []
+            # What physics has said is in the error.
+            self._said = [line for line in self._said if line[0] != self.graph.physics]
             self._set_back(fallen)
             raise Diverged("; ".join(lines) or f"environments {fallen} diverged", step, fallen)
         return step

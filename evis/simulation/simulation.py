@@ -184,7 +184,7 @@ class Simulation:
 
     def _reset_some(self, chosen: np.ndarray, seeds: list[int] | None) -> Step:
         """Puts environments int64 [R] to their start at the present stamp; seeds: of each, None = they keep theirs."""
-        self._check_usable()
+        self._check_going()
         if self._run.k < 0 and len(chosen) < self.envs:
             self._run.advance()
         given = np.full(len(chosen), CONFIGURED) if seeds is None else np.array(seeds, np.int64)
@@ -204,16 +204,15 @@ class Simulation:
         shape, not finite or out of range (nothing has happened then), and for a node that failed (`reset` begins anew);
         Diverged where an environment has diverged, and begins its next episode.
         """
-        self._check_usable()
-        if self._run.over:
-            raise SimulationError(f"{self._run.graph.plan.name} has ended{AGAIN}")
+        self._check_going()
         if self._run.k < 0:
             self._run.advance()
         if action is not None:
             self._run.act(action)
-        step = self._run.advance()
-        self._run.warn()
-        return step
+        try:
+            return self._run.advance()
+        finally:
+            self._run.warn()
 
     def run(self, seconds: float, action: Any = None) -> list[Step]:
         """Goes on for so many simulated seconds, and returns every step; the first of a run is that at keyframe 0.
@@ -222,9 +221,10 @@ class Simulation:
         """
         if not _is_duration(seconds):
             raise SimulationError(f"run takes a finite time longer than 0 s, not {seconds!r:.60}")
-        self._check_usable()
+        self._check_going()
         steps = [self.reset(self._seed)] if self._run.k < 0 else []
-        end = self.stamp_ns + round(seconds * 1e9)
+        # Each of both stamps, and the time itself, is rounded to whole ns.
+        end = self.stamp_ns + round(seconds * 1e9) + 1
         while not self._run.over and self._run.next_stamp() <= end:
             steps.append(self.step(action))
             action = None
@@ -241,7 +241,10 @@ class Simulation:
         if not told:
             return alone(step, env, {})
         graph = self._run.graph
-        plan = graph.each[env] if graph.each else self._planner.plan(self._seeds.get(env, self._seed + env)).plan
+        if graph.each and env not in self._seeds:
+            plan = graph.each[env]
+        else:
+            plan = self._planner.plan_of(env, self._seeds.get(env, self._seed + env))
         return alone(step, env, {name: info_of(info, env, plan, graph.physics) for name, info in told.items()})
 
     def finish(self) -> Step:
@@ -333,6 +336,11 @@ class Simulation:
         self._check_open()
         if self._run.broken:
             raise SimulationError(f"the simulation has stopped ({self._run.broken}){AGAIN}")
+
+    def _check_going(self) -> None:
+        self._check_usable()
+        if self._run.over:
+            raise SimulationError(f"{self._run.graph.plan.name} has ended{AGAIN}")
 
 
 def _is_duration(seconds: Any) -> bool:

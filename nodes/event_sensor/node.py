@@ -148,7 +148,7 @@ class EventSensorNode(Node):
             self._flights = Flights()
         # One environment has other kernels than several.
         self._few = min(self.params["envs"], 2)
-        self._tried: Any = self._make(2, 2, self._few)
+        self._tried: Any = self._make(2, 2, slice(0, self._few))
         """A sensor to compile what all need, rather than at the first frame."""
         if self._own_model and EACH not in self.params:
             begin_building(self._device, self._tried.kernels())
@@ -172,29 +172,37 @@ class EventSensorNode(Node):
             first = np.minimum(np.arange(4 * self._few + 1), 1)
             sensor.advance(warm, np.array([20]), episodes, further=Further(first, np.array([5]), values))
 
-    def _make(self, height: int, width: int, envs: int, seed: int | None = None, number: int = 0) -> Any:
-        """The sensor, or one for each environment where the scene draws them different parameters.
+    def _make(self, height: int, width: int, span: slice, seed: int | None = None, number: int = 0) -> Any:
+        """The sensor of some environments, or one for each where they have, or the scene draws, different parameters.
 
-        seed: of the first environment, None = the node's. number: of the reset at which its time begins.
+        span: the environments. seed: of the first of them, None = as the node has it. number: of the reset at which
+        their time begins.
         """
-        if EACH in self.params and seed is not None:
-            raise ValueError(f"{self.name}: environments with parameters of their own begin anew together only")
-        params = self.params if seed is None else {**self.params, "seed": seed}
-        seed, each = params["seed"], resolve_each(self.name, params, envs)
+        params, envs = self._params_of(span, seed), span.stop - span.start
+        each = resolve_each(self.name, params, envs)
+        seeds = seeds_of({**params, "envs": envs})
         for name in SHARED:
             if each[0][name] != self._resolved[name]:
                 raise ValueError(
-                    f"{self.name}: {name} is {each[0][name]} with seed {seed}, and was {self._resolved[name]}; "
+                    f"{self.name}: {name} is {each[0][name]} with seed {seeds[0]}, and was {self._resolved[name]}; "
                     "environments side by side need the same"
                 )
         self._unlit = self._unlit or any(map(fires_unlit, each))
-        seeds = seeds_of({**params, "envs": envs})
         if len(each) == 1 and seeds == list(range(seeds[0], seeds[0] + envs)):
             return self._one(height, width, envs, each[0], seeds[0], number)
         from nodes.event_sensor.environments.separate import SeparateSensors
 
         made = [self._one(height, width, 1, each[env % len(each)], own, number) for env, own in enumerate(seeds)]
         return SeparateSensors(made)
+
+    def _params_of(self, span: slice, seed: int | None) -> dict[str, Any]:
+        """The node's parameters, as those environments have them; arguments as of `_make`."""
+        if EACH not in self.params:
+            return {**self.params, "seed": self.params["seed"] + span.start if seed is None else seed}
+        each = self.params[EACH][span]
+        if seed is not None:
+            each = [{**own, "seed": seed + k} for k, own in enumerate(each)]
+        return {**self.params, EACH: each}
 
     def _one(self, height: int, width: int, envs: int, p: Mapping[str, Any], seed: int, number: int) -> Any:
         """Makes a sensor, or another event model behind the same interface; arguments as of `_make`."""
@@ -238,7 +246,7 @@ class EventSensorNode(Node):
             self._update_groups(message, image, t, further)
             return
         if self._sensor is None:
-            self._sensor = self._make(height, width, envs)
+            self._sensor = self._make(height, width, slice(0, envs))
         if message.header.stamp_ns <= self._header.stamp_ns:
             self._publish_held()  # time has gone back to begin an episode
         self._header, self._episodes = message.header, np.array(message.episodes)
@@ -334,7 +342,7 @@ class EventSensorNode(Node):
             from nodes.event_sensor.environments.reset_groups import ResetGroups
 
             height, width = self._packets.size
-            self._groups = ResetGroups(partial(self._make, height, width), self.params["seed"])
+            self._groups = ResetGroups(partial(self._make, height, width), self.params["seed"], self._own_model)
             if self._sensor is not None:
                 self._groups.adopt(self._sensor, self._episodes, self._header.stamp_ns)
         self._header = message.header

@@ -60,7 +60,11 @@ def step_length(model_timestep: float, asked: float | None) -> int:
     if asked is not None:
         return max(1, round(asked * 1e9))
     timestep = max(1, round(model_timestep * 1e9))
-    return round(timestep / -(-timestep // MAX_STEP_NS))
+    parts = -(-timestep // MAX_STEP_NS)
+    # One part more where only that makes whole ns of each: 2.5 ms are 4 x 625 us, and no whole number of 833,333 ns,
+    # of which none would begin at a keyframe and an action.
+    parts += bool(timestep % parts and not timestep % (parts + 1))
+    return round(timestep / parts)
 
 
 def prepared_model(scene: Scene, timestep: float | None, tolerance: Tolerance | None, deepest: bool) -> tuple[Any, int]:

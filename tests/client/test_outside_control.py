@@ -247,6 +247,19 @@ def test_a_controller_that_is_killed_hands_control_back(launch: Callable[..., La
     graph.end()
 
 
+def test_a_closed_connection_says_so(launch: Callable[..., Launched]) -> None:
+    """It would take control anew, and nobody would hand it back."""
+    graph = launch(mode="realtime")
+    with evis.connect(wait_s=LIMIT_S) as run:
+        run.act(np.zeros(6))
+    graph.said("has left /action")
+    for call in (lambda: run.act(np.zeros(6)), run.take, run.reset, lambda: run.topic("/state")):
+        with pytest.raises(ConnectionError, match=r"was closed; evis\.connect\(\) makes another"):
+            call()
+    run.close()
+    assert graph.end().count("controls /action") == 1
+
+
 def test_a_reset_from_outside(launch: Callable[..., Launched]) -> None:
     """The state at the next stamp is the start, one episode on; actions are for it as for any other."""
     graph = launch(envs=2)

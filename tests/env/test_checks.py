@@ -63,6 +63,10 @@ def test_render_shows_the_camera_with_events() -> None:
         ({"observation": evis.env.TimeSurface("1")}, "tau is '1'; it must be a number"),  # type: ignore[arg-type]
         ({"observation": evis.env.Frames(exposure=-1)}, "exposure is -1; it must be a number above 0"),
         ({"observation": evis.env.Frames(exposure=float("nan"))}, "exposure is nan; it must be a number above 0"),
+        (
+            {"observation": evis.env.Frames(grey=False), "keyframes": "luminance"},
+            "keyframes=luminance has none",
+        ),
         ({"observation": [evis.env.Joints()]}, "several are observations by name"),
         ({"observation": {"": evis.env.Joints(), "events": evis.env.CountImage()}}, "by name, no name being empty"),
         ({"seconds": "5"}, "seconds is '5'; an episode takes some time"),

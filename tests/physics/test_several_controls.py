@@ -42,6 +42,24 @@ def test_each_control_has_a_name_and_the_course_is_mujoco_s(path):
     assert abs(moved[0, 0]) > 1e-3
 
 
+def test_actions_at_multiples_of_the_model_s_own_step_act_at_once(path):
+    """Of 2.5 ms, too: three parts of 833,333 ns would fall short of the keyframe, and the action came a step later."""
+    file = path().replace("m.xml", "coarse.xml")
+    with open(file, "w") as f:
+        f.write(MODEL.format(delay="").replace('timestep="0.001"', 'timestep="0.0025"'))
+    model = mujoco.MjModel.from_xml_path(file)
+    model.opt.timestep /= 4
+    data = mujoco.MjData(model)
+    with evis.Simulation(file, width=16, height=12, keyframe_rate=40, outputs=["state"]) as sim:
+        sim.reset()
+        for k in range(4):
+            data.ctrl[:] = [0.9, 0.3, 0.1, 0.3, 0.4 * (-1) ** k]
+            mujoco.mj_step(model, data, 40)
+            mujoco.mj_kinematics(model, data)
+            moved = sim.step(data.ctrl).state.end_pose[0, :2, 3:]
+            np.testing.assert_allclose(moved, data.xquat[1:][:, [1, 2, 3, 0]], atol=1e-12)
+
+
 def test_what_belongs_to_an_actuator_is_found_by_its_number(path):
     """A servo behind one with four controls: its delay, its gear and its gain in a scene."""
     file = path('delay="0.01" nsample="10"')

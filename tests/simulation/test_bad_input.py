@@ -221,6 +221,33 @@ def test_what_nodes_warn_of_comes_as_warnings(tmp_path: Path) -> None:
         sim.reset()
 
 
+TELLER = """
+from evis.runtime.node import Input, Node
+
+
+class Teller(Node):
+    INPUTS = {"state": Input("/state")}
+
+    def update(self, inputs):
+        if stamp := inputs["state"].header.stamp_ns:
+            self.warn(f"it is {stamp} ns")
+"""
+
+
+def test_what_another_node_warns_of_is_told_where_an_environment_diverges(tmp_path: Path) -> None:
+    """The error has what physics said; the warning of the same step comes with it."""
+    (tmp_path / "bob.xml").write_text(FALLING.format(stiffness=1))
+    (tmp_path / "teller_node.py").write_text(TELLER)
+    path = tmp_path / "teller.yaml"
+    nodes = 'nodes:\n  teller: {type: "teller_node:Teller"}\n'
+    path.write_text(f"include: {{file: simulator, args: {{scene: {tmp_path}/bob.xml}}}}\n{nodes}")
+    with evis.Simulation(path, **SIZE) as sim:
+        sim.reset()
+        with pytest.warns(evis.SimulationWarning) as told, pytest.raises(evis.Diverged, match="bob"):
+            sim.step([1e8])
+    assert [str(warning.message) for warning in told] == ["teller: it is 33333333 ns"]
+
+
 BROKEN = """
 from evis.runtime.node import Input, Node
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -144,3 +145,45 @@ def test_what_environments_have_in_common_is_named(each: list[dict[str, Any]], w
     with pytest.raises(evis.SimulationError, match=words) as told:
         evis.Simulation("spinning_disk", each=each, height=30)
     assert "\n" not in str(told.value)
+
+
+RESET_ALONE: dict[str, tuple[str, dict[str, Any], list[dict[str, Any]]]] = {
+    "motion": ("spinning_disk", {}, [{"omega": 20.0}, {"omega": 40.0}]),
+    "sensor and seeds": ("falling_objects", {"shot_rate": 9.0}, [{"seed": 9}, {"threshold": 0.3, "seed": 5}]),
+    "another model's sensor": ("falling_objects", {"model": "v2e"}, [{"threshold": 0.3}, {"threshold": 0.25}]),
+}
+
+
+@pytest.mark.parametrize("case", RESET_ALONE)
+def test_one_that_is_reset_alone_is_what_it_is_by_itself(case: str) -> None:
+    """From its reset on, in time of its own; with seeds for all of them too."""
+    scene, shared, each = RESET_ALONE[case]
+    given: dict[str, Any] = {"outputs": ["frames", "events", "info"], **SIZE, **shared}
+    with evis.Simulation(scene, each=each, **given) as sim, evis.Simulation(scene, **given, **each[1]) as single:
+        expected = [single.reset(seed=77), single.step(), single.step()]
+        sim.run(0.1)
+        for again in (lambda: sim.reset(envs=[1], seed=[77]), lambda: sim.reset(seed=[8, 77])):
+            steps = [again(), sim.step(), sim.step()]
+            for step, own in zip(steps, expected):
+                part = sim.alone(step, 1)
+                same(part.frames.luminance, own.frames.luminance)
+                same(part.events.t - steps[0].stamp_ns, own.events.t)
+                for name in "xyp":
+                    same(getattr(part.events, name), getattr(own.events, name))
+            assert sim.alone(steps[0], 1).info is None or sim.alone(steps[0], 1).info.sensor["seed"] == 77
+        assert len(expected[-1].events.t) > 50
+
+
+def test_a_bag_of_sensors_with_parameters_of_their_own_is_without_an_audit(tmp_path: Path) -> None:
+    """The error that its audit cannot be had tells what helps, which does."""
+    each, bag = [{"threshold": 0.2}, {"threshold": 0.4}], tmp_path / "run.mcap"
+    with evis.Simulation("spinning_disk", each=each, **SIZE) as sim:
+        sim.run(0.05)
+        with pytest.raises(evis.SimulationError, match=r"threshold of audit in common.*; audit=0 leaves it out"):
+            sim.save(bag)
+    with evis.Simulation("spinning_disk", each=each, audit=0, **SIZE) as sim:
+        steps = sim.run(0.05)
+        sim.save(bag)
+        for env in range(2):
+            with evis.open(bag, topic=f"/env{env}/cam0/events") as recording:
+                same(np.concatenate([p.t for p in recording]), sim.alone(steps[-1], env).events.t)

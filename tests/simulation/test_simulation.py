@@ -66,6 +66,27 @@ def test_a_reset_run_is_the_first_run_again() -> None:
     assert other != first
 
 
+def test_the_time_of_one_keyframe_is_a_step_wherever_a_run_begins() -> None:
+    """Stamps are whole ns: from 33,333,333 to 66,666,667 it is more than 1/30 s."""
+    with evis.Simulation("spinning_disk", width=16, height=12, outputs=["state"]) as sim:
+        assert len(sim.run(1 / 30)) == 2
+        assert [len(sim.run(1 / 30)) for _ in range(5)] == [1] * 5
+        assert sim.stamp_ns == 200_000_000 and len(sim.run(2 / 30)) == 2
+
+
+def test_what_has_ended_goes_on_by_a_reset_of_all_alone() -> None:
+    """Time cannot go on: an environment would be put back to a start that no step follows."""
+    with evis.Simulation("spinning_disk", width=16, height=12, envs=2, outputs=["state"]) as sim:
+        sim.run(0.1)
+        sim.finish()
+        for call in (sim.step, lambda: sim.run(0.1), lambda: sim.reset(envs=[0])):
+            with pytest.raises(evis.SimulationError, match=r"has ended; reset\(\) begins anew"):
+                call()
+        sim.reset()
+        sim.reset(envs=[0])
+        assert len(sim.run(0.1)) == 3
+
+
 def test_every_run_tells_of_its_camera_as_a_new_one_does() -> None:
     """CameraInfo comes once in a run, at keyframe 0, and has the seed of that run."""
     arguments: dict[str, Any] = {"outputs": ["events", "info"], "threshold_mismatch": 0.03, "shot_rate": 5.0, **SIZE}

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from nodes.event_sensor.input.further import Further
 
 Columns = dict[str, np.ndarray]
-Make = Callable[[int, int, int], Any]
-"""(environments, seed of the first one, number of the reset) -> sensor."""
+Make = Callable[[slice, int | None, int], Any]
+"""(environments, seed of the first one or None = the configured one, number of the reset) -> sensor."""
 LEFT = -1
 """Number of the reset that a sensor is given for an environment that has left it."""
 
@@ -61,9 +61,10 @@ class ResetGroup:
 class ResetGroups:
     """Senses E environments, some of which were reset by themselves, by a sensor for each group reset together."""
 
-    def __init__(self, make: Make, seed: int) -> None:
-        """make: makes the sensor of a group. seed: the configured one, of environment 0."""
-        self._make, self._seed = make, seed
+    def __init__(self, make: Make, seed: int, own_model: bool) -> None:
+        """make: makes the sensor of a group. seed: the configured one, of environment 0. own_model: whether sensors
+        have the methods of EventSensor; those of another model have `process` alone."""
+        self._make, self._seed, self._own_model = make, seed, own_model
         self._groups: list[ResetGroup] = []
         self._rows: np.ndarray | None = None
         self._episodes: np.ndarray | None = None
@@ -166,12 +167,13 @@ class ResetGroups:
         since: number of the reset at which its time began.
         """
         count, number = span.stop - span.start, int(row[NUMBER])
-        seed = self._seed + span.start if row[SEED] == CONFIGURED else int(row[SEED])
+        given = None if row[SEED] == CONFIGURED else int(row[SEED])
+        seed = self._seed + span.start if given is None else given
         numbers = np.full(count, number, np.int32)
         group = next((p for p in self._groups if p.span == span and p.seed == seed and not p.live.any()), None)
         if group is None or not number or not getattr(group.sensor, "begins_again", False):
             nobody = np.zeros(count, bool)
-            group = ResetGroup(span, self._make(count, seed, since), seed, nobody, numbers, 0, 0, nobody)
+            group = ResetGroup(span, self._make(span, given, since), seed, nobody, numbers, 0, 0, nobody)
             self._groups.append(group)
         group.live, group.leaving = np.ones(count, bool), np.zeros(count, bool)
         group.numbers, group.moved, group.origin = numbers, True, int(row[ORIGIN])
@@ -195,7 +197,7 @@ class ResetGroups:
             return
         rows = self._rows[group.span]
         group.numbers = np.where(group.live, rows[:, NUMBER], group.numbers).astype(np.int32)
-        columns, offsets = _events(group.sensor, frames, t, group.numbers, between)
+        columns, offsets = self._events(group.sensor, frames, t, group.numbers, between)
         group.stamp = int(t[-1])
         self.t_base = min(self.t_base, group.sensor.t_base + group.origin)
         for n, env in enumerate(range(group.span.start, group.span.stop)):
@@ -214,7 +216,7 @@ class ResetGroups:
         What has still to leave the readout of an environment that was reset is cut, and counted, as a sensor does that
         goes on: its stamp would lie in the next episode.
         """
-        if not hasattr(group.sensor, "finish"):
+        if not self._own_model:
             return
         columns, offsets = _read(group.sensor, group.sensor.finish())
         for n in np.flatnonzero(group.live | group.leaving).tolist():
@@ -223,6 +225,15 @@ class ResetGroups:
                 self._past = _sum([self._past, {"readout_cut": int(late.sum())}])
                 mine = {name: values[~late] for name, values in mine.items()}
             found[group.span.start + n].append((mine, group.origin))
+
+    def _events(
+        self, sensor: Any, frames: Any, t: np.ndarray, numbers: np.ndarray, further: Further | None
+    ) -> tuple[Columns, np.ndarray]:
+        """Gives the events of frames and of samples between them, in numpy arrays."""
+        if self._own_model:
+            return _read(sensor, sensor.advance(frames, t, numbers, further=further if sensor.takes_further else None))
+        events = sensor.process(np.ascontiguousarray(frames), t, numbers)
+        return {name: getattr(events, name) for name in ("t", "x", "y", "p")}, events.env_offsets
 
     def _joined(self, found: Sequence[Sequence[tuple[Columns, int]]]) -> tuple[Columns, np.ndarray]:
         """Joins the events of all environments to columns, their times moved to the stamps that all share."""
@@ -235,16 +246,6 @@ class ResetGroups:
 
 
 _OTHERS: dict[str, Any] = {"x": np.uint16, "y": np.uint16, "p": np.uint8}
-
-
-def _events(
-    sensor: Any, frames: Any, t: np.ndarray, numbers: np.ndarray, further: Further | None
-) -> tuple[Columns, np.ndarray]:
-    """Gives the events of frames and of samples between them, in numpy arrays."""
-    if hasattr(sensor, "advance"):
-        return _read(sensor, sensor.advance(frames, t, numbers, further=further if sensor.takes_further else None))
-    events = sensor.process(np.ascontiguousarray(frames), t, numbers)
-    return {name: getattr(events, name) for name in ("t", "x", "y", "p")}, events.env_offsets
 
 
 def _read(sensor: Any, count: int) -> tuple[Columns, np.ndarray]:

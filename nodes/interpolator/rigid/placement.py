@@ -82,8 +82,11 @@ class Placement:
         poses[:, :, self.movers] = self.moved(stamps, states)
         return poses
 
-    def moved(self, stamps: np.ndarray, states: States) -> np.ndarray:
-        """Gives poses of the `movers` alone, as `at` does, float64 [K, E, M, 7]."""
+    def moved(self, stamps: np.ndarray, states: States, envs: np.ndarray | None = None) -> np.ndarray:
+        """Gives poses of the `movers` alone, as `at` does, float64 [K, E, M, 7].
+
+        envs: int64 [n], the environments that `states` are of; None = all.
+        """
         last = of_bodies(states.end_pose, self.movers)
         poses = np.empty((len(stamps), *last.shape))
         # The others are written below.
@@ -93,6 +96,8 @@ class Placement:
         if len(self._together):
             known = self._ahead.get(len(stamps), {}).get(stamps[:-1].tobytes())
             known = self._known(stamps[:-1]) if known is None else known
+            # Worlds that move alike have one row in common.
+            known = known if envs is None or len(known) == 1 else known[envs]
             poses[:-1, :, self._together] = known.transpose(2, 0, 1, 3)
         for m, path in self._alone:
             poses[:-1, :, m] = path.pose(stamps[:-1])[:, None]

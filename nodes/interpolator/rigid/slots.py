@@ -95,7 +95,7 @@ class Slots:
         for n, t in enumerate(times):
             envs = np.flatnonzero((which.reshape(-1) == n) & ~held)
             if len(envs):
-                moved[:, envs] = self._placement.moved(t, b.part(envs))
+                moved[:, envs] = self._placement.moved(t, b.part(envs), envs)
         return moved
 
     def camera(self) -> np.ndarray:
