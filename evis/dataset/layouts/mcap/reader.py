@@ -96,7 +96,7 @@ class McapReader(SequenceReader):
             stacked = np.stack([np.asarray(image.data) for image in images]) if images else _none()
             exposed = np.array([image.exposure_ns for image in images], np.int64)
             stamps = np.array([image.header.stamp_ns for image in images], np.int64)
-            return {"t": stamps, "exposure_ns": exposed, "image": stacked}
+            return {"t": stamps, "image": stacked, "exposure_ns": exposed}
         names = (*DENSE.get(kind, ()), *TABLES.get(kind, ()))
         pieces = [
             (message.header.stamp_ns, {n: _single(n, getattr(message, n)) for n in names})
