@@ -84,8 +84,8 @@ class SequenceReader(ABC):
 
         Returns the stamps `t` int64 [T] ns, and the arrays by the names that they have in msgs' Labels: images and
         poses [T, ...]; of boxes and contacts all rows, those of stamp k being [offsets[k], offsets[k + 1]); of `events`
-        a row for each event of that time, `t` being the events' own. `image` has the frames [T, H, W, 1 or 3]. Raises LayoutError for a
-        kind that the sequence does not have.
+        a row for each event of that time, `t` being the events' own. `image` has the frames [T, H, W, 1 or 3]. Raises
+        LayoutError for a kind that the sequence does not have.
         """
         name = self._named(camera)
         self._there(kind, name)

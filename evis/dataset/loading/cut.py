@@ -119,7 +119,8 @@ class Cut:
 def check_whole(name: str, value: Any, least: int | None = None) -> None:
     """Raises DatasetError for what is no whole number, or one below `least`."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or (least is not None and value < least):
-        raise DatasetError(f"{name} is {value!r}; it must be a whole number{'' if least is None else f', {least} or more'}")
+        bound = "" if least is None else f", {least} or more"
+        raise DatasetError(f"{name} is {value!r}; it must be a whole number{bound}")
 
 
 def _is_length(value: Any, whole: bool) -> bool:

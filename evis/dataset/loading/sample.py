@@ -109,8 +109,9 @@ def sample_of(source: Source, cut: Cut, window: Window, epoch: int) -> Sample:
         if name not in source.arguments:
             has = ", ".join(source.arguments) or "none"
             raise DatasetError(f"{source.name} has no argument '{name}' in its recipe; it has {has}")
-        number = np.asarray(source.arguments[name])
-        found[name] = number if number.dtype.kind in "biuf" else source.arguments[name]  # PyTorch has no tensors of text
+        value = source.arguments[name]
+        array = np.asarray(value)
+        found[name] = array if array.dtype.kind in "biuf" else value  # PyTorch has no tensors of text
     return found | {"t0_ns": t0, "t1_ns": t1, "sequence": source.index, "window": window.number}
 
 

@@ -62,7 +62,10 @@ def test_windows_that_cannot_be(small: Made) -> None:
         ({"seconds": 0.1, "augment": Augment(flip_x=2)}, "it is a share, from 0 to 1"),
         ({"seconds": 0.1, "augment": Augment(flip_x="half")}, "flip_x of Augment is 'half'; it is a share"),  # type: ignore[arg-type]
         ({"seconds": 0.1, "augment": Augment(crop=5)}, "crop of Augment is 5; it is (height, width)"),  # type: ignore[arg-type]
-        ({"seconds": 0.1, "augment": 0.5}, "augment is 0.5; it is an Augment: augment=evis.dataset.Augment(flip_x=0.5)"),
+        (
+            {"seconds": 0.1, "augment": 0.5},
+            "augment is 0.5; it is an Augment: augment=evis.dataset.Augment(flip_x=0.5)",
+        ),
         ({"seconds": 0.1, "seed": "a"}, "seed is 'a'; it must be a whole number"),
         ({"seconds": 1e-10}, "the window is 1e-10 s; it must be 1e-06 s or more"),
         ({"seconds": 0.1, "stride": 1e-9}, "the stride is 1e-09 s; it must be 1e-06 s or more"),
