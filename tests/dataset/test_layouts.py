@@ -70,6 +70,20 @@ def test_every_label_comes_back(layout: str, tmp_path: Path) -> None:
     assert reader.about.bodies and len(reader.about.bodies) == reader.labels("poses", 0, 10**12)["pose"].shape[1]
 
 
+@pytest.mark.parametrize("layout", WHOLE)
+def test_labels_of_events_come_back_in_parts(layout: str, tmp_path: Path) -> None:
+    """A row for each event of the interval, also of one that ends among the last events of the run."""
+    about, steps = simulated()
+    written(layout, tmp_path / "s", about, steps)
+    reader, t = reader_of(layout)(tmp_path / "s"), events_of(steps, "cam0")["t"]
+    want = {name: np.concatenate(labels_of(steps, "cam0", name)[1]) for name in EVENTS}
+    for t0, t1 in [(0, 5_000_000), (20_000_000, 70_000_000), (90_000_000, 120_000_000), (101_000_000, DURATION_NS)]:
+        got, part = reader.labels("events", t0, t1), (t >= t0) & (t < t1)
+        assert part.any() and np.array_equal(got["t"], t[part]), (t0, t1)
+        for name in EVENTS:
+            assert got[name].tobytes() == want[name][part].tobytes(), (name, t0, t1)
+
+
 def test_what_is_known_of_a_sequence_comes_back(layout: str, tmp_path: Path) -> None:
     """The cameras too."""
     about, steps = simulated()

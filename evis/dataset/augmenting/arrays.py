@@ -15,8 +15,8 @@ _GOLDEN = int(GOLDEN.view(np.int64))
 
 
 def module_of(array: Any) -> Any:
-    """Returns numpy, or torch for a tensor."""
-    return np if isinstance(array, np.ndarray) else sys.modules["torch"]
+    """Returns numpy, also for one of its numbers, or torch for a tensor."""
+    return np if isinstance(array, np.ndarray | np.generic) else sys.modules["torch"]
 
 
 def cast(array: Any, dtype: Any) -> Any:

@@ -84,8 +84,8 @@ class SequenceReader(ABC):
 
         Returns the stamps `t` int64 [T] ns, and the arrays by the names that they have in msgs' Labels: images and
         poses [T, ...]; of boxes and contacts all rows, those of stamp k being [offsets[k], offsets[k + 1]); of `events`
-        a row for each event of that time, `t` being the events' own. `image` has the frames. Raises LayoutError for a
-        kind that the sequence does not have.
+        a row for each event of that time, `t` being the events' own. `image` has the frames [T, H, W, 1 or 3]. Raises
+        LayoutError for a kind that the sequence does not have.
         """
         name = self._named(camera)
         self._there(kind, name)
@@ -189,6 +189,11 @@ class SequenceReader(ABC):
 def spans(t: np.ndarray, flow_t: np.ndarray | None) -> np.ndarray:
     """Returns stamps as `SequenceReader.stamps` does: flow_t [T, 2] where there is one, else t [T] twice."""
     return np.stack((t, t), -1).astype(np.int64) if flow_t is None else np.asarray(flow_t, np.int64).reshape(-1, 2)
+
+
+def framed(images: np.ndarray) -> np.ndarray:
+    """Returns frames [T, H, W, 1 or 3]; a file of grey ones, [T, H, W], holds no axis of channels."""
+    return images[..., None] if images.ndim == 3 else images
 
 
 def within(t: np.ndarray, t0: int, t1: int) -> slice:

@@ -24,9 +24,9 @@ def check_size(size: int) -> None:
 def collate(samples: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Joins samples of windows to a batch of B, for a DataLoader's collate_fn too.
 
-    Arrays of equal shape get an axis B in front, and numbers become int64 [B]. Events that are no image are joined to
-    t, x, y, p [n] with `env_offsets` int64 [B + 1], as the functions of evis.events.representations take a batch; the
-    labels of events go with them. Boxes and contacts are joined too, `boxes_offsets` [B + 1] delimits them.
+    Arrays of equal shape get an axis B in front, numbers become int64 [B], texts a list. Events that are no image are
+    joined to t, x, y, p [n] with `env_offsets` int64 [B + 1], as the functions of evis.events.representations take a
+    batch; the labels of events go with them. Boxes and contacts are joined too, `boxes_offsets` [B + 1] delimits them.
 
     Samples of tensors make tensors on their device, those of numpy arrays numpy arrays. Raises DatasetError for images
     of different size.
@@ -44,6 +44,8 @@ def collate(samples: Sequence[dict[str, Any]]) -> dict[str, Any]:
             batch[f"{_OF_TABLES[name]}_offsets"] = _offsets(values)
         elif hasattr(first, "shape"):
             batch[name] = _stacked(name, values)
+        elif not isinstance(first, int):
+            batch[name] = values
         else:
             like = next((v for v in samples[0].values() if hasattr(v, "shape")), None)
             like = samples[0]["events"]["t"] if like is None else like

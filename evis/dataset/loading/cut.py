@@ -74,7 +74,10 @@ class Cut:
                 raise DatasetError(f"the {name} is {value!r} s; it must be {LEAST_S:g} s or more")
         if isinstance(labels, str) or isinstance(arguments, str):
             raise DatasetError("labels and arguments are lists: labels=['forward_flow']")
-        kinds, change = tuple(labels), augment or Augment()
+        kinds, change = tuple(labels), Augment() if augment is None else augment
+        if not isinstance(change, Augment):
+            raise DatasetError(f"augment is {augment!r}; it is an Augment: augment=evis.dataset.Augment(flip_x=0.5)")
+        check_whole("seed", seed)
         change.check(kinds)
         if "events" in kinds and (representation is not None or events is not None):
             raise DatasetError(
@@ -111,6 +114,13 @@ class Cut:
     def length(self) -> str:
         """Returns the length of a window, for people."""
         return f"{self.seconds:g} s" if self.seconds else f"{self.events} events"
+
+
+def check_whole(name: str, value: Any, least: int | None = None) -> None:
+    """Raises DatasetError for what is no whole number, or one below `least`."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or (least is not None and value < least):
+        bound = "" if least is None else f", {least} or more"
+        raise DatasetError(f"{name} is {value!r}; it must be a whole number{bound}")
 
 
 def _is_length(value: Any, whole: bool) -> bool:

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from evis.dataset.augmenting.augmentation import COUNTERPART
 from evis.dataset.augmenting.changed_events import changed_events
 from evis.dataset.augmenting.changed_labels import placed_labels, reversed_labels
 from evis.dataset.errors import DatasetError
@@ -102,12 +103,15 @@ def sample_of(source: Source, cut: Cut, window: Window, epoch: int) -> Sample:
         labels = dict(source.label(other, stamp))
         if drawn.reverse:
             labels, stamp = reversed_labels(labels, t0, t1), t0 + t1 - stamp
+            stamp = int(labels["flow_t"][1]) if kind in COUNTERPART else stamp  # where an interval ends now
         found |= placed_labels(labels, drawn, *size) | {f"{kind}_ns": stamp}
     for name in cut.arguments:
         if name not in source.arguments:
             has = ", ".join(source.arguments) or "none"
             raise DatasetError(f"{source.name} has no argument '{name}' in its recipe; it has {has}")
-        found[name] = np.asarray(source.arguments[name])
+        value = source.arguments[name]
+        array = np.asarray(value)
+        found[name] = array if array.dtype.kind in "biuf" else value  # PyTorch has no tensors of text
     return found | {"t0_ns": t0, "t1_ns": t1, "sequence": source.index, "window": window.number}
 
 

@@ -41,6 +41,8 @@ class Live:
         self._until = self._packets_until = -1
         self._events, self._marks = Rows(), Rows()
         self._pieces: list[Piece] = []
+        none = {name: np.empty(0, dtype) for name, dtype in EVENT_TYPES.items()}
+        self._events.add(none, playing.about.start_ns, playing.about.start_ns)  # what a recipe without events has
 
     def windows(self) -> Iterator[Window]:
         """Yields the windows in order, each as soon as all of it is simulated; those before are forgotten."""

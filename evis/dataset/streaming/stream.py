@@ -15,7 +15,7 @@ from evis.dataset.draws import key_of, uniform
 from evis.dataset.errors import DatasetError
 from evis.dataset.layouts.sample import host
 from evis.dataset.loading.collate import check_size, collate
-from evis.dataset.loading.cut import Cut
+from evis.dataset.loading.cut import Cut, check_whole
 from evis.dataset.loading.sample import Sample, contiguous, sample_of
 from evis.dataset.loading.windows import torch_module
 from evis.dataset.making.make import check
@@ -100,7 +100,7 @@ class Stream:
             yield held.pop(int(uniform(key_of(key, "rest"), n) * len(held)))
 
     def _own(self, worker: int, workers: int, taken: Callable[[Any], Any]) -> Iterator[Sample]:
-        fruitless, why = 0, ""
+        fruitless, why, fruit = 0, "", False
         for plan in itertools.islice(self._plans(), worker, None, workers):
             before = dict(self.left_out)
             windows = 0
@@ -116,9 +116,11 @@ class Stream:
                 why = f"{plan.name} is shorter than a window of {self.cut.length}"
             elif self.left_out["sequences that failed"] == before["sequences that failed"]:
                 why = f"windows of {self.cut.length} have no labels {', '.join(self.cut.labels)}; make them longer"
-            fruitless = 0 if windows else fruitless + 1
+            fruitless, fruit = 0 if windows else fruitless + 1, fruit or windows > 0
             if fruitless == FRUITLESS:
                 raise DatasetError(f"{FRUITLESS} sequences in a row gave no window: {why}")
+        if fruitless and not fruit and workers == 1:  # one of several workers may have the short ones alone
+            raise DatasetError(f"none of {fruitless} sequences gave a window: {why}")
 
     def _plans(self) -> Iterator[Plan]:
         numbers = itertools.count(self._first)
@@ -177,6 +179,9 @@ def stream(
     """
     if arrays not in (None, "torch", "numpy"):
         raise DatasetError(f"arrays is '{arrays}'; it is torch or numpy")
+    for name, value in (("sequences", sequences), ("first", first), ("shuffle", shuffle)):
+        if value is not None:
+            check_whole(name, value, 0)
     read = recipe if isinstance(recipe, Recipe) else read_recipe(recipe, duration_s)
     made = Stream(read, Cut.of(**how), sequences, first, split, device, shuffle)
     if arrays == "numpy":

@@ -86,6 +86,7 @@ def test_time_runs_backwards(small: Made) -> None:
         same(b["forward_flow"], a["backward_flow"])
         same(b["backward_valid"], a["forward_valid"])
         assert b["flow_t"].tolist() == a["flow_t"].tolist()
+        assert b["forward_flow_ns"] == b["backward_flow_ns"] == a["t1_ns"]
         # What stands at an instant is that of the window's start, which is where it ends now.
         truth = evis.dataset.open(small[1])[b["sequence"]].labels("depth", a["t0_ns"], a["t0_ns"] + 1)
         same(b["depth"], truth["depth"][0])

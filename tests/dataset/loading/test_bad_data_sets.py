@@ -62,6 +62,11 @@ def test_windows_that_cannot_be(small: Made) -> None:
         ({"seconds": 0.1, "augment": Augment(flip_x=2)}, "it is a share, from 0 to 1"),
         ({"seconds": 0.1, "augment": Augment(flip_x="half")}, "flip_x of Augment is 'half'; it is a share"),  # type: ignore[arg-type]
         ({"seconds": 0.1, "augment": Augment(crop=5)}, "crop of Augment is 5; it is (height, width)"),  # type: ignore[arg-type]
+        (
+            {"seconds": 0.1, "augment": 0.5},
+            "augment is 0.5; it is an Augment: augment=evis.dataset.Augment(flip_x=0.5)",
+        ),
+        ({"seconds": 0.1, "seed": "a"}, "seed is 'a'; it must be a whole number"),
         ({"seconds": 1e-10}, "the window is 1e-10 s; it must be 1e-06 s or more"),
         ({"seconds": 0.1, "stride": 1e-9}, "the stride is 1e-09 s; it must be 1e-06 s or more"),
         ({"seconds": 0.1, "augment": Augment(noise=-1)}, "a rate per pixel, 0 Hz or more"),
@@ -135,8 +140,13 @@ def test_streams_that_cannot_be(small: Made) -> None:
         ({"seconds": 0.1, "split": "tset"}, "has no split 'tset'; did you mean 'test'?"),
         ({"seconds": 0.1, "arrays": "jax"}, "it is torch or numpy"),
         ({"seconds": 0.1, "representation": "time_surfac"}, "did you mean 'time_surface'?"),
+        ({"seconds": 0.1, "sequences": -1}, "sequences is -1; it must be a whole number, 0 or more"),
+        ({"seconds": 0.1, "first": 1.5}, "first is 1.5; it must be a whole number, 0 or more"),
+        ({"seconds": 0.1, "shuffle": -3}, "shuffle is -3; it must be a whole number, 0 or more"),
     ]
     for how, text in cases:
         assert text in refusal(evis.dataset.stream, small[0], **how), how
     never = evis.dataset.stream(small[0], arrays="numpy", events=10**8)
     assert "5 sequences in a row gave no window" in refusal(lambda: next(iter(never)))
+    few = evis.dataset.stream(small[0], arrays="numpy", sequences=1, events=10**8)
+    assert "none of 1 sequences gave a window: spinning_disk_00000 is shorter than a window of" in refusal(list, few)

@@ -116,3 +116,17 @@ def test_a_stream_on_a_gpu_has_its_labels_there(tmp_path: Path) -> None:
         for name in labels:
             near = np.isclose(np.asarray(here[name]), np.asarray(other[name]), rtol=1e-3, atol=1e-2, equal_nan=True)
             assert near.mean() > 0.99
+
+
+def test_a_stream_without_events(tmp_path: Path) -> None:
+    """Its windows have columns of no rows, and images of nothing."""
+    recipe = tmp_path / "dark.yaml"
+    text = RECIPE.replace("labels: [forward_flow, backward_flow, boxes, depth, events]", "outputs: [depth]")
+    recipe.write_text(text.replace(", shot_rate: 5.0", ""))
+    how: dict[str, Any] = {"sequences": 1, "seconds": 0.1, "labels": ["depth"], "arrays": "numpy"}
+    first, second = evis.dataset.stream(recipe, **how)
+    for sample in (first, second):
+        types = {name: (column.dtype.name, len(column)) for name, column in sample["events"].items()}
+        assert types == {"t": ("int64", 0), "x": ("uint16", 0), "y": ("uint16", 0), "p": ("uint8", 0)}
+    grids = evis.dataset.stream(recipe, representation="voxel_grid", bins=3, **how)
+    assert [grid["events"].shape for grid in grids] == [(3, 32, 40)] * 2

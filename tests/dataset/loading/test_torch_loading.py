@@ -167,3 +167,14 @@ def test_rows_of_tensors() -> None:
     assert arrays.drop_before(350) == tensors.drop_before(350) == np.count_nonzero(t <= 300)
     same(plain(tensors.part(250, 380)), arrays.part(250, 380))
     assert np.array_equal(arrays.part(250, 380)["t"], t[250:380]) and arrays.time(399) == t[399]
+
+
+def test_text_among_tensors(small: Made) -> None:
+    """A loader gives a list of texts, by either way of joining."""
+    data = evis.dataset.open(small[1])
+    for sequence in data:
+        sequence.arguments["preset"] = sequence.name
+    windows = data.windows(seconds=0.2, representation="count_image", arguments=["preset"]).torch()
+    for collate in (None, evis.dataset.collate):
+        (batch,) = torch.utils.data.DataLoader(windows, batch_size=3, collate_fn=collate)
+        assert list(batch["preset"]) == [sequence.name for sequence in data]

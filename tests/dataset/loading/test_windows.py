@@ -177,3 +177,22 @@ def test_a_window_is_taken_by_its_whole_number(small: Made, i: Any) -> None:
 def test_a_window_that_is_not_there(small: Made, i: int) -> None:
     with pytest.raises(IndexError, match=f"no window {i}; there are 18"):
         evis.dataset.open(small[1]).windows(seconds=1 / 30)[i]
+
+
+def test_exposures_of_frames_are_joined() -> None:
+    """A frame comes with a number of its own."""
+    frame = np.zeros((2, 3, 1), np.uint8)
+    batch = evis.dataset.collate([{"image": frame + k, "exposure_ns": np.int64(k)} for k in (4, 7)])
+    assert batch["image"].shape == (2, 2, 3, 1)
+    assert batch["exposure_ns"].dtype == np.int64 and batch["exposure_ns"].tolist() == [4, 7]
+
+
+def test_arguments_that_are_text(small: Made) -> None:
+    """They come as they are, for PyTorch has no tensors of them."""
+    data = evis.dataset.open(small[1])
+    for sequence, preset in zip(data, ("ideal", "davis346", "ideal")):
+        sequence.arguments["preset"] = preset
+    windows = data.windows(seconds=0.2, arguments=["preset", "width"])
+    batch = next(windows.batches(3))
+    assert batch["preset"] == ["ideal", "davis346", "ideal"] and isinstance(windows[1]["preset"], str)
+    assert batch["width"].tolist() == [WIDTH] * 3

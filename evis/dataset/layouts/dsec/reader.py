@@ -14,7 +14,7 @@ from evis.dataset.layouts.dsec.disparity import codes_to_disparity
 from evis.dataset.layouts.dsec.tracks import boxes_of
 from evis.dataset.layouts.hdf5_reading import dataset, opened
 from evis.dataset.layouts.millisecond_index import NAME
-from evis.dataset.layouts.reader import ANEW, EventArrays, SequenceReader, spans, within
+from evis.dataset.layouts.reader import ANEW, EventArrays, SequenceReader, framed, spans, within
 from evis.dataset.layouts.stereo_sides import sides
 from evis.media.frames.images import codes
 
@@ -107,7 +107,8 @@ class DsecReader(SequenceReader):
                 f"{self.directory}/images has {len(stamps)} times, and {len(exposures)} exposures; {ANEW}"
             )
         part, images = self._images(f"images/{side}/rectified", stamps, t0, t1)
-        return {"t": stamps[part], "exposure_ns": exposures[part, 1] - exposures[part, 0], kind: _stack(images, part)}
+        exposed = exposures[part, 1] - exposures[part, 0]
+        return {"t": stamps[part], kind: framed(_stack(images, part)), "exposure_ns": exposed}
 
     def _times_of(self, name: str, columns: int) -> np.ndarray:
         """The times of a text [T, columns], ns. Raises LayoutError unless all its lines are there."""

@@ -66,18 +66,20 @@ class McapReader(SequenceReader):
         """The packets that may have events of [t0, t1), each with its labels if they are asked for."""
         topics = [f"/{camera}/events", *([f"/{camera}/labels"] if labelled else [])]
         waiting: list[EventPacket] = []
+        over = False
         with self._bag() as bag:
             for _, message in bag.messages(topics, t0):
                 if isinstance(message, Labels) and message.event_instance is not None:
                     yield waiting.pop(0), message
                 elif isinstance(message, EventPacket):
                     assert message.t is not None
-                    if message.t0_ns > t1 or (len(message.t) and message.t[0] >= t1):
-                        return
+                    over = over or message.t0_ns > t1 or bool(len(message.t) and message.t[0] >= t1)
                     if labelled:
                         waiting.append(message)
-                    else:
+                    elif not over:
                         yield message, None
+                if over and not waiting:  # at the end of a run two packets come before the labels of the first
+                    return
 
     def _labels(self, kind: str, t0: int, t1: int, camera: str) -> dict[str, np.ndarray]:
         info = self.cameras[camera]
@@ -94,7 +96,7 @@ class McapReader(SequenceReader):
             stacked = np.stack([np.asarray(image.data) for image in images]) if images else _none()
             exposed = np.array([image.exposure_ns for image in images], np.int64)
             stamps = np.array([image.header.stamp_ns for image in images], np.int64)
-            return {"t": stamps, "exposure_ns": exposed, "image": stacked}
+            return {"t": stamps, "image": stacked, "exposure_ns": exposed}
         names = (*DENSE.get(kind, ()), *TABLES.get(kind, ()))
         pieces = [
             (message.header.stamp_ns, {n: _single(n, getattr(message, n)) for n in names})

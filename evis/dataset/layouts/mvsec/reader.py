@@ -10,7 +10,7 @@ import numpy as np
 from evis.dataset.layouts.hdf5_reading import dataset, opened
 from evis.dataset.layouts.mvsec.event_table import first_row, nanoseconds
 from evis.dataset.layouts.npz.archive import mapped
-from evis.dataset.layouts.reader import EventArrays, SequenceReader, within
+from evis.dataset.layouts.reader import EventArrays, SequenceReader, framed, within
 from evis.dataset.layouts.stereo_sides import sides
 
 _PLACES = {"depth": ("gt", "depth_image_raw"), "poses": ("gt", "pose"), "image": ("data", "image_raw")}
@@ -73,6 +73,7 @@ class MvsecReader(SequenceReader):
         array = dataset(file, place)[part]
         if kind == "depth":
             array = np.where(np.isnan(array), np.float32(np.inf), array)
+        array = framed(array) if kind == "image" else array
         return {"t": stamps[part], {"poses": "pose"}.get(kind, kind): array}
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from evis.dataset.layouts import LayoutError
 from evis.dataset.layouts.columns import EVENT_TYPES
 from evis.dataset.layouts.joined import joined, no_rows, of_events
-from evis.dataset.layouts.reader import ANEW, EventArrays, SequenceReader, within
+from evis.dataset.layouts.reader import ANEW, EventArrays, SequenceReader, framed, within
 from evis.dataset.layouts.sample import EVENTS
 from evis.media.frames.images import codes
 
@@ -90,7 +90,7 @@ class WebdatasetReader(SequenceReader):
             told = {n: np.array([e.told["image"][n] for e in there], np.int64) for n in ("stamp_ns", "exposure_ns")}
             images = [codes(_bytes(e.parts["image.png"])) for e in there]
             stacked = np.stack(images) if images else np.empty((0, 0, 0), np.uint8)
-            return {"t": told["stamp_ns"], "exposure_ns": told["exposure_ns"], "image": stacked}
+            return {"t": told["stamp_ns"], "image": framed(stacked), "exposure_ns": told["exposure_ns"]}
         there = [e for e in self._entries[camera] if t0 <= e.told["stamp_ns"] < t1 and f"{kind}.npz" in e.parts]
         return joined(kind, [(entry.told["stamp_ns"], _arrays(entry, kind)) for entry in there], info)
 
