@@ -20,6 +20,9 @@ PER_SWING = wp.constant(2.0)
 PLAIN = wp.constant(EVEN)
 LEAST_SPACING = wp.constant(0.5)
 """Least way between two samples, of a pixel's width."""
+TURNED = wp.constant(0.25)
+"""Way since the last sample, of that between two, after which there is one where a point turns back: what shakes shows
+there how far it goes."""
 
 
 @wp.func
@@ -71,7 +74,8 @@ def make_follow(channels: int, ways: int) -> Any:
         count: wp.array(dtype=int),
     ):
         """Lists instants from `start` to `end` between which a pixel goes over part of a swing of what is painted on
-        the surface, and by half a pixel at least. Arguments as of `walk`; gives the index of the last entry listed."""
+        the surface, and by half a pixel at least, and those at which it turns back. Arguments as of `walk`; gives the
+        index of the last entry listed."""
         body = stage.targets.pieces[triangle_of(before)][0]
         each = (cut.slots + 1) // stage.probes[spot.env]
         listed = start
@@ -79,6 +83,7 @@ def make_follow(channels: int, ways: int) -> Any:
         i = start
         hit = before
         here = on_body(cut, keys, stage, spot, i, body, hit)
+        heading = wp.vec3(0.0)
         while i < end:
             following = wp.min(end, (i | (each - 1)) + 1)
             seen = after
@@ -88,6 +93,10 @@ def make_follow(channels: int, ways: int) -> Any:
             way = wp.length(there - here)
             grain = wp.min(stage.targets.grain[triangle_of(hit)], stage.targets.grain[triangle_of(seen)])
             spacing = wp.max(grain / PER_SWING, LEAST_SPACING * width_of_pixel(cut, spot, seen))
+            if grain < PLAIN and i > listed and gone > TURNED * spacing and wp.dot(there - here, heading) < 0.0:
+                last = note(cut, instances, spot, i, hit, hit, pixel(UNKNOWN), last, room, most, band, count)
+                listed = i
+                gone = 0.0
             if grain < PLAIN and gone + way >= spacing:
                 to_next = wp.max(spacing - gone, 0.0)
                 pace = float(following - i) / way
@@ -102,6 +111,7 @@ def make_follow(channels: int, ways: int) -> Any:
                     to_next += wp.max(spacing, way / float(following - i))
             else:
                 gone += way
+            heading = there - here
             here = there
             hit = seen
             i = following
