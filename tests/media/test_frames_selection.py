@@ -194,6 +194,21 @@ def test_an_unreadable_image_is_named(form, tmp_path):
             frames_of(open_frames(tmp_path, FrameOptions(fps=1)))
 
 
+@pytest.mark.parametrize("form", ["jpg", "tif"])
+@pytest.mark.parametrize("orientation, corner", [(1, (0, 0)), (3, (-1, -1)), (6, (0, -1)), (8, (-1, 0))])
+def test_a_picture_is_turned_as_it_is_looked_at(orientation, corner, form, tmp_path):
+    """Exif 2.32, 4.6.4: orientation 6 says that the first row is the right side, and the first column the top."""
+    codes = np.zeros((32, 64), np.uint8)
+    codes[:16, :16] = 255
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    Image.fromarray(codes).save(tmp_path / f"f0.{form}", exif=exif)
+    with open_frames(tmp_path, FrameOptions(fps=10)) as source:
+        _, image = frames_of(source)
+    assert image.shape == ((1, 64, 32) if orientation > 4 else (1, 32, 64))
+    assert [at for at in ((0, 0), (0, -1), (-1, 0), (-1, -1)) if image[(0, *at)] > 0.8] == [corner]
+
+
 @pytest.mark.parametrize("pixels", [[0, 70_000], [-3, 300]])
 def test_whole_numbers_beyond_16_bits_are_refused(pixels, tmp_path):
     """A TIFF of int32, which microscopes and scientific cameras write."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import sys
 
 import numpy as np
@@ -90,6 +91,25 @@ def test_white_of_more_than_8_bits_is_full_scale(pixels, full_range, black, grey
     share = (grey[0] - black[0]) / (white[0] - black[0])
     np.testing.assert_allclose(block.image[:, 9, 9], [0, share, 1], atol=4 / 65535, rtol=0)
     assert [int(ends[9, 9]) for ends in block.ends] == [BLACK, 0, FULL]
+
+
+@pytest.mark.parametrize("matrix, corner", [((0, 1, -1, 0), (0, -1)), ((-1, 0, 0, -1), (-1, -1)), ((0, -1, 1, 0), (-1, 0))])
+def test_the_picture_is_turned_as_players_turn_it(matrix, corner, av, tmp_path):
+    """The matrix of the track's header (ISO 14496-12, 8.3.2: x' = a x + c y, y' = b x + d y) takes the bright first
+    corner, at the upper left, to another one: a telephone that was held upright writes such files."""
+    frames = np.zeros((3, 32, 64, 3), np.uint8)
+    frames[:, :8, :8] = 255
+    write(av, tmp_path / "v.mp4", frames, codec="mpeg4", pixels="yuv420p")
+    file = bytearray((tmp_path / "v.mp4").read_bytes())
+    at = file.index(b"tkhd") + 44  # of a header of version 0
+    a, b, c, d = (65536 * n for n in matrix)
+    file[at : at + 36] = struct.pack(">9i", a, b, 0, c, d, 0, 0, 0, 1 << 30)
+    (tmp_path / "v.mp4").write_bytes(file)
+    with open_frames(tmp_path / "v.mp4") as source:
+        images = np.concatenate([block.image for block in source.blocks()])
+        assert (source.width, source.height) == ((32, 64) if matrix[0] == 0 else (64, 32))
+    bright = [where for where in ((0, 0), (0, -1), (-1, 0), (-1, -1)) if images[(0, *where)] > 0.8]
+    assert images.shape == (3, source.height, source.width) and bright == [corner]
 
 
 @pytest.mark.parametrize("name, codec, pixels", [("v.mkv", "ffv1", "bgr0"), ("v.mp4", "mpeg4", "yuv420p")])

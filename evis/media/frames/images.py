@@ -39,10 +39,10 @@ class ImageFrames(FolderFrames):
 
 
 def codes(file: bytes, form: str = "PNG") -> np.ndarray:
-    """Reads the bytes of a file of this format, uint8 or uint16 [H, W] or [H, W, 3], without alpha. Raises what Pillow
-    raises, and ValueError.
+    """Reads the bytes of a file of this format, uint8 or uint16 [H, W] or [H, W, 3], without alpha, turned as the
+    file says that it is looked at. Raises what Pillow raises, and ValueError.
     """
-    from PIL import Image
+    from PIL import Image, ImageOps
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # what is too large is refused here
@@ -59,7 +59,9 @@ def codes(file: bytes, form: str = "PNG") -> np.ndarray:
         deep = deep_colour(image)
         if deep is not None:
             return deep
-        return np.asarray(image.convert("L" if image.mode in ("1", "L", "LA") else "RGB"))
+        # Pillow turns a TIFF itself.
+        turned = ImageOps.exif_transpose(image) if form == "JPEG" else image
+        return np.asarray(turned.convert("L" if image.mode in ("1", "L", "LA") else "RGB"))
 
 
 def _of_16_bits(pixels: np.ndarray) -> np.ndarray:

@@ -49,8 +49,23 @@ class VideoFrames(ImageSource):
         self._track.thread_type = "NONE"
         self.width, self.height = self._track.width, self._track.height
         Allowance(path.stat().st_size).check(self.width * self.height * PIXEL_BYTES)
+        self._turns = self._quarter_turns(av)
+        if self._turns % 2:
+            self.width, self.height = self.height, self.width
         self.channels, self.count = 3 if options.colour else 1, self._track.frames or None
         self.about = {"tone": self._tone.name, "white": self._tone.white}
+
+    def _quarter_turns(self, av: Any) -> int:
+        """By how many quarters of a turn, counter-clockwise, players turn the picture: telephones held upright say so.
+
+        Only a decoded frame tells it, which a second reading of the file gives; what cannot be decoded is not turned.
+        """
+        try:
+            with av.open(str(self._path)) as file:
+                frame = next(file.decode(video=0), None)
+        except (self._error, OSError, ValueError):
+            return 0
+        return 0 if frame is None else round(frame.rotation / 90) % 4
 
     def _images(self) -> Iterator[NamedImage]:
         first: Fraction | None = None
@@ -131,6 +146,7 @@ class VideoFrames(ImageSource):
         source = (_BT709 if frame.height >= _HD else _BT601) if space == _UNKNOWN else None
         self.about["bits"] = 16 if deep else 8
         codes: np.ndarray = frame.to_ndarray(format="rgb48le" if deep else "rgb24", src_colorspace=source)
+        codes = np.ascontiguousarray(np.rot90(codes, self._turns)) if self._turns else codes
         white = _deep_white(frame) if deep else 0
         return codes if white in (0, 0xFFFF) else self._stretched(codes, white)
 
