@@ -46,6 +46,14 @@ class VideoFrames(ImageSource):
             self._file.close()
             raise FramesError(f"{path}: has no video track")
         self._track = self._file.streams.video[0]
+        # of a codec that is not known here a track has nothing, not even a size
+        lacks = "codec that is known here" if self._track.codec_context is None else ""
+        lacks = lacks or ("" if self._track.width > 0 and self._track.height > 0 else "size")
+        if lacks:
+            self._file.close()
+            raise FramesError(
+                f"{path}: its video track has no {lacks}; it is damaged, or must be converted, as `ffmpeg -i IN OUT.mp4`"
+            )
         self._track.thread_type = "NONE"
         self.width, self.height = self._track.width, self._track.height
         Allowance(path.stat().st_size).check(self.width * self.height * PIXEL_BYTES)
