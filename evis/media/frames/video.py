@@ -52,7 +52,7 @@ class VideoFrames(ImageSource):
         if lacks:
             self._file.close()
             raise FramesError(
-                f"{path}: its video track has no {lacks}; it is damaged, or must be converted, as `ffmpeg -i IN OUT.mp4`"
+                f"{path}: its video track has no {lacks}; it is damaged, or to be converted: ffmpeg -i IN OUT.mp4"
             )
         self._track.thread_type = "NONE"
         self.width, self.height = self._track.width, self._track.height

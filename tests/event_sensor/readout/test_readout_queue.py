@@ -153,7 +153,7 @@ def test_jitter_is_normal_about_three_sigma():
 
 
 def test_times_below_zero_have_the_same_law():
-    """A stream that begins at -10 ms: jitter of 3 sigma and 1 sigma, a queue of 2 that turns away all but what it holds."""
+    """A stream that begins at -10 ms: jitter of 3 sigma and 1 sigma, and a queue of 2 that is full."""
     t = np.sort(np.random.default_rng(3).integers(-9 * MS, -1 * MS, 4000))
     got = read(Readout(WIDTH, HEIGHT, timestamp_jitter_us=20.0), at_times(t), [2 * MS], -10 * MS)
     assert got["t"].mean() - t.mean() == pytest.approx(60_000, abs=5 * 20_000 / 4000**0.5)
