@@ -209,6 +209,13 @@ def test_a_picture_is_turned_as_it_is_looked_at(orientation, corner, form, tmp_p
     assert [at for at in ((0, 0), (0, -1), (-1, 0), (-1, -1)) if image[(0, *at)] > 0.8] == [corner]
 
 
+def test_an_image_with_the_ending_of_another_format_is_told(tmp_path):
+    """A JPEG that is called f0.png, without the address of some bytes in memory."""
+    Image.fromarray(np.zeros((8, 8), np.uint8)).save(tmp_path / "f0.png", "JPEG")
+    with pytest.raises(FramesError, match=r"f0\.png: .* does not begin as PNG does: .* of another format$"):
+        open_frames(tmp_path, FrameOptions(fps=10))
+
+
 @pytest.mark.parametrize("pixels", [[0, 70_000], [-3, 300]])
 def test_whole_numbers_beyond_16_bits_are_refused(pixels, tmp_path):
     """A TIFF of int32, which microscopes and scientific cameras write."""

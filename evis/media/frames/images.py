@@ -42,12 +42,16 @@ def codes(file: bytes, form: str = "PNG") -> np.ndarray:
     """Reads the bytes of a file of this format, uint8 or uint16 [H, W] or [H, W, 3], without alpha, turned as the
     file says that it is looked at. Raises what Pillow raises, and ValueError.
     """
-    from PIL import Image, ImageOps
+    from PIL import Image, ImageOps, UnidentifiedImageError
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # what is too large is refused here
         warnings.simplefilter("ignore", UserWarning)  # damage is an error below
-        first = Image.open(io.BytesIO(file), formats=[form])
+        try:
+            first = Image.open(io.BytesIO(file), formats=[form])
+        except UnidentifiedImageError:
+            # Pillow's text has the address of the bytes in memory
+            raise ValueError(f"it does not begin as {form} does: it is damaged, or of another format") from None
     with first as image:
         Allowance(len(file)).check(image.width * image.height * PIXEL_BYTES)
         if getattr(image, "n_frames", 1) > 1 and form == "TIFF":
