@@ -11,8 +11,6 @@ from nodes.event_sensor.optics import defocus_kernels as kernels
 
 REACH = 4.0
 """Filter radius in standard deviations; the weight cut off is 6e-5."""
-ONE_WIDTH = 0.9
-"""From this standard deviation [px] on the samples of a Gaussian have that of the Gaussian, to 1e-5."""
 
 
 def defocus_from_optics(
@@ -48,35 +46,14 @@ def defocus_from_optics(
     return sigma if sigma.ndim else float(sigma)
 
 
-def filter_weights(sigma: float) -> np.ndarray:
-    """Returns the weights of the pixels 0, 1, ... away, float64, whose sum over both sides is 1.
-
-    sigma: standard deviation [px]. The weights are samples of a Gaussian. Below about a pixel samples of one of this
-    width spread light less than it does, by 0.003 px for 0.2: there they are of a wider one, which spreads it by sigma.
-    """
-    radius = max(1, math.ceil(REACH * sigma))
-    distance = np.arange(radius + 1)
-
-    def of(width: float) -> np.ndarray:
-        weights = np.exp(-0.5 * (distance / width) ** 2)
-        weights[1:] *= 2.0
-        return weights / weights.sum()
-
-    low = high = sigma
-    if sigma < ONE_WIDTH:
-        high = sigma + 0.5
-        while (middle := 0.5 * (low + high)) not in (low, high):
-            low, high = (middle, high) if of(middle) @ distance**2 < sigma**2 else (low, middle)
-    weights = of(high)
-    weights[1:] *= 0.5
-    return weights
-
-
 class Defocus:
     """Blurs images with the standard deviation sigma [px]; edges are repeated, so a constant image stays as it is."""
 
     def __init__(self, sigma: float, device: str) -> None:
-        self._weights: wp.array = wp.array(filter_weights(sigma).astype(np.float32), device=device)
+        radius = max(1, math.ceil(REACH * sigma))
+        weights = np.exp(-0.5 * (np.arange(radius + 1) / sigma) ** 2)
+        weights /= weights[0] + 2.0 * weights[1:].sum()
+        self._weights: wp.array = wp.array(weights.astype(np.float32), device=device)
         self._blurred: wp.array | None = None
         self._rows: wp.array = wp.empty(0, dtype=wp.float32, device=device)
         self._device = wp.get_device(device)
