@@ -132,6 +132,15 @@ def test_order_and_times(tmp_path):
         assert source.about["files_left_out"] == 9 and source.count == 3
 
 
+def test_times_that_begin_with_a_byte_order_mark(tmp_path):
+    """As editors of Windows save UTF-8."""
+    for name in ("a.png", "b.png"):
+        write_png(tmp_path / name, np.zeros((2, 3), np.uint8))
+    (tmp_path / "times.txt").write_bytes(b"\xef\xbb\xbfa.png 5\r\nb.png 9\r\n")
+    t, _ = frames_of(tmp_path)
+    assert t.tolist() == [5, 9]
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

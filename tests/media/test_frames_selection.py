@@ -85,6 +85,19 @@ def test_size_against_integrals(after):
     np.testing.assert_allclose(got, expected, rtol=1e-5)
 
 
+def test_a_bad_pixel_spoils_no_other_than_those_it_is_part_of():
+    """Of 300 pixels in 150, pixel 4 is in the third alone; of 77 in 11, of 7 each, pixel 70 is in the last."""
+    for n, m, at in ((300, 150, 4), (298, 149, 4), (77, 11, 70), (3, 9, 1)):
+        for bad in (np.inf, np.nan):
+            line = np.ones(n, np.float32)
+            line[at] = bad
+            got = Resize((1, n), (1, m))(line[None, None])[0, 0]
+            # enlarged, a pixel reaches to the centres of its neighbours and not up to them
+            centre = (np.arange(m) + 0.5) * n / m - 0.5
+            want = np.abs(centre - at) < 1 - 1e-9 if m > n else np.arange(m) == at * m // n
+            assert (np.isfinite(got) == ~want).all()
+
+
 def test_size_keeps_proportions_from_one_side(archive):
     path, _, _ = archive
     for given, size in (({"width": 10}, (10, 7)), ({"height": 7}, (10, 7)), ({"width": 40, "height": 10}, (40, 10))):
@@ -179,6 +192,36 @@ def test_an_unreadable_image_is_named(form, tmp_path):
         (tmp_path / f"1.{form}").write_bytes(content)
         with pytest.raises(FramesError, match=rf"1\.{form}: cannot be read as"):
             frames_of(open_frames(tmp_path, FrameOptions(fps=1)))
+
+
+@pytest.mark.parametrize("form", ["jpg", "tif"])
+@pytest.mark.parametrize("orientation, corner", [(1, (0, 0)), (3, (-1, -1)), (6, (0, -1)), (8, (-1, 0))])
+def test_a_picture_is_turned_as_it_is_looked_at(orientation, corner, form, tmp_path):
+    """Exif 2.32, 4.6.4: orientation 6 says that the first row is the right side, and the first column the top."""
+    codes = np.zeros((32, 64), np.uint8)
+    codes[:16, :16] = 255
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    Image.fromarray(codes).save(tmp_path / f"f0.{form}", exif=exif)
+    with open_frames(tmp_path, FrameOptions(fps=10)) as source:
+        _, image = frames_of(source)
+    assert image.shape == ((1, 64, 32) if orientation > 4 else (1, 32, 64))
+    assert [at for at in ((0, 0), (0, -1), (-1, 0), (-1, -1)) if image[(0, *at)] > 0.8] == [corner]
+
+
+def test_an_image_with_the_ending_of_another_format_is_told(tmp_path):
+    """A JPEG that is called f0.png, without the address of some bytes in memory."""
+    Image.fromarray(np.zeros((8, 8), np.uint8)).save(tmp_path / "f0.png", "JPEG")
+    with pytest.raises(FramesError, match=r"f0\.png: .* does not begin as PNG does: .* of another format$"):
+        open_frames(tmp_path, FrameOptions(fps=10))
+
+
+@pytest.mark.parametrize("pixels", [[0, 70_000], [-3, 300]])
+def test_whole_numbers_beyond_16_bits_are_refused(pixels, tmp_path):
+    """A TIFF of int32, which microscopes and scientific cameras write."""
+    Image.fromarray(np.array([pixels], np.int32)).save(tmp_path / "f0.tif")
+    with pytest.raises(FramesError, match=rf"f0\.tif: .* pixels are {pixels[0]} to {pixels[1]}, beyond 16 bits; write"):
+        open_frames(tmp_path, FrameOptions(fps=10))
 
 
 def test_many_pages_are_refused(tmp_path):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import struct
 import sys
 
 import numpy as np
 import pytest
 
+from evis.media.frames.ends import BLACK, FULL
 from evis.media.frames.open import open_frames
 from evis.media.frames.source import FrameOptions, FramesError
 
@@ -52,6 +54,97 @@ def frames_of(path, **options):
     with open_frames(path, FrameOptions(**options)) as source:
         blocks = list(source.blocks())
     return np.concatenate([b.t for b in blocks]), np.concatenate([b.image for b in blocks])
+
+
+def write_planes(av, path, pixels, values, color_range=0):
+    """A lossless video of frames of one colour, values uint16 [T][plane]."""
+    from fractions import Fraction
+
+    with av.open(str(path), "w") as file:
+        stream = file.add_stream("ffv1", rate=10)
+        stream.height, stream.width, stream.pix_fmt = 32, 32, pixels
+        stream.codec_context.color_range = color_range
+        for i, planes in enumerate(values):
+            frame = av.VideoFrame(32, 32, pixels)
+            for plane, value in zip(frame.planes, planes):
+                plane.update(np.full(plane.buffer_size // 2, value, np.uint16).tobytes())
+            frame.pts, frame.time_base, frame.color_range = i, Fraction(1, 10), color_range
+            file.mux(stream.encode(frame))
+        file.mux(stream.encode())
+
+
+@pytest.mark.parametrize(
+    "pixels, full_range, black, grey, white",
+    [
+        ("yuv420p10le", False, (64, 512, 512), (502, 512, 512), (940, 512, 512)),
+        ("yuv444p12le", False, (256, 2048, 2048), (2008, 2048, 2048), (3760, 2048, 2048)),
+        ("yuv420p10le", True, (0, 512, 512), (511, 512, 512), (1023, 512, 512)),
+        ("gray10le", False, (0,), (511,), (1023,)),
+        ("gbrp10le", False, (0, 0, 0), (511, 511, 511), (1023, 1023, 1023)),
+    ],
+)
+def test_white_of_more_than_8_bits_is_full_scale(pixels, full_range, black, grey, white, av, tmp_path):
+    """Rec. 601 and 709: black 64 and white 940 of 10 bits; grey and RGB, as luma of full range, go to 1023."""
+    write_planes(av, tmp_path / "v.mkv", pixels, [black, grey, white], 2 if full_range else 0)
+    with open_frames(tmp_path / "v.mkv", FrameOptions(tone="linear", ends=True)) as source:
+        (block,) = source.blocks()
+    share = (grey[0] - black[0]) / (white[0] - black[0])
+    np.testing.assert_allclose(block.image[:, 9, 9], [0, share, 1], atol=4 / 65535, rtol=0)
+    assert [int(ends[9, 9]) for ends in block.ends] == [BLACK, 0, FULL]
+
+
+def test_a_track_of_no_known_codec_or_size_is_named(av, tmp_path):
+    """The codec of a Matroska file is a name, and its sizes are elements B0 and BA, of a byte each here."""
+    write(av, tmp_path / "v.mkv", noise(3))
+    good = (tmp_path / "v.mkv").read_bytes()
+    (tmp_path / "v.mkv").write_bytes(good.replace(b"V_FFV1", b"V_ZZZZ"))
+    with pytest.raises(FramesError, match=r"v\.mkv: .* no codec that is known here; .* converted: ffmpeg"):
+        open_frames(tmp_path / "v.mkv")
+    at = good.index(b"\xb0\x81\x40\xba\x81\x30")  # width 64 and height 48, of a byte each
+    (tmp_path / "v.mkv").write_bytes(good[: at + 2] + b"\0" + good[at + 3 : at + 5] + b"\0" + good[at + 6 :])
+    with pytest.raises(FramesError, match=r"v\.mkv: its video track has no size; it is damaged"):
+        open_frames(tmp_path / "v.mkv")
+
+
+@pytest.mark.parametrize(
+    "matrix, corner", [((0, 1, -1, 0), (0, -1)), ((-1, 0, 0, -1), (-1, -1)), ((0, -1, 1, 0), (-1, 0))]
+)
+def test_the_picture_is_turned_as_players_turn_it(matrix, corner, av, tmp_path):
+    """The matrix of the track's header (ISO 14496-12, 8.3.2: x' = a x + c y, y' = b x + d y) takes the bright first
+    corner, at the upper left, to another one: a telephone that was held upright writes such files."""
+    frames = np.zeros((3, 32, 64, 3), np.uint8)
+    frames[:, :8, :8] = 255
+    write(av, tmp_path / "v.mp4", frames, codec="mpeg4", pixels="yuv420p")
+    file = bytearray((tmp_path / "v.mp4").read_bytes())
+    at = file.index(b"tkhd") + 44  # of a header of version 0
+    a, b, c, d = (65536 * n for n in matrix)
+    file[at : at + 36] = struct.pack(">9i", a, b, 0, c, d, 0, 0, 0, 1 << 30)
+    (tmp_path / "v.mp4").write_bytes(file)
+    with open_frames(tmp_path / "v.mp4") as source:
+        images = np.concatenate([block.image for block in source.blocks()])
+        assert (source.width, source.height) == ((32, 64) if matrix[0] == 0 else (64, 32))
+    bright = [where for where in ((0, 0), (0, -1), (-1, 0), (-1, -1)) if images[(0, *where)] > 0.8]
+    assert images.shape == (3, source.height, source.width) and bright == [corner]
+
+
+@pytest.mark.parametrize("name, codec, pixels", [("v.mkv", "ffv1", "bgr0"), ("v.mp4", "mpeg4", "yuv420p")])
+@pytest.mark.parametrize("times", [[0, 10, 20, 30], [0]])
+def test_a_last_frame_that_stays_is_no_truncation(times, name, codec, pixels, av, tmp_path):
+    """Recordings of a screen at rest have a last frame that lasts for long, as its packet says: 5 s here."""
+    from fractions import Fraction
+
+    with av.open(str(tmp_path / name), "w") as file:
+        stream = file.add_stream(codec, rate=100)
+        stream.height, stream.width, stream.pix_fmt = 48, 64, pixels
+        packets = []
+        for image, time in zip(noise(4), times):
+            frame = av.VideoFrame.from_ndarray(image, format="rgb24")
+            frame.pts, frame.time_base = time, Fraction(1, 100)
+            packets += stream.encode(frame)
+        packets += stream.encode()
+        packets[-1].duration = 500
+        file.mux(packets)
+    assert frames_of(tmp_path / name)[0].tolist() == [time * 10_000_000 for time in times]
 
 
 def test_a_lossless_video_is_its_frames(av, tmp_path):

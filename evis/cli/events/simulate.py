@@ -220,6 +220,8 @@ class _Tally:
         kept = {"times_rounded_to_us": self._rounded, "colour_left_out": self._colourless}
         result |= {name: n for name, n in kept.items() if n} | counts
         warnings = self._coding.warnings(self._upsampler is not None)
+        if simulation.frames == 1:
+            warnings.append("there is one frame, which is the reference; events need two or more")
         if (stretched := getattr(source, "stretched", 1.0)) != 1.0:
             warnings.append(
                 f"the picture is {stretched:.2f} times as wide as it was; --crop a part of OUT's proportions"

@@ -67,7 +67,7 @@ def _listed(folder: Path, there: set[str]) -> list[tuple[str, int | None]] | Non
     result: list[tuple[str, int | None]] = []
     last: int | None = None
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise FramesError(f"{path}: cannot be read as text ({error})") from None
     for number, line in enumerate(lines, 1):

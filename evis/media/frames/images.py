@@ -39,24 +39,38 @@ class ImageFrames(FolderFrames):
 
 
 def codes(file: bytes, form: str = "PNG") -> np.ndarray:
-    """Reads the bytes of a file of this format, uint8 or uint16 [H, W] or [H, W, 3], without alpha. Raises what Pillow
-    raises, and ValueError.
+    """Reads the bytes of a file of this format, uint8 or uint16 [H, W] or [H, W, 3], without alpha, turned as the
+    file says that it is looked at. Raises what Pillow raises, and ValueError.
     """
-    from PIL import Image
+    from PIL import Image, ImageOps, UnidentifiedImageError
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # what is too large is refused here
         warnings.simplefilter("ignore", UserWarning)  # damage is an error below
-        first = Image.open(io.BytesIO(file), formats=[form])
+        try:
+            first = Image.open(io.BytesIO(file), formats=[form])
+        except UnidentifiedImageError:
+            # Pillow's text has the address of the bytes in memory
+            raise ValueError(f"it does not begin as {form} does: it is damaged, or of another format") from None
     with first as image:
         Allowance(len(file)).check(image.width * image.height * PIXEL_BYTES)
         if getattr(image, "n_frames", 1) > 1 and form == "TIFF":
             raise ValueError(f"it holds {getattr(image, 'n_frames', 0)} pages; write each to a file of its own")
         if image.mode in ("I", "I;16", "I;16B"):
-            return np.asarray(image).astype(np.uint16)
+            return _of_16_bits(np.asarray(image))
         if image.mode == "F":
             raise ValueError("its pixels are floats; write linear floats as EXR or .npz")
         deep = deep_colour(image)
         if deep is not None:
             return deep
-        return np.asarray(image.convert("L" if image.mode in ("1", "L", "LA") else "RGB"))
+        # Pillow turns a TIFF itself.
+        turned = ImageOps.exif_transpose(image) if form == "JPEG" else image
+        return np.asarray(turned.convert("L" if image.mode in ("1", "L", "LA") else "RGB"))
+
+
+def _of_16_bits(pixels: np.ndarray) -> np.ndarray:
+    """Returns whole numbers as uint16. Raises ValueError where one is below 0 or above 65535: TIFF may have them."""
+    low, high = int(pixels.min()), int(pixels.max())
+    if low < 0 or high > np.iinfo(np.uint16).max:
+        raise ValueError(f"its pixels are {low} to {high}, beyond 16 bits; write 8 or 16 bits, or linear floats as EXR")
+    return pixels.astype(np.uint16)

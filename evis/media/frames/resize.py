@@ -32,9 +32,10 @@ class Resize:
                 continue
             shape = [1] * image.ndim
             shape[axis] = -1
-            total = np.take(image, index[0], axis) * weight[0].reshape(shape)
-            for at, share in zip(index[1:], weight[1:]):
-                total += np.take(image, at, axis) * share.reshape(shape)
+            with np.errstate(invalid="ignore"):  # infinite samples become NaN at times, which the sensor counts alike
+                total = np.take(image, index[0], axis) * weight[0].reshape(shape)
+                for at, share in zip(index[1:], weight[1:]):
+                    total += np.take(image, at, axis) * share.reshape(shape)
             image = total
         return image
 
@@ -45,15 +46,16 @@ def taps(n: int, m: int) -> tuple[np.ndarray, np.ndarray]:
     Returns:
         Indices int64 [K, m] and weights float32 [K, m] that add up to 1; a pixel that is not needed has weight 0.
     """
-    scale, place = n / m, np.arange(m)
-    if m < n:
-        low = place * scale
-        first = np.floor(low).astype(np.int64)
-        index = first + np.arange(int(np.ceil(scale)) + 1)[:, None]
-        weight = np.minimum(index + 1, low + scale) - np.maximum(index, low)
-        weight = np.maximum(weight, 0.0) / scale
-    else:
-        centre = (place + 0.5) * scale - 0.5
-        index = np.floor(centre).astype(np.int64) + np.arange(2)[:, None]
-        weight = 1.0 - np.abs(index - centre)
+    place = np.arange(m)
+    if m < n:  # in parts of a pixel of which one has m
+        low = place * n
+        index = low // m + np.arange(-(-n // m) + 1)[:, None]
+        share = np.minimum((index + 1) * m, low + n) - np.maximum(index * m, low)
+        weight = np.maximum(share, 0) / n
+    else:  # in parts of which a pixel has 2 m
+        first, rest = np.divmod((2 * place + 1) * n - m, 2 * m)
+        index = first + np.arange(2)[:, None]
+        weight = np.stack([2 * m - rest, rest]) / (2 * m)
+    # What is not needed names a pixel that is: 0 times infinity would be NaN.
+    index = np.where(weight > 0, index, index[weight.argmax(axis=0), place])
     return np.clip(index, 0, n - 1), weight.astype(np.float32)

@@ -19,6 +19,8 @@ from evis.media.frames.tone import shaped
 _BT709, _BT601, _UNKNOWN = 1, 5, 2
 """Numbers of colour spaces in ITU-T H.273, which video files and ffmpeg use."""
 _HD = 720
+_FULL_RANGE = 2
+"""Number of the range of codes in which luma goes from 0 to the largest one, in ffmpeg."""
 
 
 class VideoFrames(ImageSource):
@@ -35,6 +37,7 @@ class VideoFrames(ImageSource):
             ) from None
         self._path, self._options, self._tone = path, options, options.make_tone()
         self._error = av.error.FFmpegError
+        self._tables: dict[int, np.ndarray] = {}
         try:
             self._file = av.open(str(path))
         except (av.error.FFmpegError, OSError, ValueError) as error:
@@ -43,15 +46,38 @@ class VideoFrames(ImageSource):
             self._file.close()
             raise FramesError(f"{path}: has no video track")
         self._track = self._file.streams.video[0]
+        # of a codec that is not known here a track has nothing, not even a size
+        lacks = "codec that is known here" if self._track.codec_context is None else ""
+        lacks = lacks or ("" if self._track.width > 0 and self._track.height > 0 else "size")
+        if lacks:
+            self._file.close()
+            raise FramesError(
+                f"{path}: its video track has no {lacks}; it is damaged, or to be converted: ffmpeg -i IN OUT.mp4"
+            )
         self._track.thread_type = "NONE"
         self.width, self.height = self._track.width, self._track.height
         Allowance(path.stat().st_size).check(self.width * self.height * PIXEL_BYTES)
+        self._turns = self._quarter_turns(av)
+        if self._turns % 2:
+            self.width, self.height = self.height, self.width
         self.channels, self.count = 3 if options.colour else 1, self._track.frames or None
         self.about = {"tone": self._tone.name, "white": self._tone.white}
 
+    def _quarter_turns(self, av: Any) -> int:
+        """By how many quarters of a turn, counter-clockwise, players turn the picture: telephones held upright say so.
+
+        Only a decoded frame tells it, which a second reading of the file gives; what cannot be decoded is not turned.
+        """
+        try:
+            with av.open(str(self._path)) as file:
+                frame = next(file.decode(video=0), None)
+        except (self._error, OSError, ValueError):
+            return 0
+        return 0 if frame is None else round(frame.rotation / 90) % 4
+
     def _images(self) -> Iterator[NamedImage]:
         first: Fraction | None = None
-        end = Fraction(0)
+        end = shown = Fraction(0)
         index = 0
         for frame in self._frames():
             name = f"{self._path}, frame {index}"
@@ -59,7 +85,7 @@ class VideoFrames(ImageSource):
                 raise FramesError(f"{name}: the file tells no time for it; give --fps")
             at = Fraction(frame.pts or 0) * (frame.time_base or 0)
             first = at if first is None else first
-            end = at - first
+            end, shown = at - first, Fraction(frame.duration or 0) * (frame.time_base or 0)
             t = self._options.stamp(index) if self._options.fps else round(end * 1_000_000_000)
             with faults_as(FramesError, name):
                 codes = self._codes(frame)
@@ -67,7 +93,7 @@ class VideoFrames(ImageSource):
                 ends = ends_of(codes) if self._options.ends else None
             yield NamedImage(name, t, image, ends)
             index += 1
-        self._check_end(index, end)
+        self._check_end(index, end, shown)
 
     def _frames(self) -> Iterator[Any]:
         """Decoded frames, also those that the decoder still holds at damage; then raises FramesError."""
@@ -90,8 +116,11 @@ class VideoFrames(ImageSource):
                 index += 1
         raise FramesError(f"{self._path}: truncated or damaged at frame {index}: {damage}")
 
-    def _check_end(self, frames: int, end: Fraction) -> None:
-        """Raise where the video is clearly shorter than its header says: decoders end a cut file without a word."""
+    def _check_end(self, frames: int, end: Fraction, shown: Fraction) -> None:
+        """Raise where the video is clearly shorter than its header says: decoders end a cut file without a word.
+
+        end, shown: when the last frame comes and for how long [s], as its packet says; 0 where it does not.
+        """
         if not frames:
             raise FramesError(f"{self._path}: no frame can be decoded")
         told = self._told()
@@ -103,9 +132,9 @@ class VideoFrames(ImageSource):
             return
         else:
             period = 1 / Fraction(self._track.average_rate)
-        if told - (end + period) > max(2 * period, told / 100):
+        if told - (end + max(period, shown)) > max(2 * period, told / 100):
             raise FramesError(
-                f"{self._path}: truncated: it ends after {float(end + period):.3f} s (frame {frames - 1}), "
+                f"{self._path}: truncated: it ends after {float(end + max(period, shown)):.3f} s (frame {frames - 1}), "
                 f"its header says {float(told):.3f} s"
             )
 
@@ -124,7 +153,16 @@ class VideoFrames(ImageSource):
         space = int(frame.colorspace)
         source = (_BT709 if frame.height >= _HD else _BT601) if space == _UNKNOWN else None
         self.about["bits"] = 16 if deep else 8
-        return frame.to_ndarray(format="rgb48le" if deep else "rgb24", src_colorspace=source)
+        codes: np.ndarray = frame.to_ndarray(format="rgb48le" if deep else "rgb24", src_colorspace=source)
+        codes = np.ascontiguousarray(np.rot90(codes, self._turns)) if self._turns else codes
+        white = _deep_white(frame) if deep else 0
+        return codes if white in (0, 0xFFFF) else self._stretched(codes, white)
+
+    def _stretched(self, codes: np.ndarray, white: int) -> np.ndarray:
+        """Codes of 16 bits of which `white` is full scale, as if 65535 was; what is brighter is cut off there."""
+        if white not in self._tables:
+            self._tables[white] = np.minimum(np.rint(np.arange(0x10000) * (0xFFFF / white)), 0xFFFF).astype(np.uint16)
+        return self._tables[white][codes]
 
     def close(self) -> None:
         self._file.close()
@@ -132,3 +170,17 @@ class VideoFrames(ImageSource):
 
 def _text(error: BaseException) -> str:
     return str(getattr(error, "strerror", None) or error) or type(error).__name__
+
+
+def _deep_white(frame: Any) -> int:
+    """The code that FFmpeg's conversion to RGB of 16 bits gives what is white in a frame of more than 8 bits.
+
+    Luma of a limited range becomes 255 of 256 parts. What has the full range, as grey has, is shifted up to 16 bits.
+    """
+    components = frame.format.components
+    if frame.format.is_rgb:
+        return 0xFFFF
+    if len(components) > 2 and int(frame.color_range) != _FULL_RANGE:
+        return 0xFF00
+    bits = max(component.bits for component in components)
+    return 0xFFFF if bits > 16 else (2**bits - 1) << (16 - bits)

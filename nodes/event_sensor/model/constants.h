@@ -11,6 +11,7 @@ extern const int MOST_BITS;
 // Of readout/readout_kernels.py.
 extern const double REACH;
 extern const wp::uint64 STREAM;
+extern const wp::uint64 TURNED_AWAY;
 // Of optics/photoreceptor_simd_kernels.py.
 extern const bool TWO, VARYING, BENDS;
 extern const double LN2, GRAIN, PIECE;

@@ -42,7 +42,7 @@ static const auto serve = [](const auto& queue, int env, wp::int64 begin, wp::in
     for (wp::int64 i = begin; i < end; i++) {
         const wp::int64 arrival = (asks[i] - t_base) << fraction;
         if (queue.capacity > 0 && ready - arrival > longest) {
-            leaves_at[i] = -1;
+            leaves_at[i] = (wp::int64)TURNED_AWAY;
             dropped++;
             continue;
         }
@@ -85,7 +85,7 @@ static const auto delay = [](const auto& queue, int env, wp::int64 begin, wp::in
         normal = normal > -REACH ? normal : -REACH;
         normal = normal < REACH ? normal : REACH;
         const wp::int64 late = (wp::int64)(sigma * (REACH + normal) + 0.5);
-        leaves_at[i] = leaves_at[i] < 0 ? leaves_at[i] : leaves_at[i] + late;
+        leaves_at[i] += leaves_at[i] == (wp::int64)TURNED_AWAY ? 0 : late;
     };
     if (cs)
         for (wp::int64 i = begin; i < end; i++) delayed(i, cs[i]);

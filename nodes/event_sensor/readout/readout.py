@@ -130,8 +130,8 @@ class Readout:
         stamps = self._serve(columns, np.ascontiguousarray(env_offsets, np.int64), t_base)
         env = self._environments(np.diff(env_offsets))
         new = {**columns, "t": stamps, "env": env}
-        if self._queue.capacity and stamps.size and stamps.min() < 0:
-            new = {name: column[stamps >= 0] for name, column in new.items()}
+        if self._queue.capacity and (turned := stamps == kernels.TURNED_AWAY).any():
+            new = {name: column[~turned] for name, column in new.items()}
         if self.waiting and self._held is not None:
             new = {name: np.concatenate((self._held[name], column)) for name, column in new.items()}
         ordered, offsets = self._sorted(new, t_base)
@@ -186,7 +186,7 @@ class Readout:
             self._held = {name: column[~stale] for name, column in self._held.items()}
 
     def _serve(self, columns: dict[str, np.ndarray], offsets: np.ndarray, t_base: int) -> np.ndarray:
-        """Stamps of the new events, -1 for those that the full queue turned away."""
+        """Stamps of the new events, TURNED_AWAY for those that the full queue turned away."""
         stamps = np.array(columns["t"], np.int64)
         if not len(stamps):
             return stamps

@@ -15,12 +15,15 @@ REACH = wp.constant(wp.float64(3.0))
 """Standard deviations by which the jitter is centred and at which it is cut."""
 STREAM = 0x7265_6164_6F75_74
 """Keeps these random numbers apart from others of the same seed."""
+TURNED_AWAY = -(2**63)
+"""Stamp of an event that found the queue full; times below 0 are stamps as any other."""
 READOUT = Path(__file__).with_name("readout.h")
 
 
 def readout(call: str) -> str:
     """Returns the code of a function of readout.h, with this call of it."""
-    return native_code([LOGARITHM, READOUT], call, {"REACH": float(REACH), "STREAM": np.uint64(STREAM)})
+    constants = {"REACH": float(REACH), "STREAM": np.uint64(STREAM), "TURNED_AWAY": np.uint64(TURNED_AWAY % 2**64)}
+    return native_code([LOGARITHM, READOUT], call, constants)
 
 
 @wp.struct
@@ -69,7 +72,7 @@ def serve(
     y: wp.array(dtype=wp.uint16),
     p: wp.array(dtype=wp.uint8),
     c: wp.array(dtype=wp.uint8),
-    # in and out: stamps are those of the events at first, -1 for dropped ones after
+    # in and out: stamps are those of the events at first, TURNED_AWAY for dropped ones after
     free: wp.array(dtype=wp.int64),
     stamps: wp.array(dtype=wp.int64),
     # out: per environment events that waited, ns that all waited, longest wait, drops

@@ -152,6 +152,16 @@ def test_jitter_is_normal_about_three_sigma():
     assert abs(np.corrcoef(delay[1:], delay[:-1])[0, 1]) < 0.012
 
 
+def test_times_below_zero_have_the_same_law():
+    """A stream that begins at -10 ms: jitter of 3 sigma and 1 sigma, and a queue of 2 that is full."""
+    t = np.sort(np.random.default_rng(3).integers(-9 * MS, -1 * MS, 4000))
+    got = read(Readout(WIDTH, HEIGHT, timestamp_jitter_us=20.0), at_times(t), [2 * MS], -10 * MS)
+    assert got["t"].mean() - t.mean() == pytest.approx(60_000, abs=5 * 20_000 / 4000**0.5)
+    limited = Readout(WIDTH, HEIGHT, readout_rate=1e6, queue=2)
+    left = read(limited, at_times(np.full(10, -5 * MS)), [0], -10 * MS)
+    assert left["t"].tolist() == [-5 * MS, -5 * MS + 1000, -5 * MS + 2000] and limited.dropped == 7
+
+
 def test_the_same_seed_gives_the_same_jitter_and_environment_k_that_of_seed_plus_k():
     events = stream(500, MS)
     ends = [int(e) for e in (MS, 2 * MS)]

@@ -150,6 +150,16 @@ def test_colour_and_counts(capsys, tmp_path):
         command.run(parse("simulate", tmp_path / "f.npz", tmp_path / "e.raw", "--colour"))
 
 
+def test_one_frame_makes_no_events_and_it_is_said(capsys, tmp_path):
+    """The first frame is the reference."""
+    luminance, t = ramp()
+    np.savez(tmp_path / "f.npz", luminance=luminance[:1], t=t[:1])
+    result = call(capsys, tmp_path / "f.npz", tmp_path / "e.npz")
+    assert result["events"] == 0 and "events need two or more" in " ".join(result["warnings"])
+    np.savez(tmp_path / "f.npz", luminance=luminance[:2], t=t[:2])
+    assert "warnings" not in call(capsys, tmp_path / "f.npz", tmp_path / "e.npz")
+
+
 def test_rebase_for_times_that_count_from_1970(capsys, tmp_path):
     """RAW counts from 0: refused with the remedy, then done."""
     luminance, t = ramp()
