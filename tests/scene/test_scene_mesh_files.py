@@ -183,6 +183,12 @@ def test_many_faces_may_meet_at_a_vertex():
         ("x.glb", b"glTF\x02\x00\x00\x00\xff\xff\xff\xff", r"x\.glb cannot be read as GLB"),
         ("x.gltf", b"{", r"x\.gltf cannot be read as GLTF"),
         ("x.ply", b"ply\nformat ascii 1.0\nelement vertex 3\n", r"x\.ply"),
+        (
+            "x.ply",
+            b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+            b"element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 0 1\n3 0 1 -1\n",
+            r"x\.ply has a face with vertex -1; its 3 are numbered from 0",
+        ),
         ("x.stl", b"", r"x\.stl"),
         ("x.obj", b"v 0 0 0\n", r"x\.obj"),
         ("x.obj", b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", r"x\.obj has 1 vertices that are not finite"),
