@@ -318,7 +318,8 @@ class _Builder:
             ray = distortion.unproject(camera.k, Lens.of(camera.distortion_model, camera.distortion), pixel)
             if not ray[2] > 0.0:
                 raise view.error(
-                    "offset", f"is {offset.tolist()}, where '{name}' sees nothing ahead of it; take one nearer its middle"
+                    "offset",
+                    f"is {offset.tolist()}, where '{name}' sees nothing ahead of it; take one nearer its middle",
                 )
             point = ray * (depth / ray[2])
         view.done()
