@@ -258,3 +258,25 @@ def test_what_has_no_name_is_not_called_as_another(tmp_path):
     assert [body.name for body in scene.bodies[:2]] == ["body2", "body2_"]
     assert [light.name for light in scene.lights] == ["light0_", "light0"]
     assert [(change.number, change.values) for change in scene.changes] == [(1, (5.0,))]
+
+
+@pytest.mark.parametrize("scale", ["1 1 1", "0.5 -1 2"])
+def test_a_mesh_with_sharp_edges_is_shaded_flat(tmp_path, scale):
+    """A box of eight corners that its file gives no normals of: each side's normal is its own, whatever MuJoCo has."""
+    corners = [(x, y, z) for x in (-1, 1) for y in (-2, 2) for z in (-3, 3)]
+    sides = [(1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4)]
+    lines = ["v {} {} {}".format(*corner) for corner in corners] + ["f {} {} {} {}".format(*side) for side in sides]
+    (tmp_path / "box.obj").write_text("\n".join(lines) + "\n")
+    for smooth in ("false", "true"):
+        asset = f'<asset><mesh name="box" file="box.obj" scale="{scale}" smoothnormal="{smooth}"/></asset>'
+        path = tmp_path / f"{smooth}.xml"
+        path.write_text(f'<mujoco>{asset}<worldbody><geom type="mesh" mesh="box"/></worldbody></mujoco>')
+        mesh = load_scene(str(path)).instances[0].mesh
+        a, b, c = (mesh.vertices.astype(np.float64)[mesh.faces[:, k]] for k in range(3))
+        flat = np.cross(b - a, c - a)
+        flat /= np.linalg.norm(flat, axis=-1, keepdims=True)
+        cosine = np.einsum("fkx,fx->fk", mesh.normals, flat)
+        if smooth == "false":
+            np.testing.assert_allclose(cosine, 1.0, atol=1e-6)
+        else:  # as the model asks for, every corner has one normal
+            assert 0.0 < cosine.min() and cosine.max() < 0.99

@@ -176,6 +176,34 @@ def test_a_body_is_placed_in_the_view(scene_file):
         assert np.allclose([(x + 0.5) / c.width - 0.5, (y + 0.5) / c.height - 0.5], [0.25, -0.1])
 
 
+@pytest.mark.parametrize("model", ["plumb_bob", "equidistant"])
+def test_a_body_is_placed_in_the_view_of_a_lens(scene_file, model):
+    """OpenCV's formulas give the asked fraction of the frame; a place that the lens does not see is told."""
+    k = [-0.1, 0.0, 0.01, -0.02] if model == "plumb_bob" else [0.03, -0.01, 0.002, 0.0]
+    lens = f"fov: 80 deg, distortion: {{model: {model}, coefficients: {k}}}"
+    text = GOOD.replace("position: ${where}", "view: {camera: cam0, offset: [0.3, -0.25], depth: 3}")
+    text = text.replace("fov: 60 deg", f"{lens}, position: [1, 2, 3], look_at: [2, 5, 1]")
+    scene = load_scene(scene_file(text))
+    body, camera = (scene.bodies[i].trajectory.pose(np.zeros(1, np.int64))[0] for i in (0, 1))
+    local = se3.transform(se3.inverse(camera), body[:3])
+    a, b = local[:2] / local[2]
+    s = a * a + b * b
+    if model == "plumb_bob":
+        k1, k2, p1, p2 = k
+        g = 1 + k1 * s + k2 * s * s
+        u, v = a * g + 2 * p1 * a * b + p2 * (s + 2 * a * a), b * g + p1 * (s + 2 * b * b) + 2 * p2 * a * b
+    else:
+        theta = np.arctan(np.sqrt(s))
+        bent = theta * (1 + k[0] * theta**2 + k[1] * theta**4 + k[2] * theta**6)
+        u, v = bent / np.sqrt(s) * np.array([a, b])
+    c = scene.cameras[0]
+    pixel = np.array([c.k[0, 0] * u + c.k[0, 2], c.k[1, 1] * v + c.k[1, 2]])
+    assert np.isclose(local[2], 3.0)
+    assert np.allclose((pixel + 0.5) / [c.width, c.height] - 0.5, [0.3, -0.25])
+    with pytest.raises(SceneError, match=r"offset is \[5.0, 0.0\], where 'cam0' sees nothing ahead"):
+        load_scene(scene_file(text.replace("[0.3, -0.25]", "[5, 0]")))
+
+
 def test_scene_args_text():
     """A comma separates arguments and the components of one."""
     assert parse_args("omega=50, centre=0.1,-0.2,tilt=30") == {"omega": "50", "centre": "0.1,-0.2", "tilt": "30"}

@@ -155,6 +155,26 @@ def test_creases():
     assert np.abs(flat - np.asarray(mesh.face_normals)[:, None]).max() < 1e-6
 
 
+def fan(count, height):
+    """A cone's side, or a disc, of `count` triangles around one vertex."""
+    angle = 2 * np.pi * np.arange(count) / count
+    rim = np.stack((np.cos(angle), np.sin(angle), 0 * angle), axis=-1)
+    k = np.arange(count)
+    return np.concatenate(([[0.0, 0.0, height]], rim)), np.stack((0 * k, k + 1, (k + 1) % count + 1), axis=-1)
+
+
+def test_many_faces_may_meet_at_a_vertex():
+    """A disc of 100,000 triangles is flat; at a cone's tip the normals within the crease are summed, in closed form."""
+    vertices, faces = fan(100_000, 0.0)
+    np.testing.assert_allclose(crease_normals(vertices, faces, 0.7), np.broadcast_to([0, 0, 1.0], (100_000, 3, 3)))
+    vertices, faces = fan(3000, 1.0)
+    normals = crease_normals(vertices, faces, np.radians(40))[:, 0]
+    reach = np.arccos((np.cos(np.radians(40)) - 0.5) / 0.5)  # in azimuth, of sides at 45 degrees
+    tip = np.array([np.sin(reach), 0.0, reach]) / np.hypot(np.sin(reach), reach)
+    np.testing.assert_allclose(normals[0], tip, atol=2e-3)
+    np.testing.assert_allclose(normals[:, 2], tip[2], atol=2e-3)
+
+
 @pytest.mark.parametrize(
     "name, content, words",
     [
@@ -163,6 +183,12 @@ def test_creases():
         ("x.glb", b"glTF\x02\x00\x00\x00\xff\xff\xff\xff", r"x\.glb cannot be read as GLB"),
         ("x.gltf", b"{", r"x\.gltf cannot be read as GLTF"),
         ("x.ply", b"ply\nformat ascii 1.0\nelement vertex 3\n", r"x\.ply"),
+        (
+            "x.ply",
+            b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+            b"element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 0 1\n3 0 1 -1\n",
+            r"x\.ply has a face with vertex -1; its 3 are numbered from 0",
+        ),
         ("x.stl", b"", r"x\.stl"),
         ("x.obj", b"v 0 0 0\n", r"x\.obj"),
         ("x.obj", b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", r"x\.obj has 1 vertices that are not finite"),

@@ -149,7 +149,8 @@ def _mesh(path: Path, geometry: Any, transform: np.ndarray, scale: np.ndarray, t
         count, first = int(bad.sum()), int(bad.argmax())
         raise SceneError(f"{path.name} has {count} vertices that are not finite, the first is number {first}")
     if faces.min() < 0 or faces.max() >= len(points):
-        raise SceneError(f"{path.name} has a face with vertex {faces.max()}; there are {len(points)}")
+        wrong = faces[(faces < 0) | (faces >= len(points))][0]
+        raise SceneError(f"{path.name} has a face with vertex {wrong}; its {len(points)} are numbered from 0")
     if np.linalg.det(transform[:3, :3]) * np.prod(scale) < 0:
         faces = faces[:, ::-1]  # a mirror turns triangles inside out
     uv = getattr(geometry.visual, "uv", None)

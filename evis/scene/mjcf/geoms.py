@@ -9,12 +9,17 @@ import numpy as np
 
 from evis.geometry import se3
 from evis.scene.mesh import shapes
+from evis.scene.mesh.normals import crease_normals
 from evis.scene.mjcf.materials import material_of
 from evis.scene.mjcf.textures import add_coordinates
 from evis.scene.model import Instance, Mesh, Scene
 
 GROUPS = (0, 1, 2)
 """Geom groups that are drawn."""
+CREASE = float(np.arccos(0.8))
+"""Angle from which on MuJoCo takes an edge of a mesh for sharp [rad]."""
+ASTRAY = 0.1
+"""Cosine between a normal and its triangle's own, up to which it is none to shade with."""
 _TYPE = mujoco.mjtGeom
 
 
@@ -76,6 +81,8 @@ def _asset(model: Any, mesh: int) -> Mesh:
     faces = _rows(model.mesh_face, model.mesh_faceadr, model.mesh_facenum, mesh)
     corners = _rows(model.mesh_facenormal, model.mesh_faceadr, model.mesh_facenum, mesh)
     normals = _rows(model.mesh_normal, model.mesh_normaladr, model.mesh_normalnum, mesh)[corners]
+    if np.array_equal(corners, faces) and _astray(vertices, faces, normals):
+        normals = crease_normals(vertices, faces, CREASE)
     uv = None
     if model.mesh_texcoordadr[mesh] >= 0:
         corners = _rows(model.mesh_facetexcoord, model.mesh_faceadr, model.mesh_facenum, mesh)
@@ -83,6 +90,21 @@ def _asset(model: Any, mesh: int) -> Mesh:
         # MuJoCo counts v downwards from the top of the image
         uv = np.stack((uv[..., 0], 1.0 - uv[..., 1]), axis=-1).astype(np.float32)
     return Mesh(vertices.astype(np.float32), faces.astype(np.int32), uv, normals.astype(np.float32))
+
+
+def _astray(vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray) -> bool:
+    """Whether MuJoCo made normals [F, 3, 3] of a mesh with sharp edges: it keeps one for each vertex, which is that of
+    one side of an edge, or, at a corner, what rounding leaves. Means over all faces (`smoothnormal`) are not."""
+    points = np.asarray(vertices, np.float64)[faces]
+    area = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+    turned = np.einsum("fkx,fx->fk", normals, area) <= ASTRAY * np.linalg.norm(area, axis=-1)[:, None]
+    turned &= (area != 0).any(axis=-1)[:, None]
+    if not turned.any():
+        return False
+    means = np.zeros((len(vertices), 3))
+    np.add.at(means, faces, area[:, None])
+    means /= np.maximum(np.linalg.norm(means, axis=-1, keepdims=True), 1e-300)
+    return bool(np.einsum("tx,tx->t", normals[turned], means[faces][turned]).min() < 0.99)
 
 
 def _rows(values: np.ndarray, starts: np.ndarray, counts: np.ndarray, i: int) -> np.ndarray:

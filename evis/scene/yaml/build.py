@@ -66,7 +66,8 @@ import numpy as np
 from evis.config.document import Table
 from evis.config.suggestions import nearest
 from evis.files.allowance import Allowance, AllowanceError
-from evis.geometry import pinhole, se3
+from evis.geometry import distortion, pinhole, se3
+from evis.geometry.distortion import Lens
 from evis.scene import motion
 from evis.scene.draws import Draws
 from evis.scene.errors import SceneError
@@ -309,9 +310,19 @@ class _Builder:
         if trajectory is None:
             raise view.error("camera", f"is '{name}', which the physics engine moves")
         offset, depth = view.vector("offset", 2, [0, 0]), view.number("depth", above=0.0)
-        view.done()
         size = np.array([camera.width, camera.height])
-        point = pinhole.unproject(camera.k, (size - 1) / 2 + offset * size, np.array(depth))
+        pixel = (size - 1) / 2 + offset * size
+        if camera.distortion_model == "none":
+            point = pinhole.unproject(camera.k, pixel, np.array(depth))
+        else:
+            ray = distortion.unproject(camera.k, Lens.of(camera.distortion_model, camera.distortion), pixel)
+            if not ray[2] > 0.0:
+                raise view.error(
+                    "offset",
+                    f"is {offset.tolist()}, where '{name}' sees nothing ahead of it; take one nearer its middle",
+                )
+            point = ray * (depth / ray[2])
+        view.done()
         return se3.transform(trajectory.pose(np.zeros(1, np.int64))[0], point)
 
     def _reference(self, fields: Fields, key: str) -> int:

@@ -29,8 +29,9 @@ def towards(lights: Lights, env: int, l: int, p: wp.vec3, normal: wp.vec3, u: wp
     """Gives the unit vector from p to a light, or to its point u, the length of the shadow ray, and the irradiance over
     the cosine.
 
-    The light of a near lamp is spread over the `width` of the path, as a texture is: as if it came from
-    sqrt(h^2 + width^2) above the surface instead of h. That keeps its power, and shrinks with the number of paths.
+    A lamp lights the surface as from at least the `width` of the path's last part above it. On a plane that keeps its
+    power; one that is further away stays where it is, for its light is even over the width already, and of one that is
+    raised the walls of a room, which end or bend, get less.
     """
     vector = lights.vector[env, l]
     kind = lights.kind[l]
@@ -45,8 +46,9 @@ def towards(lights: Lights, env: int, l: int, p: wp.vec3, normal: wp.vec3, u: wp
     if cosine <= 0.0:
         return ray, length, 0.0
     slope = width / length
-    spread = 1.0 + slope * slope
-    strength = wp.sqrt(cosine * cosine + slope * slope) / (cosine * spread * wp.sqrt(spread)) / length / length
+    raised = wp.max(slope * slope - cosine * cosine, 0.0)
+    spread = 1.0 + raised
+    strength = wp.sqrt(cosine * cosine + raised) / (cosine * spread * wp.sqrt(spread)) / length / length
     if kind == SPOT:
         strength *= spot_falloff(lights, env, l, ray)
     if kind == AREA:

@@ -165,6 +165,8 @@ def make_walk(f: Features, glowing: bool, dark: bool) -> Any:
             v = first
             through = wp.vec3(1.0, 1.0, 1.0)
             width = wp.float32(0.0)
+            # For lamps: points of all paths lie as densely on a room's walls after several parts as after one.
+            last_width = wp.float32(0.0)
             for bounce in range(limits.bounces + 1):
                 u = point_of(numbers, bounce, wp.vec2(shift[0], shift[1]))
                 if wp.static(f.lit):
@@ -172,7 +174,7 @@ def make_walk(f: Features, glowing: bool, dark: bool) -> Any:
                     if bounce > 0:
                         place = point_of(numbers, bounce + LIGHT_DRAWS, wp.vec2(shift[2], shift[3]))
                         choice = around(u[0] + shift[3])
-                        total += wp.cw_mul(through, of_lights(lights, casters, env, v, width, place, choice))
+                        total += wp.cw_mul(through, of_lights(lights, casters, env, v, last_width, place, choice))
                 if wp.static(glowing):
                     place = point_of(numbers, bounce, wp.vec2(shift[3], shift[2]))
                     total += wp.cw_mul(through, of_glow(sources, surfaces, bodies, casters, env, v, place))
@@ -215,7 +217,8 @@ def make_walk(f: Features, glowing: bool, dark: bool) -> Any:
                     if ends_by_chance(numbers, bounce, stay):
                         break
                     through = through / stay
-                width += hit.distance * spread_of(density, limits.samples)
+                last_width = hit.distance * spread_of(density, limits.samples)
+                width += last_width
                 v = next_vertex(surfaces, sky, casters, bodies, face, hit.w0, hit.w1, width)
         return total / float(limits.samples)
 

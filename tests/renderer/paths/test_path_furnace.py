@@ -126,6 +126,22 @@ def room():
     return scene([(cube(2.0), WORLD, 0), (block, 0, 0)], 1, materials, [bulb], camera(64, 48, 50.0), still_camera=False)
 
 
+@pytest.mark.parametrize("bounces", [1, 3])
+def test_few_paths_keep_the_light_of_a_lamp_in_a_hollow_sphere(bounces):
+    """Every part of a hollow sphere gives every other part the same irradiance: power / area times the albedos on the
+    way, wherever the lamp is."""
+    albedo, radius, intensity = 0.6, 1.5, 2.0
+    wall = Material("wall", np.full(3, albedo), two_sided=True)
+    bulb = Light("bulb", "point", np.full(3, intensity), np.array([0.3, 0.15, 0.0]))
+    hollow = scene([(sphere(radius, 24), WORLD, 0)], materials=[wall], lights=[bulb], view=SIZE)
+    where = [at(0, 0, -0.5)]
+    direct = Renderer(hollow, hollow.cameras[0]).render(poses(*where))["radiance"][0].astype(np.float64)
+    over = image_of(hollow, where, PathOptions(bounces, 16)) - direct
+    power, area = 4 * np.pi * intensity, 4 * np.pi * radius**2
+    expected = albedo / np.pi * power / area * sum(albedo**n for n in range(1, bounces + 1))
+    assert over.mean() == pytest.approx(expected, rel=0.04)
+
+
 def test_still_camera_sees_the_same_bytes():
     scene_ = room()
     renderer = Renderer(scene_, scene_.cameras[0], paths=PathOptions(2, 4))
