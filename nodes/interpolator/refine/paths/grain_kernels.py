@@ -15,11 +15,13 @@ from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 
 wp.set_module_options({"enable_backward": False})
 
-PER_SWING = wp.constant(2.0)
-"""Samples for each length over which a texture goes up or down."""
+PER_SWING = wp.constant(3.0)
+"""Samples for each length over which a texture goes up or down: with 2 a wall whose texels are a pixel wide loses 10 %
+of its events at 2 px a gap and 0.3 ms, with 3 7 %, and scenes take the same time."""
 PLAIN = wp.constant(EVEN)
-LEAST_SPACING = wp.constant(0.5)
-"""Least way between two samples, of a pixel's width."""
+LEAST_SPACING = wp.constant(0.35)
+"""Least way between two samples, of a pixel's width: with 0.5 a wall with texels of half a pixel loses 24 % of its
+events at 6 px a gap and 0.3 ms, with 0.35 13 %, in the same time."""
 TURNED = wp.constant(0.25)
 """Way since the last sample, of that between two, after which there is one where a point turns back: what shakes shows
 there how far it goes."""
@@ -74,8 +76,8 @@ def make_follow(channels: int, ways: int) -> Any:
         count: wp.array(dtype=int),
     ):
         """Lists instants from `start` to `end` between which a pixel goes over part of a swing of what is painted on
-        the surface, and by half a pixel at least, and those at which it turns back. Arguments as of `walk`; gives the
-        index of the last entry listed."""
+        the surface, and by LEAST_SPACING pixels at least, and those at which it turns back. Arguments as of `walk`;
+        gives the index of the last entry listed."""
         body = stage.targets.pieces[triangle_of(before)][0]
         each = (cut.slots + 1) // stage.probes[spot.env]
         listed = start
