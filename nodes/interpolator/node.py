@@ -55,7 +55,7 @@ class InterpolatorNode(Node):
         "tolerance": Param(
             float, None,
             "error of ln I that rigid looks for, to shade anew; less costs more; 0.1 if not given, and with "
-            "time_tolerance 125 of it a second: 0.0125 for 0.1 ms, which is the least, up to 0.1",
+            "time_tolerance 67 of it a second: 0.02 for 0.3 ms, 0.0125 at least, 0.1 at most",
             "ln I", 0.001, 10, optional=True,
         ),
         "time_tolerance": Param(
