@@ -87,7 +87,8 @@ class Refinement:
         self._sort_each, self._rank = make_sort(channels)
         self._kernels, self._passing = Kernels.of(rigid), Passing(rigid)
         self._means = Means(rigid, fineness, tolerance_ns) if fineness > 1 else None
-        self._held, self._parts = (wp.zeros(layout.envs, dtype=wp.int32, device=v.device) for _ in range(2))
+        self._held = wp.zeros(layout.envs, dtype=wp.int32, device=v.device)
+        self._parts = wp.zeros((2, layout.envs), dtype=wp.int32, device=v.device)
         self.as_long_as_ns = 0
         """Length of a gap as finely as which shorter ones are divided [ns], so as to be prepared for it."""
         self._foreseen: Motion | None = None

@@ -69,7 +69,8 @@ class Stage:
 
     turn, shift: [2 R, N + 2], motion of the bodies since A, then since B. packed: [rows, H, W], z-buffers of B and of
     sub-frames 1 .. K - 1. probed, probes: `packed` and `each` of Probes. bends: as of find_bends. parts: of each
-    environment, see Cut. passing: as of find_passing. targets: what rays can meet.
+    environment [2, E], see Cut: for shadows and beams, and for facets. passing: as of find_passing. targets: what rays
+    can meet.
     """
 
     turn: wp.array2d(dtype=wp.mat33)
@@ -78,7 +79,7 @@ class Stage:
     probed: wp.array3d(dtype=wp.uint64)
     probes: wp.array(dtype=int)
     bends: wp.array3d(dtype=wp.vec2)
-    parts: wp.array(dtype=int)
+    parts: wp.array2d(dtype=int)
     passing: wp.array3d(dtype=wp.uint64)
     targets: Targets
 
@@ -161,6 +162,13 @@ def shows_one(cut: Cut, stage: Stage, spot: Spot, before: wp.uint64, after: wp.u
             one = joined(hit, then, stage.targets.pieces)
             hit = then
     return one
+
+
+@wp.func
+def parts_of(stage: Stage, env: int):
+    """Gives into how many parts a coarse interval of an environment is divided, at whose ends it is known which lamps
+    shine."""
+    return wp.max(stage.parts[0, env], stage.parts[1, env])
 
 
 @wp.func

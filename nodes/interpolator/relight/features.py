@@ -17,13 +17,15 @@ class LightChanges:
 
     relative: surfaces and lights may move against each other. shadows: something that moves may throw a shadow. view:
     there are glossy surfaces, and they or the camera move. indirect: light comes over other surfaces, some of which
-    move. directional, point, spot, area: kinds of light; mapped: the sky is a map.
+    move. facets: what has shading normals moves under lamps. directional, point, spot, area: kinds of light; mapped:
+    the sky is a map.
     """
 
     relative: bool = False
     shadows: bool = False
     view: bool = False
     indirect: bool = False
+    facets: bool = False
     directional: bool = False
     point: bool = False
     spot: bool = False
@@ -34,6 +36,11 @@ class LightChanges:
     def passes(self) -> bool:
         """Tells whether shadows or beams may come over what stands still, and go."""
         return self.shadows or (self.spot and self.relative)
+
+    @property
+    def changes_lamps(self) -> bool:
+        """Tells whether the lamps that shine on what a pixel sees may be others for a while."""
+        return self.passes or self.facets
 
     @property
     def any(self) -> bool:
@@ -50,12 +57,14 @@ def light_changes(scene: Scene, camera_body: int, paths: bool) -> LightChanges:
     lit = bool(scene.lights) or mapped
     # Even of an even sky a glossy surface shows more or less by the angle.
     mirrored = lit or bool(np.any(scene.environment))
+    shown_round = any(i.mesh.normals is not None and not is_static(scene, i.body) for i in scene.instances)
     kinds = {light.kind for light in scene.lights}
     return LightChanges(
         relative=lit and (instances or lamps),
         shadows=any(light.shadows for light in scene.lights) and (instances or lamps),
         view=mirrored and gloss and (instances or lamps or not is_static(scene, camera_body)),
         indirect=paths and (instances or lamps),
+        facets=bool(scene.lights) and shown_round,
         directional="directional" in kinds,
         point="point" in kinds,
         spot="spot" in kinds,

@@ -15,6 +15,7 @@ from evis.gpu.exchange import cpu_array
 from nodes.interpolator.refine.evaluation.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.light.chords import Chords
+from nodes.interpolator.refine.light.facets import Facets
 from nodes.interpolator.refine.light.outlines import finest_halves
 from nodes.interpolator.refine.light.passing_kernels import make_find_passing
 from nodes.interpolator.refine.probing.visit_kernels import find_briefest, find_turns
@@ -39,6 +40,8 @@ FALL = 4.0
 PER_TURN, LOOKED_FOR, TURNED = 3, 64, 0.25
 """Parts of the time between two turns of what goes to and fro, instants of a gap at which it is looked for, and how far
 it has to go [px]."""
+PER_FACET, FEW = 32, 2
+"""Looks while a facet is on a point, which the lamp may leave alone for any part of that time, and at least."""
 SOFT = 4
 """Looks in that time under a light with an area, where a shadow is at its darkest for a part of it alone."""
 BOXES, FEWEST = 1 << 9, 8
@@ -66,6 +69,7 @@ class Passing:
         fine = finest_halves(v, asked)
         self._boxes, self._count = boxes_of(v, movers, np.flatnonzero(moving), fine)
         self._chords = Chords(v, movers, np.flatnonzero(moving & asked), fine)
+        self._facets = Facets(v, movers, moving & self._changes.facets)
         self._lamp_mover = np.searchsorted(movers, [scene.lights[l].body for l in lamps]).astype(np.int64)
         # A light far away sweeps over what throws shadows as one does that is as far as these may fall.
         far = FALL * float(geometry.radius[(half > 0).all(axis=1)].max(initial=0.0))
@@ -88,7 +92,7 @@ class Passing:
     def likely(self) -> bool:
         """Predicts whether gaps will have such shadows, as far as prescribed motion tells; beside a GPU there are cores
         enough to be ready for what physics moves."""
-        if not self._changes.passes:
+        if not self._changes.passes and not self._facets.any:
             return False
         v, movers = self._rigid.visibility, self._rigid.placement.movers
         paths = [v.scene.bodies[body].trajectory for body in movers]
@@ -104,28 +108,34 @@ class Passing:
         for body, path in enumerate(b.trajectory for b in v.scene.bodies):
             if path is not None:
                 still[0, body] = path.pose(np.zeros(1, np.int64))[0]
-        return bool(min(self._shortest(pair, still, apart)[0] for pair in moved) * 2 * SEEN < USUAL_NS)
+        looks = [min(seen[0] for seen in self._looks_apart(pair, still, apart)) for pair in moved]
+        return bool(min(looks) * 2 < USUAL_NS)
 
     def parts(
         self, instants: Instants, poses: Poses, lengths: np.ndarray, held: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Computes into how many parts a coarse interval is divided to look for shadows and beams that pass, int [E].
+        """Computes into how many parts a coarse interval is divided to look for shadows and beams that pass, and for
+        facets, int [2, E].
 
-        Powers of two; 0 where half of one will do. Also, bool [E], where some shadow or beam is too thin and fast to be
-        seen at each.
+        Powers of two; 0 where half of one will do. Also, bool [E], where some of these are too thin and fast to be seen
+        at each.
 
         poses: at all instants of the gap. lengths: of the gap, int64 [E] ns. held: bool [E], who has none.
         """
-        if not self._changes.passes:
-            return np.zeros(len(held), np.int64), np.zeros(len(held), bool)
+        if not self._changes.passes and not self._facets.any:
+            return np.zeros((2, len(held)), np.int64), np.zeros(len(held), bool)
         lengths = np.where(held, 1, lengths)
         coarse = lengths / instants.coarse
-        seen = SEEN * self._shortest(poses.moved, poses.rest, lengths / instants.count)
         most = min(MOST, 1 << instants.depth)
-        rare = ~held & (2 * seen < coarse)
-        wanted = np.ceil(coarse / np.maximum(seen, coarse / (most + 1)))
-        parts = np.minimum(1 << np.ceil(np.log2(np.maximum(wanted, 1))).astype(np.int64), most)
-        return np.where(rare & (parts > 2), parts, 0), rare & (wanted > most)
+        found, missed = [], []
+        apart = self._looks_apart(poses.moved, poses.rest, lengths / instants.count)
+        for seen, longest in zip(apart, (1.0, PER_FACET / FEW)):
+            rare = ~held & (2 * seen < coarse)
+            wanted = np.ceil(coarse / np.maximum(seen, coarse / (most + 1)))
+            parts = np.minimum(1 << np.ceil(np.log2(np.maximum(wanted, 1))).astype(np.int64), most)
+            found.append(np.where(rare & (parts > 2), parts, 0))
+            missed.append(rare & (np.ceil(coarse / np.maximum(longest * seen, coarse / (most + 1))) > most))
+        return np.stack(found), missed[0] | missed[1]
 
     def find(self, intervals: int, cut: Any, stage: Any, held: wp.array, evaluator: Evaluator) -> None:
         """Finds the bits of a window whose bodies are placed: launches only. intervals: of the window."""
@@ -135,7 +145,7 @@ class Passing:
         span = cut.width if v.device.is_cpu else 1
         launches: list[tuple[wp.Kernel, Any, list[Any]]] = []
         for low, high in pairwise(edges):
-            given = [v.view, cut, low, span, held, stage, evaluator.change, start, self.bits]
+            given = [v.view, cut, low, span, held, stage, evaluator.change, self._facets.lean, start, self.bits]
             launches.append((self.kernel, (intervals * cut.envs, high - low, cut.width // span), given))
         sampling.launch(launches)
 
@@ -144,6 +154,14 @@ class Passing:
         shape = (intervals * cut.envs, cut.height, cut.width)
         if self.bits.shape != shape:
             self.bits = wp.zeros(shape, dtype=wp.uint64, device=self._rigid.visibility.device)
+
+    def _looks_apart(self, moved: np.ndarray, rest: np.ndarray, apart_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gives how far apart looks may be, float64 [E] ns: at shadows and beams, and at facets; as of `_shortest`."""
+        none = np.full(moved.shape[1], np.inf)
+        shadows = SEEN * self._shortest(moved, rest, apart_ns) if self._changes.passes else none
+        if not self._facets.any or len(moved) < 2:
+            return shadows, none
+        return shadows, self._facets.shortest(moved, rest, apart_ns) / PER_FACET
 
     def _shortest(self, moved: np.ndarray, rest: np.ndarray, apart_ns: np.ndarray) -> np.ndarray:
         """Gives the shortest time, float64 [E] ns, for which the shadow of something, or the light through a hole in

@@ -10,7 +10,7 @@ from nodes.interpolator.refine.light.flicker_kernels import Marks, entry_near, m
 from nodes.interpolator.refine.light.passing_kernels import part_at
 from nodes.interpolator.refine.paths.grain_kernels import finer_than_pixels, make_follow
 from nodes.interpolator.refine.paths.path_kernels import UNKNOWN, make_instances, make_note, make_walk
-from nodes.interpolator.refine.stage_kernels import Cut, Ends, Spot, Stage, slot_row
+from nodes.interpolator.refine.stage_kernels import Cut, Ends, Spot, Stage, parts_of, slot_row
 from nodes.interpolator.relight.change_kernels import Change, make_asked
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.look_up.log_kernels import apart
@@ -104,13 +104,13 @@ def make_through(lens: str, channels: int, ways: int, relit: bool, painted: bool
         edges = wp.int32(0)
         parts = wp.int32(1)
         bits = wp.uint64(0)
-        if wp.static(changes.passes):
+        if wp.static(changes.changes_lamps):
             if cut.parts > 0:
                 bits = stage.passing[
                     (spot.k - cut.first) * cut.envs + spot.env, spot.y - cut.margin, spot.x - cut.margin
                 ]
                 if bits != wp.uint64(0):
-                    parts = stage.parts[spot.env]
+                    parts = parts_of(stage, spot.env)
                     edges = 2 * parts
         rise = pixel(UNKNOWN)
         whole = wp.bool(False)

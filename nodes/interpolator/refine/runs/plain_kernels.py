@@ -100,7 +100,7 @@ def make_find_plain(
                 changed = moves(cut, stage, spot, ends.before)
             a = wp.where(k == 0, image[env, spot.y, spot.x], frames[env * cut.coarse + wp.max(k - 1, 0), y, x])
             b = frames[env * cut.coarse + k, y, x]
-            if wp.static(changes.passes):
+            if wp.static(changes.changes_lamps):
                 if one and not changed and cut.parts > 0:
                     changed = stage.passing[n, y, x] != wp.uint64(0)
             done = wp.bool(False)
