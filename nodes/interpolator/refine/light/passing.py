@@ -40,8 +40,9 @@ FALL = 4.0
 PER_TURN, LOOKED_FOR, TURNED = 3, 64, 0.25
 """Parts of the time between two turns of what goes to and fro, instants of a gap at which it is looked for, and how far
 it has to go [px]."""
-PER_FACET, FEW = 32, 2
-"""Looks while a facet is on a point, which the lamp may leave alone for any part of that time, and at least."""
+PER_FACET, FEW = 32, 1.5
+"""Looks while a facet is on a point, which the lamp may leave alone for any part of that time, and so many at least: with
+fewer it is not looked for."""
 SOFT = 4
 """Looks in that time under a light with an area, where a shadow is at its darkest for a part of it alone."""
 BOXES, FEWEST = 1 << 9, 8
@@ -135,6 +136,7 @@ class Passing:
             parts = np.minimum(1 << np.ceil(np.log2(np.maximum(wanted, 1))).astype(np.int64), most)
             found.append(np.where(rare & (parts > 2), parts, 0))
             missed.append(rare & (np.ceil(coarse / np.maximum(longest * seen, coarse / (most + 1))) > most))
+        found[1][missed[1]] = 0
         return np.stack(found), missed[0] | missed[1]
 
     def find(self, intervals: int, cut: Any, stage: Any, held: wp.array, evaluator: Evaluator) -> None:
