@@ -132,9 +132,16 @@ def test_the_lens_blurs_the_image():
 
 
 def test_an_exposure_longer_than_the_period_is_refused():
-    with pytest.raises(ValueError, match=r"exposure_ms is 40 ms, images at image_rate 30 Hz are 33.3333 ms apart"):
+    with pytest.raises(ValueError, match=r"exposure_ms is 40 ms, images at image_rate 30 Hz are 33.333333 ms apart"):
         settings_of("frame_camera", "ideal", {"exposure_ms": 40.0})
     with pytest.raises(ValueError, match="exposure_max_ms is 40 ms"):
         settings_of("frame_camera", "ideal", {"exposure_max_ms": 40.0})
+    with pytest.raises(ValueError, match="exposure_ms is 33.333334 ms, .* are 33.333333 ms apart"):
+        settings_of("frame_camera", "ideal", {"exposure_ms": 33.333334})
+    with pytest.raises(ValueError, match="exposure_min_ms is 5 ms, images at image_rate 1000 Hz are 1 ms apart"):
+        settings_of("frame_camera", "ideal", {"image_rate": 1000.0, "exposure_min_ms": 5.0})
+    with pytest.raises(ValueError, match="exposure_min_ms is 0.01 ms, above exposure_max_ms, 0.001 ms; give a range"):
+        settings_of("frame_camera", "ideal", {"exposure_max_ms": 0.001})
+    assert settings_of("frame_camera", "ideal", {"image_rate": 100000.0}).shortest == 10_000
     with pytest.raises(ValueError, match="must be one of 8, 10, 12, 14, 16"):
         settings_of("frame_camera", "ideal", {"image_bits": 9})
