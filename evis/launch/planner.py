@@ -143,7 +143,7 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
     plan.waits, plan.single = who_waits(plan, chosen, options.stepped)
     if not plan.single:
         plan.window = WINDOW_AT_ONCE
-    plan.left_out = left_out(nodes, demand, expanded.absent) + _unmade(plan, chosen, demand) + _colourless(plan)
+    plan.left_out = left_out(nodes, chosen, demand, expanded.absent) + _unmade(plan, chosen, demand) + _colourless(plan)
     plan.random = {
         node.among_all(node.name): list(node.cls.random(node.params))
         for node in chosen
@@ -222,7 +222,7 @@ def _unmade_images(plan: Plan, node: Wired) -> set[str]:
 def _choose(nodes: list[Wired], demand: Demand) -> list[Wired]:
     """Needed nodes, viewers, and nodes that can be started later from what will be there."""
     needed = [n for n in nodes if n.name in demand.inputs or n.spec.tap]
-    there = {t for n in needed for t in n.outputs.values()} | set(SYSTEM_TOPICS)
+    there = {t for n in needed for p, t in n.outputs.items() if _is_there(n, p, demand)} | set(SYSTEM_TOPICS)
     late: list[Wired] = []
     rest = [n for n in nodes if n.late and n.open and n not in needed]
     while more := [n for n in rest if n not in late and {n.inputs[p] for p in n.inputs if p in _all_needs(n)} <= there]:
@@ -264,7 +264,7 @@ def _node_plan(node: Wired, demand: Demand, grouping: str, together: Collection[
     outputs = {
         port: topic
         for port, topic in node.outputs.items()
-        if topic not in SYSTEM_TOPICS and (dormant or (_makeable(node, port, inputs) and is_open(node, port, demand)))
+        if topic not in SYSTEM_TOPICS and (dormant or _is_there(node, port, demand))
     }
     return NodePlan(
         name=node.name,
@@ -282,10 +282,12 @@ def _node_plan(node: Wired, demand: Demand, grouping: str, together: Collection[
     )
 
 
-def _makeable(node: Wired, port: str, inputs: Mapping[str, Any]) -> bool:
-    """An output that nobody reads stays open for viewers, if the inputs that are connected anyway suffice."""
-    needed = node.needs([port])
-    return all(p in inputs or not node.cls.INPUTS[p].needed for p in needed if p in node.inputs)
+def _is_there(node: Wired, port: str, demand: Demand) -> bool:
+    """Tells whether a running node offers an output. One that nobody reads stays open for viewers, if the inputs that
+    are connected anyway suffice."""
+    connected = demand.inputs.get(node.name, {})
+    needed = (p for p in node.needs([port]) if p in node.inputs and node.cls.INPUTS[p].needed)
+    return is_open(node, port, demand) and all(connected.get(p) for p in needed)
 
 
 def _connect(plan: Plan, chosen: list[Wired], demand: Demand) -> None:

@@ -144,8 +144,10 @@ class FrameCamera:
             chosen[env], exposed[env], numbers[env] = 1, exposure.length * 1e-9, exposure.number
             seeds[env] = self._stream(env, rows[env])
         sums: wp.array = wp.zeros((envs, 3), dtype=wp.int64, device=self._device)
-        inputs = [self._light, *map(self._array, (slots, chosen, exposed, seeds, numbers)), self._readout]
-        wp.launch(kernels.read_out, (envs, self._size), [*inputs, self._pixels, sums], device=self._device)
+        channels = self._shape[2]
+        inputs = [self._light, *map(self._array, (slots, chosen, exposed, seeds, numbers)), channels, self._readout]
+        threads = (envs, self._size // channels)
+        wp.launch(kernels.read_out, threads, [*inputs, self._pixels, sums], device=self._device)
         summed, pixels = sums.numpy(), self._pixels.numpy()
         self.clipped += int(summed[:, int(kernels.CLIPPED)].sum())
         self.nonfinite += int(summed[:, int(kernels.NONFINITE)].sum())

@@ -82,6 +82,20 @@ def remember(
         before[env, pixel] = frames[env, frames.shape[1] - 1, pixel]
 
 
+@wp.func
+def electrons_read(sensor: Readout, mean: wp.float64, seed: wp.uint64, value: wp.int32, number: wp.int64):
+    """Draws the electrons in the well, before saturation, and the read noise in electrons, of a value of an image."""
+    electrons = mean
+    noise = wp.float64(0.0)
+    if sensor.photon_noise != 0 or sensor.read_noise > wp.float64(0.0):
+        stream = stream_of_pixel(seed, value)
+        z = two_normals(stream, number)
+        noise = sensor.read_noise * z[1]
+        if sensor.photon_noise != 0:
+            electrons = electrons_of(wp.min(mean, wp.float64(1.0e15)), z[0], stream, number)
+    return electrons, noise
+
+
 @wp.kernel
 def read_out(
     light: wp.array3d(dtype=wp.float64),
@@ -90,48 +104,47 @@ def read_out(
     exposure: wp.array(dtype=wp.float64),
     seed: wp.array(dtype=wp.uint64),
     number: wp.array(dtype=wp.int64),
+    channels: wp.int32,
     sensor: Readout,
     pixels: wp.array2d(dtype=wp.uint16),
     sums: wp.array2d(dtype=wp.int64),
 ):
     """Makes pixels of gathered light. light [S, E, P], radiance times seconds; over [E], whose exposure has ended;
-    exposure [s]; seed: stream of each environment; number: of the image, which keys its noise; pixels [E, P]; sums
-    [E, 3]: clipped pixels, pixels whose light is not finite, levels.
+    exposure [s]; seed: stream of each environment; number: of the image, which keys its noise; channels: values of
+    a pixel, side by side in P; pixels [E, P]; sums [E, 3]: clipped pixels, pixels whose light is not finite, levels.
     """
     env, pixel = wp.tid()
     if over[env] == 0:
         return
-    gathered = light[slot[env], env, pixel]
-    if not wp.isfinite(gathered):
-        # An infinite light is too bright like any other; what is no number has no level.
+    strange = wp.int32(0)
+    full = wp.int32(0)
+    for value in range(pixel * channels, (pixel + 1) * channels):
+        gathered = light[slot[env], env, value]
+        if not wp.isfinite(gathered):
+            # An infinite light is too bright like any other; what is no number has no level.
+            strange = wp.int32(1)
+            if gathered > wp.float64(0.0):
+                gathered = wp.float64(1.0e30)
+            else:
+                gathered = wp.float64(0.0)
+        mean = wp.max(gathered, wp.float64(0.0)) * sensor.sensitivity + sensor.dark_current * exposure[env]
+        electrons, noise = electrons_read(sensor, mean, seed[env], value, number[env])
+        if electrons > sensor.full_well:
+            electrons = sensor.full_well
+            full = wp.int32(1)
+        level = sensor.gain * (electrons + noise) / sensor.full_well + sensor.black_level
+        if level > wp.float64(1.0):
+            level = wp.float64(1.0)
+            full = wp.int32(1)
+        level = wp.max(level, wp.float64(0.0))
+        if sensor.metered != 0:
+            wp.atomic_add(sums, env, LEVEL, wp.int64(level * LEVEL_STEPS))
+        if sensor.inverse_gamma != wp.float64(1.0):
+            level = wp.pow(level, sensor.inverse_gamma)
+        read = wp.uint32(wp.floor(level * sensor.largest + wp.float64(0.5)))
+        pixels[env, value] = wp.uint16(read << sensor.shift)
+    # A pixel counts once, however many of its channels are at full scale.
+    if strange != 0:
         wp.atomic_add(sums, env, NONFINITE, wp.int64(1))
-        if gathered > wp.float64(0.0):
-            gathered = wp.float64(1.0e30)
-        else:
-            gathered = wp.float64(0.0)
-    mean = wp.max(gathered, wp.float64(0.0)) * sensor.sensitivity + sensor.dark_current * exposure[env]
-    electrons = mean
-    z = wp.vec2d()
-    if sensor.photon_noise != 0 or sensor.read_noise > wp.float64(0.0):
-        stream = stream_of_pixel(seed[env], pixel)
-        z = two_normals(stream, number[env])
-        if sensor.photon_noise != 0:
-            electrons = electrons_of(wp.min(mean, wp.float64(1.0e15)), z[0], stream, number[env])
-    clipped = bool(False)
-    if electrons > sensor.full_well:
-        electrons = sensor.full_well
-        clipped = bool(True)
-    electrons += sensor.read_noise * z[1]
-    level = sensor.gain * electrons / sensor.full_well + sensor.black_level
-    if level > wp.float64(1.0):
-        level = wp.float64(1.0)
-        clipped = bool(True)
-    level = wp.max(level, wp.float64(0.0))
-    if clipped:
+    if full != 0:
         wp.atomic_add(sums, env, CLIPPED, wp.int64(1))
-    if sensor.metered != 0:
-        wp.atomic_add(sums, env, LEVEL, wp.int64(level * LEVEL_STEPS))
-    if sensor.inverse_gamma != wp.float64(1.0):
-        level = wp.pow(level, sensor.inverse_gamma)
-    value = wp.uint32(wp.floor(level * sensor.largest + wp.float64(0.5)))
-    pixels[env, pixel] = wp.uint16(value << sensor.shift)

@@ -98,16 +98,21 @@ def settings_of(owner: str, preset: str, given: Mapping[str, Any]) -> Settings:
     most = timing["exposure_max_ms"]
     longest = period if most is None else nanoseconds(most)
     exposure = 0 if timing["exposure_ms"] is None else nanoseconds(timing["exposure_ms"])
-    name = "exposure_ms" if exposure else "exposure_max_ms"
-    asked = exposure or longest
-    if asked > period:
-        raise ValueError(
-            f"{owner}: {name} is {asked * 1e-6:g} ms, images at image_rate {timing['image_rate']:g} Hz are "
-            f"{period * 1e-6:g} ms apart; a pixel cannot be exposed for longer than that"
-        )
-    shortest = min(nanoseconds(timing["exposure_min_ms"]), period)
+    shortest = nanoseconds(timing["exposure_min_ms"])
+    if "exposure_min_ms" not in there:
+        shortest = min(shortest, period)
+    limits = {"exposure_ms": exposure} if exposure else {"exposure_max_ms": longest, "exposure_min_ms": shortest}
+    for name, asked in limits.items():
+        if asked > period:
+            raise ValueError(
+                f"{owner}: {name} is {asked * 1e-6:.9g} ms, images at image_rate {timing['image_rate']:g} Hz are "
+                f"{period * 1e-6:.9g} ms apart; a pixel cannot be exposed for longer than that"
+            )
     if not exposure and shortest > longest:
-        raise ValueError(f"{owner}: exposure_min_ms is above exposure_max_ms; give a range")
+        raise ValueError(
+            f"{owner}: exposure_min_ms is {shortest * 1e-6:.9g} ms, above exposure_max_ms, {longest * 1e-6:.9g} ms; "
+            "give a range"
+        )
     return Settings(
         timing["image_rate"], nanoseconds(timing["image_phase_ms"]), exposure, timing["exposure_target"], shortest,
         longest, round(timing["rolling_shutter_us"] * 1e3), sensor,

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from films import LINEAR, MS, film
+from films import LINEAR, MS, film, rows_of
 
+from nodes.frame_camera.camera import FrameCamera
 from nodes.frame_camera.parameters import settings_of
 from nodes.frame_camera.timetable import Exposure, quadrature
 
@@ -120,6 +121,16 @@ def test_what_is_too_bright_is_clipped_and_counted():
     assert (camera.clipped, camera.nonfinite) == (2 * 3, 2 * 2)
 
 
+def test_a_pixel_in_colour_is_counted_once():
+    """Three of four pixels are too bright in one, two and three channels; one is not finite in two of them."""
+    light = np.array([[[9.0, 0.1, 0.1], [9.0, 9.0, 0.1], [9.0, 9.0, 9.0], [0.1, np.nan, -np.inf]]], np.float32)
+    settings = settings_of("camera", "ideal", {**LINEAR, "image_rate": 100.0, "exposure_ms": 8.0})
+    camera = FrameCamera(settings, [0], light.shape)
+    for stamp in (0, 10 * MS):
+        camera.push(light[None, None], np.full((1, 1), stamp), np.array([stamp == 0]), rows_of(1, stamp))
+    assert (camera.clipped, camera.nonfinite) == (3, 1)
+
+
 def test_the_lens_blurs_the_image():
     """The second moment of a point grows by sigma squared, and no light is lost."""
     point = np.zeros((41, 41))
@@ -132,9 +143,16 @@ def test_the_lens_blurs_the_image():
 
 
 def test_an_exposure_longer_than_the_period_is_refused():
-    with pytest.raises(ValueError, match=r"exposure_ms is 40 ms, images at image_rate 30 Hz are 33.3333 ms apart"):
+    with pytest.raises(ValueError, match=r"exposure_ms is 40 ms, images at image_rate 30 Hz are 33.333333 ms apart"):
         settings_of("frame_camera", "ideal", {"exposure_ms": 40.0})
     with pytest.raises(ValueError, match="exposure_max_ms is 40 ms"):
         settings_of("frame_camera", "ideal", {"exposure_max_ms": 40.0})
+    with pytest.raises(ValueError, match=r"exposure_ms is 33.333334 ms, .* are 33.333333 ms apart"):
+        settings_of("frame_camera", "ideal", {"exposure_ms": 33.333334})
+    with pytest.raises(ValueError, match="exposure_min_ms is 5 ms, images at image_rate 1000 Hz are 1 ms apart"):
+        settings_of("frame_camera", "ideal", {"image_rate": 1000.0, "exposure_min_ms": 5.0})
+    with pytest.raises(ValueError, match=r"exposure_min_ms is 0.01 ms, above exposure_max_ms, 0.001 ms; give a range"):
+        settings_of("frame_camera", "ideal", {"exposure_max_ms": 0.001})
+    assert settings_of("frame_camera", "ideal", {"image_rate": 100000.0}).shortest == 10_000
     with pytest.raises(ValueError, match="must be one of 8, 10, 12, 14, 16"):
         settings_of("frame_camera", "ideal", {"image_bits": 9})

@@ -158,6 +158,19 @@ def test_outputs_are_those_that_were_asked_for() -> None:
             _ = step.events
 
 
+def test_labels_of_events_may_be_asked_of_one_camera_and_events_of_all() -> None:
+    """The labeler of the other camera waits for marks of noise that its sensor is not asked to make (`KeyError`)."""
+    size: dict[str, Any] = {"width": 24, "height": 18}
+    with evis.Simulation("stereo_room", outputs=["events", "left.labels.events"], **size) as sim:
+        sim.reset()
+        step = sim.step()
+    left, right = step.cameras["left"], step.cameras["right"]
+    assert len(left.labels.event_instance) == len(left.events.t) > 0 and len(right.events.t) > 0
+    with evis.Simulation("spinning_disk", labels="events", outputs=["events"], **size) as sim:
+        sim.reset()
+        assert len(sim.step().events.t)
+
+
 def test_what_a_step_gave_stays_as_it_was() -> None:
     """Memory that steps hold is not written again, however many are kept."""
     with evis.Simulation("spinning_disk", outputs=["keyframe", "depth", "frames", "events"], **SIZE) as sim:

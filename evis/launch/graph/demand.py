@@ -171,8 +171,9 @@ def is_open(node: Wired, port: str, demand: Demand) -> bool:
     return node.late_output(port) or port in demand.wanted.get(node.name, ())
 
 
-def left_out(nodes: list[Wired], demand: Demand, absent: Mapping[str, str]) -> list[LeftOut]:
-    """Lists everything that will not run or not be computed, with the reason."""
+def left_out(nodes: list[Wired], chosen: list[Wired], demand: Demand, absent: Mapping[str, str]) -> list[LeftOut]:
+    """Lists everything that will not run or not be computed, with the reason. chosen: nodes that run or can be started
+    later."""
     found = [LeftOut(name, reason) for name, reason in absent.items()]
     published = {topic for node in nodes for topic in node.outputs.values()}
     for node in nodes:
@@ -181,7 +182,7 @@ def left_out(nodes: list[Wired], demand: Demand, absent: Mapping[str, str]) -> l
             if node.joins:
                 found.append(LeftOut(topics[0], UNREAD if node.open else NEVER_MADE))
             elif not node.spec.tap:
-                late = "; started when a viewer opens it" if node.late else ""
+                late = "; started when a viewer opens it" if node.late and node in chosen else ""
                 found.append(LeftOut(node.among_all(node.name), f"nobody reads {' or '.join(topics)}{late}"))
             continue
         for port, topic in node.outputs.items():
