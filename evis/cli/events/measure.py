@@ -73,10 +73,10 @@ def _check_source(args: argparse.Namespace) -> None:
     """Raises UsageError for an option that the other kind of source has: it would change nothing."""
     running, files = "running graphs, it does not go with a file", "files, it does not go with a running graph"
     if args.recording is not None:
-        given = (("--listen", args.listen is not None, running), ("--run", bool(args.run), running))
+        given = [("--listen", args.listen is not None, running), ("--run", bool(args.run), running)]
     else:
-        part = ("--from", args.start != 0, files), ("--to", args.stop is not None, files)
-        given = (*part, ("--size", args.size is not None, files))
+        given = [("--from", args.start != 0, files), ("--to", args.stop is not None, files)]
+        given.append(("--size", args.size is not None, files))
     for name, is_given, of in given:
         if is_given:
             raise UsageError(f"{name} is for {of}")
