@@ -127,8 +127,10 @@ class BagSequence:
             envs = message.envs if isinstance(message, Image) else environments.count(message)
             if envs > 1 and self._env is None:
                 raise LayoutError(f"{self._reader.path} has {envs} environments; name one of them: --env 0")
-            if envs > 1 and not 0 <= int(self._env or 0) < envs:
-                raise LayoutError(f"{self._reader.path} has no environment {self._env}; it has 0 to {envs - 1}")
+            shared = isinstance(message, CameraInfo)  # its rows may stand for all environments
+            if self._env is not None and envs and not shared and not 0 <= self._env < envs:
+                there = f"0 to {envs - 1}" if envs > 1 else "0 alone"
+                raise LayoutError(f"{self._reader.path} has no environment {self._env}; it has {there}")
             if self._env is not None and (envs > 1 or environments.tabular(message)):
                 found = environments.of_one(message, self._env)
                 if found is None:

@@ -67,6 +67,16 @@ def test_what_cannot_be_written_is_said(recorded: Any, tmp_path: Path, capsys: A
         assert "--layout" in capsys.readouterr().err and not (tmp_path / "o").exists()
 
 
+def test_an_environment_that_is_not_there_is_refused(recorded: Any, tmp_path: Path, capsys: Any) -> None:
+    """Of a bag of one environment too, whose events stood for those of any number; 0 is the one."""
+    words = ["bag", "export", str(recorded[0]), "--layout", "npz"]
+    for wrong in ("3", "-1"):
+        assert main([*words, str(tmp_path / "a"), "--env", wrong]) == 1
+        assert f"has no environment {wrong}; it has 0 alone" in capsys.readouterr().err
+        assert not (tmp_path / "a").exists()
+    assert main([*words, str(tmp_path / "b"), "--env", "0"]) == 0
+
+
 def test_one_of_several_environments(tmp_path: Path, capsys: Any) -> None:
     """It is asked for by number, and its events are those of a run with its own seed."""
     with evis.Simulation("spinning_disk", outputs=["events", "info"], seed=5, envs=2, width=32, height=24) as sim:

@@ -254,3 +254,19 @@ def test_the_documents_list_the_keys_that_the_reader_names():
     listed = build.__doc__.split("over the arguments.\n\n")[1].split("Entries of bodies")[0].rstrip()
     document = Path(__file__).parents[2] / "docs" / "scenes.md"
     assert textwrap.dedent(listed) in document.read_text()
+
+
+def test_the_page_says_which_arguments_vary_draws():
+    """Of a scene of which it says that all are drawn, or all but some: those of the file whose default is drawn."""
+    import re
+    from pathlib import Path
+
+    from evis.scene.load import drawn_places, scene_args
+
+    page = (Path(__file__).parents[2] / "docs" / "scenes.md").read_text()
+    told = re.findall(r"^## (\w+)\n(?:(?!^#).)*?`vary(?::=1)?` draws all ([^,.]*)", page, re.M | re.S)
+    assert {name for name, _ in told} == {"spinning_disk", "tunnel_exit", "warehouse", "balls"}
+    for name, how in told:
+        own = {key for key, arg in scene_args(name).items() if arg.type is not str}
+        drawn = {place.split(".")[1] for place in drawn_places(name, {"vary": 1.0}) if place.startswith("args.")}
+        assert own - drawn - {"vary", "width", "height"} == set(re.findall(r"`(\w+)`", how)), name

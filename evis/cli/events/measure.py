@@ -14,6 +14,7 @@ from evis.cli.numbers import number_up_to
 from evis.cli.parser import UsageError
 
 _SECONDS = number_up_to(1e6, "is no time in seconds")
+LISTEN_S = 3.0
 HELP = "event rate, rotation speed, noise and sharpness of a recording or of a topic of a running graph"
 
 
@@ -30,9 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--listen",
         type=_SECONDS,
-        default=3.0,
         metavar="S",
-        help="to a running graph for so long (3)",
+        help=f"to a running graph for so long ({LISTEN_S:g})",
     )
     parser.add_argument(
         "--no-rotation", action="store_true", help="leave the rotation out, which takes most of the time"
@@ -55,6 +55,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Measures a recording in one pass."""
     if args.recording is None and not args.topic:
         raise UsageError("nothing to measure; name a recording, or --topic of a running graph, as /cam0/events")
+    _check_source(args)
     if args.png:
         from evis.cli.events.measure_plot import check
 
@@ -66,6 +67,19 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         draw(result, args.png)
         result["png"] = args.png
     return result
+
+
+def _check_source(args: argparse.Namespace) -> None:
+    """Raises UsageError for an option that the other kind of source has: it would change nothing."""
+    running, files = "running graphs, it does not go with a file", "files, it does not go with a running graph"
+    if args.recording is not None:
+        given = [("--listen", args.listen is not None, running), ("--run", bool(args.run), running)]
+    else:
+        given = [("--from", args.start != 0, files), ("--to", args.stop is not None, files)]
+        given.append(("--size", args.size is not None, files))
+    for name, is_given, of in given:
+        if is_given:
+            raise UsageError(f"{name} is for {of}")
 
 
 def _file(args: argparse.Namespace) -> dict[str, Any]:
@@ -99,11 +113,12 @@ def _topic(args: argparse.Namespace) -> dict[str, Any]:
 
     plan = find_run(args.run)
     check_topic(plan, args.topic)
+    listen_s = LISTEN_S if args.listen is None else args.listen
     measurement, decoder, seen, lost, last = None, None, 0, 0, None
     width = height = 0
-    with PassProgress(f"listening for {args.listen:g} s") as progress:
+    with PassProgress(f"listening for {listen_s:g} s") as progress:
         with suppress(KeyboardInterrupt):
-            for _, message, _ in listen(plan, args.topic, args.listen):
+            for _, message, _ in listen(plan, args.topic, listen_s):
                 progress.say(f"{seen} packets")
                 if not isinstance(message, EventPacket):
                     raise ValueError(f"{args.topic} carries {type(message).__name__}, no events")
@@ -122,7 +137,7 @@ def _topic(args: argparse.Namespace) -> dict[str, Any]:
                     events = decoder.decode(bytes(message.raw))
                     measurement.add(events.t, events.x, events.y, events.p)
         if measurement is None:
-            raise ValueError(f"{args.topic}: no packet came in {args.listen:g} s")
+            raise ValueError(f"{args.topic}: no packet came in {listen_s:g} s")
         head = {"source": args.topic, "run": plan.run_id, "width": width, "height": height}
         return head | {"packets": seen, "packets_missed": lost} | measurement.report()
 

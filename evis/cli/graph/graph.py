@@ -36,6 +36,8 @@ def run(args: argparse.Namespace) -> int:
             raise UsageError(f"{out}: --png writes a .png file")
         if not out.absolute().parent.is_dir():
             raise ValueError(f"{out}: the folder {out.absolute().parent} does not exist; make it first")
+    if args.run and args.target is not None:
+        raise UsageError("--run is for running graphs, it does not go with a launch file or scene")
     plan = find_run(args.run) if args.target is None else _planned(args)
     if args.png:
         from evis.cli.graph.drawing import draw

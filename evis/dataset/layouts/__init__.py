@@ -14,6 +14,7 @@ from importlib import import_module
 from typing import Any
 
 from evis.config.suggestions import nearest
+from evis.dataset.errors import DatasetError
 
 _ROOM = "evis.dataset.layouts"
 LAYOUTS = {
@@ -38,7 +39,7 @@ READERS = {
 """Where the reader of each layout is."""
 
 
-class LayoutError(ValueError):
+class LayoutError(DatasetError):
     """Says that a sequence cannot be written or read in a layout; one line that names what, and what helps."""
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from evis.dataset.about import About
 from evis.dataset.errors import DatasetError
-from evis.dataset.layouts import LayoutError, reader_of
+from evis.dataset.layouts import reader_of
 from evis.dataset.layouts.reader import UNBOUNDED_NS, EventArrays, SequenceReader
 from evis.dataset.loading.copies import local_folder
 from evis.recordings.whole_ns import whole_ns
@@ -51,7 +51,7 @@ class Sequence:
 
     @cached_property
     def reader(self) -> SequenceReader:
-        """Reads its layout. Raises DatasetError, LayoutError."""
+        """Reads its layout. Raises DatasetError."""
         with self.readable():
             reader: SequenceReader = reader_of(self._layout)(self.folder)
             return reader
@@ -100,7 +100,7 @@ class Sequence:
                 have delayed past the end.
             camera: not given, the first one.
 
-        Raises DatasetError, LayoutError; TypeError for times that are not whole.
+        Raises DatasetError; TypeError for times that are not whole.
         """
         start, end = self._limits(t0_ns, t1_ns)
         with self.readable():
@@ -111,7 +111,7 @@ class Sequence:
     ) -> dict[str, np.ndarray]:
         """Reads the labels of one kind with stamps in [t0_ns, t1_ns), as the layout's reader gives them.
 
-        The stamps are `t` int64 [T] ns; arrays have the names of docs/layouts.md. Raises DatasetError, LayoutError;
+        The stamps are `t` int64 [T] ns; arrays have the names of docs/layouts.md. Raises DatasetError;
         TypeError for times that are not whole.
         """
         start, end = self._limits(t0_ns, t1_ns)
@@ -124,10 +124,10 @@ class Sequence:
 
     @contextlib.contextmanager
     def readable(self) -> Iterator[None]:
-        """Names the sequence, and what to do, in any error of reading it. Raises DatasetError, LayoutError."""
+        """Names the sequence, and what to do, in any error of reading it. Raises DatasetError."""
         try:
             yield
-        except (DatasetError, LayoutError):
+        except DatasetError:
             raise
         except _UNREADABLE as error:
             text = " ".join(str(error).split()) or type(error).__name__

@@ -52,6 +52,11 @@ class Stored:
         found = self.sequence.labels("events", t0_ns, t1_ns, self.camera)
         return {name: found[name] for name in EVENTS}
 
+    def check_event_labels(self, cut: Cut) -> None:
+        """Raises DatasetError where labels of events are asked for and not there: they have no stamps to be missed."""
+        if "events" in cut.labels and "events" not in self.sequence.kinds(self.camera):
+            self.stamps("events")
+
     def stamps(self, kind: str) -> np.ndarray:
         """Implements `Source.stamps`. Raises DatasetError for labels that are not there."""
         with self.sequence.readable():
@@ -103,6 +108,7 @@ class Table:
 def table_of(stored: Stored, cut: Cut) -> Table:
     """Lists the windows of a sequence: by time without reading an event; by number, and labelled, their times alone."""
     sequence, camera, rows = stored.sequence, stored.camera, None
+    stored.check_event_labels(cut)
     if cut.seconds:
         number = np.arange(cut.count_by_time(sequence.duration_ns))
         t0, t1 = cut.by_time(number, sequence.start_ns)

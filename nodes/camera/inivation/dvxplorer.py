@@ -17,6 +17,7 @@ from nodes.camera.usb.models import MODELS
 from nodes.camera.usb.side import SideReader
 
 WIDTH, HEIGHT = 640, 480
+LITE_WIDTH, LITE_HEIGHT = 320, 240
 OLDEST = 8
 MINI = 4
 """High byte of bcdDevice of a Mini (MIPI behind a CX3): its firmware starts the chip, it has no multiplexer."""
@@ -37,33 +38,63 @@ SIDE_PAUSE_S = 0.0005
 
 
 @dataclass
-class DvxplorerSettings(UsbSettings):
-    """Holds a DVXplorer's settings; contrast thresholds are presets of the chip."""
+class MicroSettings(UsbSettings):
+    """Holds a Micro's settings; contrast thresholds are presets of the chip."""
 
     sensitivity: str = setting("default", f"contrast sensitivity: {', '.join(SENSITIVITY)}")
-    roi_x: int = setting(0, "left column of the region of interest", "px", 0, WIDTH - 1)
-    roi_y: int = setting(0, "top row of the region of interest", "px", 0, HEIGHT - 1)
-    roi_width: int = setting(0, "its width; 0 = to the right edge", "px", 0, WIDTH)
-    roi_height: int = setting(0, "its height; 0 = to the bottom edge", "px", 0, HEIGHT)
-    binning: bool = setting(False, f"one pixel of two by two: {WIDTH // 2}x{HEIGHT // 2}")
     imu: bool = setting(True, "send inertial samples")
-    trigger_in: bool = setting(False, "report edges of the trigger input")
 
     def check(self) -> None:
         super().check()
         if self.sensitivity not in SENSITIVITY:
             raise ValueError(f"sensitivity is '{self.sensitivity}', must be one of {', '.join(SENSITIVITY)}")
-        self.check_region(WIDTH, HEIGHT)
+
+
+@dataclass
+class MiniSettings(MicroSettings):
+    """Holds a Mini's settings: also a region of interest, or binning."""
+
+    roi_x: int = setting(0, "left column of the region of interest", "px", 0, WIDTH - 1)
+    roi_y: int = setting(0, "top row of the region of interest", "px", 0, HEIGHT - 1)
+    roi_width: int = setting(0, "its width; 0 = to the right edge", "px", 0, WIDTH)
+    roi_height: int = setting(0, "its height; 0 = to the bottom edge", "px", 0, HEIGHT)
+    binning: bool = setting(False, f"one pixel of two by two: {WIDTH // 2}x{HEIGHT // 2}")
+
+    def check(self) -> None:
+        super().check()
+        _check_region(self, WIDTH, HEIGHT)
         if self.binning and (self.roi_x or self.roi_y or self.roi_width or self.roi_height):
             raise ValueError("binning and a region of interest are given; the camera does one of them")
 
-    def check_region(self, width: int, height: int) -> None:
-        """Raises ValueError unless the region of interest lies inside a sensor of this size."""
-        if self.roi_x + (self.roi_width or 1) > width or self.roi_y + (self.roi_height or 1) > height:
-            raise ValueError(
-                f"roi {self.roi_x},{self.roi_y} {self.roi_width}x{self.roi_height} px does not lie inside "
-                f"{width}x{height}"
-            )
+
+@dataclass
+class DvxplorerSettings(MiniSettings):
+    """Holds a DVXplorer's settings, which has a trigger input too."""
+
+    trigger_in: bool = setting(False, "report edges of the trigger input")
+
+
+@dataclass
+class LiteSettings(MicroSettings):
+    """Holds a Lite's settings: a region within its own size, no binning."""
+
+    roi_x: int = setting(0, "left column of the region of interest", "px", 0, LITE_WIDTH - 1)
+    roi_y: int = setting(0, "top row of the region of interest", "px", 0, LITE_HEIGHT - 1)
+    roi_width: int = setting(0, "its width; 0 = to the right edge", "px", 0, LITE_WIDTH)
+    roi_height: int = setting(0, "its height; 0 = to the bottom edge", "px", 0, LITE_HEIGHT)
+    trigger_in: bool = setting(False, "report edges of the trigger input")
+
+    def check(self) -> None:
+        super().check()
+        _check_region(self, LITE_WIDTH, LITE_HEIGHT)
+
+
+def _check_region(s: MiniSettings | LiteSettings, width: int, height: int) -> None:
+    """Raises ValueError unless the region of interest lies inside a sensor of this size."""
+    if s.roi_x + (s.roi_width or 1) > width or s.roi_y + (s.roi_height or 1) > height:
+        raise ValueError(
+            f"roi {s.roi_x},{s.roi_y} {s.roi_width}x{s.roi_height} px does not lie inside {width}x{height}"
+        )
 
 
 class Camera(Fx3Camera):
@@ -113,9 +144,14 @@ class Camera(Fx3Camera):
         for module, parameter, value in writes:
             self.registers.write(module, parameter, value)
 
-    def _apply_micro(self, s: DvxplorerSettings) -> None:
-        if s.binning or s.roi_x or s.roi_y or s.roi_width or s.roi_height:
-            raise ValueError(f"{self.name}: binning and a region of interest are not driven on this model")
+    def settings_type(self) -> type[Configuration]:
+        if self._info is None:
+            return self.SETTINGS
+        return (
+            MicroSettings if self.micro else MiniSettings if self.mini else LiteSettings if self.lite else self.SETTINGS
+        )
+
+    def _apply_micro(self, s: MicroSettings) -> None:
         assert self._info is not None
         orientation = self._info.details["dvs_orientation"]
         self._write(dvxplorer_micro.configuration(s.sensitivity, WIDTH, HEIGHT, orientation))
@@ -125,19 +161,16 @@ class Camera(Fx3Camera):
         if self.micro:
             self._apply_micro(s)
             return
-        width, height = self.model.width, self.model.height
-        s.check_region(width, height)
-        if self.lite and s.binning:
-            raise ValueError(f"{self.name}: the Lite has no binning")
+        width, height, binning = self.model.width, self.model.height, getattr(s, "binning", False)
         self._run("default_configuration")
         current = r.read(CHIP, 0x3200)
         r.write(CHIP, 0x3200, current | 6)
         for address, value in zip((0x0B, 0x12, 0x1C, 0x1E), SENSITIVITY[s.sensitivity]):
             r.write(CHIP, address, value)
-        r.write(CHIP, BINNING, int(s.binning))
+        r.write(CHIP, BINNING, int(binning))
         if self.lite:
             r.write(CHIP, SUBSAMPLING, 0b001_001)  # none, in both directions
-        factor = 2 if s.binning else 1
+        factor = 2 if binning else 1
         self._info = dataclasses.replace(self.info(), width=width // factor, height=height // factor)
         if s.roi_x or s.roi_y or s.roi_width or s.roi_height:
             self._crop()
@@ -165,7 +198,8 @@ class Camera(Fx3Camera):
 
     def _prepare(self, decoder: Any) -> None:
         assert self._info is not None
-        decoder.transposed, decoder.binned = bool(self._orientation & TRANSPOSED), self._settings.binning
+        decoder.transposed = bool(self._orientation & TRANSPOSED)
+        decoder.binned = getattr(self._settings, "binning", False)
         if not self.mini:
             decoder.imu_orientation = self._info.details["imu_orientation"]
         decoder.reset()
@@ -194,7 +228,7 @@ class Camera(Fx3Camera):
         if not s.imu:
             for parameter in (2, 3, 4):
                 r.write(IMU, parameter, 0)
-        if s.trigger_in and not self.mini:
+        if getattr(s, "trigger_in", False):
             for parameter in (1, 2):
                 r.write(INPUT, parameter, 1)
 
