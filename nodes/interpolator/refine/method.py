@@ -14,8 +14,8 @@ from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.samples import Further
 
 SLOPE = 67.0
-"""Error of ln I [1/s] that is worth an error of time, 0.02 for 0.3 ms: twice of that makes errors of eight scenes larger
-by up to a fifth, and of painted walls by a third, for 3 to 10 % less time."""
+"""Error of ln I [1/s] that is worth an error of time, 0.02 for 0.3 ms: twice of that makes errors of eight scenes
+larger by up to a fifth, and of painted walls by a third, for 3 to 10 % less time."""
 LEAST, MOST = 0.0125, 0.1
 """Errors of ln I that are looked for at least and at most; frames alone, which err by more in time, bear 0.1."""
 

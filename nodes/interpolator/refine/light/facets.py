@@ -14,8 +14,8 @@ from nodes.renderer.geometry.triangles import Geometry
 from nodes.renderer.raster.visibility import Visibility
 
 LEAST_LEAN = np.radians(4.0)
-"""Angle between a facet and the normal that it is shaded with, below which few pixels see it turn away: a cylinder of 64
-sides has 2.8 degrees, a sphere 7.5. The bearings of fidget_spinner would take a seventh of a GPU's time for nothing."""
+"""Angle between a facet and the normal that it is shaded with, below which few pixels see it turn away: a cylinder of
+64 sides has 2.8 degrees, a sphere 7.5."""
 SELDOM_HZ = 1.0
 """How often in a second a pixel of the image sees a facet turn, on the average, from which on something counts:
 with half of that robot_arm takes a tenth more time, and its error is the same to 0.001."""

@@ -41,8 +41,8 @@ PER_TURN, LOOKED_FOR, TURNED = 3, 64, 0.25
 """Parts of the time between two turns of what goes to and fro, instants of a gap at which it is looked for, and how far
 it has to go [px]."""
 PER_FACET, FEW = 32, 1.5
-"""Looks while a facet is on a point, which the lamp may leave alone for any part of that time, and so many at least: with
-fewer it is not looked for."""
+"""Looks while a facet is on a point, which the lamp may leave alone for any part of that time, and so many at least:
+with fewer it is not looked for."""
 SOFT = 4
 """Looks in that time under a light with an area, where a shadow is at its darkest for a part of it alone."""
 BOXES, FEWEST = 1 << 9, 8
