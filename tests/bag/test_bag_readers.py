@@ -164,6 +164,7 @@ def test_bags_of_other_programs(tmp_path):
     header = store.types["std_msgs/msg/Header"](store.types["builtin_interfaces/msg/Time"](3, 5), "x")
     pixels = np.arange(12, dtype=np.uint16)
     image = store.types["sensor_msgs/msg/Image"](header, 3, 4, "mono16", 0, 8, pixels.view(np.uint8))
+    deep = store.types["sensor_msgs/msg/Image"](header, 2, 2, "bgr16", 0, 12, pixels.view(np.uint8))
     words = np.array([9, 1 << 63 | 2 << 48 | 1 << 32 | 4], np.uint64)
     mono = store.types["event_camera_msgs/msg/EventPacket"](
         header, 260, 346, 7, 100, "mono", False, words.view(np.uint8)
@@ -171,14 +172,26 @@ def test_bags_of_other_programs(tmp_path):
     raw = store.types["event_camera_msgs/msg/EventPacket"](header, 260, 346, 8, 0, "evt3", False, words.view(np.uint8))
     text = store.types["std_msgs/msg/String"]("hello")
     with Writer(tmp_path / "ros", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        for topic, message in (("/c/image", image), ("/c/events", mono), ("/d/events", raw), ("/text", text)):
+        for topic, message in (
+            ("/c/image", image),
+            ("/d/image", deep),
+            ("/c/events", mono),
+            ("/d/events", raw),
+            ("/text", text),
+        ):
             connection = writer.add_connection(topic, message.__msgtype__, typestore=store)
             writer.write(connection, 3_000_000_005, store.serialize_cdr(message, message.__msgtype__))
     with BagReader(next((tmp_path / "ros").glob("*.mcap"))) as reader:
         found = dict(reader.messages())
-        assert reader.topics == {"/c/image": "Image", "/c/events": "EventPacket", "/d/events": "EventPacket"}
+        assert reader.topics == {
+            "/c/image": "Image",
+            "/d/image": "Image",
+            "/c/events": "EventPacket",
+            "/d/events": "EventPacket",
+        }
         assert not reader.skipped
     assert found["/c/image"].encoding == "mono16" and found["/c/image"].data.ravel().tolist() == pixels.tolist()
+    assert found["/d/image"].encoding == "bgr16" and np.array_equal(found["/d/image"].data[:], pixels.reshape(2, 2, 3))
     packet = found["/c/events"]
     assert [packet.t.tolist(), packet.x.tolist(), packet.y.tolist(), packet.p.tolist()] == [
         [109, 104],

@@ -26,6 +26,7 @@ DTYPES = {
     "32F": "float32", "16F": "float16", "64F": "float64", "8U": "uint8", "16U": "uint16", "32S": "int32", "16S": "int16"
 }  # fmt: skip
 NAMED = {"rgb8": ("uint8", 3), "bgr8": ("uint8", 3), "rgba8": ("uint8", 4), "bgra8": ("uint8", 4),
+         "rgb16": ("uint16", 3), "bgr16": ("uint16", 3), "rgba16": ("uint16", 4), "bgra16": ("uint16", 4),
          "mono8": ("uint8", 1), "mono16": ("uint16", 1)}  # fmt: skip
 
 
