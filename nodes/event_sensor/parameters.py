@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from evis.config.document import read
-from evis.config.params import Param, describe_value, resolve
+from evis.config.params import Param, ParamError, describe_value, resolve
 from nodes.event_sensor.presets import PRESETS
 
 MODELS = ("evis", "evis-paper", "esim", "v2e", "dvs_voltmeter")
@@ -48,7 +48,9 @@ SENSOR: dict[str, Param] = {
     "bandwidth_level": Param(float, 0.0, "its intensity; below, it falls with I; 0 = constant", "W/(sr m^2)", 0),
     "bandwidth_exponent": Param(float, 1.0, "power of I by which it falls there; 0 = constant", "", 0, 2),
     "bandwidth_poles": Param(int, 1, "order of the photoreceptor's low pass", "", 1, 2),
-    "readout_rate": Param(float, 0.0, "events per second that the readout can carry, 0 = all", "1/s", 0, 1e12),
+    "readout_rate": Param(
+        float, 0.0, "events per second that the readout carries, at least 1; 0 = all", "1/s", 0, 1e12
+    ),
     "timestamp_jitter_us": Param(float, 0.0, "standard deviation of the readout's delay", "us", 0, 1e6),
     "event_cap": Param(int, 0, "most events per pixel and step, the rest counted as dropped; 0 = no cap", "", 0),
 }
@@ -97,6 +99,8 @@ def resolve_sensor(owner: str, preset: str, given: Mapping[str, Any]) -> dict[st
         values = {key: value for key, value in values.items() if key not in ("threshold_on", "threshold_off")}
     chosen = {**values, **explicit}
     resolved = resolve(owner, _declared(chosen.get("model")), chosen)
+    if 0 < (rate := resolved["readout_rate"]) < 1:
+        raise ParamError(f"{owner}: readout_rate is {rate:g} 1/s; it is 0 (no limit) or at least 1 event per second")
     return {name: value for name, value in resolved.items() if name in SENSOR or name in chosen}
 
 
@@ -132,7 +136,7 @@ def frames_only(p: Mapping[str, Any]) -> str:
     if p["crossing"] != "linear":
         return f"crossing={p['crossing']} is for frames alone; between further samples ln I is a line, crossing=linear"
     if p["defocus_px"] > 0:
-        return "defocus_px blurs whole frames; leave it out, or give frames at all of the instants"
+        return "defocus (defocus_px) blurs whole frames; leave it out, or give frames at all of the instants"
     return ""
 
 

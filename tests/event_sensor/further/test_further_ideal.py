@@ -130,7 +130,7 @@ def test_what_is_wrong_is_named(first, offset, value, text):
     [
         ({"crossing": "cubic"}, "crossing=cubic is for frames alone"),
         ({"crossing": "frame"}, "crossing=frame is for frames alone"),
-        ({"defocus_px": 1.0}, "defocus_px blurs whole frames"),
+        ({"defocus_px": 1.0}, "blurs whole frames"),
         ({"model": "evis-paper", "leak_model": "bernoulli"}, "event model evis-paper takes frames alone"),
     ],
 )

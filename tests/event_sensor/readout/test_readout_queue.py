@@ -5,6 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from evis.config.params import ParamError
+from nodes.event_sensor.parameters import resolve_sensor
 from nodes.event_sensor.readout.readout import Readout
 
 MS = 1_000_000
@@ -241,6 +243,11 @@ def test_large_images_and_long_packets_are_sorted_too():
 def test_misuse_has_one_clear_line(params, text):
     with pytest.raises(ValueError, match=text):
         Readout(WIDTH, HEIGHT, **params)
+
+
+def test_a_rate_below_one_event_a_second_is_refused_before_the_start():
+    with pytest.raises(ParamError, match=r"sensor: readout_rate is 0\.5 1/s; it is 0"):
+        resolve_sensor("sensor", "ideal", {"readout_rate": 0.5})
 
 
 def test_what_the_clock_cannot_hold_is_refused():
