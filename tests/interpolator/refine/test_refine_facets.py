@@ -121,8 +121,8 @@ def parts_of(scene):
     ids=["fast", "slower", "slow", "too fast", "flat", "fine", "small"],
 )
 def test_as_many_looks_as_facets_come_by(mesh, rate, expected):
-    """A side of the drum, 0.13 m wide, is on a point for 1.7 ms at 150 rad/s, and looked at 32 times in that; one that is
-    on it for less than 1.5 of the closest looks is counted alone."""
+    """A side of the drum, 0.13 m wide, is on a point for 1.7 ms at 150 rad/s, and looked at 32 times in that; one that
+    is on it for less than 1.5 of the closest looks is counted alone."""
     assert parts_of(spinning(mesh, rate)) == expected
 
 
