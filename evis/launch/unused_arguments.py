@@ -18,8 +18,6 @@ from evis.runtime.plan import Plan
 
 BESIDE = ("params", "otherwise", "spares")
 """Keys of a node's entry of which params are looked at one by one, and the others are only told."""
-CONDITIONS = ("if", "unless")
-"""Keys of a node's entry that tell whether it is there."""
 _REMEDIES = {
     "duration": "write `duration: ${duration}` among the params of its source, if that has such a parameter",
     "record": 'add a node `recorder: {type: recorder, params: {path: "${record}"}}`',
@@ -76,9 +74,7 @@ def _uses(
     nodes = submap(table, "nodes")
     for key in nodes:
         entry = nodes[key]
-        named = [part for part in entry if part not in BESIDE and name in names_in(entry[part])]
-        # A condition that holds, or does not, with and without the argument is none of its uses.
-        if any(part not in CONDITIONS or _differs(entry[part], name, launch, expanded) for part in named):
+        if any(name in names_in(entry[part]) for part in entry if part not in BESIDE):
             yield ""
         params = submap(entry, "params")
         read = [param for param in params if name in names_in(params[param])]

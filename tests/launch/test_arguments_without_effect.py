@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from evis.bag.writer import BagWriter
 from evis.config.expression import names_in
 from evis.config.params import Param
 from evis.config.paths import find_launch
@@ -11,8 +10,6 @@ from evis.launch.arguments import ArgumentError
 from evis.launch.files import load
 from evis.launch.planner import Options, plan_launch
 from evis.launch.unused_arguments import check_parameters
-from msgs.camera import Image
-from msgs.header import Header
 from nodes.camera.node import CameraNode
 from nodes.event_sensor.effects import without_effect
 from nodes.event_sensor.parameters import SENSOR, resolve_sensor
@@ -61,15 +58,6 @@ def test_what_changes_nothing_is_refused(given, why):
 )
 def test_what_changes_something_is_taken(given):
     plan("spinning_disk", **given)
-
-
-@pytest.mark.parametrize("given", [{"upsampling": 4}, {"interpolator": "splat"}])
-def test_what_stands_in_a_condition_alone_is_no_use_where_that_stays_as_it_is(tmp_path, given):
-    """A bag that is played as recorded has no interpolator, whatever is asked of it."""
-    with BagWriter(tmp_path / "a.mcap") as writer:
-        writer.write("/cam0/image", Image(Header(0), np.ones((4, 4, 1), np.uint8), "mono8"))
-    with pytest.raises(ArgumentError, match="has no effect: interpolator is left out, for nothing is made anew"):
-        plan("replay", bag=str(tmp_path / "a.mcap"), **given)
 
 
 @pytest.mark.parametrize("options, what", [({"duration_s": 0.5}, "--duration 0.5"), ({"record": "a.mcap"}, "--record")])
