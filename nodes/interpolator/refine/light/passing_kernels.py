@@ -6,6 +6,8 @@ from functools import cache
 import warp as wp
 
 from nodes.interpolator.refine.evaluation.sight_kernels import make_seen_between
+from nodes.interpolator.refine.light.facet_kernels import make_facets_between, sections_of
+from nodes.interpolator.refine.light.lamp_kernels import NOTHING, make_hidden_lamps, make_turned_lamps
 from nodes.interpolator.refine.stage_kernels import (
     FEW_REGISTERS,
     Cut,
@@ -17,32 +19,15 @@ from nodes.interpolator.refine.stage_kernels import (
     slot_row,
     spot_at,
 )
-from nodes.interpolator.relight.change_kernels import MOVED, SHADED, Change, make_narrowed, point_of
+from nodes.interpolator.relight.change_kernels import MOVED, SHADED, Change, make_narrowed
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.plan_kernels import joined
-from nodes.renderer.lights.light_kernels import AREA, SPOT, make_directions
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView
-from nodes.renderer.shadows.ray_kernels import LIFT, make_occlusion
 
 wp.set_module_options({"enable_backward": False})
 
-NOTHING = wp.constant(wp.uint64(0))
 ONE = wp.constant(wp.uint64(1))
-SECTIONS = wp.constant(4)
-"""Parts of a coarse interval at whose ends it is looked whether a pixel sees facets that may turn, at most: few do."""
-
-
-@wp.func
-def key_of(lamp: int):
-    """Gives a number to a lamp, by SplitMix64 (Steele et al. 2014, fig. 16).
-
-    Sets of lamps whose keys' sums are equal are the same set, but for one pair in 2^64.
-    """
-    z = wp.uint64(lamp + 1) * wp.uint64(0x9E3779B97F4A7C15)
-    z = (z ^ (z >> wp.uint64(30))) * wp.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> wp.uint64(27))) * wp.uint64(0x94D049BB133111EB)
-    return z ^ (z >> wp.uint64(31))
 
 
 @wp.func
@@ -54,8 +39,8 @@ def part_at(cut: Cut, parts: int, n: int):
 @cache
 def make_find_passing(changes: LightChanges, trees: bool) -> wp.Kernel:
     """Makes the kernel `find_passing`; changes: of light in the scene; trees: as of `make_occlusion`."""
-    towards, _ = make_directions(changes.directional, changes.point or changes.area, changes.spot)
-    occluded, _ = make_occlusion(trees, False)
+    hidden_lamps, turned_lamps = make_hidden_lamps(changes, trees), make_turned_lamps(changes)
+    facets_between = make_facets_between(changes)
     seen_between = make_seen_between(False)
     narrowed = make_narrowed(changes)
 
@@ -71,106 +56,6 @@ def make_find_passing(changes: LightChanges, trees: bool) -> wp.Kernel:
         if probe + each <= cut.slots:
             after = entry_at(cut, stage, spot, probe + each)
         return before, after
-
-    @wp.func
-    def hidden_lamps(change: Change, flag: int, row: int, hit: wp.uint64, d: wp.vec3):
-        """Gives the sum of the keys of lamps that something may move before and that are hidden from what a ray sees,
-        and of spots whose beam passes by it. Of area lights the corners have keys of their own, since a shadow that is
-        narrower than the light comes and goes between them. flag: of `narrowed`."""
-        keys = NOTHING
-        s = point_of(change, change.casters, row, hit, depth_of(hit) * d)
-        casters = change.casters
-        origin = s.position + (LIFT * (wp.length(s.position) + casters.radius[s.instance])) * s.normal
-        first = wp.where((flag & MOVED) != 0, 0, casters.still)
-        for l in range(change.now.kind.shape[0]):
-            if change.now.shadow[l] == 1 or change.now.kind[l] == SPOT:
-                ray, length, strength = towards(change.now, row, l, s.position)
-                if wp.dot(s.normal, ray) > 0.0:
-                    away = wp.bool(strength <= 0.0)
-                    if not away and change.now.shadow[l] == 1:
-                        away = occluded(casters, row, first, casters.order.shape[0], s.skip, origin, ray, length)
-                    if away:
-                        keys += key_of(l)
-                    if wp.static(changes.area):
-                        if change.now.kind[l] == AREA and change.now.shadow[l] == 1:
-                            for corner in range(1, 5):
-                                u = wp.where(corner < 3, -1.0, 1.0) * change.now.half_u[row, l]
-                                v = wp.where(corner % 2 == 0, -1.0, 1.0) * change.now.half_v[row, l]
-                                way = length * ray + u + v
-                                far = wp.length(way)
-                                if occluded(
-                                    casters, row, first, casters.order.shape[0], s.skip, origin, way / far, far
-                                ):
-                                    keys += key_of(corner * change.now.kind.shape[0] + l)
-        return keys
-
-    @wp.func
-    def turned_lamps(change: Change, row: int, hit: wp.uint64, d: wp.vec3):
-        """Gives the sum of the keys of lamps that the triangle that a ray sees is turned away from."""
-        keys = NOTHING
-        s = point_of(change, change.casters, row, hit, depth_of(hit) * d)
-        for l in range(change.now.kind.shape[0]):
-            ray, _length, _strength = towards(change.now, row, l, s.position)
-            if wp.dot(s.normal, ray) <= 0.0:
-                keys += key_of(l)
-        return keys
-
-    @wp.func
-    def may_turn(
-        cut: Cut,
-        stage: Stage,
-        change: Change,
-        lean: wp.array(dtype=float),
-        spot: Spot,
-        i: int,
-        hit: wp.uint64,
-    ):
-        """Tells whether a pixel sees a facet at instant i that a lamp shines along so nearly that the next one may be
-        turned to it otherwise."""
-        near = wp.bool(False)
-        t = triangle_of(hit)
-        if t != MISS:
-            if lean[t] > 0.0 and (change.flags[spot.env, stage.targets.pieces[t][0]] & MOVED) != 0:
-                row = slot_row(cut, spot.env, spot.k, wp.clamp(i, 1, cut.slots))
-                s = point_of(change, change.casters, row, hit, depth_of(hit) * spot.d)
-                for l in range(change.now.kind.shape[0]):
-                    ray, _length, strength = towards(change.now, row, l, s.position)
-                    if strength > 0.0 and wp.abs(wp.dot(s.normal, ray)) < lean[t]:
-                        near = True
-        return near
-
-    @wp.func
-    def sections_of(stage: Stage, env: int):
-        """Gives how many sections a coarse interval has, between some of its probes."""
-        return wp.min(stage.probes[env], SECTIONS)
-
-    @wp.func
-    def facets_between(
-        cut: Cut,
-        stage: Stage,
-        change: Change,
-        lean: wp.array(dtype=float),
-        spot: Spot,
-        start: wp.uint64,
-        end: wp.uint64,
-    ):
-        """Tells in which sections of a coarse interval a pixel may see facets turn, a bit for each; start, end: entries
-        of z-buffers at its ends."""
-        count = sections_of(stage, spot.env)
-        each = (cut.slots + 1) // count
-        bits = wp.int32(0)
-        before = wp.bool(False)
-        for n in range(count + 1):
-            hit = start
-            if n == count:
-                hit = end
-            elif n > 0:
-                hit = entry_at(cut, stage, spot, n * each)
-            after = may_turn(cut, stage, change, lean, spot, n * each, hit)
-            if n > 0 and (before or after):
-                bits = bits | (1 << (n - 1))
-            before = after
-        return bits
 
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FEW_REGISTERS)
     def find_passing(

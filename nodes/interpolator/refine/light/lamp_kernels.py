@@ -1,0 +1,87 @@
+"""Tells which lamps do not shine on what a pixel sees, as a sum of keys that two instants have in common or not."""
+
+from functools import cache
+
+import warp as wp
+
+from nodes.interpolator.relight.change_kernels import MOVED, Change, point_of
+from nodes.interpolator.relight.features import LightChanges
+from nodes.renderer.lights.light_kernels import AREA, SPOT, make_directions
+from nodes.renderer.raster.depth_kernels import depth_of
+from nodes.renderer.shadows.ray_kernels import LIFT, make_occlusion
+
+wp.set_module_options({"enable_backward": False})
+
+NOTHING = wp.constant(wp.uint64(0))
+
+
+@wp.func
+def key_of(lamp: int):
+    """Gives a number to a lamp, by SplitMix64 (Steele et al. 2014, fig. 16).
+
+    Sets of lamps whose keys' sums are equal are the same set, but for one pair in 2^64.
+    """
+    z = wp.uint64(lamp + 1) * wp.uint64(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> wp.uint64(30))) * wp.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> wp.uint64(27))) * wp.uint64(0x94D049BB133111EB)
+    return z ^ (z >> wp.uint64(31))
+
+
+@cache
+def make_hidden_lamps(changes: LightChanges, trees: bool) -> wp.Function:
+    """Makes `hidden_lamps`; changes: of light in the scene; trees: as of `make_occlusion`."""
+    towards, _ = make_directions(changes.directional, changes.point or changes.area, changes.spot)
+    occluded, _ = make_occlusion(trees, False)
+
+    @wp.func
+    def hidden_lamps(change: Change, flag: int, row: int, hit: wp.uint64, d: wp.vec3):
+        """Gives the sum of the keys of lamps that something may move before and that are hidden from what a ray sees,
+        and of spots whose beam passes by it. Of area lights the corners have keys of their own, since a shadow that is
+        narrower than the light comes and goes between them. flag: of `narrowed`."""
+        keys = NOTHING
+        s = point_of(change, change.casters, row, hit, depth_of(hit) * d)
+        casters = change.casters
+        origin = s.position + (LIFT * (wp.length(s.position) + casters.radius[s.instance])) * s.normal
+        first = wp.where((flag & MOVED) != 0, 0, casters.still)
+        for l in range(change.now.kind.shape[0]):
+            if change.now.shadow[l] == 1 or change.now.kind[l] == SPOT:
+                ray, length, strength = towards(change.now, row, l, s.position)
+                if wp.dot(s.normal, ray) > 0.0:
+                    away = wp.bool(strength <= 0.0)
+                    if not away and change.now.shadow[l] == 1:
+                        away = occluded(casters, row, first, casters.order.shape[0], s.skip, origin, ray, length)
+                    if away:
+                        keys += key_of(l)
+                    if wp.static(changes.area):
+                        if change.now.kind[l] == AREA and change.now.shadow[l] == 1:
+                            for corner in range(1, 5):
+                                u = wp.where(corner < 3, -1.0, 1.0) * change.now.half_u[row, l]
+                                v = wp.where(corner % 2 == 0, -1.0, 1.0) * change.now.half_v[row, l]
+                                way = length * ray + u + v
+                                far = wp.length(way)
+                                if occluded(
+                                    casters, row, first, casters.order.shape[0], s.skip, origin, way / far, far
+                                ):
+                                    keys += key_of(corner * change.now.kind.shape[0] + l)
+        return keys
+
+    return hidden_lamps
+
+
+@cache
+def make_turned_lamps(changes: LightChanges) -> wp.Function:
+    """Makes `turned_lamps`; changes: of light in the scene."""
+    towards, _ = make_directions(changes.directional, changes.point or changes.area, changes.spot)
+
+    @wp.func
+    def turned_lamps(change: Change, row: int, hit: wp.uint64, d: wp.vec3):
+        """Gives the sum of the keys of lamps that the triangle that a ray sees is turned away from."""
+        keys = NOTHING
+        s = point_of(change, change.casters, row, hit, depth_of(hit) * d)
+        for l in range(change.now.kind.shape[0]):
+            ray, _length, _strength = towards(change.now, row, l, s.position)
+            if wp.dot(s.normal, ray) <= 0.0:
+                keys += key_of(l)
+        return keys
+
+    return turned_lamps
