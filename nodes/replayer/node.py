@@ -75,6 +75,9 @@ class ReplayerNode(Node):
             raise ParamError("replayer: which bag? give bag:=FILE.mcap")
         with BagReader(given["bag"]) as reader:
             chosen = replayed(reader.topics, given["topics"], given["exclude"], given["regenerate"], str(reader.path))
+            if chosen and reader.start_ns + round(given["start"] * 1e9) > reader.end_ns:
+                length = (reader.end_ns - reader.start_ns) / 1e9
+                raise ParamError(f"replayer: start is {given['start']:g} s, but {reader.path} is {length:g} s long")
         return {topic: Output(topic) for topic in chosen}
 
     def setup(self) -> None:

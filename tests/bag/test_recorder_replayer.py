@@ -256,6 +256,10 @@ def test_errors_of_the_replayer(tmp_path):
     record(tmp_path / "a.mcap", keyframes=1, preview_hz=0.0)
     with pytest.raises(BagError, match="holds no keyframes to regenerate from"):
         ReplayerNode.dynamic_outputs({"bag": str(tmp_path / "a.mcap"), "regenerate": True})
+    record(tmp_path / "b.mcap", keyframes=4, preview_hz=0.0)  # the last one at 0.1 s
+    assert ReplayerNode.dynamic_outputs({"bag": str(tmp_path / "b.mcap"), "start": 0.1})
+    with pytest.raises(ParamError, match=r"start is 0.11 s, but .*b.mcap is 0.1 s long"):
+        ReplayerNode.dynamic_outputs({"bag": str(tmp_path / "b.mcap"), "start": 0.11})
     for pace in ("fastt", "0", "-1", "nan"):
         with pytest.raises(ParamError, match="pace is"):
             make(ReplayerNode, bag=str(tmp_path / "a.mcap"), pace=pace).setup()
