@@ -43,7 +43,7 @@ class Recorder:
         unmade = {
             topic for node in plan.nodes.values() if node.dormant and not node.joins for topic in node.outputs.values()
         }
-        sources = preview_sources(set(plan.open_topics()) - unmade) if preview_hz else []
+        sources = preview_sources(set(plan.open_topics()) - (unmade - set(globs))) if preview_hz else []
         self._previews = {topic: PreviewMaker(topic, preview_hz) for topic in sources}
         parameters = {name: node.params for name, node in plan.nodes.items()}
         run = {"name": plan.name, "run_id": plan.run_id, "mode": plan.mode, "seed": plan.seed}

@@ -43,6 +43,22 @@ def replayed(
     return chosen
 
 
+def unknown(topics: Mapping[str, str], include: Sequence[str], exclude: Sequence[str]) -> list[str]:
+    """Returns the names of the topics that are not published for no topic of EVIS has their name and type, as other
+    recorders' bags have them.
+
+    Topics that `include` and `exclude` leave out anyway are not among them.
+    """
+    wanted = [name for name in sorted(topics) if not include or any(fnmatchcase(name, g) for g in include)]
+    return [
+        name
+        for name in wanted
+        if name not in SYSTEM_TOPICS
+        and not _of_the_table(name, topics[name])
+        and not any(fnmatchcase(name, g) for g in exclude)
+    ]
+
+
 def _of_the_table(name: str, kind: str) -> bool:
     try:
         return find_topic(name).type.__name__ == kind

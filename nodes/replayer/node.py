@@ -32,6 +32,8 @@ PARAMS = {
 }
 MAX_SLEEP_S = 0.05
 """Longest sleep in one step, so that the graph can be stopped."""
+MAX_TOLD = 8
+"""Most topics that are named in a warning."""
 REST_S = 1.0
 """Between two rounds, so that the end can be seen."""
 
@@ -75,6 +77,9 @@ class ReplayerNode(Node):
             raise ParamError("replayer: which bag? give bag:=FILE.mcap")
         with BagReader(given["bag"]) as reader:
             chosen = replayed(reader.topics, given["topics"], given["exclude"], given["regenerate"], str(reader.path))
+            if chosen and reader.start_ns + round(given["start"] * 1e9) > reader.end_ns:
+                length = (reader.end_ns - reader.start_ns) / 1e9
+                raise ParamError(f"replayer: start is {given['start']:g} s, but {reader.path} is {length:g} s long")
         return {topic: Output(topic) for topic in chosen}
 
     def setup(self) -> None:
@@ -90,6 +95,7 @@ class ReplayerNode(Node):
         self.reader: BagReader = BagReader(self.params["bag"])
         if self.reader.problem:
             self.warn(f"{self.reader.path} is torn: {self.reader.problem}; replaying what can be read")
+        self._tell_of_unknown()
         start = self.reader.start_ns + round(self.params["start"] * 1e9)
         length = self.params["duration"]
         end = None if length is None else start + round(length * 1e9)
@@ -111,6 +117,16 @@ class ReplayerNode(Node):
         self._describe(self.described)
         if self.next is not None and self._is_old(*self.next):
             self.next = self._take()
+
+    def _tell_of_unknown(self) -> None:
+        """Says which topics of the bag are not played though they are wanted."""
+        from nodes.replayer.choice import unknown
+
+        there = {stream.topic: stream.kind for stream in self.reader.streams.values()}
+        if names := unknown(there, self.params["topics"], self.params["exclude"]):
+            more = f" and {len(names) - MAX_TOLD} more" if len(names) > MAX_TOLD else ""
+            told = ", ".join(names[:MAX_TOLD]) + more
+            self.warn(f"{self.reader.path}: not played, for EVIS has no topics of such a name and type: {told}")
 
     def _described_at(self, topic: str, start: int, episode: int) -> Message | None:
         """The last description of a camera up to where the replay begins; the first of all where there is none."""

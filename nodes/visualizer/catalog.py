@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -41,6 +42,8 @@ VIEWS: dict[str, dict[str, str]] = {
 """Message type -> its views, the first one the default -> kind of the view."""
 MADE_OF = {"objects": {"boxes", "poses", "velocities", "contacts"}}
 """Views of labels that are made of others than the one of their own name."""
+_OF_ONE = re.compile(r"/env(\d+)/(.+/.+)")
+"""A topic that is of one environment of several, as the preview in a bag: its number, and what follows."""
 
 
 def make_view(message_type: str, view: str, env: int, quality: int) -> TopicView:
@@ -58,9 +61,16 @@ def make_view(message_type: str, view: str, env: int, quality: int) -> TopicView
 
 
 def camera_of(topic: str) -> str:
-    """Returns the camera of a topic: `cam0` of `/cam0/events`; empty for a topic of no camera."""
-    head, _, _ = topic.strip("/").rpartition("/")
+    """Returns the camera of a topic: `cam0` of `/cam0/events` and `/env0/cam0/image`; empty where it is of none."""
+    of_one = _OF_ONE.fullmatch(topic)
+    head, _, _ = (of_one[2] if of_one else topic).strip("/").rpartition("/")
     return head
+
+
+def environment_of(topic: str) -> int | None:
+    """Returns the environment that alone is on a topic: 0 of `/env0/cam0/image`; None for a topic of all of them."""
+    of_one = _OF_ONE.fullmatch(topic)
+    return int(of_one[1]) if of_one else None
 
 
 def topics(plan: Plan) -> list[dict[str, Any]]:
@@ -77,6 +87,7 @@ def topics(plan: Plan) -> list[dict[str, Any]]:
                 "name": topic.name,
                 "type": topic.type,
                 "camera": camera_of(topic.name),
+                "env": environment_of(topic.name),
                 "node": topic.node,
                 "dormant": bool(publisher and publisher.dormant and not publisher.joins),
                 "sure": not _may_be_missing(tail, publisher),

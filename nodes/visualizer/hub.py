@@ -71,7 +71,7 @@ class Hub:
         for key in keys:
             if key.topic not in self.plan.topics:
                 raise ValueError(f"this graph has no topic '{key.topic}'")
-            catalog.make_view(self.plan.topics[key.topic].type, key.view, key.env, self._quality)
+            self._make_view(key)
         with self._lock:
             others = frozenset().union(*(shown for c, shown in self._clients.items() if c != client))
             if len(keys | others) > MAX_VIEWS:
@@ -92,7 +92,7 @@ class Hub:
         for key in [k for k in self._views if k not in wanted]:
             del self._views[key]
         for key in wanted - self._views.keys():
-            view = catalog.make_view(self.plan.topics[key.topic].type, key.view, key.env, self._quality)
+            view = self._make_view(key)
             if key.topic in self._latched:
                 view.capture(self._latched[key.topic])
             self._views[key] = view
@@ -101,6 +101,11 @@ class Hub:
             self._by_topic.setdefault(key.topic, []).append(view)
         for topic in [t for t in self._refused if t not in self._by_topic]:
             del self._refused[topic]
+
+    def _make_view(self, key: PanelKey) -> TopicView:
+        alone = catalog.environment_of(key.topic)  # whichever a page asks for, no other one will come
+        env = key.env if alone is None else alone
+        return catalog.make_view(self.plan.topics[key.topic].type, key.view, env, self._quality)
 
     def view(self, key: PanelKey) -> TopicView | None:
         """Returns the view of an open panel."""

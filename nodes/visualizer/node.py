@@ -37,7 +37,7 @@ class VisualizerNode(Node):
         ),
         "listener": Param(str, None, "path at which `evis view` lends the page's socket", optional=True),
         "max_fps": Param(float, 30.0, "most bundles per second to each browser", "Hz", minimum=1, maximum=120),
-        "jpeg_quality": Param(int, 80, "quality of images on the page", minimum=10, maximum=95),
+        "jpeg_quality": Param(int, 80, "quality of photographs on the page", minimum=10, maximum=95),
     }  # fmt: skip
 
     _hub: Hub | None = None

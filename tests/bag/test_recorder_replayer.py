@@ -7,6 +7,7 @@ from collections import defaultdict
 import numpy as np
 import pytest
 from bag_messages import copied, same, scene
+from mcap.writer import Writer
 
 from evis.bag import BagError
 from evis.bag.info import describe
@@ -248,6 +249,27 @@ def test_outputs_depend_on_the_bag(tmp_path):
     assert "/state" not in some and "/cam0/imu" not in some and "/cam0/depth" in some
 
 
+@pytest.mark.parametrize(
+    ("params", "told"),
+    [({}, "/davis/image_raw, /note"), ({"topics": ["/davis/*"]}, "/davis/image_raw"), ({"exclude": ["*w", "/n*"]}, "")],
+)
+def test_what_is_not_played_of_another_recorders_bag_is_told(tmp_path, params, told):
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        for topic, kind in {
+            "/davis/events": "event_camera_msgs/msg/EventPacket", "/davis/image_raw": "sensor_msgs/msg/Image",
+            "/note": "std_msgs/msg/String",
+        }.items():  # fmt: skip
+            writer.register_channel(topic, "cdr", writer.register_schema(kind, "ros2msg", b""))
+        writer.finish()
+    node = make(ReplayerNode, bag=str(path), **params)
+    node.setup()
+    node.close()
+    assert "".join(text for _, text in node.runtime.said).partition("type: ")[2] == told
+
+
 def test_errors_of_the_replayer(tmp_path):
     with pytest.raises(ParamError, match="which bag"):
         ReplayerNode.dynamic_outputs({})
@@ -256,6 +278,10 @@ def test_errors_of_the_replayer(tmp_path):
     record(tmp_path / "a.mcap", keyframes=1, preview_hz=0.0)
     with pytest.raises(BagError, match="holds no keyframes to regenerate from"):
         ReplayerNode.dynamic_outputs({"bag": str(tmp_path / "a.mcap"), "regenerate": True})
+    record(tmp_path / "b.mcap", keyframes=4, preview_hz=0.0)  # the last one at 0.1 s
+    assert ReplayerNode.dynamic_outputs({"bag": str(tmp_path / "b.mcap"), "start": 0.1})
+    with pytest.raises(ParamError, match=r"start is 0.11 s, but .*b.mcap is 0.1 s long"):
+        ReplayerNode.dynamic_outputs({"bag": str(tmp_path / "b.mcap"), "start": 0.11})
     for pace in ("fastt", "0", "-1", "nan"):
         with pytest.raises(ParamError, match="pace is"):
             make(ReplayerNode, bag=str(tmp_path / "a.mcap"), pace=pace).setup()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import signal
@@ -17,7 +18,9 @@ import msgpack
 import pytest
 from command import environment
 
+from evis.cli.graph.run import run as run_node
 from evis.cli.graph.topic_rates import TopicRates
+from evis.runtime.plan import Plan
 from msgs.diagnostics import Diagnostics
 from msgs.header import Header
 
@@ -181,6 +184,15 @@ def test_a_node_attaches_by_hand_and_loses_only_for_itself(running: Path, evis: 
     assert stamps == sorted(set(stamps))
     assert "reads /cam7/events, which nobody publishes" in evis("run", "graph_nodes:Collector", "camera:=cam7").line
     assert "would publish /cam0/events, which relay of the" in evis("run", "graph_nodes:Relay").line
+
+
+def test_a_graph_that_ends_while_a_node_attaches_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its folder is gone with it; that is no fault of the node."""
+    monkeypatch.setattr("evis.cli.graph.run.find_run", lambda _: Plan("disk", "run-1", str(tmp_path / "gone")))
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+    words = argparse.Namespace(node="visualizer", pairs=["port:=0"], duration=None, json=False, run=None, debug=False)
+    with pytest.raises(ValueError, match=r"^the graph run-1 ended before visualizer was ready$"):
+        run_node(words)
 
 
 def test_a_source_by_hand_ends_after_its_time(evis: Evis) -> None:

@@ -330,6 +330,27 @@ def test_a_dormant_node_starts_when_a_tool_asks(write: Write, launch: Launch, tm
     assert launcher.end()[0] == 0
 
 
+def test_a_topic_that_is_named_to_a_recorder_starts_its_node(write: Write, launch: Launch, tmp_path: Path) -> None:
+    """A pattern starts none, and says so."""
+    path = write(
+        "nodes:\n"
+        f"  ticker: {{type: 'graph_nodes:Ticker', keep: [ids], params: {{count: 0, marker: '{tmp_path / 'm'}'}}}}\n"
+        "  relay: {type: 'graph_nodes:Relay', on_demand: true}\n"
+    )
+    launcher = launch(path)
+    launcher.wait_for((tmp_path / "m").exists)
+    words = [sys.executable, "-m", "evis.cli", "bag", "record", str(tmp_path / "a.mcap"), "--topics"]
+    pattern = subprocess.run([*words, "/*/events", "--duration", "0.1"], capture_output=True, text=True)
+    assert "/*/events: what starts on demand is recorded where it is named in full" in pattern.stderr
+    assert {p.cmdline()[-1] for p in launcher.children()} == {"ticker"}
+    with subprocess.Popen([*words, "/cam0/events"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as named:
+        launcher.wait_for(lambda: "relay" in {p.cmdline()[-1] for p in launcher.children()})
+        named.send_signal(signal.SIGINT)
+        assert b"publishes" not in named.communicate()[1]
+    launcher.process.send_signal(signal.SIGINT)
+    assert launcher.end()[0] == 0
+
+
 def test_the_run_directory_is_private(chain: Path, launch: Launch, runtime: Path) -> None:
     launcher = launch(chain)
     launcher.wait_for(lambda: running(launcher))

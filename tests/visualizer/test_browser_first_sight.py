@@ -75,6 +75,42 @@ def test_recording_says_where_it_is(show: Callable[..., Show], tmp_path: Path) -
     assert "episode" not in page.tab.locator('[data-panel="/cam0/events"] .foot').inner_text()
 
 
+def test_recording_that_begins_before_0_says_where_it_is(show: Callable[..., Show], tmp_path: Path) -> None:
+    """Its description is of no time before 0; from -0.198 s to 0.132 s are 0.3 s."""
+    page = show(graph(tmp_path, file="/data/line.raw", again=True))
+
+    def early(k: int) -> dict[str, Message]:
+        packet = events((k - 1) % 10 + 1, episode=(k - 1) // 10)
+        packet.header.stamp_ns -= 231 * MS
+        packet.t0_ns -= 231 * MS
+        packet.t = packet.t - 231 * MS
+        return {"/cam0/info": camera_info(), "/cam0/events": packet}
+
+    state, seen = page.tab.locator("#state"), set[str]()
+
+    def twice() -> bool:
+        seen.add(state.inner_text())
+        return "recording 0.2 of 0.3 s" in seen and "recording 0.3 of 0.3 s" in seen
+
+    page.play(early, twice, "the place in the second round")
+
+
+def test_bag_of_environments_opens_with_the_events(show: Callable[..., Show], tmp_path: Path) -> None:
+    """The preview of the first environment belongs to its camera, and shows whichever environment is chosen."""
+    plan = graph(tmp_path)
+    plan.nodes["camera"].target, plan.nodes["camera"].params = "nodes.replayer.node:ReplayerNode", {"bag": "a.mcap"}
+    plan.args["envs"], plan.topics["/env0/cam0/image"] = 2, plan.topics.pop("/cam0/image")
+    plan.topics["/env0/cam0/image"].name = "/env0/cam0/image"
+    page = show(plan)
+    assert page.panels() == ["/env0/cam0/image", "/cam0/events", "rates", "graph"]
+    preview = page.tab.locator('[data-panel="/env0/cam0/image"]')
+    assert preview.get_by_title("Environment").count() == 0
+    page.tab.locator("nav select").select_option("1")
+    image = lambda k: Image(Header(k * 33 * MS, k), np.full((HEIGHT, WIDTH, 1), 90, np.uint8), "mono8", env=0, envs=2)
+    waiting = preview.locator(".waiting")
+    page.play(lambda k: {"/env0/cam0/image": image(k)}, lambda: not waiting.is_visible(), "the preview")
+
+
 def test_camera_is_live_and_counts_episodes(show: Callable[..., Show], tmp_path: Path) -> None:
     """A device that came back has a new episode."""
     page = show(graph(tmp_path, serial="00000123"))

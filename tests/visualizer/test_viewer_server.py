@@ -324,7 +324,8 @@ def test_images_labels_and_rates_arrive(node: Any, client: Any) -> None:
 
     for panel in "kdmif":
         picture = Image.open(io.BytesIO(seen[panel]["payload"]))
-        assert picture.format == "JPEG" and picture.size == (WIDTH, HEIGHT)
+        assert picture.format == ("JPEG" if panel == "k" else "PNG") and picture.size == (WIDTH, HEIGHT)
+        assert seen[panel]["format"] == picture.format.lower()
     assert seen["d"]["note"] == "1 px not a number" and seen["k"]["note"] == "1 px not finite"
     box = labels_at(seen["b"]["seq"]).box[0]
     assert seen["b"]["boxes"] == [[1, seen["b"]["boxes"][0][1], *box.tolist()]]

@@ -14,7 +14,7 @@ from PIL import Image
 from synthetic_graph import HEIGHT, WIDTH, events_at, images_at, labels_at
 
 from evis.media.colour import srgb_from_linear
-from msgs.camera import Depth, EventPacket, Frames, Imu, Keyframe
+from msgs.camera import Depth, EventPacket, Frames, Ids, Imu, Keyframe, Motion
 from msgs.camera import Image as ImageMessage
 from msgs.header import Header
 from msgs.world import Clock
@@ -182,10 +182,33 @@ def test_a_client_that_is_behind_gets_a_bounded_backlog() -> None:
 
 
 def picture(view: ImageView) -> np.ndarray:
-    """The decoded JPEG of a view's newest part."""
+    """The decoded picture of a view's newest part."""
     part = view.render(0)
     assert part is not None
     return np.asarray(Image.open(io.BytesIO(part.payload)))
+
+
+def test_a_single_pixel_of_an_instance_has_the_colour_of_the_legend() -> None:
+    """And its neighbours theirs: what stands for a value is not smeared."""
+    ids = np.ones((1, 13, 17), np.int32)
+    ids[0, 3:6, 4:8], ids[0, 1, 14] = 3, 2
+    view = ImageView("ids", 0)
+    view.capture(Ids(Header(0), ids))
+    found, part = picture(view), view.render(0)
+    assert part is not None
+    for number, written in part.meta["instances"]["shown"]:
+        assert (found[ids[0] == number] == [int(written[k : k + 2], 16) for k in (1, 3, 5)]).all()
+
+
+def test_nothing_moves_beside_what_moves() -> None:
+    """A still pixel of a small picture is as dark as one without any motion near."""
+    motion = np.zeros((1, 16, 16, 2), np.float32)
+    motion[0, 5:9, 5:9] = 7, -7
+    view = ImageView("motion", 0)
+    view.capture(Motion(Header(0), motion))
+    found = picture(view)
+    still = found[0, 0]
+    assert (found[(motion[0] == 0).all(axis=-1)] == still).all() and found[6, 6].max() > 3 * still.max()
 
 
 def test_depth_that_is_not_a_number() -> None:

@@ -176,10 +176,14 @@ def _record(args: argparse.Namespace) -> dict[str, Any]:
     plan = find_run(args.run)
     globs = [g.strip() for g in args.topics.split(",") if g.strip()]
     publishers = {name: plan.nodes[plan.topics[name].node] for name in plan.open_topics()}
-    made = [name for name, node in publishers.items() if node.joins or not node.dormant]
+    # A node that starts on demand is started for a topic that is named, as by `evis topic echo`, not for a pattern.
+    made = [name for name, node in publishers.items() if node.joins or not node.dormant or name in globs]
     topics = subscribed(made, globs, args.preview_hz)
     for glob in unpublished(made, globs):
-        print(f"evis bag record: no node of this graph publishes a topic like '{glob}'", file=sys.stderr)
+        asleep = glob not in unpublished(publishers, globs)
+        why = f"{glob}: what starts on demand is recorded where it is named in full" if asleep else (
+            f"no node of this graph publishes a topic like '{glob}'")  # fmt: skip
+        print(f"evis bag record: {why}", file=sys.stderr)
     recorder = Recorder(args.bag, plan, globs, args.preview_hz, args.event_encoding, args.sync)
     if recorder.writer.backup:
         print(f"evis bag record: the older {args.bag} is now {printable(recorder.writer.backup)}", file=sys.stderr)

@@ -120,7 +120,12 @@ def _attached(spec: Any, args: argparse.Namespace) -> dict[str, Any]:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: executor.stop())
     try:
-        executor.setup()
+        try:
+            executor.setup()
+        except Exception:
+            if is_live(Path(plan.directory)):
+                raise
+            raise ValueError(f"the graph {plan.run_id} ended before {spec.type} was ready") from None
         executor.wait_connected(10.0, commands)
         executor.run(commands)
         summary: dict[str, Any] = {"nodes": executor.summary()}

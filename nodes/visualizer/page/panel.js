@@ -46,7 +46,8 @@ export class Panel {
   addTopicChoices(topic) {
     const views = Object.entries(topic.views).filter(([, kind]) => !HELPERS.includes(kind));
     this.addChoice(views.map(([v]) => [v, v]), "view", "View");
-    this.addChoice(Array.from({ length: this.app.graph.envs }, (_, i) => [String(i), `env ${i}`]), "env", "Environment");
+    const envs = topic.env === null ? this.app.graph.envs : 1; // of which there is one, there is no other to choose
+    this.addChoice(Array.from({ length: envs }, (_, i) => [String(i), `env ${i}`]), "env", "Environment");
   }
 
   /** What the node is asked for: the panel's own topic, and what lies over it. */

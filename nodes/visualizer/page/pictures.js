@@ -1,4 +1,4 @@
-// Panels that show pictures: images (JPEG from the node) and events (words that are drawn here, fading with time).
+// Panels that show pictures: images (JPEG or PNG from the node) and events (words that are drawn here, fading with time).
 
 import { choice, make, si } from "./dom.js";
 import { drawRamp, drawWheel } from "./palette.js";
@@ -15,7 +15,7 @@ export class ImagePanel extends StagePanel {
   }
 
   async prepare(part) {
-    if (part.kind === "image" && part.bytes) part.bitmap = await createImageBitmap(new Blob([part.payload], { type: "image/jpeg" }));
+    if (part.kind === "image" && part.bytes) part.bitmap = await createImageBitmap(new Blob([part.payload], { type: `image/${part.format}` }));
   }
 
   draw(part) {

@@ -7,29 +7,30 @@ export class Playback {
   constructor(recording) {
     this.recording = recording;
     this.start = recording?.start ?? null;
-    this.length = recording?.end == null ? null : recording.end - recording.start;
+    this.end = recording?.end ?? null;
     this.at = null;
     this.episode = null;
   }
 
-  /** A camera's description comes first, with the time at which its recording begins. */
+  /** A camera's description comes first, with the time at which its recording begins, or 0 where that is earlier. */
   begins(t) {
     if (this.start === null || t < this.start) this.start = t;
   }
 
-  /** A part has been drawn. A round that is over tells how long the recording is. */
+  /** A part has been drawn. A round that is over tells where the recording ends. */
   saw({ t, episode }) {
     if (!this.recording || this.start === null) return;
-    if (this.recording.again && this.recording.end === null && this.episode !== null && episode > this.episode) this.length = this.at;
-    if (episode !== this.episode) this.at = 0;
+    if (this.recording.again && this.recording.end === null && this.episode !== null && episode > this.episode) this.end = this.at;
+    this.start = Math.min(this.start, t); // a description is of no time before 0, which a recording may have
+    this.at = episode === this.episode ? Math.max(this.at, t) : t;
     this.episode = episode;
-    this.at = Math.max(this.at, t - this.start);
   }
 
   /** "recording 1.2 of 8.0 s". */
   text() {
     if (this.at === null) return "recording";
-    return this.length === null ? `recording ${this.at.toFixed(1)} s` : `recording ${this.at.toFixed(1)} of ${this.length.toFixed(1)} s`;
+    const at = (this.at - this.start).toFixed(1);
+    return this.end === null ? `recording ${at} s` : `recording ${at} of ${(this.end - this.start).toFixed(1)} s`;
   }
 
   /** The time of a part, with its episode where that is not a round of a recording. */

@@ -1,5 +1,5 @@
 """Makes the image views: radiance, luminance, camera images, depth, motion, ids, normals and the dense labels, as
-JPEG."""
+JPEG or PNG."""
 
 from __future__ import annotations
 
@@ -15,18 +15,27 @@ from nodes.visualizer.views.part import TopicView
 
 MAX_SIDE = 1280
 """A longer side is thinned out by a whole number before encoding [px]."""
+MOST_EXACT = 1 << 16
+"""Most pixels of a map of measured values that is sent without loss: a larger one takes too long and too many bytes."""
 MAX_NAMED = 64
 """Instances and classes that a legend names, those with the most pixels; it says how many more there are."""
 
 
-def jpeg(image: np.ndarray, quality: int, false_colour: bool) -> bytes:
-    """Compresses uint8 [H, W] or [H, W, 3] as JPEG. False colours keep full chroma, or edges would bleed."""
+def compressed(image: np.ndarray, quality: int, colours: str) -> tuple[bytes, str]:
+    """Compresses uint8 [H, W] or [H, W, 3] as JPEG of a quality or as PNG, and returns the format's name too.
+
+    colours: of a `photograph`, `false` ones, which stand for values, or those of `names`, in even areas.
+    """
     from PIL import Image as Pillow
 
-    buffer = io.BytesIO()
-    chroma = {"subsampling": 0} if false_colour and image.ndim == 3 else {}
-    Pillow.fromarray(np.ascontiguousarray(image)).save(buffer, "JPEG", quality=quality, **chroma)
-    return buffer.getvalue()
+    buffer, picture = io.BytesIO(), Pillow.fromarray(np.ascontiguousarray(image))
+    # Around an edge JPEG shows motion where nothing moves, and a small thing in the colour of another.
+    if colours == "names" or (colours == "false" and image.shape[0] * image.shape[1] <= MOST_EXACT):
+        picture.save(buffer, "PNG", compress_level=1)
+        return buffer.getvalue(), "png"
+    chroma = {"subsampling": 0} if colours == "false" else {}  # false colours keep full chroma, or edges would bleed
+    picture.save(buffer, "JPEG", quality=quality, **chroma)
+    return buffer.getvalue(), "jpeg"
 
 
 def crop(array: np.ndarray, margin: int) -> np.ndarray:
@@ -47,7 +56,7 @@ def legend(ids: np.ndarray) -> dict[str, Any]:
 
 
 class ImageView(TopicView):
-    """Shows a dense map as a picture. `quality` is JPEG's, 1-95."""
+    """Shows a dense map as a picture. `quality` is that of photographs as JPEG, 1-95."""
 
     KIND = "image"
 
@@ -100,11 +109,12 @@ class ImageView(TopicView):
         array = picked["array"]
         if array.size == 0:
             return {**meta, "note": "empty image"}, b""
-        picture, false_colour = self._picture(array, picked, meta)
-        return meta, jpeg(picture, self._quality, false_colour)
+        picture, colours = self._picture(array, picked, meta)
+        payload, meta["format"] = compressed(picture, self._quality, colours)
+        return meta, payload
 
-    def _picture(self, array: np.ndarray, picked: dict[str, Any], meta: dict[str, Any]) -> tuple[np.ndarray, bool]:
-        bad = 0
+    def _picture(self, array: np.ndarray, picked: dict[str, Any], meta: dict[str, Any]) -> tuple[np.ndarray, str]:
+        bad, colours = 0, "false"
         if self.name == "depth":
             picture, near, far, bad = colour.depth_colours(array, self._limits)
             meta["legend"] = {"kind": "depth", "from": near, "to": far, "unit": "m"}
@@ -113,18 +123,18 @@ class ImageView(TopicView):
             meta["legend"] = {"kind": "flow", "to": full, "unit": picked["unit"]}
             bad = unknown if self.name == "motion" else 0
         elif self.name == "semantic":
-            picture = colour.id_colours(array)
+            picture, colours = colour.id_colours(array), "names"
             meta["classes"] = legend(array)
         elif self.name in ("ids", "segmentation"):
-            picture = colour.id_colours(array)
+            picture, colours = colour.id_colours(array), "names"
             meta["instances"] = legend(array)
         elif self.name == "normal":
             picture, bad = colour.normal_colours(array)
         else:
-            return self._photograph(array, picked.get("encoding", ""), meta), False
+            return self._photograph(array, picked.get("encoding", ""), meta), "photograph"
         if bad:
             meta["note"] = f"{bad} px not a number"
-        return picture, True
+        return picture, colours
 
     def _photograph(self, array: np.ndarray, encoding: str, meta: dict[str, Any]) -> np.ndarray:
         array = array[..., 0] if array.ndim == 3 and array.shape[-1] == 1 else array

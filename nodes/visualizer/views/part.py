@@ -14,7 +14,7 @@ from msgs.header import Header, Message
 class PanelPart:
     """Holds what one panel gets in one bundle. `version` orders one view's parts.
 
-    kind: `image` (JPEG), `events` (uint32 words) or `table` (all in `meta`).
+    kind: `image` (JPEG or PNG, as `format` says), `events` (uint32 words) or `table` (all in `meta`).
     """
 
     kind: str
