@@ -81,7 +81,7 @@ def test_a_light_that_single_pixels_follow_is_not_named(frequency, pixel_rate, n
 
 @pytest.mark.parametrize(("duty", "named"), [(1e-4, False), (1 - 1e-4, False), (1e-5, True), (1 - 1e-5, True)])
 def test_a_flash_shorter_than_any_instants_is_named(duty, named):
-    """At 240 frames per second 1024 instants between two of them are 4 us apart: flashes of 10 us have two, of 1 us none."""
+    """At 240 frames per second 1024 instants between two are 4 us apart: a flash of 10 us has two, one of 1 us none."""
     assert len(undersampled(scene(flicker=Waveform("square", 10, 1.0, duty=duty)), 240, 5000.0, 30)) == named
 
 
