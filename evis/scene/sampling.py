@@ -23,12 +23,15 @@ SLOW = 0.125
 FOLLOWED = 64
 """Periods of a light between two keyframes up to which single pixels are looked at whenever it changes."""
 
+FINEST = 1024
+"""Most parts into which the time between two frames is divided by the instants at which single pixels are looked at."""
+
 
 def undersampled(scene: Scene, frame_rate: float, pixel_rate: float = 0.0, keyframe_rate: float = 0.0) -> list[str]:
     """Returns a line for each light and each body of prescribed motion that frames at `frame_rate` [Hz] show falsely.
 
     pixel_rate: at which single pixels are seen between frames [Hz], 0 = frames alone. keyframe_rate: of keyframes
-    then [Hz]; lights that are slow enough, FOLLOWED, are seen as they are.
+    then [Hz]; lights that are slow enough, FOLLOWED, and no shorter than two of the FINEST parts, are seen as they are.
 
     Lights need ENOUGH frames per period, and two in the shorter part of a square wave; from two frames per period down
     (Nyquist) the frequency is wrong too. So is a rotation's from a frame per half turn down. What a physics engine
@@ -39,6 +42,7 @@ def undersampled(scene: Scene, frame_rate: float, pixel_rate: float = 0.0, keyfr
         if light.waveform is not None and light.waveform.depth:
             frequency, wanted = light.waveform.frequency, _wanted(light.waveform)
             followed = pixel_rate > frame_rate and frequency <= FOLLOWED * keyframe_rate
+            followed = followed and wanted <= FINEST * frame_rate
             if frame_rate < wanted and not followed:
                 what = f"light '{light.name}' flickers at {frequency:g} Hz"
                 lines.append(_line(what, frame_rate, wanted, 2 * frequency >= frame_rate))

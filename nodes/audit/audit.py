@@ -12,7 +12,7 @@ from evis.geometry import se3
 from evis.scene.model import Camera, Scene
 from msgs.header import Header
 from msgs.world import WorldState
-from nodes.audit.brute_force.instants import Samples, Sampling, base_stamps, sample
+from nodes.audit.brute_force.instants import Samples, Sampling, base_stamps, lamp_stamps, sample
 from nodes.audit.brute_force.motion import Motion
 from nodes.audit.brute_force.pixel_luminance import PixelLuminance
 from nodes.audit.comparison import Comparison, Train
@@ -178,6 +178,8 @@ class Audit:
             stamps = base_stamps(
                 np.array([int(start.t[0]), *[s for s in self._stamps if s > start.t[0]]]), self._options.sampling.base
             )
+            waveforms = (light.waveform for light in self._scene.lights)
+            stamps = np.union1d(stamps, lamp_stamps(waveforms, int(start.t[0]), int(stamps.max(initial=0))))
             found = sample(self._look, start, stamps, self._options.sampling, self._threshold)
             truth = self._truth.sense(found.pixel, found.t, found.luminance)
             self._explain(start, found)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -9,7 +10,8 @@ import numpy as np
 
 from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
-from evis.scene.parameters import seeds_of
+from evis.scene.parameters import SCENE, scene_of, seeds_of
+from evis.scene.sampling import undersampled
 from msgs.camera import Frames, Image, Keyframe
 from msgs.header import Header, Message
 from msgs.own_time import STAMP, rows_of_shared_time
@@ -31,6 +33,15 @@ class FrameCameraNode(Node):
         "seed": Param(int, 0, "seed of the images' noise; environment k has seed + k", "", 0, 2**63 - 1),
         "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
         "colour": Param(bool, False, "images in colour, from frames that are, instead of grey"),
+        "scene": SCENE["scene"],
+        "scene_args": SCENE["scene_args"],
+        "frame_rate": Param(
+            float,
+            0.0,
+            "rate of frames, to warn of what is too fast for them; 0 = the renderer warns",
+            "Hz",
+            0,
+        ),
         "defocus_px": Param(float, None, "standard deviation of the lens's blur", "px", 0, 50, optional=True),
         **NODE,
     }
@@ -52,6 +63,17 @@ class FrameCameraNode(Node):
         return tuple(what for name, what in RANDOM.items() if sensor[name])
 
     @classmethod
+    def foreseen(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
+        """Names what is too fast for frames, of which single pixels between them tell the events alone."""
+        if not params["frame_rate"] or not params["scene"]:
+            return ()
+        # Whoever shows the scene says what is wrong with it.
+        with contextlib.suppress(ValueError, OSError):
+            scene = scene_of("frame camera", params, textures=False)
+            return tuple(f"images are of frames alone: {line}" for line in undersampled(scene, params["frame_rate"]))
+        return ()
+
+    @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
         """Names the input that is read: frames where an interpolator runs, keyframes where it is left out."""
         return frozenset({params["source"]})
@@ -70,6 +92,8 @@ class FrameCameraNode(Node):
 
         self._device = device_named(self.params["device"])
         self._settings = settings_of(self.name, self.params["preset"], _own(self.params))
+        for line in self.foreseen(self.params):
+            self.warn(line)
         self._forget()
         tiny = self._made(1, (2, 2, 3 if self.params["colour"] else 1))
         end = self._settings.phase_ns + 2 * self._settings.longest

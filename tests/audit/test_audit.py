@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from audit_rig import audited, gaps, small
 
+from evis.scene.model import Waveform
 from nodes.audit.audit import Audit, AuditOptions
 from nodes.audit.causes import cause_of, nothing_changes
 from nodes.audit.node import AuditNode
@@ -36,6 +37,18 @@ def test_what_samples_between_frames_buy_is_the_error_of_an_audit_of_the_frames(
     told, alone = both.report(), frames.report()
     assert told.frames == alone.vp.value == alone.frames
     assert told.vp.value < 0.3 * told.frames and told.frames > 0.2
+
+
+def test_pulses_between_two_looks_are_no_error_of_a_run_that_has_them() -> None:
+    """A lamp on for 0.1 ms of 10.3: samples between the frames have its pulses, frames at 240 Hz alone next to none."""
+    scene = small("matte_box", 16, 12)
+    scene.lights[0].waveform = Waveform("square", 97.0, 0.9, 0.3, 0.01)
+    audit = Audit(scene, scene.cameras[0], AuditOptions(32, horizon_ns=70_000_000, between=True))
+    for *gap, further in gaps(scene, 0.07, 30, 8, "rigid", time_tolerance=1e-4):
+        audit.push(*gap, further)
+    audit.finish()
+    report = audit.report()
+    assert report.vp.value < 0.05 and report.frames > 0.5 and report.events > 1000
 
 
 def test_the_same_seed_gives_the_same_and_another_one_other_pixels() -> None:

@@ -1,11 +1,14 @@
 """Looks come close together where the light changes, and the sensor over them is the event sensor itself."""
 
 import numpy as np
+import pytest
 
-from nodes.audit.brute_force.instants import Samples, Sampling, base_stamps, sample
+from evis.scene.model import Waveform
+from nodes.audit.brute_force.instants import Samples, Sampling, base_stamps, lamp_stamps, sample
 from nodes.audit.sampled_sensor import SampledSensor
 from nodes.event_sensor.parameters import resolve_sensor
 from nodes.event_sensor.sensor import EventSensor
+from nodes.renderer.lights.lights import waveform_strength
 
 GAP = np.array([0, 33_333_333, 66_666_667])
 
@@ -72,3 +75,16 @@ def test_the_sampled_sensor_is_the_event_sensor() -> None:
     assert len(at) == len(whole.t) > 1000
     assert np.array_equal(at[order], whole.t[wanted])
     assert np.array_equal(pixel[order], whole.x[wanted]) and np.array_equal(p[order], whole.p[wanted])
+
+
+@pytest.mark.parametrize("start", [0, 86_400_000_000_123])
+def test_looks_hold_every_switch_and_every_turn_of_lamps(start: int) -> None:
+    """Against the strengths at every 10 us: what is on for 20 us is never between two looks, nor is a sine's end."""
+    pulse, sine = Waveform("square", 97.0, 0.9, -0.3, 0.002), Waveform("sine", 250.0, 0.9, 0.25)
+    stamps = lamp_stamps([pulse, None, sine, Waveform("sine", 1e6)], start, start + 50_000_000)
+    assert (np.diff(stamps) > 0).all() and start < stamps[0] and stamps[-1] < start + 50_000_000
+    fine = np.arange(stamps[0], stamps[-1], 10_000)
+    for wave in (pulse, sine):
+        there, all_of_it = (np.array([waveform_strength(wave, int(t)) for t in at]) for at in (stamps, fine))
+        np.testing.assert_allclose(np.interp(fine, stamps, there), all_of_it, atol=0.3)
+        assert there.max() == pytest.approx(all_of_it.max()) and there.min() == pytest.approx(all_of_it.min(), abs=1e-6)

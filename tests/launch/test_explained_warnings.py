@@ -2,6 +2,7 @@
 
 import pytest
 
+import evis
 from evis.cli import main
 
 SCENE = """
@@ -37,3 +38,25 @@ def test_a_lamp_that_flickers_too_fast_is_told_beforehand(tmp_path, rate, capfd)
     line = "renderer: light 'lamp' flickers at 200 Hz and frames come at 240 Hz"
     assert (f"warnings\n  {line}" in explained) == (rate == 200)
     assert (line.replace("renderer: ", "renderer: warning: ") in out + err) == (rate == 200)
+
+
+@pytest.mark.parametrize("image", ["true", "false"])
+def test_a_lamp_that_images_do_not_follow_is_told_beforehand(tmp_path, image, capfd):
+    """Samples between frames follow it for events; a 12.5 ms image under 240 Hz would have the frames' phase alone."""
+    path = tmp_path / "lamp.yaml"
+    path.write_text(SCENE.replace("RATE", "240"))
+    words = ["launch", str(path), "time_tolerance:=0.0001", f"image:={image}", "width:=32", "height:=24", "--no-view"]
+    assert main([*words, "--explain"]) == 0
+    explained = capfd.readouterr().out
+    line = "frame_camera: images are of frames alone: light 'lamp' flickers at 240 Hz and frames come at 240 Hz"
+    assert (line in explained) == (image == "true") and "renderer: light" not in explained
+
+
+def test_images_without_events_warn_of_a_lamp_too(tmp_path):
+    path = tmp_path / "lamp.yaml"
+    path.write_text(SCENE.replace("RATE", "240"))
+    with (
+        pytest.warns(evis.SimulationWarning, match="images are of frames alone: light 'lamp' flickers at 240 Hz"),
+        evis.Simulation(str(path), time_tolerance=1e-4, width=32, height=24, outputs=["image"]),
+    ):
+        pass

@@ -79,6 +79,12 @@ def test_a_light_that_single_pixels_follow_is_not_named(frequency, pixel_rate, n
     assert all("frames come at 120 Hz" in line for line in lines)
 
 
+@pytest.mark.parametrize(("duty", "named"), [(1e-4, False), (1 - 1e-4, False), (1e-5, True), (1 - 1e-5, True)])
+def test_a_flash_shorter_than_any_instants_is_named(duty, named):
+    """At 240 frames per second 1024 instants between two are 4 us apart: a flash of 10 us has two, one of 1 us none."""
+    assert len(undersampled(scene(flicker=Waveform("square", 10, 1.0, duty=duty)), 240, 5000.0, 30)) == named
+
+
 def test_a_turn_is_held_against_single_pixels_too():
     turning = scene(Spin(Z, 2 * np.pi * 300))
     assert undersampled(turning, 240) and not undersampled(turning, 240, 1000.0, 30)

@@ -2,15 +2,20 @@
 
 Every pixel is computed `BASE` times a second. An interval over which ln I changes by more than a part of the
 threshold, or at whose ends different bodies are seen, is cut into four. Where ln I is not on the line between the ends
-then, parts over which it changes are halved in turn, down to 31 us: a silhouette is placed to within 16 us.
+then, parts over which it changes are halved in turn, down to 31 us: a silhouette is placed to within 16 us. What a lamp
+does is known: it is looked at before and after each switch, and where a sine is highest, lowest and in between.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
+
+from evis.scene.model import Waveform
 
 BASE = 500.0
 """Least looks at a pixel [Hz]."""
@@ -23,6 +28,9 @@ CHANGE = 0.2
 
 BEND = 0.1
 """Part of a contrast threshold by which the middle of an interval may be off the line."""
+
+FASTEST = 2000.0
+"""Frequency up to which a lamp's waveform is followed [Hz]; what is faster is seen whenever a pixel is looked at."""
 
 FIRST_PARTS = 4
 """Parts that an interval between two of the least looks is cut into, so that less is missed within it."""
@@ -68,6 +76,23 @@ def base_stamps(stamps: np.ndarray, rate: float) -> np.ndarray:
         n = max(1, -int(-(b - a) * rate // 1_000_000_000))
         parts.append(a + (2 * np.arange(1, n + 1, dtype=np.int64) * (b - a) + n) // (2 * n))
     return np.concatenate(parts) if parts else np.zeros(0, np.int64)
+
+
+def lamp_stamps(waveforms: Iterable[Waveform | None], start: int, end: int) -> np.ndarray:
+    """Gives the instants int64 ns after `start` and before `end` that a lamp's waveform asks for, each once.
+
+    Light that flickers may be alike at all other looks: a pulse between two of them, or a sine of half their rate.
+    """
+    stamps: set[int] = set()
+    for wave in {w for w in waveforms if w is not None and w.depth > 0 and 0 < w.frequency <= FASTEST}:
+        frequency, phase = Fraction(wave.frequency), Fraction(wave.phase)
+        parts = [Fraction(0), Fraction(wave.duty)] if wave.kind == "square" else [Fraction(k, 4) for k in range(4)]
+        first, last = (math.floor(frequency * t / 1_000_000_000 + phase) for t in (start, end))
+        for part in (period + part for period in range(first, last + 1) for part in parts):
+            # The first nanosecond after it, and the last before.
+            t = math.ceil((part - phase) / frequency * 1_000_000_000)
+            stamps |= {t - 1, t} if wave.kind == "square" else {t}
+    return np.array(sorted(t for t in stamps if start < t < end), np.int64)
 
 
 def sample(look: Look, start: Samples, stamps: np.ndarray, how: Sampling, threshold: float) -> Samples:

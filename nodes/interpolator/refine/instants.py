@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from evis.runtime.clock import subframe_stamps
+from evis.scene.sampling import FINEST
 
 ROWS, MOST = 1 << 23, 1 << 27
 """Most pixels of all slots of a window: on a CPU where a window has several coarse intervals, and in any case."""
 
 ROUNDED = 1e-6
 """Halvings by which gaps of one rate may differ."""
-DEEPEST = 10
+DEEPEST = FINEST.bit_length() - 1
 """Most times that a coarse interval is halved."""
 LOOKS, LEAST_LOOKS = 32, 4
 """Instants per gap and per coarse interval, at least."""

@@ -157,6 +157,21 @@ def test_a_sine_is_sampled_where_it_turns():
         np.testing.assert_allclose([course.min(), course.max()], alone[1][q] + [-swing, swing], rtol=0.003)
 
 
+def test_a_flash_of_ten_microseconds_is_seen():
+    """A strobe's flash is a ten thousandth of its period, once in the gap: every pixel has its strength, 10,000 times
+    the mean."""
+    flash = Waveform("square", 10.0, 1.0, -10.0 * 1e-9 * (START + 0.4 * GAP), 1e-4)
+    scene = world([(quad(9.0), plain(0.8), Prescribed(pose(z=3.0)))], lights=[lamp(waveform=flash)])
+    _, (pixels, _, values) = refined(scene, 8, 100_000)
+    rest, alone = closed_form(scene, np.array([0])).pose[:, 0], []
+    for lights in ([], [replace(scene.lights[0], waveform=None)]):
+        bare = replace(scene, lights=lights)
+        alone.append(luminance(Renderer(bare, bare.cameras[0]).render(rest)["radiance"]).reshape(-1))
+    brightest = np.zeros(alone[0].size)
+    np.maximum.at(brightest, pixels, values)
+    np.testing.assert_allclose(brightest, alone[0] + 1e4 * (alone[1] - alone[0]), rtol=0.01)
+
+
 @pytest.mark.parametrize("depth", [0.3, 0.9])
 def test_a_wall_under_lamps_that_flicker_out_of_step(depth):
     """Each pixel's course is a sum of sines, and samples of what stands still are on it: that of a wall under lamps of

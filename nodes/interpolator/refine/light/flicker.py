@@ -137,7 +137,7 @@ def _more_than(count: float) -> int:
 def _per_period(waveform: Waveform) -> float:
     """Instants of a period, so that a square wave is seen before and after each switch."""
     if waveform.kind == "square":
-        return 2.0 / max(min(waveform.duty, 1.0 - waveform.duty), 1e-3)
+        return 2.0 / min(waveform.duty, 1.0 - waveform.duty)
     return PER_PERIOD
 
 
