@@ -89,7 +89,7 @@ def test_mcap_ros2_support(bag):
     for flow, labels in zip(found["/cam0/labels/flow"], sent("/cam0/labels"), strict=True):
         check_image(flow, labels, "flow", "32FC2")
     info = found["/cam0/info"][0]
-    assert list(info.k) == (np.eye(3) * 3).ravel().tolist() and list(info.d) == [0.1, -0.2]
+    assert list(info.k) == (np.eye(3) * 3).ravel().tolist() and list(info.d) == [0.1, -0.2, 0.0, 0.0, 0.0]
     samples = [(t, *a) for m in sent("/cam0/imu") for t, a in zip(m.t.tolist(), m.acceleration.tolist())]
     got = [(m.header.stamp.sec * 10**9 + m.header.stamp.nanosec, m.linear_acceleration) for m in found["/cam0/imu"]]
     assert [(t, a.x, a.y, a.z) for t, a in got] == samples

@@ -114,9 +114,11 @@ def test_empty_and_single():
     empty = Measurement(*SIZE).report()
     assert empty["event_rate_hz"] is None and empty["rotation"]["omega_rad_s"] is None and empty["events"] == 0
     one = np.zeros(1, np.int64), np.zeros(1, np.uint16), np.zeros(1, np.uint16), np.ones(1, np.uint8)
-    measurement = Measurement(*SIZE)
-    measurement.add(*one)
-    assert measurement.report()["events"] == 1
+    far = np.zeros(3, np.int64), np.array([5, 20, 40], np.uint16), np.full(3, 9, np.uint16), np.ones(3, np.uint8)
+    for events in (one, far):
+        report = measured(events)
+        assert report["events"] == len(events[0])
+        assert report["event_rate_hz"] is None and report["noise"]["rate_hz"] is None
 
 
 def test_times_that_step_back_and_pixels_outside_are_counted():

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from evis.bag import BagError
-from evis.bag.ros import events, images, jsonform, schemas, states
+from evis.bag.ros import events, images, jsonform, lenses, schemas, states
 from evis.bag.ros import messages as ros
 from evis.bag.ros.messages import Buffers
 from evis.bag.threads import ALONE, Threads
@@ -109,8 +109,7 @@ def encode(
         ]
         done = ("acceleration", "angular_velocity")
     elif isinstance(message, CameraInfo):
-        model = "plumb_bob" if message.distortion_model == "none" else message.distortion_model
-        d = np.zeros(5) if message.distortion_model == "none" else np.asarray(message.distortion)
+        model, d = lenses.to_ros(message.distortion_model, np.asarray(message.distortion))
         size, k = (message.height, message.width), np.asarray(message.k)
         info = ros.camera_info(stamp, frame, *size, model, d, k, message.baseline)
         parts = [RosPart("info", schemas.CAMERA_INFO, "", stamp, info)]
@@ -164,6 +163,7 @@ def decode_foreign(ros_type: str, raw: memoryview, sequence: int) -> Message:
         return Imu(Header(stamp, sequence, "ros"), t, acceleration.reshape(1, 3), velocity.reshape(1, 3))
     if ros_type == schemas.CAMERA_INFO:
         stamp, height, width, model, distortion, k, baseline = ros.read_camera_info(raw)
+        model, distortion = lenses.from_ros(model, distortion)
         about: dict[str, Any] = {"width": width, "height": height, "distortion_model": model, "baseline": baseline}
         return CameraInfo(Header(stamp, sequence, "ros"), k, distortion, clock="ros", **about)
     raise BagError(f"messages of type {ros_type} are not supported")

@@ -20,7 +20,8 @@ class Rectification:
 
     def __init__(self, info: CameraInfo) -> None:
         self.info = info
-        self.straight = info.distortion_model == "none" or not np.any(info.distortion)
+        plain = info.distortion_model == "plumb_bob" and not np.any(info.distortion)  # a fisheye bends without any too
+        self.straight = plain or info.distortion_model == "none"
 
     @cached_property
     def map(self) -> np.ndarray:

@@ -108,7 +108,7 @@ class Measurement:
     def _close_window(self, length_ns: int) -> None:
         x, y, p = (np.concatenate([part[i] for part in self._held]) for i in range(3))
         self._held = []
-        self._noise.add(x, y, p, max(length_ns, 1))
+        self._noise.add(x, y, p, length_ns)
         self._sharpness.add(x, y)
 
     def _add_rotation(self, t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> None:
