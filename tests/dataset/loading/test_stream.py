@@ -78,7 +78,9 @@ def test_splits_numbers_workers(same_arguments: Path) -> None:
     assert [s["sequence"] for s in some][::2] == [0, 1, 2, 3, 4]
     later = evis.dataset.stream(same_arguments, sequences=1, first=2, **how)
     same(next(iter(later)), some[4])
-    for stream in (train, later, endless):
+    ranks = [evis.dataset.stream(same_arguments, sequences=3, rank=r, ranks=2, **how) for r in range(2)]
+    assert [[s["sequence"] for s in stream][::2] for stream in ranks] == [[0, 2], [1]]
+    for stream in (train, later, endless, *ranks):
         stream.close()
 
 
