@@ -11,7 +11,7 @@ from evis.random_numbers import GOLDEN, mix
 
 
 def check_place(rank: int, ranks: int) -> None:
-    """Raises DatasetError for a rank that is none of `ranks`: it would take windows of others, and leave out its own."""
+    """Raises DatasetError for a rank that is none of `ranks`: it would take the windows of others."""
     check_whole("ranks", ranks, 1)
     check_whole("rank", rank, 0)
     if rank >= ranks:

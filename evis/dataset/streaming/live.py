@@ -118,7 +118,9 @@ class Live:
 
     def _advance(self, t_ns: int) -> None:
         """Goes on until everything up to a time is there."""
-        while not self._over and (self._until // _US <= t_ns // _US or self._packets_until < t_ns or self._behind(t_ns)):
+        while not self._over and (
+            self._until // _US <= t_ns // _US or self._packets_until < t_ns or self._behind(t_ns)
+        ):
             self._step()
 
     def _behind(self, t_ns: int) -> bool:
