@@ -13,6 +13,8 @@ from sequences import events_of, framed, frames_of, labels_of, simulated, writte
 
 from evis.dataset.layouts import reader_of, writer_of
 from evis.dataset.layouts.coco.masks import run_lengths
+from msgs.camera import Image
+from msgs.header import Header
 
 
 @pytest.fixture(scope="module")
@@ -77,6 +79,26 @@ def test_the_reader_gives_the_labels(document: tuple[Path, dict[str, Any]]) -> N
     assert np.array_equal(reader.labels("segmentation", 0, 10**12)["segmentation"], np.concatenate(ids))
     got = reader.labels("boxes", int(stamps[1]), int(stamps[3]))
     assert np.array_equal(got["box"], np.concatenate(boxes[1:3])) and got["t"].tolist() == stamps[1:3].tolist()
+
+
+@pytest.mark.parametrize("late", [1, 2])
+def test_a_frame_is_the_image_of_the_stamp_that_is_nearest_to_its_middle(late: int, tmp_path: Path) -> None:
+    """It comes with the step after its exposure's end, here a step or two after the one that it belongs to."""
+    about, steps = simulated("spinning_disk", "boxes")
+    writer = writer_of("coco")(tmp_path / "s", about)
+    for k, step in enumerate(steps[:5]):
+        outputs = dict(vars(step.cameras["cam0"]))
+        if k >= late:
+            pixels = np.full((48, 64, 1), 10 * (k - late), np.uint8)
+            outputs["image"] = Image(Header(steps[k - late].stamp_ns + 2_000_000), pixels, "mono8", 4_000_000)
+        writer.add(type(step)(step.stamp_ns, step.episodes, {"cam0": outputs}, {}, step.over))
+    writer.close()
+    assert writer.notes == []
+    seen = []
+    for number in range(1, 6):
+        with PilImage.open(tmp_path / f"s/images/cam0/{number:06d}.png") as file:
+            seen.append(file.getpixel((3, 4)) if file.mode == "L" else "events")
+    assert seen == [*(10 * k for k in range(5 - late)), *["events"] * late]
 
 
 def test_frames_without_boxes_are_left_out_and_said(tmp_path: Path) -> None:

@@ -186,6 +186,29 @@ def test_frames_have_their_exposures(tmp_path: Path) -> None:
     assert np.array_equal(got["image"], pictures[1:])
 
 
+def test_each_camera_of_a_pair_has_the_times_of_its_own_frames(tmp_path: Path) -> None:
+    """With auto-exposure they differ, and at the end one camera may have a frame more."""
+    about, steps = simulated("stereo_room", "depth")
+    middles = {"left": [604_000, 33_938_000], "right": [615_000, 33_950_000, 67_300_000]}
+    exposures = {"left": [1_208_000, 1_210_000], "right": [1_230_000, 1_234_000, 1_300_000]}
+    writer = writer_of("dsec")(tmp_path / "s", about)
+    for k, step in enumerate(steps[:3]):
+        cameras = {name: dict(vars(outputs)) for name, outputs in step.cameras.items()}
+        for name in cameras:
+            if k < len(middles[name]):
+                pixels = np.full((48, 64, 1), k, np.uint8)
+                cameras[name]["image"] = Image(Header(middles[name][k]), pixels, "mono8", exposures[name][k])
+        writer.add(type(step)(step.stamp_ns, step.episodes, cameras, {}, step.over))
+    writer.close()
+    reader = reader_of("dsec")(tmp_path / "s")
+    for camera, stamps in middles.items():
+        got = reader.labels("image", 0, 10**9, camera)
+        assert got["t"].tolist() == stamps == reader.stamps("image", camera)[:, 0].tolist()
+        assert got["exposure_ns"].tolist() == exposures[camera]
+        assert got["image"][:, 0, 0, 0].tolist() == list(range(len(stamps)))
+    assert reader.labels("image", 33_940_000, 60_000_000, "right")["t"].tolist() == [33_950_000]
+
+
 def test_a_later_start_is_the_offset(tmp_path: Path) -> None:
     """Times on disk count from it, and the reader's do not."""
     about, steps = simulated()

@@ -5,7 +5,27 @@ from __future__ import annotations
 import numpy as np
 
 from evis.dataset.draws import key_of
+from evis.dataset.errors import DatasetError
+from evis.dataset.loading.cut import check_whole
 from evis.random_numbers import GOLDEN, mix
+
+
+def check_place(rank: int, ranks: int) -> None:
+    """Raises DatasetError for a rank that is none of `ranks`: it would take the windows of others."""
+    check_whole("ranks", ranks, 1)
+    check_whole("rank", rank, 0)
+    if rank >= ranks:
+        raise DatasetError(f"rank is {rank} of {ranks} ranks; they are numbered from 0")
+
+
+def given_place(rank: int | None, ranks: int | None) -> tuple[int, int] | None:
+    """Returns rank and number of ranks; None where neither is given. Raises DatasetError."""
+    if rank is None and ranks is None:
+        return None
+    if rank is None or ranks is None:
+        raise DatasetError("rank and ranks are given together, or neither of them")
+    check_place(rank, ranks)
+    return rank, ranks
 
 
 def order(count: int, shuffle: bool, seed: int, epoch: int) -> np.ndarray:

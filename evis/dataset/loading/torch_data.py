@@ -12,7 +12,8 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset, IterableDataset, get_worker_info
 
-from evis.dataset.loading.order import share
+from evis.dataset.loading.cut import check_whole
+from evis.dataset.loading.order import given_place, share
 
 if TYPE_CHECKING:
     from evis.dataset.loading.windows import Windows
@@ -25,7 +26,8 @@ class Epoch:
         self._number = torch.zeros((), dtype=torch.int64).share_memory_()
 
     def set(self, epoch: int) -> None:
-        """Sets the number of the epoch for all processes."""
+        """Sets the number of the epoch for all processes. Raises DatasetError."""
+        check_whole("epoch", epoch)
         self._number.fill_(epoch)
 
     @property
@@ -75,17 +77,13 @@ class WindowIterable(IterableDataset[dict[str, Any]]):
 
 
 def place_among(rank: int | None, ranks: int | None) -> tuple[int, int]:
-    """Returns rank and number of ranks: those given, those of torch.distributed, or 0 of 1. Raises ValueError."""
-    if (rank is None) != (ranks is None):
-        raise ValueError("rank and ranks are given together, or neither of them")
-    if rank is None or ranks is None:
-        distributed = torch.distributed
-        if not (distributed.is_available() and distributed.is_initialized()):
-            return 0, 1
-        return distributed.get_rank(), distributed.get_world_size()
-    if not 0 <= rank < ranks:
-        raise ValueError(f"rank is {rank} of {ranks} ranks; they are numbered from 0")
-    return rank, ranks
+    """Returns rank and number of ranks: those given, those of torch.distributed, or 0 of 1. Raises DatasetError."""
+    if (given := given_place(rank, ranks)) is not None:
+        return given
+    distributed = torch.distributed
+    if not (distributed.is_available() and distributed.is_initialized()):
+        return 0, 1
+    return distributed.get_rank(), distributed.get_world_size()
 
 
 def worker() -> tuple[int, int]:

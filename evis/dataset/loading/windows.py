@@ -11,8 +11,8 @@ import numpy as np
 
 from evis.dataset.errors import DatasetError
 from evis.dataset.loading.collate import check_size, collate
-from evis.dataset.loading.cut import Cut
-from evis.dataset.loading.order import order, share
+from evis.dataset.loading.cut import Cut, check_whole
+from evis.dataset.loading.order import check_place, order, share
 from evis.dataset.loading.sample import Sample, contiguous, sample_of
 from evis.dataset.loading.sequence import Sequence
 from evis.dataset.loading.stored import Stored, Table, table_of
@@ -71,13 +71,15 @@ class Windows:
         return f"Windows({len(self)} of {self.cut.length}, {len(self._stored)} sequences of {self._place!r})"
 
     def set_epoch(self, epoch: int) -> None:
-        """Says which epoch it is, of which order and augmentation depend."""
+        """Says which epoch it is, of which order and augmentation depend. Raises DatasetError."""
+        check_whole("epoch", epoch)
         self._epoch = int(epoch)
 
     def sample(self, i: int, epoch: int) -> Sample:
         """Reads the i-th window as it is in an epoch. Raises TypeError, IndexError, DatasetError."""
         if not hasattr(i, "__index__"):  # a fraction would be cut off
             raise TypeError(f"a window is taken by its whole number, not by {i!r:.60}; several are by several calls")
+        check_whole("epoch", epoch)
         at = operator.index(i) + (len(self) if i < 0 else 0)
         if not 0 <= at < len(self):
             raise IndexError(f"there is no window {i}; there are {len(self)}")
@@ -87,7 +89,9 @@ class Windows:
         return contiguous(sample_of(self._stored[n], self.cut, window, epoch))
 
     def order(self, shuffle: bool, epoch: int, rank: int = 0, ranks: int = 1) -> np.ndarray:
-        """Returns the numbers of the windows that a rank takes in an epoch, in their order."""
+        """Returns the numbers of the windows that a rank takes in an epoch, in their order. Raises DatasetError."""
+        check_whole("epoch", epoch)
+        check_place(rank, ranks)
         return share(order(len(self), shuffle, self.cut.seed, epoch), rank, ranks)
 
     def batches(

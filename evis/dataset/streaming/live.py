@@ -38,7 +38,7 @@ class Live:
         self.info, self.left_out = cameras[self.camera], 0
         self._about, self._cut, self._taken = playing.about, cut, taken
         self._steps, self._over = playing.steps(), False
-        self._until = self._packets_until = -1
+        self._until = self._packets_until = self._images_until = -1
         self._events, self._marks = Rows(), Rows()
         self._pieces: list[Piece] = []
         none = {name: np.empty(0, dtype) for name, dtype in EVENT_TYPES.items()}
@@ -118,11 +118,16 @@ class Live:
 
     def _advance(self, t_ns: int) -> None:
         """Goes on until everything up to a time is there."""
-        while not self._over and (self._until // _US <= t_ns // _US or self._packets_until < t_ns or self._behind()):
+        while not self._over and (
+            self._until // _US <= t_ns // _US or self._packets_until < t_ns or self._behind(t_ns)
+        ):
             self._step()
 
-    def _behind(self) -> bool:
-        """Whether the labels of events that are there are still to come."""
+    def _behind(self, t_ns: int) -> bool:
+        """Whether labels are still to come: of events that are there, or an image, which is there when its exposure
+        is over and has its middle for a stamp."""
+        if "image" in self._cut.labels and self._images_until // _US <= t_ns // _US:
+            return True
         return "events" in self._cut.labels and self._marks.total < self._events.total
 
     def _step(self) -> None:
@@ -143,6 +148,8 @@ class Live:
             self._events.add(columns, piece.t0_ns, packet.header.stamp_ns)
         if EVENTS[0] in piece.labels:
             self._marks.add({name: piece.labels[name] for name in EVENTS}, 0, 0)
+        if piece.image is not None:
+            self._images_until = piece.image.header.stamp_ns
         # Their arrays are held once, above.
         self._pieces.append(Piece(piece.stamp_ns, piece.t0_ns, Events.empty(), piece.labels, piece.image))
 

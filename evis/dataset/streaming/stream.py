@@ -16,6 +16,7 @@ from evis.dataset.errors import DatasetError
 from evis.dataset.layouts.sample import host
 from evis.dataset.loading.collate import check_size, collate
 from evis.dataset.loading.cut import Cut, check_whole
+from evis.dataset.loading.order import given_place
 from evis.dataset.loading.sample import Sample, contiguous, sample_of
 from evis.dataset.loading.windows import torch_module
 from evis.dataset.making.make import check
@@ -42,12 +43,13 @@ class Stream:
 
     def __init__(
         self, recipe: Recipe, cut: Cut, sequences: int | None, first: int, split: str | None, device: str | None,
-        shuffle: int,
+        shuffle: int, place: tuple[int, int] | None = None,
     ) -> None:  # fmt: skip
-        """See `stream`. Raises DatasetError for what the recipe does not make."""
+        """See `stream`. place: rank and number of ranks. Raises DatasetError for what the recipe does not make."""
         self.recipe, self.cut = recipe, cut
         self._sequences, self._first, self._split, self._device = sequences, first, split, device
         self._shuffle = int(shuffle)
+        self._place = place or (0, 1)
         self._warm: tuple[int, Warm] | None = None
         self.left_out = {"windows without a label": 0, "sequences that failed": 0}
         wanted = {*cut.labels, *cut.augment.counterparts(cut.labels).values()}
@@ -59,6 +61,8 @@ class Stream:
             )
         if split is not None and split not in recipe.splits:
             raise DatasetError(f"{recipe.name} has no split '{split}'; {nearest(split, recipe.splits)}")
+        if split is not None and not recipe.splits[split]:  # it would be looked for without end
+            raise DatasetError(f"the split '{split}' of {recipe.name} has a share of 0: no sequence is ever in it")
         longest = float(max(recipe.duration.choices or recipe.duration.high))
         if cut.seconds > longest:
             raise DatasetError(f"windows of {cut.length} are longer than the sequences of {recipe.name}, {longest:g} s")
@@ -69,7 +73,7 @@ class Stream:
         return {**self.__dict__, "_warm": None}
 
     def __iter__(self) -> Iterator[Sample]:
-        return self.samples(0, 1)
+        return self.samples(*self._place)
 
     def batches(self, size: int) -> Iterator[dict[str, Any]]:
         """Gives batches of windows, joined by `evis.dataset.collate`; the last may have fewer. Raises DatasetError."""
@@ -172,7 +176,8 @@ def stream(
         device: of the simulation, `cuda`, in place of what the recipe says. Batches stay there.
         shuffle: windows that wait until a drawn one of them is given; 0 = in order of time.
         arrays: torch, an IterableDataset for a DataLoader, or numpy, a `Stream`; None = torch where it is installed.
-        rank, ranks: of several processes that share the sequences; None = those of torch.distributed, or 0 of 1.
+        rank, ranks: of several processes that share the sequences; None = those of torch.distributed where the stream
+            is PyTorch's, or 0 of 1.
         how: windows, as `Sequences.windows` has them.
 
     Raises DatasetError, and what `read_recipe` raises.
@@ -182,8 +187,9 @@ def stream(
     for name, value in (("sequences", sequences), ("first", first), ("shuffle", shuffle)):
         if value is not None:
             check_whole(name, value, 0)
+    place = given_place(rank, ranks)
     read = recipe if isinstance(recipe, Recipe) else read_recipe(recipe, duration_s)
-    made = Stream(read, Cut.of(**how), sequences, first, split, device, shuffle)
+    made = Stream(read, Cut.of(**how), sequences, first, split, device, shuffle, place)
     if arrays == "numpy":
         return made
     try:

@@ -154,9 +154,14 @@ def test_streams_that_cannot_be(small: Made) -> None:
         ({"seconds": 0.1, "sequences": -1}, "sequences is -1; it must be a whole number, 0 or more"),
         ({"seconds": 0.1, "first": 1.5}, "first is 1.5; it must be a whole number, 0 or more"),
         ({"seconds": 0.1, "shuffle": -3}, "shuffle is -3; it must be a whole number, 0 or more"),
+        ({"seconds": 0.1, "arrays": "numpy", "rank": 2, "ranks": 2}, "rank is 2 of 2 ranks; they are numbered from 0"),
+        ({"seconds": 0.1, "arrays": "numpy", "rank": 1}, "rank and ranks are given together"),
     ]
     for how, text in cases:
         assert text in refusal(evis.dataset.stream, small[0], **how), how
+    empty = small[0].with_name("empty_split.yaml")
+    empty.write_text(small[0].read_text().replace("{train: 0.6, test: 0.4}", "{train: 1, test: 0}"))
+    assert "'test' of empty_split has a share of 0" in refusal(evis.dataset.stream, empty, seconds=0.1, split="test")
     never = evis.dataset.stream(small[0], arrays="numpy", events=10**8)
     assert "5 sequences in a row gave no window" in refusal(lambda: next(iter(never)))
     few = evis.dataset.stream(small[0], arrays="numpy", sequences=1, events=10**8)

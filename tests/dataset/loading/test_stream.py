@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_set import RECIPE, same
+from made_set import RECIPE, made, same
 
 import evis
 from evis.dataset import Augment
@@ -42,6 +42,20 @@ def test_a_stream_gives_what_the_data_set_gives(small: Made, how: dict[str, Any]
         same(a, b)
 
 
+def test_images_whose_exposure_outlasts_the_window_of_their_middle(tmp_path: Path) -> None:
+    """Exposures of 30 ms every 33.3 ms have their middles at 15 ms, 48.3 ms, ..., in windows that end before them."""
+    changes = [("[forward_flow, backward_flow, boxes, depth, events]", "[]\noutputs: [events, image]"), (": 3", ": 1")]
+    arguments = ("shot_rate: 5.0", "keyframe_rate: 120, exposure_ms: 30, image_rate: 30")
+    recipe, out = made(tmp_path, *changes, arguments)
+    how: dict[str, Any] = {"seconds": 0.01, "labels": ["image"]}
+    stream = evis.dataset.stream(recipe, sequences=1, arrays="numpy", **how)
+    got = list(stream)
+    stream.close()
+    assert [int(sample["image_ns"]) for sample in got] == [round(15e6 + k * 1e9 / 30) for k in range(6)]
+    for a, b in zip(got, evis.dataset.open(out).windows(**how), strict=True):
+        same(a, b)
+
+
 @pytest.fixture
 def same_arguments(small: Made) -> Path:
     """A recipe whose sequences differ in their seed alone, so that the second is there in no time."""
@@ -64,7 +78,9 @@ def test_splits_numbers_workers(same_arguments: Path) -> None:
     assert [s["sequence"] for s in some][::2] == [0, 1, 2, 3, 4]
     later = evis.dataset.stream(same_arguments, sequences=1, first=2, **how)
     same(next(iter(later)), some[4])
-    for stream in (train, later, endless):
+    ranks = [evis.dataset.stream(same_arguments, sequences=3, rank=r, ranks=2, **how) for r in range(2)]
+    assert [[s["sequence"] for s in stream][::2] for stream in ranks] == [[0, 2], [1]]
+    for stream in (train, later, endless, *ranks):
         stream.close()
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 from made_set import HEIGHT, PERIOD_NS, WIDTH, same
 
 import evis
+from evis.dataset.errors import DatasetError
 from evis.dataset.loading.order import order, share
 from evis.dataset.loading.picking import at_end, at_start
 from evis.events.representations import count_image, event_stack, time_surface, voxel_grid
@@ -135,6 +137,23 @@ def test_order_and_shares() -> None:
     assert [sum(map(len, rank)) for rank in parts] == [25] * 4
     everything = np.concatenate([part for rank in parts for part in rank])
     assert sorted(everything) == sorted(one[:100])
+
+
+@pytest.mark.parametrize(
+    ("how", "text"),
+    [
+        ({"rank": 2, "ranks": 2}, "rank is 2 of 2 ranks"),
+        ({"rank": 1}, "rank is 1 of 1 ranks"),
+        ({"rank": -1, "ranks": 2}, "rank is -1; it must be a whole number, 0 or more"),
+        ({"ranks": 0}, "ranks is 0; it must be a whole number, 1 or more"),
+        ({"rank": 0.5, "ranks": 2}, "rank is 0.5"),
+        ({"epoch": 0.5}, "epoch is 0.5; it must be a whole number"),
+    ],
+)
+def test_ranks_and_epochs_that_are_not_there(small: Made, how: dict[str, Any], text: str) -> None:
+    windows = evis.dataset.open(small[1]).windows(seconds=0.1)
+    with pytest.raises(DatasetError, match=re.escape(text)):
+        next(windows.batches(2, **how))
 
 
 def test_batches(small: Made) -> None:

@@ -1,7 +1,7 @@
 """Writes COCO: boxes and masks of objects in images, `annotations/instances.json`, with the events beside them.
 
-An image is the frame of a stamp or, without frames, a picture of the events since the stamp before. The events are in
-`events/<camera>/events.npz`.
+An image is the frame whose exposure's middle is nearest to the stamp or, without one, a picture of the events since the
+stamp before. The events are in `events/<camera>/events.npz`.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 from evis.bag.export.png import encoded
 from evis.dataset.layouts.coco.lines import Lines
 from evis.dataset.layouts.coco.masks import run_lengths
+from evis.dataset.layouts.coco.nearest_frames import NearestFrames
 from evis.dataset.layouts.npz.writer import NpzWriter
 from evis.dataset.layouts.sample import Sample
 from evis.dataset.layouts.writer import SequenceWriter
@@ -40,14 +41,12 @@ class CocoWriter(SequenceWriter):
         folder = self.directory / Path(ANNOTATIONS).parent
         folder.mkdir()
         self._parts = {name: Lines(folder / f".{name}.part") for name in ("images", "annotations")}
-        self._frames: dict[str, Image] = {}
+        self._frames = {camera: NearestFrames() for camera in self.about.cameras}
 
     def _add(self, camera: str, sample: Sample) -> None:
         self._events._add(camera, Sample(sample.stamp_ns, sample.t0_ns, sample.events))
         if sample.image is not None:
-            if camera in self._frames:
-                self.note("COCO has frames of stamps with boxes or a segmentation: others are left out")
-            self._frames[camera] = sample.image
+            self._place(camera, self._frames[camera].came(sample.image))
         for kind, _ in sample.kinds():
             if kind not in _HELD:
                 self.note(f"COCO has no {kind}: it is left out")
@@ -56,15 +55,24 @@ class CocoWriter(SequenceWriter):
         if _HELD & dict(sample.kinds()).keys():
             self._annotate(camera, sample)
 
+    def _place(self, camera: str, placed: list[tuple[int | None, Image]]) -> None:
+        """Writes frames in place of the pictures of their stamps."""
+        for number, frame in placed:
+            if number is None:
+                self.note("COCO has frames of stamps with boxes or a segmentation: others are left out")
+            else:
+                self._path(camera, number).write_bytes(encoded(np.asarray(frame.data), frame.encoding))
+
+    def _path(self, camera: str, number: int) -> Path:
+        return self.directory / "images" / camera / f"{number:06d}.png"
+
     def _annotate(self, camera: str, sample: Sample) -> None:
         number, info = self._parts["images"].count + 1, self.about.cameras[camera]
-        name = f"images/{camera}/{number:06d}.png"
-        path = self.directory / name
+        path = self._path(camera, number)
         path.parent.mkdir(parents=True, exist_ok=True)
-        frame = self._frames.pop(camera, None)
-        pixels = picture(sample.events, info) if frame is None else np.asarray(frame.data)
-        path.write_bytes(encoded(pixels, "" if frame is None else frame.encoding))
-        told = {"id": number, "file_name": name.removeprefix("images/"), "width": info.width, "height": info.height}
+        path.write_bytes(encoded(picture(sample.events, info), ""))
+        self._place(camera, self._frames[camera].annotated(number, sample.stamp_ns))
+        told = {"id": number, "file_name": f"{camera}/{path.name}", "width": info.width, "height": info.height}
         self._parts["images"].add({**told, "stamp_ns": sample.stamp_ns, "camera": camera})
         for instance, box, mask in visible_instances(sample):
             width, height = box[2] - box[0] + 1, box[3] - box[1] + 1
@@ -80,6 +88,8 @@ class CocoWriter(SequenceWriter):
 
     def _finish(self) -> None:
         self._events.close()
+        for camera, frames in self._frames.items():
+            self._place(camera, frames.rest())
         infos = self.about.cameras.values()
         classes = next((info.classes for info in infos if info.semantic is not None), ["background", "thing"])
         categories = [{"id": k, "name": name, "supercategory": "thing"} for k, name in enumerate(classes) if k]

@@ -15,7 +15,7 @@ from evis.dataset.layouts.dsec.tracks import boxes_of
 from evis.dataset.layouts.hdf5_reading import dataset, opened
 from evis.dataset.layouts.millisecond_index import NAME
 from evis.dataset.layouts.reader import ANEW, EventArrays, SequenceReader, framed, spans, within
-from evis.dataset.layouts.stereo_sides import sides
+from evis.dataset.layouts.stereo_sides import SIDES, sides
 from evis.media.frames.images import codes
 
 _LAST_US = (1 << 32) - 1
@@ -77,10 +77,10 @@ class DsecReader(SequenceReader):
     def _intervals(self, kind: str, camera: str) -> np.ndarray:
         if kind in _FLOWS:
             return np.sort(self._times_of(f"flow/{kind.removesuffix('_flow')}_timestamps.txt", 2), 1)
-        names = {"disparity": "disparity/timestamps.txt", "image": "images/timestamps.txt"}
-        if kind in names:
-            t = self._times_of(names[kind], 1)[:, 0]
-            return spans(t, None)
+        if kind == "disparity":
+            return spans(self._times_of("disparity/timestamps.txt", 1)[:, 0], None)
+        if kind == "image":
+            return spans(self._exposed(self._sides[camera])[0], None)
         return super()._intervals(kind, camera)
 
     def _labels(self, kind: str, t0: int, t1: int, camera: str) -> dict[str, np.ndarray]:
@@ -100,15 +100,23 @@ class DsecReader(SequenceReader):
             stamps = self._times_of("disparity/timestamps.txt", 1)[:, 0]
             part, images = self._images("disparity/event", stamps, t0, t1)
             return {"t": stamps[part], kind: _stack([codes_to_disparity(image) for image in images], part)}
-        exposures = self._times_of(f"images/{side}/exposure_timestamps.txt", 2)
+        stamps, exposures = self._exposed(side)
+        part, images = self._images(f"images/{side}/rectified", stamps, t0, t1)
+        return {"t": stamps[part], kind: framed(_stack(images, part)), "exposure_ns": exposures[part]}
+
+    def _exposed(self, side: str) -> tuple[np.ndarray, np.ndarray]:
+        """The stamps of a side's frames and their exposures, ns. Those of images/timestamps.txt are of the left
+        camera: the right one exposes for itself, and is stamped with the middle of it."""
+        spans_ns = self._times_of(f"images/{side}/exposure_timestamps.txt", 2)
+        exposures = spans_ns[:, 1] - spans_ns[:, 0]
+        if side != SIDES[0]:
+            return spans_ns.sum(1) // 2000 * 1000, exposures
         stamps = self._times_of("images/timestamps.txt", 1)[:, 0]
         if len(exposures) != len(stamps):
             raise LayoutError(
                 f"{self.directory}/images has {len(stamps)} times, and {len(exposures)} exposures; {ANEW}"
             )
-        part, images = self._images(f"images/{side}/rectified", stamps, t0, t1)
-        exposed = exposures[part, 1] - exposures[part, 0]
-        return {"t": stamps[part], kind: framed(_stack(images, part)), "exposure_ns": exposed}
+        return stamps, exposures
 
     def _times_of(self, name: str, columns: int) -> np.ndarray:
         """The times of a text [T, columns], ns. Raises LayoutError unless all its lines are there."""
