@@ -32,6 +32,11 @@ def first_cause(children: Iterable[Child]) -> Child:
     return (deaths or reports or silent or failed)[0]
 
 
+def cause_unheard(children: Iterable[Child]) -> bool:
+    """Tells whether all failures so far say that a neighbour is gone, so that the neighbour's own is still to come."""
+    return all(c.failure is not None and _PEER_LOST in c.failure[1] for c in children)
+
+
 def ended_by_force(children: Iterable[Child], patience_s: float, asked: bool) -> str:
     """Describes in one line processes that had to be killed at the end.
 
