@@ -120,9 +120,10 @@ class Container:
                 self._summary.channels[record.id] = record
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Writes a named table of texts."""
+        """Writes a named table of texts; of one that is not UTF-8, as names of files may be, what is not is escaped."""
+        table = {key: value.encode(errors="backslashreplace").decode() for key, value in values.items()}
         with self._lock:
-            data = record_bytes(Metadata(name, dict(values)))
+            data = record_bytes(Metadata(name, table))
             self._write([data])
             self._summary.add_metadata(self.end - len(data), len(data), name)
 
