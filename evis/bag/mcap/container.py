@@ -11,8 +11,10 @@ as far as there is room for it.
 from __future__ import annotations
 
 import contextlib
+import errno
 import math
 import os
+import stat
 import struct
 import threading
 import time
@@ -288,7 +290,9 @@ class Container:
         self.cause = error
         why = error.strerror if isinstance(error, OSError) else error
         self.failure = BagError(
-            f"{self.path}: {why}; nothing could be written"
+            f"{self.path}: {why}"
+            if isinstance(error, FileNotFoundError)
+            else f"{self.path}: {why}; nothing could be written"
             if not self.end
             else f"{self.path}: {why} after {self.end / 1e6:.1f} MB; recording has stopped, "
             f"the {self._summary.messages} messages until then can be read"
@@ -306,6 +310,9 @@ class Container:
                 written -= len(views.pop(0))
             if written:
                 views[0] = views[0][written:]
+        status = os.fstat(self._descriptor)
+        if stat.S_ISREG(status.st_mode) and not status.st_nlink:  # a pipe may lose its name, and is read all the same
+            raise FileNotFoundError(errno.ENOENT, "it was deleted while it was recorded, and is lost; record again")
         self.end += size
 
     def _started_syncer(self) -> Syncer:
