@@ -104,3 +104,10 @@ def test_a_runtime_folder_too_deep_for_sockets_is_not_used(monkeypatch: pytest.M
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(deep))
     monkeypatch.setenv("TMPDIR", str(deep))
     assert len(str(root())) < 60 and f"evis-{os.getuid()}" in str(root())
+
+
+def test_a_runtime_directory_that_is_a_file_is_passed_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", os.path.relpath(tmp_path / "file", "/tmp"))
+    monkeypatch.chdir("/tmp")
+    assert root().name == f"evis-{os.getuid()}"
