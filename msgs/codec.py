@@ -69,8 +69,8 @@ def checked(message: Message) -> dict[str, np.ndarray]:
 def _on_host(message: Message, name: str, value: Any) -> np.ndarray:
     """What is no array of numpy's: one of Warp's, or a mistake."""
     if not hasattr(value, "numpy"):
-        field = f"{type(message).__name__}.{name}"
-        raise MessageError(f"{field} is a value of type {type(value).__name__}, and must be an array: numpy.array makes one")
+        field, kind = f"{type(message).__name__}.{name}", type(value).__name__
+        raise MessageError(f"{field} is a value of type {kind}, and must be an array: numpy.array makes one")
     return value.numpy()
 
 
