@@ -153,7 +153,7 @@ def test_a_second_ctrl_c_ends_a_node_that_hangs(write: Write, launch: Launch, ru
     assert launcher.process.poll() is None, "one Ctrl-C waits for the node"
     launcher.interrupt()
     code, _, err = launcher.end()
-    assert code == 1 and "hung was ended by force, as a second Ctrl-C asks" in err
+    assert code == 1 and "launch: hung " in err and "was ended by force, as a second Ctrl-C asks" in err
     nothing_left(launcher, runtime)
 
 
