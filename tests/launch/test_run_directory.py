@@ -6,6 +6,7 @@ import errno
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -106,8 +107,7 @@ def test_a_runtime_folder_too_deep_for_sockets_is_not_used(monkeypatch: pytest.M
     assert len(str(root())) < 60 and f"evis-{os.getuid()}" in str(root())
 
 
-def test_a_runtime_directory_that_is_a_file_is_passed_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "file").touch()
-    monkeypatch.setenv("XDG_RUNTIME_DIR", os.path.relpath(tmp_path / "file", "/tmp"))
-    monkeypatch.chdir("/tmp")
-    assert root().name == f"evis-{os.getuid()}"
+def test_a_runtime_directory_that_is_a_file_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    with tempfile.NamedTemporaryFile(dir="/tmp") as file:  # with a short name: a long one is passed over anyway
+        monkeypatch.setenv("XDG_RUNTIME_DIR", file.name)
+        assert root().name == f"evis-{os.getuid()}"
