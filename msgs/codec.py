@@ -58,9 +58,20 @@ def checked(message: Message) -> dict[str, np.ndarray]:
     """Returns the arrays of a message as they lie in memory, checked against its type. Raises MessageError."""
     if not isinstance(message.header, Header):
         raise MessageError(f"{type(message).__name__}.header is {type(message.header).__name__}, not Header")
-    arrays = {n: value if isinstance(value, np.ndarray) else value.numpy() for n, value in message.arrays().items()}
+    arrays = {
+        name: value if isinstance(value, np.ndarray) else _on_host(message, name, value)
+        for name, value in message.arrays().items()
+    }
     check_layout(type(message), arrays)
     return arrays
+
+
+def _on_host(message: Message, name: str, value: Any) -> np.ndarray:
+    """What is no array of numpy's: one of Warp's, or a mistake."""
+    if not hasattr(value, "numpy"):
+        field, kind = f"{type(message).__name__}.{name}", type(value).__name__
+        raise MessageError(f"{field} is a value of type {kind}, and must be an array: numpy.array makes one")
+    return value.numpy()
 
 
 def contents(message: Message) -> dict[str, np.ndarray]:

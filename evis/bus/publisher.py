@@ -350,10 +350,19 @@ class Publisher(Lender):
         }
 
 
+LATEST = 1 << 63
+"""Stamps are below it, and not below its negative [ns]."""
+
+
 def check_sent(topic: str, node: str, message_type: type[Message], message: Message) -> None:
-    """Raises BusError for a message that a node must not publish on a topic: of another type, or one sent before."""
+    """Raises BusError for a message that a node must not publish on a topic: of another type, without a stamp in whole
+    nanoseconds, or one sent before.
+    """
     if type(message) is not message_type:
         raise BusError(f"topic {topic}: {node} declared {message_type.__name__} and published {type(message).__name__}")
+    stamp = getattr(message.header, "stamp_ns", None)
+    if (type(stamp) is not int and not isinstance(stamp, np.integer)) or not -LATEST <= stamp < LATEST:
+        raise BusError(f"topic {topic}: {node} published the stamp {stamp!r:.80}; it must be int64, in nanoseconds")
     if message._slot is not None:
         raise BusError(
             f"topic {topic}: {node} published a message that came from the bus or was published before: "

@@ -7,6 +7,7 @@ rooms by what they are about: `graph/`, `events/`, `machine/`.
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 from collections.abc import Sequence
 from types import ModuleType
@@ -65,6 +66,11 @@ def _command(words: list[str], debug: bool) -> int:
         print(f"evis {version('evis')}")
         return 0
     command, rest = words[0], words[1:]
+    try:
+        os.getcwd()
+    except FileNotFoundError:  # what needs it later, Python itself too, would not say what is missing
+        print("evis: the folder that this runs in was removed; `cd` to another one", file=sys.stderr)
+        return 1
     if command in COMMANDS:
         return _run(command, rest, debug)
     from evis.config.suggestions import nearest

@@ -132,6 +132,8 @@ class Calls:
             with Inside(self._profile, host.name) as profile:
                 alive = host.node.step(inputs)
                 profile.updates += 1
+                if alive is None:  # a forgotten return would end the run after one step, without a word
+                    raise ValueError("step returned None; it returns True, or False when there is nothing more")
         finally:
             host.had(inputs)
         if self._granted is not None:

@@ -46,7 +46,7 @@ class ControlServer:
         while True:
             try:
                 process, frame = self._socket.recv_multipart(zmq.NOBLOCK)[:2]
-                body = msgpack.unpackb(frame, raw=False)
+                body = msgpack.unpackb(frame, raw=False, unicode_errors="surrogateescape")
             except zmq.Again:
                 return messages
             except (ValueError, msgpack.UnpackException):
@@ -88,7 +88,9 @@ class ControlClient:
 
     def _send(self, message: dict[str, Any]) -> None:
         with self._lock, contextlib.suppress(zmq.ZMQError):
-            self._socket.send(msgpack.packb(message, default=float), zmq.NOBLOCK)
+            # A name of a file need not be UTF-8, and what failed must be told all the same.
+            packed = msgpack.packb(message, default=float, unicode_errors="surrogateescape")
+            self._socket.send(packed, zmq.NOBLOCK)
 
     def _beat(self) -> None:
         number = 0

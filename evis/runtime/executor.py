@@ -17,6 +17,7 @@ import numpy as np
 import zmq
 
 from evis.bus import END
+from evis.bus.publisher import check_sent
 from evis.config.secret import Redactor
 from evis.gpu.early_context import begin_contexts
 from evis.runtime.calls import Calls
@@ -423,9 +424,10 @@ class Executor:
     def publish(self, node: Node, port: str, message: Message) -> None:
         """Implements Node.publish."""
         host = self._hosts[node.name]
-        topic = host.plan.outputs.get(port)
+        topic = host.topic_of(port)
         if topic is None:
             return
+        check_sent(topic, node.name, host.publishers[topic].message_type, message)
         self.profile.node(node.name).saw(topic, message)
         if self.plan.topics[topic].latched:
             self._latched[topic] = message
@@ -449,13 +451,14 @@ class Executor:
     def publish_all(self, node: Node, port: str, messages: Sequence[Message]) -> None:
         """Implements Node.publish_all."""
         host = self._hosts[node.name]
-        topic = host.plan.outputs.get(port)
+        topic = host.topic_of(port)
         if topic is None:
             return
         publisher, profile = host.publishers[topic], self.profile.node(node.name)
         consumers = [(consumer, port) for consumer, port, consumed in host.downstream if consumed == topic]
         with publisher.sharing_loans(), self.profile.inside("bus"):
             for message in messages:
+                check_sent(topic, node.name, publisher.message_type, message)
                 profile.saw(topic, message)
                 unread = host.unread_by(topic, message.header)
                 delivery = Delivery.of(message, publisher, consumers, unread, host.lender)

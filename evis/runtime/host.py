@@ -120,9 +120,17 @@ class Host:
         """Says whether this node may be called now, without a wait inside it."""
         return not self.gates or all(p.credit() > 0 for p in self.gates)
 
+    def topic_of(self, port: str) -> str | None:
+        """Names the topic of an output; None where the planner has left it out. Raises ValueError for no output."""
+        topic = self.plan.outputs.get(port)
+        if topic is None and port not in self.node.OUTPUTS and not hasattr(self.node, "dynamic_outputs"):
+            declared = ", ".join(self.node.OUTPUTS) or "none"
+            raise ValueError(f"no output is called '{port}'; {type(self.node).__name__}.OUTPUTS declares {declared}")
+        return topic
+
     def wants(self, port: str) -> bool:
         """Says whether anybody reads this output now."""
-        topic = self.plan.outputs.get(port)
+        topic = self.topic_of(port)
         if topic is None:
             return False
         kept = port in self.plan.keep
@@ -130,7 +138,7 @@ class Host:
 
     def wants_array(self, port: str, array: str) -> bool:
         """Says whether anybody reads this array of an output's messages now. Taps read all."""
-        topic = self.plan.outputs.get(port)
+        topic = self.topic_of(port)
         if topic is None:
             return False
         if topic not in self.arrays or array in self.arrays[topic]:

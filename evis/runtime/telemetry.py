@@ -80,7 +80,7 @@ class Telemetry:
 
     def say(self, host: Host | None, name: str, level: str, text: str) -> None:
         """Writes one line to the process's log and sends one Diagnostics message, both without secrets."""
-        text = self._redactor.text(text)
+        text = printable(self._redactor.text(text))  # also for the topic, which takes no name that is not UTF-8
         self._say(name, level, text)
         self.publishers["/diagnostics"].send(self._diagnostics(host, name, level, text))
 

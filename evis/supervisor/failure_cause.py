@@ -10,6 +10,8 @@ from evis.supervisor.child import Child
 _PEER_LOST = "(topic /"
 """What the bus writes when the other end of a topic is gone: a consequence, as long as there is a cause."""
 _LINES = 12
+_STUCK_S = 2.0
+"""A process whose loop has not come round for so long is in one step; one that waits for others comes round [s]."""
 
 
 def describe_failure(child: Child) -> str:
@@ -32,17 +34,27 @@ def first_cause(children: Iterable[Child]) -> Child:
     return (deaths or reports or silent or failed)[0]
 
 
+def cause_unheard(children: Iterable[Child]) -> bool:
+    """Tells whether all failures so far say that a neighbour is gone, so that the neighbour's own is still to come."""
+    return all(c.failure is not None and _PEER_LOST in c.failure[1] for c in children)
+
+
 def ended_by_force(children: Iterable[Child], patience_s: float, asked: bool) -> str:
     """Describes in one line processes that had to be killed at the end.
 
-    asked: by a second Ctrl-C, and not for waiting.
+    asked: by a second Ctrl-C, and not for waiting. Who is in one step all the while is named before those that wait
+    for it.
     """
     found = list(children)
-    names = ", ".join(c.title for c in found)
-    was, its = ("was", "its") if len(found) == 1 else ("were", "their")
-    if asked:
-        return f"{names} {was} ended by force, as a second Ctrl-C asks; {its} files may be incomplete"
-    return f"{names} did not end in {patience_s:g} s and {was} ended by force; {its} files may be incomplete"
+    stuck = [c for c in found if c.busy_s > _STUCK_S] or found
+    names = ", ".join(c.title for c in stuck)
+    was = "was" if len(stuck) == 1 else "were"
+    waited = ", ".join(c.title for c in found if c not in stuck)
+    why = f" (in one step for {max(c.busy_s for c in stuck):.0f} s)" if stuck[0].busy_s > _STUCK_S else ""
+    rest = f", and so were {waited}, which waited for {'it' if was == 'was' else 'them'}" if waited else ""
+    end = f"{was} ended by force{', as a second Ctrl-C asks' * asked}{rest}; {'its' if len(found) == 1 else 'their'}"
+    late = "" if asked else f"did not end in {patience_s:g} s and "
+    return f"{names}{why} {late}{end} files may be incomplete"
 
 
 def last_words(child: Child) -> list[str]:

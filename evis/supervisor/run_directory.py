@@ -28,7 +28,7 @@ def root() -> Path:
     Raises OSError if not private.
     """
     runtime = os.environ.get("XDG_RUNTIME_DIR", "")
-    if runtime and len(runtime) < _LONGEST_ROOT and os.access(runtime, os.W_OK):
+    if runtime and len(runtime) < _LONGEST_ROOT and os.path.isdir(runtime) and os.access(runtime, os.W_OK):
         folder = Path(runtime) / "evis"
     else:
         folder = Path(tempfile.gettempdir()) / f"evis-{os.getuid()}"

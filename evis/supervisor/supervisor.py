@@ -17,7 +17,7 @@ from evis.runtime.host import load_class
 from evis.runtime.plan import NodePlan, Plan
 from evis.supervisor.child import Child
 from evis.supervisor.early import EarlyStart
-from evis.supervisor.failure_cause import describe_failure, ended_by_force, first_cause, last_words
+from evis.supervisor.failure_cause import cause_unheard, describe_failure, ended_by_force, first_cause, last_words
 from evis.supervisor.interrupts import Interrupts
 from evis.supervisor.logs import Logs
 from evis.supervisor.node_process import PLAN
@@ -36,6 +36,8 @@ STARTUP_SILENCE_S = 60.0
 """The same before its first heartbeat: imports come first [s]."""
 SETTLE_S = 0.4
 """How long to listen after a failure, so that the cause is named and not its consequences [s]."""
+CAUSE_S = 3.0
+"""The same while only consequences are known: who left has closed its sockets, and its process may end later [s]."""
 LAST_WORD_S = 0.2
 """How long to listen for what a process wrote before it ended [s]; it waits for the answer, but not for ever."""
 MAX_RESPAWNS = 5
@@ -254,10 +256,15 @@ class Supervisor:
 
     def _suspect_frozen(self) -> None:
         """Who misses a neighbour that froze says so before SILENCE_S is over: the cause is who is silent, not they."""
+        for child in list(self._frozen()):
+            self._end_frozen(child, time.monotonic() - child.heard_at)
+
+    def _frozen(self) -> Iterator[Child]:
+        """Those that have been silent for so long that a neighbour may have given them up."""
         now = time.monotonic()
         for child in self._children.values():
             if child.stats and not child.ended and child.alive() and now - child.heard_at > SUSPECT_S:
-                self._end_frozen(child, now - child.heard_at)
+                yield child
 
     def _on_failure(self, child: Child) -> None:
         if self._stage and child.failure is None:
@@ -280,7 +287,7 @@ class Supervisor:
 
     def _end_in_order(self) -> None:
         now = time.monotonic()
-        if self._failed_at and not self._stopped_at and now - self._failed_at > SETTLE_S:
+        if self._failed_at and not self._stopped_at and now - self._failed_at > self._settle_s():
             self._name_cause()
             self._stop(now)
         elif (self._interrupts.count or self._over(now)) and not self._stopped_at:
@@ -298,6 +305,13 @@ class Supervisor:
         elif self._stage == 1 and (waited > patience or self._interrupts.count > 2):
             self._stage = 2
             self._signal_all(signal.SIGKILL)
+
+    def _settle_s(self) -> float:
+        unheard = cause_unheard(self._failed()) and not self._interrupts.count and not any(self._frozen())
+        return CAUSE_S if unheard else SETTLE_S
+
+    def _failed(self) -> list[Child]:
+        return [child for child in self._children.values() if child.state == "failed" and not child.spared]
 
     def _over(self, now: float) -> bool:
         return bool(self._went_at) and self._stop_after_s is not None and now - self._went_at >= self._stop_after_s
@@ -333,7 +347,7 @@ class Supervisor:
     def _name_cause(self) -> None:
         if self._failed_at:
             self._suspect_frozen()
-        failed = [child for child in self._children.values() if child.state == "failed" and not child.spared]
+        failed = self._failed()
         if not failed:
             return
         if not self._failed_at:

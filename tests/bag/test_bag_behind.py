@@ -10,6 +10,7 @@ import pytest
 
 from evis.bag import BagError
 from evis.bag.mcap import container
+from evis.bag.mcap.behind import Behind
 from evis.bag.reader import BagReader
 from evis.bag.writer import BagWriter
 from msgs.camera import EventPacket
@@ -137,3 +138,16 @@ def test_what_waits_when_a_sync_fails_is_in_the_index(tmp_path, monkeypatch):
         writer.close()
     found, problem = times(tmp_path / "a.mcap")
     assert not problem and [k for k, _ in found] == [0, 1, 2, 3]
+
+
+def test_a_thread_that_cannot_start_is_told_and_nobody_waits_for_it(monkeypatch):
+    def refuse(thread):
+        raise RuntimeError("can't start new thread")
+
+    behind = Behind("recorder")
+    monkeypatch.setattr(threading.Thread, "start", refuse)
+    with pytest.raises(OSError, match=r"the thread recorder cannot start .*ulimit -u"):
+        behind.put(lambda: None, 8)
+    assert behind.undone == 0
+    behind.wait()
+    behind.close()

@@ -328,3 +328,30 @@ def test_recover_leaves_the_source_alone(tmp_path):
         assert reader.metadata["evis"] == {"seed": "1"}
     with pytest.raises(BagError, match="into itself"):
         recover(path, path)
+
+
+@pytest.mark.parametrize("later", [True, False])
+def test_a_bag_that_is_deleted_meanwhile_is_told(later, tmp_path):
+    path = tmp_path / "folder" / "a.mcap"
+    path.parent.mkdir()
+    writer = BagWriter(path)
+    for topic, message in scene(0).items():
+        writer.write(topic, message)
+    writer.flush()
+    path.unlink()
+    path.parent.rmdir()
+    with pytest.raises(BagError, match=r"a\.mcap: it was deleted while it was recorded, and is lost"):
+        if later:
+            for topic, message in scene(1).items():
+                writer.write(topic, message)
+            writer.flush()
+        writer.close()
+    writer.close()
+
+
+def test_a_bag_that_is_renamed_meanwhile_is_whole(tmp_path):
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        for topic, message in scene(0).items():
+            writer.write(topic, message)
+        (tmp_path / "a.mcap").rename(tmp_path / "b.mcap")
+    assert read(tmp_path / "b.mcap")[1] == "" and len(read(tmp_path / "b.mcap")[0]) == len(scene(0))

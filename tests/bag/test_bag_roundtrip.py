@@ -11,6 +11,7 @@ from bag_messages import copied, same, scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from mcap.reader import make_reader
 
 from evis.bag import BagError, environments
 from evis.bag.info import describe
@@ -397,3 +398,10 @@ def test_unknown_event_encoding(tmp_path):
     with pytest.raises(BagError, match="must be one of mono, evt3"):
         BagWriter(tmp_path / "a.mcap", event_encoding="evt4")
     assert not (tmp_path / "a.mcap").exists()
+
+
+def test_metadata_that_names_a_file_whose_name_is_not_utf8_is_written(tmp_path):
+    with BagWriter(tmp_path / "a.mcap", {"evis": {"arg.bag": "a\udcff.mcap"}}):
+        pass
+    with (tmp_path / "a.mcap").open("rb") as file:
+        assert [m.metadata for m in make_reader(file).iter_metadata()] == [{"arg.bag": "a\\udcff.mcap"}]

@@ -246,3 +246,13 @@ def test_launch_help_names_what_is_installed(capsys: pytest.CaptureFixture[str])
     assert f"launch files: {', '.join(paths.names('launch'))}" in out
     assert f"scenes: {', '.join(paths.names('scenes'))}" in out
     assert f"sensors for preset:=: {', '.join(PRESETS)}" in out
+
+
+def test_a_folder_that_was_removed_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    assert main(["node", "list"]) == 1
+    assert capsys.readouterr().err == "evis: the folder that this runs in was removed; `cd` to another one\n"

@@ -102,3 +102,11 @@ def test_noise_and_strangers_do_no_harm(server: ControlServer, runtime: Path) ->
     server.send("nobody", {"go": 1})
     stranger.close(linger=0)
     context.term()
+
+
+def test_an_error_that_names_a_file_whose_name_is_not_utf8_is_told(server: ControlServer, runtime: Path) -> None:
+    client = ControlClient(control_address(str(runtime)), "reader")
+    client.failed("reader", "a\udcff.raw: No such file or directory")
+    assert until(server, "failed")[1]["text"] == "a\udcff.raw: No such file or directory"
+    server.send("reader", {"bye": 1})
+    client.close()

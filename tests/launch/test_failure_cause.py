@@ -9,8 +9,10 @@ from mcap.reader import make_reader
 from evis.supervisor.failure_cause import describe_failure, ended_by_force, first_cause
 
 
-def child(name, failure=None, status=None):
-    return SimpleNamespace(title=name, failure=failure, exit_status=status, unannounced_exit=lambda: f"{name} died")
+def child(name, failure=None, status=None, busy_s=0.1):
+    return SimpleNamespace(
+        title=name, failure=failure, exit_status=status, busy_s=busy_s, unannounced_exit=lambda: f"{name} died"
+    )
 
 
 DEAD = child("dead", status=-9)
@@ -48,6 +50,19 @@ def test_one_and_several_that_were_ended_by_force():
     )
     assert ended_by_force([DEAD, SAID], 5.0, True).startswith(
         "dead, said were ended by force, as a second Ctrl-C asks; their"
+    )
+
+
+def test_who_is_in_one_step_is_named_before_those_that_wait_for_it():
+    stuck = child("stuck", busy_s=12.7)
+    assert (
+        ended_by_force([DEAD, stuck, SAID], 5.0, False)
+        == "stuck (in one step for 13 s) did not end in 5 s and was ended by force, and so were dead, said, which "
+        "waited for it; their files may be incomplete"
+    )
+    assert (
+        ended_by_force([stuck], 5.0, True)
+        == "stuck (in one step for 13 s) was ended by force, as a second Ctrl-C asks; its files may be incomplete"
     )
 
 

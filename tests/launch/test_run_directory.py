@@ -6,6 +6,7 @@ import errno
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -104,3 +105,9 @@ def test_a_runtime_folder_too_deep_for_sockets_is_not_used(monkeypatch: pytest.M
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(deep))
     monkeypatch.setenv("TMPDIR", str(deep))
     assert len(str(root())) < 60 and f"evis-{os.getuid()}" in str(root())
+
+
+def test_a_runtime_directory_that_is_a_file_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    with tempfile.NamedTemporaryFile(dir="/tmp") as file:  # with a short name: a long one is passed over anyway
+        monkeypatch.setenv("XDG_RUNTIME_DIR", file.name)
+        assert root().name == f"evis-{os.getuid()}"

@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import psutil
@@ -18,7 +19,7 @@ from launcher import LIMIT_S, Launcher
 
 from evis.runtime.plan import Plan
 from evis.supervisor.child import Child
-from evis.supervisor.supervisor import Supervisor
+from evis.supervisor.supervisor import CAUSE_S, Supervisor
 
 Write = Callable[..., Path]
 Launch = Callable[..., Launcher]
@@ -152,7 +153,7 @@ def test_a_second_ctrl_c_ends_a_node_that_hangs(write: Write, launch: Launch, ru
     assert launcher.process.poll() is None, "one Ctrl-C waits for the node"
     launcher.interrupt()
     code, _, err = launcher.end()
-    assert code == 1 and "hung was ended by force, as a second Ctrl-C asks" in err
+    assert code == 1 and "launch: hung " in err and "was ended by force, as a second Ctrl-C asks" in err
     nothing_left(launcher, runtime)
 
 
@@ -277,6 +278,33 @@ def test_who_is_silent_is_named_before_who_misses_it(tmp_path: Path) -> None:
         assert supervisor._children["collector"].alive()
     finally:
         supervisor._kill_all()
+
+
+def test_who_is_slow_to_die_is_named_before_who_misses_it(tmp_path: Path) -> None:
+    """A process that was told to end closes its sockets at once, and takes its time over the rest."""
+    supervisor = Supervisor(Plan("test", "run", str(tmp_path)))
+    ticker, relay = (Child(name, [], tmp_path, state="running") for name in ("ticker", "relay"))
+    supervisor._children.update(ticker=ticker, relay=relay)
+    supervisor._server = SimpleNamespace(send=lambda name, message: None)  # type: ignore[assignment]
+    ticker.process = subprocess.Popen([sys.executable, "-c", "input(); exit(143)"], stdin=subprocess.PIPE)
+    relay.state, relay.failure = "failed", ("relay", "ticker is gone: it died, froze or left (topic /e); see its log")
+    supervisor._failed_at = time.monotonic() - 1.0
+    supervisor._end_in_order()
+    assert supervisor._cause is None, "ticker's own is still to come"
+    ticker.process.communicate(b"\n")
+    ticker.state = "failed"
+    supervisor._end_in_order()
+    assert str(supervisor._cause).startswith("ticker () was ended by SIGTERM")
+
+
+def test_who_misses_a_neighbour_is_named_where_nothing_else_is_heard(tmp_path: Path) -> None:
+    supervisor = Supervisor(Plan("test", "run", str(tmp_path)))
+    supervisor._server = SimpleNamespace(send=lambda name, message: None)  # type: ignore[assignment]
+    relay = supervisor._children["relay"] = Child("relay", [], tmp_path, state="failed")
+    relay.failure = ("relay", "ticker is gone: it died, froze or left (topic /e); see its log")
+    supervisor._failed_at = time.monotonic() - CAUSE_S - 1.0
+    supervisor._end_in_order()
+    assert str(supervisor._cause).startswith("relay: ticker is gone")
 
 
 def test_a_source_is_started_again_when_it_may(write: Write, launch: Launch, tmp_path: Path) -> None:

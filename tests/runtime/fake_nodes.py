@@ -6,6 +6,7 @@ import json
 import time
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -58,6 +59,26 @@ class Counter(Node):
             self.publish("state", WorldState.dense(Header(header.stamp_ns), t, *zeros, episodes))
         self.k += 1
         return self.k < self.params["count"]
+
+
+class Careless(Node):
+    """Publishes what no node may, or forgets what a step must return."""
+
+    PARAMS = {"how": Param(str, "", "which mistake")}
+    OUTPUTS = {"depth": Output("/cam0/depth")}
+    SOURCE = True
+
+    def step(self, inputs: Mapping[str, Message]) -> bool:
+        how, image = self.params["how"], np.zeros((1, 2, 2), np.float32)
+        stamps = {"float stamp": 0.5, "long stamp": 1 << 63}
+        message: Any = Depth(Header(stamps.get(how, 0)), image)  # type: ignore[arg-type]
+        message.depth = {"list": image.tolist(), "scalar": np.float32(3)}.get(how, image)
+        if how == "no header":
+            message.header = None
+        self.publish("deth" if how == "port" else "depth", None if how == "no message" else message)
+        if how == "wants":
+            self.wants("deth")
+        return None if how == "no return" else False  # type: ignore[return-value]
 
 
 class Adder(Node):

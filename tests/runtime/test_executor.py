@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 import threading
 import time
@@ -194,3 +195,31 @@ def test_realtime_follows_the_stamps(tmp_path: Path) -> None:
     assert time.monotonic() - start >= 0.039
     assert "late_ms_max" in executor.summary()["counter"]["counters"]
     executor.close()
+
+
+@pytest.mark.parametrize(
+    ("how", "told"),
+    [
+        ("port", "no output is called 'deth'; Careless.OUTPUTS declares depth"),
+        ("wants", "no output is called 'deth'; Careless.OUTPUTS declares depth"),
+        ("float stamp", "the stamp 0.5; it must be int64"),
+        ("long stamp", "the stamp 9223372036854775808; it must be int64"),
+        ("no header", "the stamp None; it must be int64"),
+        ("no message", "declared Depth and published NoneType"),
+        ("list", "Depth.depth is a value of type list, and must be an array"),
+        ("scalar", "Depth.depth is a value of type float32, and must be an array"),
+        ("no return", "step returned None"),
+    ],
+)
+@pytest.mark.parametrize("closed", [False, True])
+def test_what_a_node_must_not_publish_is_told_by_name(how: str, told: str, closed: bool, tmp_path: Path) -> None:
+    plan = Plan("test", "run", "" if closed else str(tmp_path))
+    plan.nodes["a"] = NodePlan("a", "fake_nodes:Careless", {"how": how}, "p", {}, {"depth": "/cam0/depth"})
+    plan.topics = {"/cam0/depth": TopicPlan("/cam0/depth", "Depth", "a", "depth", [])}
+    executor = Executor(plan, "p")
+    try:
+        executor.setup()
+        with pytest.raises(NodeFailed, match=f"^a: .*{re.escape(told)}"):
+            executor.run()
+    finally:
+        executor.close()

@@ -14,6 +14,7 @@ from evis.runtime.host import system_topic
 from evis.runtime.plan import Plan
 from evis.runtime.profile import Profile
 from evis.runtime.telemetry import Telemetry
+from msgs.codec import pack_header
 from msgs.diagnostics import Diagnostics
 
 NODES = [f"node{k}" for k in range(12)]
@@ -43,3 +44,19 @@ def test_nodes_of_one_process_are_all_heard_though_they_speak_at_once(tmp_path: 
     publisher.close()
     context.destroy(linger=0)
     assert [(m.node, m.level) for m in heard] == [(n, level) for level in ("ok", "warning") for n in NODES]
+
+
+def test_a_warning_that_names_a_file_whose_name_is_not_utf8_is_sent() -> None:
+    lines: list[str] = []
+    telemetry = Telemetry(
+        Plan("graph", "1", ""),
+        "all",
+        zmq.Context(),
+        Profile(),
+        Redactor([]),
+        lambda name, level, text: lines.append(text),
+    )
+    sent: list[Any] = []
+    telemetry.publishers["/diagnostics"] = SimpleNamespace(send=lambda m: sent.append(pack_header(m, {})))  # type: ignore[assignment]
+    telemetry.say(None, "reader", "warning", "a\udcff.raw ends early")
+    assert lines == ["a\\udcff.raw ends early"] and b"a\\udcff.raw ends early" in sent[0]

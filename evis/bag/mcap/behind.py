@@ -29,16 +29,26 @@ class Behind:
         self.error: Exception | None = None
 
     def put(self, work: Work, size: int) -> None:
-        """Adds work that keeps `size` bytes; waits while too much is kept."""
+        """Adds work that keeps `size` bytes; waits while too much is kept. Raises OSError if no thread can be had."""
         most = MOST if self._most is None else self._most
         with self._changed:
+            self._start()
             self._changed.wait_for(lambda: self.error or not self._waiting or self._bytes + size <= most)
             self._waiting.append((work, size))
             self._bytes += size
-            if self._thread is None:
-                self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
-                self._thread.start()
             self._changed.notify_all()
+
+    def _start(self) -> None:
+        if self._thread is not None:
+            return
+        thread = threading.Thread(target=self._run, name=self._name, daemon=True)
+        try:
+            thread.start()
+        except RuntimeError as error:
+            # Work that nobody does would be waited for without end.
+            remedy = "raise the limits (ulimit -u, ulimit -v) or free memory"
+            raise OSError(f"the thread {self._name} cannot start ({error}); {remedy}") from None
+        self._thread = thread
 
     @property
     def undone(self) -> int:

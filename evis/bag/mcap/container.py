@@ -11,8 +11,10 @@ as far as there is room for it.
 from __future__ import annotations
 
 import contextlib
+import errno
 import math
 import os
+import stat
 import struct
 import threading
 import time
@@ -120,9 +122,10 @@ class Container:
                 self._summary.channels[record.id] = record
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Writes a named table of texts."""
+        """Writes a named table of texts; of one that is not UTF-8, as names of files may be, what is not is escaped."""
+        table = {key: value.encode(errors="backslashreplace").decode() for key, value in values.items()}
         with self._lock:
-            data = record_bytes(Metadata(name, dict(values)))
+            data = record_bytes(Metadata(name, table))
             self._write([data])
             self._summary.add_metadata(self.end - len(data), len(data), name)
 
@@ -287,7 +290,9 @@ class Container:
         self.cause = error
         why = error.strerror if isinstance(error, OSError) else error
         self.failure = BagError(
-            f"{self.path}: {why}; nothing could be written"
+            f"{self.path}: {why}"
+            if isinstance(error, FileNotFoundError)
+            else f"{self.path}: {why}; nothing could be written"
             if not self.end
             else f"{self.path}: {why} after {self.end / 1e6:.1f} MB; recording has stopped, "
             f"the {self._summary.messages} messages until then can be read"
@@ -305,6 +310,9 @@ class Container:
                 written -= len(views.pop(0))
             if written:
                 views[0] = views[0][written:]
+        status = os.fstat(self._descriptor)
+        if stat.S_ISREG(status.st_mode) and not status.st_nlink:  # a pipe may lose its name, and is read all the same
+            raise FileNotFoundError(errno.ENOENT, "it was deleted while it was recorded, and is lost; record again")
         self.end += size
 
     def _started_syncer(self) -> Syncer:

@@ -40,10 +40,10 @@ LoanRequest = Mapping[str, tuple[tuple[int, ...], Any]]
 
 
 def device_of(message: Message) -> Any:
-    """Returns the device that the first of a message's Warp arrays lies on; None where all are numpy's."""
+    """Returns the device that the first of a message's Warp arrays lies on; None where there are none."""
     for name in array_specs(type(message)):
         value = getattr(message, name)
-        if value is not None and not isinstance(value, np.ndarray):
+        if value is not None and not isinstance(value, np.ndarray) and hasattr(value, "numpy"):
             return value.device
     return None
 
