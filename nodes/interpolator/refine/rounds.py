@@ -132,7 +132,7 @@ class Rounds:
         most = max(int(AT_FIRST * inner) // evaluator.bands, 1)
         several, listed = self._several, window.intervals * inner
         if several.at is None or several.at.size < listed:
-            for name in ("at", "begun", "opened"):
+            for name in ("at", "grazing", "begun", "opened"):
                 setattr(several, name, wp.empty(listed, dtype=wp.int32, device=device))
             several.seen = wp.empty(listed, dtype=wp.uint64, device=device)
         if several.first is None or several.first.size < listed * cut.probes:

@@ -71,6 +71,29 @@ def weights_of(view: CameraView, targets: Targets, row: int, t: int, d: wp.vec3)
 
 
 @wp.func
+def weights_then(view: CameraView, targets: Targets, rows: wp.vec2i, t: int, d: wp.vec3):
+    """Computes 1 / depth and the weights of `weights_of`, at the instant of rows[0], or, where rows[1] is not -1, one
+    step beyond it as seen from that: at a coarse frame, whose bodies are in no row."""
+    z = wp.float32(0.0)
+    weights = wp.vec3(0.0, 0.0, 0.0)
+    seen = wp.bool(True)
+    # In a loop that is not unrolled, for a GPU's cache of instructions.
+    k = wp.where(rows[1] < 0, 1, 0)
+    single = k == 1
+    while k < 2:
+        row = wp.where(k == 1, rows[0], rows[1])
+        depth, found, _face = weights_of(view, targets, row, t, d)
+        seen = seen and wp.min(found) > OUTSIDE
+        share = wp.where(single, 1.0, wp.where(k == 1, 2.0, -1.0))
+        z += share / depth
+        weights += share * found
+        k += 1
+    if not seen:
+        return 0.0, wp.vec3(OUTSIDE, OUTSIDE, OUTSIDE)
+    return z, weights
+
+
+@wp.func
 def met(view: CameraView, targets: Targets, row: int, t: int, d: wp.vec3):
     """Computes the depth [m] at which a ray meets the plane of a triangle, the least weight of a corner there, and the
     face, as of `weights_of`."""

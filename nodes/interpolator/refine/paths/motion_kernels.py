@@ -131,9 +131,9 @@ def stride_of(cut: Cut, stage: Stage, spot: Spot, which: int, body: int, away: f
 
 
 @wp.func
-def moves(cut: Cut, stage: Stage, spot: Spot, hit: wp.uint64):
-    """Tells whether what a pixel sees at the start of a coarse interval moves in the image, although it may look alike
-    at its end."""
+def way_of(cut: Cut, stage: Stage, spot: Spot, hit: wp.uint64):
+    """Bounds the way [px] that what a z-buffer entry shows at the start of a coarse interval goes in it, there and back
+    as often as its first half tells."""
     body = stage.bends.shape[1] - 1
     away = wp.float32(1.0)
     t = triangle_of(hit)
@@ -143,4 +143,11 @@ def moves(cut: Cut, stage: Stage, spot: Spot, hit: wp.uint64):
     row = (spot.k - cut.first) * cut.envs + spot.env
     gone = stage.bends[row, body, 0] + stage.bends[row, body, stage.bends.shape[2] - 1]
     size = wp.length(spot.d)
-    return cut.gain * size * (size * gone[0] + gone[1] / away) > STILL * cut.even
+    return cut.gain * size * (size * gone[0] + gone[1] / away)
+
+
+@wp.func
+def moves(cut: Cut, stage: Stage, spot: Spot, hit: wp.uint64):
+    """Tells whether what a pixel sees at the start of a coarse interval moves in the image, although it may look alike
+    at its end."""
+    return way_of(cut, stage, spot, hit) > STILL * cut.even

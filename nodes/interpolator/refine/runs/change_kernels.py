@@ -6,9 +6,10 @@ import warp as wp
 
 from evis.gpu.append_kernels import take_place
 from nodes.interpolator.refine.evaluation.sight_kernels import make_seen_between
+from nodes.interpolator.refine.runs.graze_kernels import grazed
 from nodes.interpolator.refine.stage_kernels import FEW_REGISTERS, Cut, Stage, ends_of, entry_at, slot_row, spot_of
 from nodes.interpolator.rigid.plan_kernels import joined
-from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.depth_kernels import MISS, NO_ENTRY, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
@@ -25,11 +26,12 @@ SEEN_THEN = wp.types.vector(length=16, dtype=wp.uint64)
 class Several:
     """Holds a list of pixels that show several surfaces in a coarse interval.
 
-    at: indices into [coarse intervals, E, h, w]. first: index of the first change of each pixel and probe, -1 = none.
-    begun, seen, opened: of each pixel's last run, as of Changes.
+    at: indices into [coarse intervals, E, h, w]. grazing: 1 of those that `beside_outline` tells of. first: index of
+    the first change of each pixel and probe, -1 = none. begun, seen, opened: of each pixel's last run, as of Changes.
     """
 
     at: wp.array(dtype=int)
+    grazing: wp.array(dtype=int)
     first: wp.array(dtype=int)
     begun: wp.array(dtype=int)
     seen: wp.array(dtype=wp.uint64)
@@ -83,7 +85,8 @@ def find_breaks(
     """Lists between which probes pixels that show several surfaces pass from one to another: others_count[band] of
     these, from others0 on.
 
-    changes: the number of the probe in `low`, the entries at both ends in `before` and `after`, and the pixel; written
+    changes: the number of the probe in `low`, the entries at both ends in `before` and `after`, that of the other side
+    of an outline that the pixel grazes, or NO_ENTRY, in `seen`, and the pixel; written
     from `room` on, at most `most`. count[band], breaks[band]: how many there are, also where that is more than `most`.
     """
     inner = cut.envs * cut.height * cut.width
@@ -103,7 +106,11 @@ def find_breaks(
                 hit = entry_at(cut, stage, spot, n * (cut.slots + 1) // probes)
             if n + 1 < probes:
                 then = entry_at(cut, stage, spot, (n + 1) * (cut.slots + 1) // probes)
-            if not joined(hit, then, stage.targets.pieces):
+            beside = wp.uint64(NO_ENTRY)
+            if several.grazing[listed] == 1:
+                each = (cut.slots + 1) // probes
+                beside = grazed(view, cut, stage, start, spot, n * each, (n + 1) * each, hit)
+            if beside != NO_ENTRY or not joined(hit, then, stage.targets.pieces):
                 place = take_place(count, band)
                 take_place(breaks, band)
                 if place < most:
@@ -112,6 +119,7 @@ def find_breaks(
                     changes.low[place] = n
                     changes.before[place] = hit
                     changes.after[place] = then
+                    changes.seen[place] = beside
                     several.first[job + others0 * cut.probes] = place
         job += workers
 
@@ -166,6 +174,8 @@ def make_find_changes(trees: bool) -> wp.Kernel:
             n = changes.low[j]
             low = n * (cut.slots + 1) // probes
             hit = changes.before[j]
+            own = hit
+            beside = changes.seen[j]
             pending = PENDING()
             entries = SEEN_THEN()
             waiting = wp.int32(0)
@@ -181,7 +191,8 @@ def make_find_changes(trees: bool) -> wp.Kernel:
                 high = pending[waiting]
                 then = entries[waiting]
                 known = (certain >> waiting) & 1 == 1
-                if joined(hit, then, stage.targets.pieces):
+                alike = joined(hit, then, stage.targets.pieces)
+                if alike and (beside == NO_ENTRY or high - low == 1):
                     low = high
                     hit = then
                     sure = known
@@ -205,6 +216,11 @@ def make_find_changes(trees: bool) -> wp.Kernel:
                             ahead = then
                         if ask == low:
                             behind = hit
+                        if alike and beside != NO_ENTRY:
+                            # A ray that just misses the surface of both entries would be taken to meet it.
+                            behind = beside
+                            if joined(hit, beside, stage.targets.pieces):
+                                behind = own
                         seen = seen_between(view, stage.targets, row, spot.d, ahead, behind, wholly)
                         if ask == low:
                             sure = True

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from nodes.interpolator.refine.evaluation.sight_kernels import OUTSIDE, Targets, weights_of
+from nodes.interpolator.refine.evaluation.sight_kernels import OUTSIDE, Targets, weights_then
 from nodes.interpolator.refine.paths.path_kernels import PARTS, SHARP
 from nodes.interpolator.refine.runs.change_kernels import Changes, Several
 from nodes.interpolator.refine.stage_kernels import FEW_REGISTERS, Cut, Stage, slot_row, spot_of
@@ -13,29 +13,6 @@ wp.set_module_options({"enable_backward": False})
 
 MOST_BESIDE = wp.constant(16)
 """Most triangles of a patch, one beside the other, that are tried for where a ray leaves it between two instants."""
-
-
-@wp.func
-def weights_then(view: CameraView, targets: Targets, rows: wp.vec2i, t: int, d: wp.vec3):
-    """Computes 1 / depth and the weights of `weights_of`, at the instant of rows[0], or, where rows[1] is not -1, one
-    step beyond it as seen from that: at a coarse frame, whose bodies are in no row."""
-    z = wp.float32(0.0)
-    weights = wp.vec3(0.0, 0.0, 0.0)
-    seen = wp.bool(True)
-    # In a loop that is not unrolled, for a GPU's cache of instructions.
-    k = wp.where(rows[1] < 0, 1, 0)
-    single = k == 1
-    while k < 2:
-        row = wp.where(k == 1, rows[0], rows[1])
-        depth, found, _face = weights_of(view, targets, row, t, d)
-        seen = seen and wp.min(found) > OUTSIDE
-        share = wp.where(single, 1.0, wp.where(k == 1, 2.0, -1.0))
-        z += share / depth
-        weights += share * found
-        k += 1
-    if not seen:
-        return 0.0, wp.vec3(OUTSIDE, OUTSIDE, OUTSIDE)
-    return z, weights
 
 
 @wp.func

@@ -15,6 +15,7 @@ from nodes.interpolator.refine.paths.path_kernels import (
     make_note,
 )
 from nodes.interpolator.refine.runs.change_kernels import Several
+from nodes.interpolator.refine.runs.graze_kernels import beside_outline
 from nodes.interpolator.refine.stage_kernels import (
     FEW_REGISTERS,
     Cut,
@@ -94,6 +95,9 @@ def make_find_plain(
             spot = spot_at(view, cut, env, k, y, x)
             ends = ends_of(cut, stage, start, spot)
             one = shows_one(cut, stage, spot, ends.before, ends.after)
+            grazing = beside_outline(view, cut, stage, start, spot, ends.before)
+            if grazing:
+                one = False
             changed = wp.bool(ends.before != ends.after)
             if one and not changed:
                 # It may have come back, or be as far on as what is painted on it repeats.
@@ -119,9 +123,9 @@ def make_find_plain(
                     )  # fmt: skip
                     grown = log_of(b) - log_of(a)
             if not one:
-                several.at[others0 + take_place(others_count, band)] = (
-                    n // cut.envs * (cut.envs * cut.height * cut.width) + spot.q
-                )
+                listed = others0 + take_place(others_count, band)
+                several.at[listed] = n // cut.envs * (cut.envs * cut.height * cut.width) + spot.q
+                several.grazing[listed] = wp.where(grazing, 1, 0)
             elif not done and (changed or not equal(a, b) or (wp.static(relit) and triangle_of(ends.after) != MISS)):
                 last, rise, whole = through(
                     view, cut, keys, stage, instances, marks, spot, 0, each, ends.before, ends.after, -1, room, most,
