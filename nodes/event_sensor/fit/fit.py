@@ -74,11 +74,11 @@ def fit_sensor(
     }
     likely = min(fits.values(), key=lambda fit: fit.cost)
     power = fits["power"] = fit_motion(clips, light, noise.sensor, None, likely, least, say)
-    # A power that is not told from 0 is none.
-    exponent, doubt = power.sensor.get("bandwidth_exponent", 0.0), power.deviation["bandwidth_exponent"]
-    told = exponent > 2 * doubt
-    motion = power if told else fits["constant"]
-    shorter = fit_motion(clips, light, noise.sensor, None if told else 0.0, motion, None, say)
+    motion = power if _has_power(power) else fits["constant"]
+    exponent = None if _has_power(power) else 0.0
+    shorter = fit_motion(clips, light, noise.sensor, exponent, motion, None, say)
+    if exponent is None and not _has_power(shorter):
+        shorter = fit_motion(clips, light, noise.sensor, 0.0, fits["constant"], None, say)
     motion = _with_dead_time(motion, shorter, len(SCALES) * len(clips))
     laws = {name: one.cost for name, one in fits.items()}
     values = {**motion.sensor, **noise.sensor}
@@ -90,6 +90,11 @@ def fit_sensor(
         say(f"simulating {clip.name}, which was not fitted")
         compared.append(_compared(clip, light, fit_blur(clip, light, values), values, False))
     return Fit(values, motion, noise, laws, compared)
+
+
+def _has_power(fit: MotionFit) -> bool:
+    """Tells whether the power is told from 0; one that is not is none."""
+    return fit.sensor.get("bandwidth_exponent", 0.0) > 2 * fit.deviation["bandwidth_exponent"]
 
 
 def _with_dead_time(motion: MotionFit, shorter: MotionFit, differences: int) -> MotionFit:
@@ -107,7 +112,7 @@ def _with_dead_time(motion: MotionFit, shorter: MotionFit, differences: int) -> 
     deviation = {
         name: math.hypot(value, math.log(shorter.sensor[name] / motion.sensor[name]))
         if name in UNKNOWN
-        else math.hypot(value, shorter.sensor[name] - motion.sensor[name])
+        else math.hypot(value, shorter.sensor.get(name, 0.0) - motion.sensor[name])
         for name, value in motion.deviation.items()
     }
     return replace(motion, deviation=deviation)
