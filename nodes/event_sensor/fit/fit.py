@@ -3,15 +3,16 @@ to."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from nodes.event_sensor.fit.clip import Clip, Light, simulate, simulate_motion
-from nodes.event_sensor.fit.motion import MotionFit, fit_blur, fit_motion
-from nodes.event_sensor.fit.statistics import TEXTS
+from nodes.event_sensor.fit.motion import UNKNOWN, MotionFit, fit_blur, fit_motion, least_interval_us
+from nodes.event_sensor.fit.statistics import CHANCE, SCALES, TEXTS
 from nodes.event_sensor.fit.still import STILL_STEP_NS, NoiseFit, fit_noise, still_part
 from nodes.event_sensor.presets import radiance_of
 
@@ -66,16 +67,19 @@ def fit_sensor(
     clips: Sequence[Clip], others: Sequence[Clip], light: Light, say: Callable[[str], None] = lambda text: None
 ) -> Fit:
     """Fits a sensor to all `clips` together, and simulates them and `others` with it."""
-    noise = fit_noise(clips, light)
+    noise, least = fit_noise(clips, light), least_interval_us(clips)
     fits = {
-        law: fit_motion(clips, light, noise.sensor, exponent, None, say)
+        law: fit_motion(clips, light, noise.sensor, exponent, None, least, say)
         for law, exponent in (("constant", 0.0), ("proportional", 1.0))
     }
     likely = min(fits.values(), key=lambda fit: fit.cost)
-    power = fits["power"] = fit_motion(clips, light, noise.sensor, None, likely, say)
-    # A power that is not told from 0 is none.
-    exponent, doubt = power.sensor.get("bandwidth_exponent", 0.0), power.deviation["bandwidth_exponent"]
-    motion = power if exponent > 2 * doubt else fits["constant"]
+    power = fits["power"] = fit_motion(clips, light, noise.sensor, None, likely, least, say)
+    motion = power if _has_power(power) else fits["constant"]
+    exponent = None if _has_power(power) else 0.0
+    shorter = fit_motion(clips, light, noise.sensor, exponent, motion, None, say)
+    if exponent is None and not _has_power(shorter):
+        shorter = fit_motion(clips, light, noise.sensor, 0.0, fits["constant"], None, say)
+    motion = _with_dead_time(motion, shorter, len(SCALES) * len(clips))
     laws = {name: one.cost for name, one in fits.items()}
     values = {**motion.sensor, **noise.sensor}
     compared = []
@@ -86,6 +90,32 @@ def fit_sensor(
         say(f"simulating {clip.name}, which was not fitted")
         compared.append(_compared(clip, light, fit_blur(clip, light, values), values, False))
     return Fit(values, motion, noise, laws, compared)
+
+
+def _has_power(fit: MotionFit) -> bool:
+    """Tells whether the power is told from 0; one that is not is none."""
+    return fit.sensor.get("bandwidth_exponent", 0.0) > 2 * fit.deviation["bandwidth_exponent"]
+
+
+def _with_dead_time(motion: MotionFit, shorter: MotionFit, differences: int) -> MotionFit:
+    """Chooses between a dead time that is the least interval and one that was fitted, by so many differences.
+
+    Where edges are slow the least interval is longer than the dead time, and thresholds that are too low make up for
+    what the simulation then loses. But a recording that the model does not describe within chance does not tell of the
+    dead time: a fitted one would make up for what else is wrong.
+    """
+    if shorter.cost > CHANCE**2:
+        return motion
+    if (motion.cost - shorter.cost) * differences > (2 * CHANCE) ** 2:  # told by two standard deviations
+        return shorter
+    # Either may be right, so values are as uncertain as the two differ.
+    deviation = {
+        name: math.hypot(value, math.log(shorter.sensor[name] / motion.sensor[name]))
+        if name in UNKNOWN
+        else math.hypot(value, shorter.sensor.get(name, 0.0) - motion.sensor[name])
+        for name, value in motion.deviation.items()
+    }
+    return replace(motion, deviation=deviation)
 
 
 def _compared(clip: Clip, light: Light, blur: float, values: dict[str, Any], fitted: bool) -> Compared:

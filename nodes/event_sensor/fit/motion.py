@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from nodes.event_sensor.fit.clip import Clip, Light, simulate_motion
-from nodes.event_sensor.fit.search import STEP, Found, least_squares
-from nodes.event_sensor.fit.statistics import BLUR, SCALES, differences
+from nodes.event_sensor.fit.clip import SOME_PIXELS, Clip, Light, simulate_motion
+from nodes.event_sensor.fit.search import STEP, least_squares
+from nodes.event_sensor.fit.statistics import BLUR, CHANCE, SCALES, differences
 
 UNKNOWN = ("threshold_on", "threshold_off", "bandwidth_hz", "threshold_mismatch")
 """Fitted as logarithms; thresholds relative to the contrast, the mismatch relative to the thresholds."""
@@ -21,6 +21,13 @@ HIGH = (0.8, 0.8, 20_000.0, 0.4)
 BLUR_STARTS, BLUR_LOW, BLUR_HIGH = (0.4, 2.0), 0.15, 8.0
 """A blurred edge looks much like a slow photoreceptor: the search begins at a sharp and at a soft scene."""
 EXPONENT_LOW, EXPONENT_HIGH = 0.0, 1.2
+DEAD_START, DEAD_LOW = 0.6, 0.01
+"""Of the dead time, as a share of the least interval between events, which it cannot exceed."""
+WIDE_STEP = 0.1
+"""Of an unknown, to both sides, for the slopes where the dead time is one of them: thresholds and corner make up for it
+nearly, and slopes over STEP are too noisy to follow that valley, or to tell how long it is."""
+MORE_PIXELS = 1500
+"""So many are simulated then, for the same reason."""
 
 
 @dataclass(frozen=True)
@@ -42,19 +49,26 @@ def fit_motion(
     noise: Mapping[str, float],
     exponent: float | None = None,
     like: MotionFit | None = None,
+    dead_us: float | None = None,
     say: Callable[[str], None] = lambda text: None,
 ) -> MotionFit:
     """Fits a sensor to the motion of all clips together, and a blur to each.
 
     noise: parameters that are known. exponent: of the corner's law, corner ~ I^exponent up to the scene's white; None:
-    it is fitted too. like: a fit by another law, from which the search begins.
+    it is fitted too. like: another fit, from which the search begins. dead_us: the dead time; None: it is fitted too,
+    up to the least interval.
     """
-    shared = len(UNKNOWN) + (exponent is None)
-    dead_us = min(clip.least_interval_us for clip in clips)
+    laws, dead = int(exponent is None), int(dead_us is None)
+    shared = len(UNKNOWN) + laws + dead
+    most_us = least_interval_us(clips)
+
+    def dead_time(values: np.ndarray) -> float:
+        return float(values[shared - 1]) * most_us if dead_us is None else dead_us
 
     def residuals_of(which: int, values: np.ndarray) -> np.ndarray:
-        sensor = _sensor(values, light, dead_us, exponent)
-        made = simulate_motion(clips[which], light, math.exp(values[shared + which]), {**sensor, **noise})
+        sensor = _sensor(values, light, dead_time(values), exponent)
+        blur, most = math.exp(values[shared + which]), MORE_PIXELS if dead else SOME_PIXELS
+        made = simulate_motion(clips[which], light, blur, {**sensor, **noise}, most=most)
         return differences(made, clips[which].real)
 
     def residuals(values: np.ndarray) -> np.ndarray:
@@ -67,19 +81,40 @@ def fit_motion(
             part = slice(k * rows, (k + 1) * rows)
             for i in (*range(shared), shared + k):
                 there = at.copy()
-                there[i] += STEP
-                out[part, i] = (residuals_of(k, there) - here[part]) / STEP
+                if dead:
+                    before = at.copy()
+                    there[i], before[i] = min(at[i] + WIDE_STEP, high[i]), max(at[i] - WIDE_STEP, low[i])
+                    out[part, i] = (residuals_of(k, there) - residuals_of(k, before)) / (there[i] - before[i])
+                else:
+                    there[i] += STEP
+                    out[part, i] = (residuals_of(k, there) - here[part]) / STEP
         return out
 
-    laws = 1 if exponent is None else 0
-    starts = [np.concatenate([np.log(START), [0.1] * laws, np.full(len(clips), math.log(b))]) for b in BLUR_STARTS]
+    start = np.concatenate([np.log(START), [0.1] * laws, [DEAD_START] * dead])
+    starts = [np.concatenate([start, np.full(len(clips), math.log(blur))]) for blur in BLUR_STARTS]
     if like is not None:
         law = min(max(like.sensor.get("bandwidth_exponent", 0.0), 0.1), 0.9)
-        starts = [np.concatenate([like.values[: len(UNKNOWN)], [law] * laws, np.log(like.blur)])]
-    low = np.concatenate([np.log(LOW), [EXPONENT_LOW] * laws, np.full(len(clips), math.log(BLUR_LOW))])
-    high = np.concatenate([np.log(HIGH), [EXPONENT_HIGH] * laws, np.full(len(clips), math.log(BLUR_HIGH))])
+        start = np.concatenate([like.values[: len(UNKNOWN)], [law] * laws, [DEAD_START] * dead])
+        starts = [np.concatenate([start, np.log(like.blur)])]
+    ends = np.full(len(clips), math.log(BLUR_LOW)), np.full(len(clips), math.log(BLUR_HIGH))
+    low = np.concatenate([np.log(LOW), [EXPONENT_LOW] * laws, [DEAD_LOW] * dead, ends[0]])
+    high = np.concatenate([np.log(HIGH), [EXPONENT_HIGH] * laws, [1.0] * dead, ends[1]])
     found = least_squares(residuals, starts, low, high, slopes)
-    return _told(found, light, dead_us, exponent, shared)
+    spread = found.deviations(CHANCE)
+    deviation = dict(zip(UNKNOWN, map(float, spread)))
+    if laws:
+        deviation["bandwidth_exponent"] = float(spread[len(UNKNOWN)])
+    if dead:
+        deviation["refractory_us"] = float(spread[shared - 1] / found.values[shared - 1])
+    blur = tuple(float(b) for b in np.exp(found.values[shared:]))
+    cost = found.cost / len(found.residuals)
+    sensor = _sensor(found.values, light, dead_time(found.values), exponent)
+    return MotionFit(sensor, deviation, blur, cost, found.values)
+
+
+def least_interval_us(clips: Sequence[Clip]) -> float:
+    """Finds the shortest time between two events of a pixel in all clips [us], which no dead time exceeds."""
+    return min(clip.least_interval_us for clip in clips)
 
 
 def fit_blur(clip: Clip, light: Light, sensor: dict[str, Any]) -> float:
@@ -106,13 +141,3 @@ def _sensor(values: np.ndarray, light: Light, dead_us: float, exponent: float | 
     if law:
         sensor |= {"bandwidth_level": light.white, "bandwidth_exponent": law}
     return sensor
-
-
-def _told(found: Found, light: Light, dead_us: float, exponent: float | None, shared: int) -> MotionFit:
-    spread = found.deviations()
-    deviation = dict(zip(UNKNOWN, map(float, spread)))
-    if exponent is None:
-        deviation["bandwidth_exponent"] = float(spread[len(UNKNOWN)])
-    blur = tuple(float(b) for b in np.exp(found.values[shared:]))
-    cost = found.cost / len(found.residuals)
-    return MotionFit(_sensor(found.values, light, dead_us, exponent), deviation, blur, cost, found.values)

@@ -87,7 +87,7 @@ def sources(fit: Fit, contrast: float) -> dict[str, str]:
     black, white = fit.noise.black, fit.noise.white
     still = "Where nothing moves"
     own |= {
-        "refractory_us": "The least interval between two events of a pixel",
+        "refractory_us": own.get("refractory_us", "The least interval between two events of a pixel"),
         "leak_rate": f"{still}: what the white has more of ON than of OFF ({white.on} events ON, {white.off} OFF)",
         "shot_rate": f"{still}: {black.on + black.off} events in the black, {white.on + white.off} in the white",
         "shot_white": f"{still}: a line through the rates of black and white ends there, in the assumed light",

@@ -27,12 +27,12 @@ class Found:
         """Returns the sum of squares."""
         return float(self.residuals @ self.residuals)
 
-    def deviations(self) -> np.ndarray:
-        """Returns the standard deviations [n] of the unknowns, the residuals being as large as they turned out to
-        be."""
+    def deviations(self, least: float) -> np.ndarray:
+        """Returns the standard deviations [n] of the unknowns, the residuals being as large as they turned out to be,
+        or `least` if that is larger."""
         free = max(len(self.residuals) - len(self.values), 1)
         inverse = np.linalg.pinv(self.slopes.T @ self.slopes)
-        return np.asarray(np.sqrt(np.maximum(np.diag(inverse), 0) * self.cost / free))
+        return np.asarray(np.sqrt(np.maximum(np.diag(inverse), 0) * max(self.cost / free, least**2)))
 
 
 Residuals = Callable[[np.ndarray], np.ndarray]

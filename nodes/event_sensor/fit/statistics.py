@@ -27,6 +27,9 @@ SCALES: dict[str, float] = {
     "interval_off_90_ms": 0.2,
 }
 """Statistic -> what a fit counts as one off [ln]: how much it should matter, not how well it is measured."""
+CHANCE = 0.3
+"""Of these, how much statistics of other pixels of the same sensor and scene differ: less is left where unknowns follow
+chance, and tells nothing."""
 BLUR = tuple(name for name in SCALES if name.startswith("interval") or "slow" in name or "fast" in name)
 """By these alone the blur of a scene is found where the sensor is given."""
 TEXTS = {

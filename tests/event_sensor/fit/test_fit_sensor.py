@@ -56,6 +56,23 @@ def test_the_sensor_is_found(recorded):
 
 
 @pytest.mark.slow
+def test_a_dead_time_below_the_least_interval_is_found():
+    """Edges are slow for thresholds of that size: no interval is near the dead time."""
+    true = {
+        "threshold_on": 0.33, "threshold_off": 0.22, "threshold_mismatch": 0.03, "bandwidth_hz": 120.0,
+        "refractory_us": 100.0,
+    }  # fmt: skip
+    clip = read_clip("film", *film.record(**true, seed=11))
+    assert clip.least_interval_us > 2 * true["refractory_us"]
+    fit = fit_sensor([clip], [], light_of(film.CONTRAST))
+    got, spread = fit.values, fit.motion.deviation
+    for name in ("threshold_on", "threshold_off", "bandwidth_hz"):
+        assert abs(got[name] / true[name] - 1) < min(0.08, 3 * spread[name]), name
+        assert spread[name] < 0.1
+    assert abs(got["refractory_us"] - true["refractory_us"]) < 60
+
+
+@pytest.mark.slow
 def test_a_photoreceptor_that_follows_the_light_is_told_from_one_that_does_not():
     slow = {**TRUE, "shot_rate": 0.0, "leak_rate": 0.0, "bandwidth_hz": 300.0, "bandwidth_level": film.WHITE}
     t, x, y, p = film.record(**slow, seed=4)
