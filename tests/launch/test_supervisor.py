@@ -100,6 +100,18 @@ def test_composed_and_split_give_the_same(flag: str, chain: Path, launch: Launch
     assert last_json(out)["events"] == 30
 
 
+@pytest.mark.parametrize("count", [0, 3])
+def test_what_the_thread_of_a_node_raises_ends_the_run(count: int, write: Write, launch: Launch) -> None:
+    """Under way, and where the node ends before anybody looks."""
+    path = write(
+        "nodes:\n"
+        f"  reader: {{type: 'graph_nodes:Threaded', process: both, params: {{count: {count}, sleep: 0.001}}}}\n"
+        "  relay: {type: 'graph_nodes:Relay', process: both, keep: [events]}\n"
+    )
+    code, _, err = launch(path).end()
+    assert code == 1 and err.splitlines()[-1] == "evis launch: reader: the serial port is gone"
+
+
 def test_nobody_steps_before_all_are_ready(write: Write, launch: Launch, tmp_path: Path) -> None:
     first, late = tmp_path / "first", tmp_path / "late"
     path = write(
