@@ -57,8 +57,8 @@ class Message:
         self.check_values()
 
     def check_values(self) -> None:
-        """Raises MessageError where arrays contradict each other in what is quick to look at: every message that is sent
-        is checked. Nothing is, unless a subclass knows better."""
+        """Raises MessageError where arrays contradict each other, as far as that is quick to see, for every message
+        that is sent is checked; nothing is, unless a subclass knows better."""
 
     def keep(self) -> None:
         """Keeps the arrays valid after `update` returns, until `release`: the slot they lie in is not written again."""

@@ -225,8 +225,8 @@ class Run:
             self._release()
 
     def _release(self) -> None:
-        """Closes nodes and sockets, once. What was left in the middle of something may fail again in being closed, which
-        is no news, and must not keep another run from beginning."""
+        """Closes nodes and sockets, once. What was left in the middle of something may fail again when it is closed:
+        that is no news, and must not keep another run from beginning."""
         executor, released, self._released = getattr(self, "_executor", None), self._released, True
         if released:
             return
