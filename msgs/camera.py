@@ -215,6 +215,11 @@ class EventPacket(Message):
     """Encoding of `raw` (`evt3`, `evt2`, ...); empty where the packet has none."""
     lost: int = 0
 
+    def check_values(self) -> None:
+        """Raises MessageError unless env_offsets divide the decoded events among environments."""
+        if self.t is not None:
+            _check_offsets("EventPacket", self.env_offsets, self.t)
+
 
 @dataclass
 class EventSignal(Message):
@@ -223,6 +228,22 @@ class EventSignal(Message):
     header: Header
     env_offsets: np.ndarray = array("int64", "?", "[E + 1] as of the packet")
     signal: np.ndarray = array("uint8", "n", "1 = made by light, 0 = by noise")
+
+    def check_values(self) -> None:
+        """Raises MessageError unless env_offsets divide the events among environments."""
+        _check_offsets("EventSignal", self.env_offsets, self.signal)
+
+
+def _check_offsets(message: str, offsets: np.ndarray, column: np.ndarray) -> None:
+    """Raises MessageError unless each event of a column is of one environment; readers would lose or repeat others."""
+    if not isinstance(offsets, np.ndarray):
+        return  # on a device, and looked at there by nobody
+    count = len(column)
+    fit = len(offsets) > 0 and offsets[0] == 0 and offsets[-1] == count
+    if not fit or (len(offsets) > 2 and (offsets[1:] < offsets[:-1]).any()):
+        raise MessageError(
+            f"{message}.env_offsets is {offsets.tolist()!s:.80}, and must go up from 0 to the number of events, {count}"
+        )
 
 
 @dataclass

@@ -63,6 +63,7 @@ def checked(message: Message) -> dict[str, np.ndarray]:
         for name, value in message.arrays().items()
     }
     check_layout(type(message), arrays)
+    message.check_values()
     return arrays
 
 

@@ -54,6 +54,11 @@ class Message:
         if not isinstance(self.header, Header):
             raise MessageError(f"{type(self).__name__}.header is {type(self.header).__name__}, not Header")
         check_arrays(type(self), self.arrays())
+        self.check_values()
+
+    def check_values(self) -> None:
+        """Raises MessageError where arrays contradict each other, as far as that is quick to see, for every message
+        that is sent is checked; nothing is, unless a subclass knows better."""
 
     def keep(self) -> None:
         """Keeps the arrays valid after `update` returns, until `release`: the slot they lie in is not written again."""

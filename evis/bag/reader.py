@@ -58,6 +58,10 @@ class _Found:
     raw: memoryview
 
 
+_Pending = dict[tuple[str, int | None], list[tuple[int, str, memoryview]]]
+"""(topic, environment) -> (sequence number, name, bytes) of each part of a message."""
+
+
 class BagReader(DescriptorOwner):
     """Reads a bag. A torn bag (no index, cut anywhere) opens like a whole one; `problem` says what it lacks.
 
@@ -200,8 +204,9 @@ class BagReader(DescriptorOwner):
                 earliest[i], bound = bound, min(bound, chunks[i].start_ns)
             heap: list[tuple[int, int, int, str, int, _Found]] = []
             count = 0
+            pending: _Pending = {}
             for chunk, bound in zip(chunks, earliest):
-                for found in self._chunk(chunk, wanted):
+                for found in self._chunk(chunk, wanted, pending):
                     if lowest <= found.log_time <= highest:
                         rank = RANKS.get(found.stream.kind, 0)
                         heapq.heappush(heap, (_episode(found), found.log_time, rank, found.stream.topic, count, found))
@@ -225,8 +230,10 @@ class BagReader(DescriptorOwner):
                 segment.append(chunk)
         yield segment
 
-    def _chunk(self, chunk: scan.Chunk, wanted: frozenset[int]) -> Iterator[_Found]:
-        pending: dict[tuple[str, int | None], dict[str, list[memoryview]]] = {}
+    def _chunk(self, chunk: scan.Chunk, wanted: frozenset[int], pending: _Pending) -> Iterator[_Found]:
+        """Messages of one chunk. pending: parts of which the closing JSON is still to come; a tool that has written the
+        bag anew may have put it into the next chunk.
+        """
         try:
             for opcode, _, record in scan.records(self.scanner.chunk_data(chunk)):
                 if opcode != Opcode.MESSAGE:
@@ -239,13 +246,18 @@ class BagReader(DescriptorOwner):
                 if not stream.part:
                     yield _Found(stream, log_time, sequence, {}, None, payload)
                 elif stream.part != "meta":
-                    pending.setdefault(key, {}).setdefault(stream.part, []).append(payload)
+                    pending.setdefault(key, []).append((sequence, stream.part, payload))
                 else:
                     body = jsonform.parse(ros.read_text(payload))
-                    yield _Found(stream, log_time, sequence, pending.pop(key, {}), body, payload)
+                    parts: dict[str, list[memoryview]] = {}
+                    for number, part, held in pending.pop(key, ()):
+                        if number == sequence:  # not those of a message whose JSON is lost
+                            parts.setdefault(part, []).append(held)
+                    yield _Found(stream, log_time, sequence, parts, body, payload)
         except scan.TooLargeError:
             raise
         except BagError as error:
+            pending.clear()
             self.skip(error)
 
 

@@ -7,6 +7,7 @@ import sys
 import traceback
 from collections.abc import Callable
 
+from evis.console.open_files import with_remedy
 from evis.console.printable import printable, printable_lines
 
 READER_GONE = 128 + signal.SIGPIPE
@@ -55,9 +56,9 @@ def _told(who: str, text: str, status: int) -> int:
 def one_line(error: BaseException) -> str:
     """Describes an exception in one line for a person; names its type only where the text alone would not do."""
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
-        return f"{error.filename}: {error.strerror}"
+        return with_remedy(f"{error.filename}: {error.strerror}")
     text = str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)
-    text = " ".join(text.split())
+    text = with_remedy(" ".join(text.split()))
     if isinstance(error, ModuleNotFoundError):
         return f"{text}; install evis again"
     if isinstance(error, (ValueError, OSError, KeyError)) and text:

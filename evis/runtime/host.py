@@ -10,6 +10,7 @@ from typing import Any
 import zmq
 
 from evis.bus import LocalPublisher, PeerLost, Publisher, Subscriber, endpoints_for
+from evis.console.open_files import with_remedy
 from evis.runtime.clock import Pacer, Sampling
 from evis.runtime.join import Join
 from evis.runtime.node import Node
@@ -38,7 +39,7 @@ class NodeFailed(Exception):
 
 def describe(error: BaseException) -> str:
     """Describes an error in one line for a person."""
-    text = str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)
+    text = with_remedy(str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error))
     if isinstance(error, (ValueError, OSError, KeyError, PeerLost)) and text:
         return text
     return f"{type(error).__name__}: {text}" if text else type(error).__name__

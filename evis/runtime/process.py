@@ -8,6 +8,7 @@ import gc
 import resource
 import signal
 import sys
+import threading
 import time
 import traceback
 from pathlib import Path
@@ -22,6 +23,7 @@ from evis.runtime.executor import Executor
 from evis.runtime.host import NodeFailed, describe
 from evis.runtime.parent_death import die_with_parent
 from evis.runtime.plan import Plan
+from evis.runtime.thread_failures import ThreadFailures
 from evis.warp_start import start_warp
 
 BARRIER_S = 1800.0
@@ -52,6 +54,8 @@ def _main(argv: list[str]) -> int:
     sys.stdout, sys.stderr = Veil(sys.stdout, hide), Veil(sys.stderr, hide)  # type: ignore[assignment]
     control = ControlClient(control_address(plan.directory), process)
     executor = None
+    threads = ThreadFailures(process)
+    threading.excepthook = threads.note
     try:
         with uncollected():
             executor = Executor(plan, process, request=control.want, tell=control.tell, redactor=hide)
@@ -61,7 +65,7 @@ def _main(argv: list[str]) -> int:
                 with contextlib.suppress(NodeFailed):  # what went wrong first is told
                     executor.close_nodes()
                 raise
-        _run(executor, control, termination)
+        _run(executor, control, termination, threads)
         return 0
     except Exception as error:
         cause = error.__cause__ if isinstance(error, NodeFailed) and error.__cause__ else error
@@ -85,9 +89,10 @@ def _plan_comes(path: Path) -> bool:
     return path.exists()
 
 
-def _run(executor: Executor, control: ControlClient, termination: Termination) -> None:
+def _run(executor: Executor, control: ControlClient, termination: Termination, threads: ThreadFailures) -> None:
     def commands() -> None:
         termination.check()
+        threads.check()
         for command in control.poll():
             if "stop" in command:
                 executor.stop()
@@ -101,6 +106,7 @@ def _run(executor: Executor, control: ControlClient, termination: Termination) -
     gc.freeze()  # what setup made stays: the collector need not look through it again and again
     before = time.process_time()
     executor.run(commands)
+    threads.check()
     control.done(
         {"nodes": executor.summary(), "rss_mb": _peak_rss_mb(), "cpu_s": round(time.process_time() - before, 6)}
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -65,6 +65,7 @@ class Run:
         self._asked = asked
         self._said: list[tuple[str, str, str]] = []
         self._directory: RunDirectory | None = None
+        self._released = False
         plan = graph.plan
         if needs_sockets(plan):
             self._directory = RunDirectory()
@@ -76,6 +77,9 @@ class Run:
         except SimulationError as error:
             self._release()
             raise SimulationError(str(error).removesuffix(AGAIN)) from error.__cause__
+        except BaseException:
+            self._release()
+            raise
         caller = self._executor.node(CALLER)
         assert isinstance(caller, CallerNode)
         self._caller = caller
@@ -129,7 +133,7 @@ class Run:
             graph.plan.directory, graph.plan.run_id = self.graph.plan.directory, self.graph.plan.run_id
             self.graph = graph
             self._executor.rewind(graph.plan)
-        self._begin()
+            self._begin()
 
     def act(self, action: Any) -> None:
         """Takes controls for the time from now on. Raises SimulationError; nothing has happened then."""
@@ -153,21 +157,23 @@ class Run:
 
     def advance(self) -> Step:
         """Goes on to the next keyframe. Raises Diverged, and SimulationError where a node fails."""
+        # An interrupt anywhere in it leaves the run broken: what has arrived and `k` belong together.
         with self._guarded():
             if self.graph.acts and self.k >= 0:
                 stamp = keyframe_stamp(self.k, self.parameter("keyframe_rate", 0.0))
                 self._caller.act(stamp, self._controls.copy())
             self.over = not self._executor.advance()
-        self.k += 1
-        lines = [text for name, _, text in self._said if name == self.graph.physics]
-        step = self._taken()
-        if not self.graph.physics:  # a reset in a bag is a recorded one, and nothing has diverged now
-            return step
-        fallen = np.flatnonzero(step.episodes != self._episodes).tolist()
+            self.k += 1
+            lines = [text for name, _, text in self._said if name == self.graph.physics]
+            step = self._taken()
+            if not self.graph.physics:  # a reset in a bag is a recorded one, and nothing has diverged now
+                return step
+            fallen = np.flatnonzero(step.episodes != self._episodes).tolist()
+            if fallen:
+                # What physics has said is in the error.
+                self._said = [line for line in self._said if line[0] != self.graph.physics]
+                self._set_back(fallen)
         if fallen:
-            # What physics has said is in the error.
-            self._said = [line for line in self._said if line[0] != self.graph.physics]
-            self._set_back(fallen)
             raise Diverged("; ".join(lines) or f"environments {fallen} diverged", step, fallen)
         return step
 
@@ -179,10 +185,10 @@ class Run:
             raise SimulationError(f"{self.graph.plan.name} cannot put single environments back; reset() puts all")
         with self._guarded():
             self._executor.settle(lambda: restart(envs, seeds))
-        self.history.add(self.k, envs, seeds)
-        self.k = max(self.k, 0)
-        step = self._taken()
-        self._set_back(envs.tolist())
+            self.history.add(self.k, envs, seeds)
+            self.k = max(self.k, 0)
+            step = self._taken()
+            self._set_back(envs.tolist())
         return step
 
     def _set_back(self, envs: Sequence[int]) -> None:
@@ -207,8 +213,8 @@ class Run:
         """Ends the run; gives what the nodes had held back."""
         with self._guarded():
             self._executor.finish()
-        self.over = True
-        return self._taken()
+            self.over = True
+            return self._taken()
 
     def close(self) -> None:
         """Ends the run unless it is broken, and releases everything."""
@@ -219,10 +225,15 @@ class Run:
             self._release()
 
     def _release(self) -> None:
-        executor = getattr(self, "_executor", None)
+        """Closes nodes and sockets, once. What was left in the middle of something may fail again when it is closed:
+        that is no news, and must not keep another run from beginning."""
+        executor, released, self._released = getattr(self, "_executor", None), self._released, True
+        if released:
+            return
         try:
             if executor is not None:
-                executor.close_nodes()
+                with suppress(NodeFailed) if self.broken else nullcontext():
+                    executor.close_nodes()
         finally:
             if executor is not None:
                 executor.close()

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from evis.console.open_files import with_remedy
 from evis.console.termination import STATUS
 from evis.runtime.plan import NodePlan
 from evis.supervisor.node_process import log_path, start_process
@@ -29,6 +30,8 @@ _REMEDIES = {
     signal.SIGINT: _FROM_OUTSIDE,
     signal.SIGQUIT: _FROM_OUTSIDE,
 }
+
+_LAST_LINES = 12
 
 
 @dataclass
@@ -105,6 +108,10 @@ class Child:
                 number = signal.Signals(-code)
             except ValueError:
                 return f"{self.title} was ended by signal {-code}"
+            if number == signal.SIGABRT:  # libzmq ends a process that may open no more files
+                for line in self.last_lines(_LAST_LINES):
+                    if (told := with_remedy(line)) != line:
+                        return f"{self.title} was ended by {number.name}: {told}"
             remedy = _REMEDIES.get(number, "its last words are in the lines above")
             return f"{self.title} was ended by {number.name}; {remedy}"
         return f"{self.title} ended with exit status {code} and no message"

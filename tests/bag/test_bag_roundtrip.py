@@ -18,7 +18,7 @@ from evis.bag.info import describe
 from evis.bag.reader import BagReader
 from evis.bag.ros import mapping, transforms
 from evis.bag.writer import BagWriter
-from msgs.camera import EventPacket, Keyframe, Labels, Samples
+from msgs.camera import EventPacket, EventSignal, Keyframe, Labels, Samples
 from msgs.diagnostics import Diagnostics
 from msgs.fields import array_specs
 from msgs.header import Header, Message
@@ -119,6 +119,8 @@ def test_every_message_type(kind, data):
     message = data.draw(instances(Message.TYPES[kind]))
     if isinstance(message, EventPacket):
         message.env_offsets = np.array([0, 0 if message.t is None else len(message.t)], np.int64)
+    if isinstance(message, EventSignal):
+        message.env_offsets = np.array([0, len(message.signal)], np.int64)
     if isinstance(message, WorldState):
         message.t = message.t % (2**31 * 10**9)
     with tempfile.TemporaryDirectory() as folder:

@@ -163,3 +163,13 @@ def test_checksums_of_blocks_are_those_of_the_whole(count):
     for start in range(len(pieces)):
         assert crc32(pieces[start:], threads)() == zlib.crc32(b"".join(pieces[start:]))
     threads.close()
+
+
+@pytest.mark.parametrize("megabytes", [2, 300])
+def test_a_chunk_that_readers_would_take_for_a_bomb_is_not_compressed(megabytes):
+    """Zeros: a reader allows 256 MiB and 100 bytes for each that is stored."""
+    zeros = memoryview(bytes(megabytes * 1_000_000))
+    packed = packing.Packer(Threads(1)).large([b"head", zeros])()
+    stored = sum(map(len, packed.stored))
+    assert packed.size == 4 + len(zeros) <= (256 << 20) + 100 * stored
+    assert (packed.compression, stored < 1000) == (("", False) if megabytes == 300 else ("zstd", True))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -225,3 +226,15 @@ class Gossip(Node):
         if time.monotonic() > self.at + 0.5:
             self.at = time.monotonic()
             self.warn(f"I call {self.params['url']} with {self.params['password']!r}")
+
+
+class Threaded(Ticker):
+    """A source with a thread of its own, which fails as soon as it steps."""
+
+    def step(self, inputs: Mapping[str, Message]) -> bool:
+        if self.k == 0:
+            threading.Thread(target=self.work).start()
+        return super().step(inputs)
+
+    def work(self) -> None:
+        raise ValueError("the serial port is gone")

@@ -100,6 +100,31 @@ def test_composed_and_split_give_the_same(flag: str, chain: Path, launch: Launch
     assert last_json(out)["events"] == 30
 
 
+@pytest.mark.parametrize("count", [0, 3])
+def test_what_the_thread_of_a_node_raises_ends_the_run(count: int, write: Write, launch: Launch) -> None:
+    """Under way, and where the node ends before anybody looks."""
+    path = write(
+        "nodes:\n"
+        f"  reader: {{type: 'graph_nodes:Threaded', process: both, params: {{count: {count}, sleep: 0.001}}}}\n"
+        "  relay: {type: 'graph_nodes:Relay', process: both, keep: [events]}\n"
+    )
+    code, _, err = launch(path).end()
+    assert code == 1 and err.splitlines()[-1] == "evis launch: reader: the serial port is gone"
+
+
+@pytest.mark.parametrize("limit", [16, 22, 30])
+def test_the_limit_of_open_files_is_named(limit: int, chain: Path, runtime: Path) -> None:
+    """Where the launcher comes to it, where libzmq aborts, and where it gives an error."""
+    command = [sys.executable, "-m", "evis.cli", "launch", str(chain), "n:=5"]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
+    done = subprocess.run(
+        ["prlimit", f"--nofile={limit}", *command], env=environment, capture_output=True, text=True, timeout=LIMIT_S
+    )
+    last = done.stderr.splitlines()[-1]
+    assert done.returncode == 1 and "Too many open files" in last, done.stderr
+    assert last.endswith(f"; a process may have {limit} (ulimit -n): allow more, as by `ulimit -n 4096`")
+
+
 def test_nobody_steps_before_all_are_ready(write: Write, launch: Launch, tmp_path: Path) -> None:
     first, late = tmp_path / "first", tmp_path / "late"
     path = write(

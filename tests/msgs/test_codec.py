@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from msgs.camera import Depth, EventPacket, Frames, Keyframe, Samples
+from msgs.camera import Depth, EventPacket, EventSignal, Frames, Keyframe, Samples
 from msgs.codec import MAX_HEADER, attach, decode, decode_header, encode
 from msgs.diagnostics import Diagnostics
 from msgs.fields import MessageError, TypeMismatch, array_specs, plain_fields
@@ -71,6 +71,10 @@ def messages(draw: st.DrawFn) -> Message:
     if kind is Samples:  # all of the second pixel
         count = len(arrays["offset"])
         arrays["first"], arrays["offset"] = np.array([0, 0, count], np.int32), np.arange(1, count + 1, dtype=np.int32)
+    if "env_offsets" in arrays:
+        counted = next((arrays[name] for name in ("t", "signal") if name in arrays), ())
+        arrays["env_offsets"] = np.linspace(0, len(counted), draw(st.integers(2, 3))).astype(np.int64)
+        arrays["env_offsets"][-1] = len(counted)
     scalars = {name: draw(SCALARS[annotation]) for name, annotation in plain_fields(kind).items()}
     return kind(draw(headers), **arrays, **scalars)
 
@@ -240,6 +244,17 @@ def test_another_type_names_both_sides():
         (
             EventPacket(Header(0), np.array([0, 2]), t=np.zeros(2, np.int64), x=np.zeros(1, np.uint16)),
             "with n = 2 \\(t\\)",
+        ),
+        *(
+            (
+                EventPacket(Header(0), np.array(offsets, np.int64), np.zeros(2, np.int64)),
+                "from 0 to the number of events, 2",
+            )
+            for offsets in ([0, 1], [0, 3], [1, 2], [0, 2, 1, 2], [0], [])
+        ),
+        (
+            EventSignal(Header(0), np.array([0, 1]), np.zeros(2, np.uint8)),
+            "EventSignal.env_offsets is .0, 1., and must",
         ),
     ],
 )

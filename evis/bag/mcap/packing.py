@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from evis.bag.mcap.checksum import crc32
 from evis.bag.threads import ALONE, Threads
+from evis.files.allowance import BASE, RATIO
 
 Piece = bytes | bytearray | memoryview
 
@@ -73,6 +74,8 @@ class Packer:
         chunker = self._own.compressor.chunker(size=size, chunk_size=_STORED)
         stored = [part for piece in pieces for part in chunker.compress(piece)]
         stored += chunker.finish()
+        if size > BASE + RATIO * sum(map(len, stored)):  # readers would take it for a bomb, ours too
+            return Packed("", size, crc32(pieces, ALONE)(), [bytes(piece) for piece in pieces])
         return Packed("zstd", size, crc32(pieces, ALONE)(), stored)
 
     def plain(self, pieces: Sequence[Piece]) -> Packed:

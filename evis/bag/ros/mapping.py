@@ -128,7 +128,11 @@ def decode(kind: str, parts: dict[str, list[memoryview]], body: dict[str, Any]) 
             for field, (dtype, shape) in body.get("_images", {}).items():
                 arrays[field] = images.unpack(_one(parts, field), dtype, shape, specs[field].dtypes)
         elif kind == "EventPacket":
-            arrays = events.unpack(parts, body.get("_events", {}).get("t_first_ns", 0))
+            counted = body.get("_events", {})
+            arrays = events.unpack(parts, counted.get("t_first_ns", 0))
+            packed = len(arrays.get("t", ()))
+            if counted.get("events", packed) != packed and not {"t", "t_base64"} & set(body):
+                raise BagError(f"{packed} of a packet's {counted['events']} events are there")
             arrays = {n: a for n, a in arrays.items() if n not in body and f"{n}_base64" not in body}
         elif kind == "WorldState":
             arrays = states.unpack(_one(parts, "pose") if "_steps" in body else None, body)
