@@ -128,6 +128,16 @@ def _join_events(packets: list[EventPacket]) -> EventPacket:
     return dataclasses.replace(packets[0], env_offsets=np.cumsum([0, *sizes], dtype=np.int64), **cut)
 
 
+def info_alone(info: CameraInfo, env: int) -> CameraInfo:
+    """Gives the CameraInfo of one environment as it would have been by itself, with a seed of its own."""
+    own = {place: v[env : env + 1] if len(v) == info.envs else v for place, v in info.drawn.items()}
+    drawn = {place: values for place, values in own.items() if values and values[0] is not None}
+    sensor = dict(info.sensor)
+    if isinstance(sensor.get("seed"), int):
+        sensor["seed"] += env
+    return dataclasses.replace(info, envs=1, sensor=sensor, drawn=drawn)
+
+
 def _info(info: CameraInfo, e: int) -> CameraInfo:
     """The camera as environment e has it."""
     assert info.env_k is not None and info.env_distortion is not None

@@ -37,12 +37,17 @@ def export(bag: str | Path, layout: str, out: str | Path, env: int | None = None
     """
     with BagReader(bag) as reader:
         sequence = BagSequence(reader, env)
+        before = reader.skipped  # what was looked at beforehand is read again
         with _all_or_nothing(Path(out)):
             writer = writer_of(layout)(Path(out), sequence.about)
             for step in sequence.steps():
                 writer.add(step)
             writer.close()
-        result = {"layout": layout, "out": str(out), "events": sum(writer.counts.values()), "notes": writer.notes}
+        left_out = (f"images on {topic} are left out: no exposure is told" for topic in sequence.unexposed)
+        notes = [*writer.notes, *left_out]
+        result = {"layout": layout, "out": str(out), "events": sum(writer.counts.values()), "notes": notes}
+        if reader.skipped > before:
+            result |= {"damaged": reader.skipped - before, "damage": reader.first_problem}
         return result | ({"problem": reader.problem} if reader.problem else {})
 
 
@@ -72,6 +77,8 @@ class BagSequence:
         """Looks for cameras and what there is of them. Raises BagError for a bag without events or cameras' infos."""
         self._reader, self._env = reader, env
         self._decoders: dict[str, Decoder] = {}
+        self.unexposed: dict[str, None] = {}
+        """Topics of another program's images, whose exposure nothing tells, once the steps have been gone over."""
         self.topics = {
             topic: (topic[1:].rpartition("/")[0], output)
             for topic, kind in sorted(reader.topics.items())
@@ -89,8 +96,12 @@ class BagSequence:
         start = packet.t0_ns if isinstance(packet, EventPacket) else 0
         told = reader.metadata.get("evis", {})
         arguments = {key.removeprefix("arg."): value for key, value in told.items() if key.startswith("arg.")}
+        seed = _whole(told.get("seed")) + (env or 0)  # environment k is a run of its own with seed + k
+        if env is not None:
+            alone = {"seed": str(seed), "envs": "1"}
+            arguments |= {key: value for key, value in alone.items() if key in arguments}
         self.about = About(
-            Path(reader.path).stem, arguments.get("scene", told.get("name", "")), arguments, _whole(told.get("seed")),
+            Path(reader.path).stem, arguments.get("scene", told.get("name", "")), arguments, seed,
             reader.end_ns - start, infos[first].keyframe_rate, infos, self._kinds(first), start,
         )  # fmt: skip
 
@@ -102,7 +113,9 @@ class BagSequence:
         for topic, message in self._named(self.topics):
             header, (camera, output) = message.header, self.topics[topic]
             if isinstance(message, Image) and not message.exposure_ns:
-                continue  # a preview for people, which no sensor has seen
+                if header.clock == "ros":
+                    self.unexposed[topic] = None
+                continue  # of ours, a preview for people, which no sensor has seen
             if episode not in (None, header.episode):
                 raise LayoutError(f"{self._reader.path} has several episodes; a sequence is one: record each by itself")
             episode = header.episode
@@ -154,7 +167,7 @@ class BagSequence:
         info = next(self._messages([topic]), None) if topic in self._reader.topics else None
         if not isinstance(info, CameraInfo):
             raise BagError(f"{self._reader.path} has no {topic}, which tells the size of {camera}; record it too")
-        return info
+        return info if self._env is None else environments.info_alone(info, self._env)
 
     def _kinds(self, camera: str) -> tuple[str, ...]:
         topic, found = f"/{camera}/labels", dict[str, None]()

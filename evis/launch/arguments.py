@@ -135,7 +135,7 @@ def resolve(file: str, declared: Mapping[str, Argument], given: Mapping[str, Any
     """
     for key in given:
         if key not in declared:
-            raise ArgumentError(f"{file} has no argument '{key}'; {instead(key, declared)}")
+            raise ArgumentError(f"{file} has no argument '{key}'; {_option(key, given[key]) or instead(key, declared)}")
     values: dict[str, Any] = {}
     for name, argument in declared.items():
         try:
@@ -153,6 +153,15 @@ def resolve(file: str, declared: Mapping[str, Argument], given: Mapping[str, Any
         except ParamError as error:
             raise LaunchError(f"{declared[name].where}: by {other}: {error}") from None
     return values
+
+
+def _option(name: str, value: Any) -> str:
+    """The remedy for a name that stands for an option of the command line, "" for any other."""
+    if name not in OPTIONS:
+        return ""
+    switches = {"view": "--no-view", "record_sync": "--record-sync"}
+    option = switches.get(name) or f"--{name.replace('_', '-')} {value}"
+    return f"it is an option of the command line: {option}"
 
 
 def brought(

@@ -9,10 +9,13 @@ import numpy as np
 import OpenEXR
 import pytest
 from PIL import Image
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
 
 from evis.bag import BagError
 from evis.bag.export.topics import export
 from evis.bag.writer import BagWriter
+from evis.cli import main
 from msgs.camera import Depth, Ids, Labels, Motion
 from msgs.header import Header
 
@@ -96,3 +99,17 @@ def test_png_of_motion(tmp_path: Path) -> None:
     assert told["too_fast"] == 1 and told["folders"] == [] and codes.shape == (5, 7, 3)
     assert codes[2, 3, 2] == codes[2, 4, 2] == 0 and codes[..., 2].sum() == 33
     assert (codes[..., :2][codes[..., 2] == 1] == 2**15 + 192).all()
+
+
+def test_images_of_a_kind_that_cannot_be_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Another program's bag is whole: what is said names their encoding, and does not call it damaged."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    header = store.types["std_msgs/msg/Header"](store.types["builtin_interfaces/msg/Time"](1, 0), "cam")
+    image = store.types["sensor_msgs/msg/Image"](header, 2, 3, "16SC1", 0, 6, np.zeros(12, np.uint8))
+    with Writer(tmp_path / "b", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topic = writer.add_connection("/depth", image.__msgtype__, typestore=store)
+        writer.write(topic, 10**9, store.serialize_cdr(image, image.__msgtype__))
+    assert main(["bag", "export", str(tmp_path / "b" / "b.mcap"), "--topic", "/depth", str(tmp_path / "o")]) == 0
+    told = capsys.readouterr().err
+    assert "1 chunks or messages cannot be read" in told and "encoding '16SC1' are not supported" in told
+    assert "is damaged" not in told

@@ -7,6 +7,7 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 
 from evis.bag.ros import mapping, schemas
+from evis.dataset.layouts import LayoutError
 from evis.dataset.layouts.dsec.calibration import calibration
 from evis.dataset.layouts.rectification import Rectification
 from msgs.camera import CameraInfo
@@ -50,6 +51,12 @@ def test_a_camera_without_calibration_is_read(model: str, coefficients: list[flo
     """As drivers publish it: a data set of DSEC's layout can be made of it."""
     info = read(model, coefficients)
     assert calibration(info, None)["intrinsics"]["cam0"]["distortion_coeffs"] == [0.0] * 4
+
+
+def test_an_unknown_lens_is_refused_with_its_camera() -> None:
+    """And with the layouts that do without it."""
+    with pytest.raises(LayoutError, match=r"cam0, .*no distortion model 'unified'.*layouts npz, zarr"):
+        _ = Rectification(read("unified", RATIONAL[:4])).map
 
 
 @pytest.mark.parametrize(

@@ -102,7 +102,7 @@ def test_an_error_in_one_environment_keeps_the_others_whole(tmp_path):
     bad.t[700] = -1
     with BagWriter(tmp_path / "a.mcap", threads=2) as writer:
         writer.write("/cam0/events", packet(0, 1000, envs=4))
-        with pytest.raises(BagError, match="an event at -1 ns cannot be recorded"):
+        with pytest.raises(BagError, match=r"an event at -1 ns cannot be recorded.*--rebase"):
             writer.write("/cam0/events", bad)
         writer.write("/cam0/events", packet(2, 1000, envs=4))
     with BagReader(tmp_path / "a.mcap") as reader:

@@ -14,6 +14,7 @@ import evis
 from evis.bag.writer import BagWriter
 from evis.cli import main
 from evis.dataset.about import About
+from evis.dataset.bag_sequence import export
 from evis.dataset.layouts import reader_of
 from msgs.camera import Image
 from msgs.header import Header
@@ -78,7 +79,7 @@ def test_an_environment_that_is_not_there_is_refused(recorded: Any, tmp_path: Pa
 
 
 def test_one_of_several_environments(tmp_path: Path, capsys: Any) -> None:
-    """It is asked for by number, and its events are those of a run with its own seed."""
+    """It is asked for by number, and its events and what is told of it are those of a run with its own seed."""
     with evis.Simulation("spinning_disk", outputs=["events", "info"], seed=5, envs=2, width=32, height=24) as sim:
         sim.run(0.07)
         sim.save(tmp_path / "a.mcap")
@@ -87,4 +88,37 @@ def test_one_of_several_environments(tmp_path: Path, capsys: Any) -> None:
     assert main(["bag", "export", str(tmp_path / "a.mcap"), "--layout", "npz", "--env", "1", str(tmp_path / "c")]) == 0
     with evis.Simulation("spinning_disk", seed=6, width=32, height=24) as sim:
         want = np.concatenate([step.events.t for step in sim.run(0.07) if step.events is not None])
+        sim.save(tmp_path / "a.mcap")
     assert np.array_equal(reader_of("npz")(tmp_path / "c").events(0, 10**12).t, want) and len(want) > 100
+    assert main(["bag", "export", str(tmp_path / "a.mcap"), "--layout", "npz", str(tmp_path / "d")]) == 0
+    assert (tmp_path / "c" / "about.json").read_text() == (tmp_path / "d" / "about.json").read_text()
+    assert reader_of("npz")(tmp_path / "d").about.seed == 6
+
+
+def test_what_a_bag_draws_for_an_environment(tmp_path: Path) -> None:
+    """Is told of that environment alone, as of a run with its own seed."""
+    told = []
+    for name, envs, seed in (("a", 2, 3), ("b", 1, 4)):
+        words = {"vary": 1, "envs": envs, "seed": seed, "width": 32, "height": 24}
+        with evis.Simulation("falling_objects", outputs=["events", "info"], **words) as sim:
+            sim.run(0.04)
+            sim.save(tmp_path / f"{name}.mcap")
+        export(tmp_path / f"{name}.mcap", "npz", tmp_path / name, env=envs - 1)
+        told.append(About.load(tmp_path / name).cameras["cam0"])
+    assert told[0].drawn == told[1].drawn and told[0].drawn
+    assert told[0].sensor == told[1].sensor and told[0].envs == 1
+
+
+def test_what_a_layout_does_not_get_is_said(recorded: Any, tmp_path: Path, capsys: Any) -> None:
+    """Of a bag that ends early, and of images without an exposure that others made."""
+    (tmp_path / "torn.mcap").write_bytes(recorded[0].read_bytes()[:-40])
+    assert main(["bag", "export", str(tmp_path / "torn.mcap"), "--layout", "npz", str(tmp_path / "a")]) == 0
+    assert "torn.mcap is torn" in capsys.readouterr().err
+    header = Header(10_000_000, 0, "ros")
+    with BagWriter(tmp_path / "b.mcap", {}) as writer:
+        writer.write("/cam0/info", recorded[2][0].info)
+        writer.write("/cam0/image", Image(header, np.zeros((48, 64, 1), np.uint8), "mono8"))
+        for step in recorded[2][1:]:
+            writer.write("/cam0/events", step.events)
+    assert main(["bag", "export", str(tmp_path / "b.mcap"), "--layout", "npz", str(tmp_path / "b")]) == 0
+    assert "images on /cam0/image are left out: no exposure is told" in capsys.readouterr().err

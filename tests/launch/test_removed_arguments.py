@@ -26,3 +26,13 @@ def test_nothing_that_is_there_is_called_gone():
     """Nor is another unknown name."""
     assert not REMEDIES.keys() & load(find_launch("simulator.yaml")[0]).arguments.keys()
     assert instead("tolerence", ["tolerance"]) == "did you mean 'tolerance'?"
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "option"),
+    [("duration", "0.2", "--duration 0.2"), ("view", "0", "--no-view"), ("record_topics", "/a", "--record-topics /a")],
+)
+def test_an_option_is_named_as_one(name, value, option):
+    """Its name stands for it in launch files, and a user may take it for an argument."""
+    with pytest.raises(ArgumentError, match=f"no argument '{name}'; it is an option of the command line: {option}$"):
+        arguments.resolve("replay.yaml", load(find_launch("replay.yaml")[0]).arguments, {name: value})

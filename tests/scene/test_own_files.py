@@ -149,7 +149,7 @@ def test_what_cannot_be_used_is_one_line(scene: str, tmp_path: Path) -> None:
         ("meshes", "empty", "holds no mesh"),
         ("meshes", "cut", "c.stl .*; mend it or take it away"),
         ("meshes", "line", "l.obj has no triangles; mend"),
-        ("meshes", "point", "p.ply has no extent"),
+        ("meshes", "point", "p.ply has no triangle with an area"),
     ):
         with pytest.raises(SceneError, match=words) as caught:
             load_scene(scene, {key: str(tmp_path / folder)})

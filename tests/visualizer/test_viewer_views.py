@@ -211,6 +211,19 @@ def test_nothing_moves_beside_what_moves() -> None:
     assert (found[(motion[0] == 0).all(axis=-1)] == still).all() and found[6, 6].max() > 3 * still.max()
 
 
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+def test_an_image_of_two_channels(dtype: type) -> None:
+    """As other programs record it: its first channel is shown in grey, and that is said."""
+    data = np.zeros((16, 16, 2), dtype)
+    data[:8, :, 0], data[:, :8, 1] = np.iinfo(dtype).max if dtype != np.float32 else 1, 1
+    view = ImageView("image", 0)
+    view.capture(ImageMessage(Header(0), data, "two"))
+    part = view.render(0)
+    assert part is not None and part.meta["note"] == "channel 1 of 2"
+    found = np.asarray(Image.open(io.BytesIO(part.payload))).astype(int)
+    assert found.shape == (16, 16) and found[:7].min() > found[9:].max() + 100 and np.ptp(found[:7]) < 5
+
+
 def test_depth_that_is_not_a_number() -> None:
     """Near is lighter than far, sky is empty, NaN and what lies behind the camera stand out and are counted."""
     depth = np.full((8, 8), 2.0, np.float32)

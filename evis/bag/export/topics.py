@@ -90,7 +90,7 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False, 
         if reader.problem:
             result["problem"] = reader.problem
         if reader.skipped:
-            result["damaged"] = reader.skipped
+            result |= {"damaged": reader.skipped, "damage": reader.first_problem}
         return {"topic": topic, "out": str(out), **result}
 
 

@@ -9,6 +9,12 @@ import numpy as np
 from evis.bag import BagError
 from evis.files.cdr import ENCAPSULATION, MessageReader
 
+RANGE = (
+    "a bag's times go from 0 to 2^31 s; of a recording `evis events convert IN OUT --rebase` makes one "
+    "whose times count from its first"
+)
+"""What times a bag holds, and what to do about a recording that has others: it ends an error."""
+
 _NUMBERS = {code: struct.Struct("<" + code) for code in "bBhHiIqQfd"}
 _PADDING = tuple(bytes(count) for count in range(8))
 
@@ -55,7 +61,7 @@ def ros_time(stamp_ns: int) -> tuple[int, int]:
     """Converts a stamp [ns] to ROS's (seconds, nanoseconds)."""
     seconds, nanoseconds = divmod(int(stamp_ns), 1_000_000_000)
     if not 0 <= seconds < 1 << 31:
-        raise BagError(f"stamp {stamp_ns} ns cannot be recorded: a bag's times go from 0 to 2^31 s")
+        raise BagError(f"stamp {stamp_ns} ns cannot be recorded: {RANGE}")
     return seconds, nanoseconds
 
 

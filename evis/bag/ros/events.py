@@ -8,6 +8,7 @@ import numpy as np
 
 from evis.bag import BagError
 from evis.bag.ros import messages
+from evis.bag.ros.cdr import RANGE
 from evis.bag.ros.messages import Buffers, RosEvents
 from evis.bag.threads import ALONE, Threads
 from evis.events.codecs.event_camera_msgs import mono
@@ -69,7 +70,7 @@ def pack(
     likely = packet.t0_ns if 0 <= packet.t0_ns < 1 << 62 else 0
     limits = _pack_into(words, t, x, y, p, likely, threads)
     if limits.earliest < 0:
-        raise BagError(f"an event at {limits.earliest} ns cannot be recorded: a bag's times start at 0")
+        raise BagError(f"an event at {limits.earliest} ns cannot be recorded: {RANGE}")
     if encoder is not None and not as_mono:
         from evis.events.arrays import Events
 

@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from evis.bag import BagError
-from evis.bag.ros.cdr import ENCAPSULATION, CdrWriter
+from evis.bag.ros.cdr import ENCAPSULATION, RANGE, CdrWriter
 
 POSE_BYTES = 56
 _POSE = np.arange(POSE_BYTES // 8)
@@ -76,7 +76,7 @@ def _block(frame_id: str, names: tuple[str, ...], t: np.ndarray, pose: np.ndarra
     data = np.tile(words, (len(pose), 1))
     times = np.stack([t // SECOND, t % SECOND], axis=1)
     if times.min() < 0 or times.max() >= 1 << 31:
-        raise BagError(f"stamp {int(t.min())} ns cannot be recorded: a bag's times go from 0 to 2^31 s")
+        raise BagError(f"stamp {int(t.min())} ns cannot be recorded: {RANGE}")
     data[:, stamps] = np.ascontiguousarray(times, "<u4").view("<u8")
     data[:, poses] = np.ascontiguousarray(pose, "<f8").view("<u8")
     return data.reshape(-1).view(np.uint8)

@@ -7,7 +7,7 @@ import dataclasses
 import json
 import sys
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -133,21 +133,11 @@ def _export(args: argparse.Namespace) -> dict[str, Any]:
             raise
         ways = f"events go to {', '.join(ENDINGS)}; any other topic to .npz or .jsonl, keyframes and images to a folder"
         raise UsageError(f"{args.out}: cannot write '{suffix}'; {ways}") from None
-    if "problem" in result:
-        print(
-            f"evis bag export: {args.bag} is torn ({printable(result['problem'])}); what is there was exported; "
-            "`evis bag recover` makes a whole bag of it",
-            file=sys.stderr,
-        )
     if "other_files" in result:
         exr = "keyframes" in result or "channels" in result
         others = f"{result['other_files']} {FOLDERS['Keyframe' if exr else 'Image']} files"
         print(f"evis bag export: {args.out} holds {others} that are not of this export", file=sys.stderr)
-    if "damaged" in result:
-        print(
-            f"evis bag export: {args.bag} is damaged; {result['damaged']} chunks or messages were left out",
-            file=sys.stderr,
-        )
+    _tell_missing(args.bag, result)
     return result
 
 
@@ -159,7 +149,24 @@ def _export_layout(args: argparse.Namespace) -> dict[str, Any]:
     result = export(args.bag, args.layout, args.out, args.env)
     for note in result["notes"]:
         print(f"evis bag export: {note}", file=sys.stderr)
+    _tell_missing(args.bag, result)
     return result
+
+
+def _tell_missing(bag: str, result: Mapping[str, Any]) -> None:
+    """Says on standard error what of a bag could not be exported."""
+    if "problem" in result:
+        print(
+            f"evis bag export: {bag} is torn ({printable(result['problem'])}); what is there was exported; "
+            "`evis bag recover` makes a whole bag of it",
+            file=sys.stderr,
+        )
+    if "damaged" in result:
+        why = f", the first for: {printable(result['damage'])}" if result["damage"] else ""
+        print(
+            f"evis bag export: {bag}: {result['damaged']} chunks or messages cannot be read and were left out{why}",
+            file=sys.stderr,
+        )
 
 
 def _record(args: argparse.Namespace) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from evis.dataset.layouts import LayoutError
 from evis.geometry.distortion import Lens, project, unproject
 from evis.geometry.pinhole import pixel_grid
 from msgs.camera import CameraInfo
@@ -45,7 +46,13 @@ class Rectification:
 
     @cached_property
     def _lens(self) -> Lens:
-        return Lens.of(self.info.distortion_model, np.asarray(self.info.distortion).tolist())
+        try:
+            return Lens.of(self.info.distortion_model, np.asarray(self.info.distortion).tolist())
+        except ValueError as error:
+            raise LayoutError(
+                f"{self.info.name}, as its info has it, cannot be rectified: {error}; the layouts npz, zarr, "
+                "webdataset, coco and mcap need no rectification"
+            ) from None
 
     def rectified(self, pixels: np.ndarray) -> np.ndarray:
         """Computes the rectified positions float64 [..., 2] of own ones; NaN where there is none."""

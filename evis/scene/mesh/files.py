@@ -19,6 +19,7 @@ from evis.scene.mesh import gltf_header
 from evis.scene.mesh.gltf_plain import plain
 from evis.scene.mesh.materials import absent_pictures, is_stand_in, layout, read_material
 from evis.scene.mesh.normals import crease_normals
+from evis.scene.mesh.ply_faces import cut_faces
 from evis.scene.mesh.polygons import cut_polygons
 from evis.scene.mesh.wavefront import absolute, in_utf8, laid_throughout, spelled_plainly, without_libraries
 from evis.scene.model import Material, Mesh
@@ -32,6 +33,8 @@ Y_UP = gltf_header.SUFFIXES
 """Formats whose vertical axis is y by their own specification."""
 FAR = 1000.0
 """Distance from the origin, as a multiple of its size, from where on a mesh has an origin of its own."""
+NO_AREA = 1e-12
+"""Twice the area of a triangle, by the square of the longest side of the mesh, up to which it has none."""
 CREASE = float(np.radians(40.0))
 
 
@@ -102,6 +105,8 @@ def load_parts(
             parts[-1].material = known[id(source)]
     if not parts:
         raise SceneError(f"{path.name} has no triangles")
+    if all(_is_flat(part.mesh) for part in parts):
+        raise SceneError(f"{path.name} has no triangle with an area: the corners of each are in one line or one place")
     lacks = tuple(assets.absent or absent_pictures(exact, scene))
     return [replace(part, lacks=lacks) for part in parts] if lacks else parts
 
@@ -163,6 +168,13 @@ def _mesh(path: Path, geometry: Any, transform: np.ndarray, scale: np.ndarray, t
     return Mesh(points.astype(np.float32), np.ascontiguousarray(faces, np.int32), corners, normals), place
 
 
+def _is_flat(mesh: Mesh) -> bool:
+    """Whether no triangle has an area, as far as float64 tells for points of this size."""
+    a, b, c = mesh.vertices.astype(np.float64)[mesh.faces].transpose(1, 0, 2)
+    size = max(float(np.abs(np.stack((b - a, c - a))).max()), np.finfo(np.float64).tiny)
+    return bool(np.linalg.norm(np.cross((b - a) / size, (c - a) / size), axis=-1).max() <= NO_AREA)
+
+
 def _place(used: np.ndarray) -> np.ndarray | None:
     """The middle of points [N, 3] that are far off for their size, else None."""
     low, high = used.min(axis=0), used.max(axis=0)
@@ -186,13 +198,15 @@ def _content(path: Path, assets: Any) -> tuple[bytes, str, list[dict[str, Any]]]
         return plain(tree, buffers), "glb", tree.get("materials", [])
     content = path.read_bytes()
     if kind == "ply":
-        content = _colours_named(content)
+        content = cut_faces(_colours_named(content))
     if _binary(content, kind):
         return content, kind, []
     if kind == "stl" and b"facet" not in content[:4096].lower():
         count = int.from_bytes(content[80:84], "little")
         raise ValueError(f"it has {len(content)} bytes, where {count} triangles have {84 + 50 * count}")
     content = in_utf8(content)
+    if kind == "stl":
+        _check_facets(content)
     if kind == "obj":
         from evis.scene.mesh.assets import LIBRARIES
 
@@ -201,6 +215,17 @@ def _content(path: Path, assets: Any) -> tuple[bytes, str, list[dict[str, Any]]]
         if assets.libraries:
             content = f"mtllib {LIBRARIES}\n".encode() + content
     return content, kind, []
+
+
+def _check_facets(content: bytes) -> None:
+    """Raises ValueError for a text of STL that is cut or damaged, of which trimesh reads the solids that are whole."""
+    text = content.lower()
+    begun, ended = (len(re.findall(word, text)) for word in (rb"(?m)^[ \t]*facet\b", rb"(?m)^[ \t]*endfacet\b"))
+    solids = [len(re.findall(word, text)) for word in (rb"(?m)^[ \t]*solid\b", rb"(?m)^[ \t]*endsolid\b")]
+    if begun != ended or solids[0] != solids[1]:
+        raise ValueError(
+            f"it is cut, or damaged: {begun} facets and {solids[0]} solids begin, {ended} and {solids[1]} end"
+        )
 
 
 def _colours_named(content: bytes) -> bytes:

@@ -21,11 +21,7 @@ def read_mesh(path: Path, textures: bool = True) -> list[Part]:
     size = path.stat().st_size
     if size > LARGEST:
         raise SceneError(f"{path.name} has {size >> 20} MiB; the most is {LARGEST >> 20} MiB, so simplify it")
-    parts = load_parts(path, np.ones(3), textures=textures, folders=Folders(path.parent))
-    low, high = _bounds([part.points()[part.mesh.faces.reshape(-1)] for part in parts])
-    if not (high - low).max() > 0:
-        raise SceneError(f"{path.name} has no extent: all of its vertices are one point")
-    return parts
+    return load_parts(path, np.ones(3), textures=textures, folders=Folders(path.parent))
 
 
 def fitted(parts: list[Part], shape: Mesh) -> list[Part]:

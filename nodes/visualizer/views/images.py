@@ -137,7 +137,10 @@ class ImageView(TopicView):
         return picture, colours
 
     def _photograph(self, array: np.ndarray, encoding: str, meta: dict[str, Any]) -> np.ndarray:
-        array = array[..., 0] if array.ndim == 3 and array.shape[-1] == 1 else array
+        if array.ndim == 3 and array.shape[-1] < 3:
+            if array.shape[-1] == 2:
+                meta["note"] = "channel 1 of 2"  # two channels stand for no colour
+            array = array[..., 0]
         if array.ndim == 3:
             array = array[..., 2::-1] if encoding.startswith("bgr") else array[..., :3]
         if array.dtype == np.uint8:
@@ -146,5 +149,5 @@ class ImageView(TopicView):
             return (array >> 8).astype(np.uint8)
         picture, bad = colour.tone_map(array, self._limits)
         if bad:
-            meta["note"] = f"{bad} px not finite"
+            meta["note"] = ", ".join([*([meta["note"]] if "note" in meta else []), f"{bad} px not finite"])
         return picture

@@ -62,6 +62,19 @@ def test_whole_seconds_are_seconds(tmp_path):
             np.testing.assert_array_equal(recording.read().t, t)
 
 
+@pytest.mark.parametrize("times", [1, 40])
+@pytest.mark.parametrize(
+    ("head", "form"), [("t,x,y,p,label\n", "{s},{x},{y},{p},car"), ("kind,x,y,p,t\n", "a-b,{x},{y},{p},{s}")]
+)
+def test_a_further_column_of_words(head, form, times, tmp_path):
+    """Changes nothing of the others, in a file of any length: times in seconds stay seconds."""
+    (tmp_path / "a.csv").write_text(head + lines(form) * times)
+    with open_recording(tmp_path / "a.csv") as recording:
+        found = recording.read()
+    assert len(found) == 60 * times
+    same(found[:60], WHOLE)
+
+
 def test_times_since_1970_can_only_be_ns(tmp_path):
     """1.6e18 in a line of names without a unit."""
     late = Events(WHOLE.t + 1_600_000_000_000_000_000, WHOLE.x, WHOLE.y, WHOLE.p)

@@ -317,6 +317,17 @@ def test_dsec_and_tum_vie(tmp_path):
             assert recording.next_t_ns == int(got.t[3000])
 
 
+def test_columns_of_different_lengths(tmp_path):
+    """Rows that all columns have are read, and it is told how many others there are."""
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name, length in (("t", 60), ("x", 60), ("y", 40), ("p", 55)):
+            file[f"events/{name}"] = np.arange(length) % 2 if name == "p" else np.arange(length)
+    with open_recording(tmp_path / "a.h5") as recording:
+        assert recording.read().x.tolist() == list(range(40))
+        told = "columns of different lengths (t 60, x 60, y 40, p 55): 20 rows that not all of them have are left out"
+        assert told in recording.info.warnings
+
+
 def test_mvsec_has_two_cameras(tmp_path):
     """Rows of x, y, t in seconds since 1970 as float64 (exact to 0.24 us), and polarity -1 or 1."""
     events = small_events(500, 346, 260)

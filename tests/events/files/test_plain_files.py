@@ -36,6 +36,14 @@ def test_dat_time_turns_after_71_minutes(tmp_path):
     assert (events.x[0], events.y[0], events.p[0], info.width) == (3, 4, 1, 640)
 
 
+def test_dat_refuses_a_pause_that_its_counter_cannot_tell(tmp_path):
+    """And says where such events go; the counter has 32 bits of us."""
+    events = Events.of(np.array([0, 1 << 31]) * 1000, x=[0, 1], y=[0, 1], p=[0, 1])
+    told = r"pause of 2147 s; write \.npz"
+    with pytest.raises(RecordingError, match=told), open_writer(tmp_path / "a.dat", 9, 9) as out:
+        out.write(events)
+
+
 def test_dat_of_other_events_is_named(tmp_path):
     """Type and size of the events are told."""
     with pytest.raises(RecordingError, match="type 0x0F with 8"):

@@ -254,7 +254,11 @@ def _columns(file: h5py.File, group: h5py.Group, info: RecordingInfo) -> Layout:
     indexed = any({"ms_to_idx", "ms_map_idx"} & set(_names(g)) for g in (file, group))
     whole_file = group.name == "/"
     name = ("dsec" if shifted else "eds" if whole_file else "tum-vie") if indexed else "columns"
-    count = min(d.shape[0] for d in (x, y, t, p))
+    lengths = {name: table.shape[0] for name, table in zip("txyp", tables)}
+    count = min(lengths.values())
+    if lost := max(lengths.values()) - count:
+        told = ", ".join(f"{names[name]} {length}" for name, length in lengths.items())
+        info.warn(f"columns of different lengths ({told}): {lost} rows that not all of them have are left out")
     _check_claim(info, count, tables)
 
     times = _Times(t, names["t"], info, offset_us).in_ns

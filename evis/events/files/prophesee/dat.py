@@ -157,7 +157,8 @@ class DatWriter(FileWriter):
         if int(t.min()) < 0 or (self._last < 0 and int(t[0]) >= 1 << 32):
             raise RecordingError(f"{self.path}: DAT counts from 0 to 4294 s; {REBASE}")
         if int(np.abs(steps).max()) >= 1 << 31:
-            raise RecordingError(f"{self.path}: DAT cannot hold a pause of {int(np.abs(steps).max()) / 1e6:.0f} s")
+            longest = int(np.abs(steps).max()) / 1e6
+            raise RecordingError(f"{self.path}: DAT cannot hold a pause of {longest:.0f} s; write .npz")
         if max(int(events.x.max()), int(events.y.max())) >= _SIDE:
             raise RecordingError(f"{self.path}: DAT holds coordinates up to {_SIDE - 1}")
         records = np.empty(len(t), _RECORD)

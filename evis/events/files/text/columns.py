@@ -68,7 +68,7 @@ def find_format(head: bytes) -> Format | None:
     if len(lines) > 1 and len(head) >= 4096:
         lines.pop()  # may be cut
     damaged: list[int] = []  # where lines begin
-    while lines and (n := len(numbers_in(lines[0]))) != (len(columns) or 4):
+    while lines and (n := len(numbers_in(lines[0], columns))) != (len(columns) or 4):
         if n == 4 == len(columns.strip("_")):
             columns = columns.strip("_")  # a comment's words before or behind the names
             break
@@ -89,7 +89,7 @@ def find_format(head: bytes) -> Format | None:
     if columns and not lines and len(head) < 4096:  # names, and no event
         return Format(columns, {"own": 1, "ns": 1, "s": 10**9}.get(unit, 1000), min(begin, len(head)), size)
     width = len(columns) or 4
-    rows = [words for line in lines[:_LOOK] if len(words := numbers_in(line)) == width]
+    rows = [words for line in lines[:_LOOK] if len(words := numbers_in(line, columns)) == width]
     looked = len(damaged) + len([line for line in lines[:_LOOK] if line.strip()])
     if not rows or len(rows) < 0.9 * (looked - 1):
         return None
@@ -113,9 +113,13 @@ def plain(data: bytes) -> bytes:
     return _TRUTH.sub(lambda found: b"1" if found[1] else b"0", data)
 
 
-def numbers_in(line: bytes) -> list[bytes]:
-    """Returns the numbers of a line that holds nothing else; else none."""
+def numbers_in(line: bytes, columns: str = "") -> list[bytes]:
+    """Returns the numbers of a line that holds nothing else; else none. columns: what each is; those that are left out
+    may be of any words, and count as 0.
+    """
     words = re.split(rb"[ \t,;]+", plain(line).strip(b" \t\r,;"), maxsplit=_MOST_COLUMNS)
+    if len(words) == len(columns):
+        words = [b"0" if column == "_" else word for word, column in zip(words, columns)]
     return words if all(map(_NUMBER.fullmatch, words)) else []
 
 
