@@ -70,7 +70,7 @@ class Watchdog:
         if sign is None and not forward:
             what = "its time did not go forward"
         self._counts[:] = counts
-        cause = self._cause(data, body)
+        cause = self._cause(body)
         return f"body '{self._body(body)}' diverged at t = {data.time:.6g} s: {what}; likely cause: {cause}"
 
     def unremarkable(self, state: Mapping[str, np.ndarray], nearest: float) -> bool:
@@ -175,7 +175,7 @@ class Watchdog:
             f"{_firmer(firm, self.model.opt.timestep)}"
         )
 
-    def _cause(self, data: Any, body: int) -> str:
+    def _cause(self, body: int) -> str:
         """The stiffest thing of the model against what the integrator can follow."""
         dt, name = self.model.opt.timestep, integrator_of(self.model)
         found = modes(self.model)

@@ -37,7 +37,7 @@ class Aedat4Writer(FileWriter):
 
     def __init__(self, path: str | os.PathLike[str], width: int, height: int, compression: str) -> None:
         super().__init__(path)
-        self._squeeze = _squeezer(compression, str(path))
+        self._squeeze = _squeezer(compression)
         self._table: list[tuple[int, ...]] = []
         text = _description(width, height, compression.upper()).encode() + b"\0"
         header, places = single_table(b"IOHE", [("i", COMPRESSIONS[compression]), ("q", -1)], text)
@@ -107,7 +107,7 @@ class Aedat4Writer(FileWriter):
         self._file.close()
 
 
-def _squeezer(compression: str, path: str):  # type: ignore[no-untyped-def]
+def _squeezer(compression: str):  # type: ignore[no-untyped-def]
     if compression == "none":
         return bytes
     if compression == "zstd":
