@@ -22,7 +22,7 @@ def is_fault(error: BaseException) -> bool:
     return isinstance(error, FAULTS) or type(error).__module__.partition(".")[0] in _LIBRARIES
 
 
-def one_line(error: BaseException, most: int = 1000) -> str:
+def error_text(error: BaseException, most: int = 1000) -> str:
     """Gives what an error says on one line of at most `most` characters, the name of its type where it says nothing."""
     return (" ".join(str(error).split()) or type(error).__name__)[:most]
 
@@ -40,7 +40,7 @@ def faults_as(kind: type[ValueError], name: str | os.PathLike[str]) -> Iterator[
     except Exception as error:
         if not is_fault(error):
             raise
-        text = one_line(error, 300)
+        text = error_text(error, 300)
         if isinstance(error, OSError) and error.errno:
             text = os.strerror(error.errno)
         if isinstance(error, MemoryError):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from evis.files.allowance import AllowanceError
-from evis.files.damage import one_line
+from evis.files.damage import error_text
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
 from evis.scene.images.colour import linear_from_srgb
@@ -123,7 +123,7 @@ def _read(path: Path, assets: Assets, textures: bool) -> tuple[Any, list[tuple[A
     except (AllowanceError, SceneError) as error:
         raise SceneError(f"{path.name}: {error}") from None
     except Exception as error:  # the readers of trimesh raise whatever they stumble over
-        raise SceneError(f"{path.name} cannot be read as {path.suffix[1:].upper()}: {one_line(error, 150)}") from None
+        raise SceneError(f"{path.name} cannot be read as {path.suffix[1:].upper()}: {error_text(error, 150)}") from None
     finally:
         if assets.refusals:
             raise assets.refusals[0] from None
