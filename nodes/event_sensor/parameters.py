@@ -104,6 +104,12 @@ def resolve_sensor(owner: str, preset: str, given: Mapping[str, Any]) -> dict[st
     return {name: value for name, value in resolved.items() if name in SENSOR or name in chosen}
 
 
+def thresholds_of(values: Mapping[str, Any]) -> tuple[float, float]:
+    """Gives the contrast thresholds ON and OFF [ln I]: of a side that has none of its own it is `threshold`."""
+    on, off = (values["threshold"] if values[k] is None else values[k] for k in ("threshold_on", "threshold_off"))
+    return on, off
+
+
 def preset_values(owner: str, preset: str, model: Any = None) -> dict[str, Any]:
     """Gives the values of a preset, by parameter. Raises ParamError, or LaunchError for a file that is no map.
 

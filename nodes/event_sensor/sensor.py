@@ -48,7 +48,7 @@ from nodes.event_sensor.model.features import marks
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS
 from nodes.event_sensor.optics.optics import Optics
-from nodes.event_sensor.parameters import LARGEST_SIDE, LOOK_AHEAD, frames_only, resolve_sensor
+from nodes.event_sensor.parameters import LARGEST_SIDE, LOOK_AHEAD, frames_only, resolve_sensor, thresholds_of
 from nodes.event_sensor.readout.device_events import CALLS, DeviceEvents, Pending, Ready
 from nodes.event_sensor.readout.packet import Events as Events
 from nodes.event_sensor.readout.packet import merged, parted
@@ -93,8 +93,7 @@ class EventSensor:
         if not (1 <= height <= LARGEST_SIDE and 1 <= width <= LARGEST_SIDE and envs >= 1 and channels in (1, 3)):
             raise ValueError(f"event sensor cannot have {envs} x {height} x {width} pixels in {channels} channels")
         p = resolve_sensor("event sensor", preset, parameters)
-        for side in ("threshold_on", "threshold_off"):
-            p[side] = p["threshold"] if p[side] is None else p[side]
+        p["threshold_on"], p["threshold_off"] = thresholds_of(p)
         if not p["model"].startswith("evis"):
             raise ValueError(f"event model {p['model']} is made by nodes.event_sensor.peers.make_model")
         if p["model"] == "evis-paper" and p["crossing"] not in ("linear", "frame"):
