@@ -19,6 +19,9 @@ MODELS = ("evis", "evis-paper", "esim", "v2e", "dvs_voltmeter")
 CROSSINGS = ("frame", "linear", "monotone", "cubic", "hermite")
 LOOK_AHEAD = ("monotone", "cubic")
 """Those whose curve needs the frame after the step."""
+FLOOR = 2.0**-24
+"""Least I + I_dark [radiance]: the smallest positive half-precision radiance. An ideal sensor without dark current
+would otherwise answer a black pixel with infinitely many events."""
 LARGEST_SIDE = 1 << 16
 """Most rows and columns: coordinates are uint16."""
 NEED_SLOPES = ("hermite",)

@@ -36,7 +36,6 @@ import warp as wp
 
 from evis.gpu.devices import device_named
 from nodes.event_sensor.cpu.listing import Listing
-from nodes.event_sensor.engines.engine import FLOOR as FLOOR
 from nodes.event_sensor.engines.engine import make_engine, sensor_struct, unlit_rate
 from nodes.event_sensor.input.arrays import on_device, shape_of
 from nodes.event_sensor.input.batch import Batch, SampleLists, Size
@@ -48,6 +47,7 @@ from nodes.event_sensor.model.features import marks
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS
 from nodes.event_sensor.optics.optics import Optics
+from nodes.event_sensor.parameters import FLOOR as FLOOR
 from nodes.event_sensor.parameters import LARGEST_SIDE, LOOK_AHEAD, frames_only, resolve_sensor, thresholds_of
 from nodes.event_sensor.readout.device_events import CALLS, DeviceEvents, Pending, Ready
 from nodes.event_sensor.readout.packet import Events as Events
