@@ -9,13 +9,14 @@ from __future__ import annotations
 import numpy as np
 
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)
-_FIRST, _SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
+FACTORS = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
+"""Of the two rounds of `mix`."""
 
 
 def mix(z: np.ndarray) -> np.ndarray:
     """Returns SplitMix64's finalizer of uint64 numbers."""
-    z = (z ^ (z >> np.uint64(30))) * _FIRST
-    z = (z ^ (z >> np.uint64(27))) * _SECOND
+    z = (z ^ (z >> np.uint64(30))) * FACTORS[0]
+    z = (z ^ (z >> np.uint64(27))) * FACTORS[1]
     return z ^ (z >> np.uint64(31))
 
 

@@ -24,6 +24,9 @@ environment was given at a reset, CONFIGURED before; how often it has begun anew
 CONFIGURED = -1
 """In SEED: environment e has the random numbers of each node's own seed + e, as at the start of the run."""
 
+LARGEST_SEED = 2**63 - 1
+"""That an environment may be given: SEED is a signed number of 64 bits."""
+
 
 def own_rows() -> Any:
     """Declares the field `own` of a message."""

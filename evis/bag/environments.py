@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from evis.bag import BagError
 from msgs.camera import CameraInfo, EventPacket, Image, Samples
 from msgs.fields import array_specs, environment_key
 from msgs.header import Message
@@ -21,6 +22,12 @@ def count(message: Message) -> int:
     specs = array_specs(type(message))
     axes = [a.shape[0] for n, a in message.arrays().items() if specs[n].dims[0] == "E"]
     return int(axes[0]) if axes else 0
+
+
+def check_one(topic: str, envs: int) -> None:
+    """Raises BagError where a topic has several environments, of which what is exported holds one."""
+    if envs > 1:
+        raise BagError(f"{topic} has {envs} environments; name one of them: /env0{topic}")
 
 
 def tabular(message: Message) -> bool:

@@ -19,6 +19,12 @@ class UsageError(ValueError):
     """Reports a command line that is understood but wrong: exit status 2."""
 
 
+def check_duration(seconds: float | None) -> None:
+    """Raises UsageError for a `--duration` that is no time [s]. None: there is none."""
+    if seconds is not None and not 0 < seconds < 1e9:
+        raise UsageError(f"--duration is {seconds:g}; it must be a time longer than 0 and less than 1e9 s")
+
+
 class Parser(argparse.ArgumentParser):
     """Parses the words of one command. `words`: the command line, for a help text that depends on it."""
 

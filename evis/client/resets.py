@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-LARGEST_SEED = 2**63 - 1
+from msgs.own_time import LARGEST_SEED
 
 
 def environments_of(envs: Any) -> np.ndarray:

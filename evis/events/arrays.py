@@ -8,6 +8,9 @@ from typing import Any
 
 import numpy as np
 
+STANDARD_GRAVITY = 9.80665
+"""The g in which sensors and files give accelerations [m/s^2]."""
+
 # arrays without elements are shared: there is nothing in them that could be changed
 _NONE: dict[Any, np.ndarray] = {d: np.empty(0, d) for d in (np.int64, np.uint16, np.uint8, np.float64)}
 _NO_AXES = np.empty((0, 3))

@@ -1,4 +1,4 @@
-"""Tells the errors that readers raise on damaged files from a mistake of the program, in this one place."""
+"""Tells the errors that readers raise on damaged files from a mistake of the program, and puts them on one line."""
 
 from __future__ import annotations
 
@@ -22,6 +22,11 @@ def is_fault(error: BaseException) -> bool:
     return isinstance(error, FAULTS) or type(error).__module__.partition(".")[0] in _LIBRARIES
 
 
+def error_text(error: BaseException, most: int = 1000) -> str:
+    """Gives what an error says on one line of at most `most` characters, the name of its type where it says nothing."""
+    return (" ".join(str(error).split()) or type(error).__name__)[:most]
+
+
 @contextmanager
 def faults_as(kind: type[ValueError], name: str | os.PathLike[str]) -> Iterator[None]:
     """Turns the faults of a file into `kind`, whose text names the file; everything else passes as it is.
@@ -35,7 +40,7 @@ def faults_as(kind: type[ValueError], name: str | os.PathLike[str]) -> Iterator[
     except Exception as error:
         if not is_fault(error):
             raise
-        text = " ".join(str(error).split())[:300] or type(error).__name__
+        text = error_text(error, 300)
         if isinstance(error, OSError) and error.errno:
             text = os.strerror(error.errno)
         if isinstance(error, MemoryError):

@@ -137,7 +137,7 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
         raise LaunchError(f"{expanded.file}: nobody reads anything: give a node `keep: [PORT]`, or record")
     for node in chosen:
         plan.nodes[node.name] = _node_plan(node, demand, options.grouping, together)
-    _connect(plan, chosen, demand)
+    _connect(plan, chosen)
     plan.nodes = _in_order(plan)
     check_pace(plan, {node.name: node for node in chosen})
     plan.waits, plan.single = who_waits(plan, chosen, options.stepped)
@@ -290,7 +290,7 @@ def _is_there(node: Wired, port: str, demand: Demand) -> bool:
     return is_open(node, port, demand) and all(connected.get(p) for p in needed)
 
 
-def _connect(plan: Plan, chosen: list[Wired], demand: Demand) -> None:
+def _connect(plan: Plan, chosen: list[Wired]) -> None:
     for planned in plan.nodes.values():
         for port, topic in planned.outputs.items():
             row = find_topic(topic)

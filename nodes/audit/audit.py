@@ -21,6 +21,7 @@ from nodes.audit.report import AuditReport, Units
 from nodes.audit.run_events import NONE, Gap, RunEvents
 from nodes.audit.sampled_sensor import SampledSensor
 from nodes.event_sensor.input.further import Further
+from nodes.event_sensor.parameters import thresholds_of
 from nodes.event_sensor.sensor import EventSensor
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ class Audit:
         how = {"samples": o.samples, "light_samples": o.light_samples, "paths": o.paths, "device": o.device}
         self._look = PixelLuminance(scene, camera, len(envs), each, self._motion, slots=o.slots, **how)
         p = {"threshold_on": None, "threshold_off": None, "dark_level": 0.0, "threshold": 0.2, **o.sensor}
-        on, off = (p["threshold"] if p[side] is None else p[side] for side in ("threshold_on", "threshold_off"))
+        on, off = thresholds_of(p)
         ideal: dict[str, Any] = {"threshold_on": on, "threshold_off": off, "dark_level": p["dark_level"]}
         ideal["crossing"] = p.get("crossing", "linear")
         self._ideal = ideal

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import warp as wp
 
 from evis.events.measure.distance_kernels import victor_purpura_kernel
+from evis.gpu.exchange import as_warp
 from nodes.audit.events_kernels import count_unpaired
 
 Q_PER_MS = 1.0
@@ -89,15 +88,10 @@ class Comparison:
             trains += [t[mine], np.concatenate([[0], np.cumsum(sizes)])]
         distance, unpaired = np.zeros(count), np.zeros(count, np.int64)
         row = np.zeros(len(trains[2]) + count)
-        shared: list[Any] = [wp.array(np.ascontiguousarray(a), dtype=wp.int64, device="cpu") for a in trains]
-        out = [_shared(distance), _shared(unpaired)]
-        wp.launch(victor_purpura_kernel, count, [*shared, Q_PER_MS * 1e-6, _shared(row)], [out[0]], device="cpu")
+        shared = [as_warp(a) for a in trains]
+        out = [as_warp(distance), as_warp(unpaired)]
+        wp.launch(victor_purpura_kernel, count, [*shared, Q_PER_MS * 1e-6, as_warp(row)], [out[0]], device="cpu")
         wp.launch(count_unpaired, count, [*shared, WITHIN_NS], [out[1]], device="cpu")
         pixel = group[begins] // 2
         np.add.at(self.vp, pixel, distance)
         np.add.at(self.unpaired, pixel, unpaired)
-
-
-def _shared(array: np.ndarray) -> wp.array:
-    """The same memory for Warp."""
-    return wp.array(array, dtype=wp.dtype_from_numpy(array.dtype), copy=False, device="cpu")

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.gpu.exchange import as_warp
 from nodes.audit.events_kernels import PixelStates, sense_samples
 from nodes.event_sensor.engines.engine import sensor_struct
 from nodes.event_sensor.model.keys import KeyLayout
@@ -48,10 +49,5 @@ class SampledSensor:
         return np.repeat(np.arange(self._pixels), count), t_out, p_out
 
     def _launch(self, inputs: list[Any], outputs: list[np.ndarray]) -> None:
-        given = [_shared(a) if isinstance(a, np.ndarray) else a for a in (*inputs, self._states, *outputs)]
+        given = [as_warp(a) if isinstance(a, np.ndarray) else a for a in (*inputs, self._states, *outputs)]
         wp.launch(sense_samples, self._pixels, given, device="cpu")
-
-
-def _shared(array: np.ndarray) -> wp.array:
-    """The same memory for Warp."""
-    return wp.array(array, dtype=wp.dtype_from_numpy(array.dtype), copy=False, device="cpu")

@@ -10,12 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from evis.events import Recording, open_recording
-from nodes.camera.interface.driver import DeviceInfo, Driver, Reading
+from nodes.camera.interface.driver import LONG_GAP, DeviceInfo, Driver, Reading
 from nodes.camera.interface.settings import Configuration, setting
 
 NS = 1_000_000_000
-LONG_GAP = 100
-"""A silence of more packets than this is one empty packet: a jump in device time must not become a flood."""
 
 
 @dataclass

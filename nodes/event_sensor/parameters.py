@@ -19,6 +19,9 @@ MODELS = ("evis", "evis-paper", "esim", "v2e", "dvs_voltmeter")
 CROSSINGS = ("frame", "linear", "monotone", "cubic", "hermite")
 LOOK_AHEAD = ("monotone", "cubic")
 """Those whose curve needs the frame after the step."""
+FLOOR = 2.0**-24
+"""Least I + I_dark [radiance]: the smallest positive half-precision radiance. An ideal sensor without dark current
+would otherwise answer a black pixel with infinitely many events."""
 LARGEST_SIDE = 1 << 16
 """Most rows and columns: coordinates are uint16."""
 NEED_SLOPES = ("hermite",)
@@ -102,6 +105,12 @@ def resolve_sensor(owner: str, preset: str, given: Mapping[str, Any]) -> dict[st
     if 0 < (rate := resolved["readout_rate"]) < 1:
         raise ParamError(f"{owner}: readout_rate is {rate:g} 1/s; it is 0 (no limit) or at least 1 event per second")
     return {name: value for name, value in resolved.items() if name in SENSOR or name in chosen}
+
+
+def thresholds_of(values: Mapping[str, Any]) -> tuple[float, float]:
+    """Gives the contrast thresholds ON and OFF [ln I]: of a side that has none of its own it is `threshold`."""
+    on, off = (values["threshold"] if values[k] is None else values[k] for k in ("threshold_on", "threshold_off"))
+    return on, off
 
 
 def preset_values(owner: str, preset: str, model: Any = None) -> dict[str, Any]:

@@ -36,7 +36,6 @@ import warp as wp
 
 from evis.gpu.devices import device_named
 from nodes.event_sensor.cpu.listing import Listing
-from nodes.event_sensor.engines.engine import FLOOR as FLOOR
 from nodes.event_sensor.engines.engine import make_engine, sensor_struct, unlit_rate
 from nodes.event_sensor.input.arrays import on_device, shape_of
 from nodes.event_sensor.input.batch import Batch, SampleLists, Size
@@ -48,7 +47,8 @@ from nodes.event_sensor.model.features import marks
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS
 from nodes.event_sensor.optics.optics import Optics
-from nodes.event_sensor.parameters import LARGEST_SIDE, LOOK_AHEAD, frames_only, resolve_sensor
+from nodes.event_sensor.parameters import FLOOR as FLOOR
+from nodes.event_sensor.parameters import LARGEST_SIDE, LOOK_AHEAD, frames_only, resolve_sensor, thresholds_of
 from nodes.event_sensor.readout.device_events import CALLS, DeviceEvents, Pending, Ready
 from nodes.event_sensor.readout.packet import Events as Events
 from nodes.event_sensor.readout.packet import merged, parted
@@ -60,6 +60,19 @@ Frames = np.ndarray | wp.array | Any
 
 LATEST = 5 * 10**18
 """Stamps lie within this of 0 [ns], 158 years, so that waiting times can be added to them."""
+
+
+def _resolved(preset: str, given: dict[str, Any]) -> dict[str, Any]:
+    """Gives every parameter of a sensor. Raises ValueError for values that do not go together."""
+    p = resolve_sensor("event sensor", preset, given)
+    p["threshold_on"], p["threshold_off"] = thresholds_of(p)
+    if not p["model"].startswith("evis"):
+        raise ValueError(f"event model {p['model']} is made by nodes.event_sensor.peers.make_model")
+    if p["model"] == "evis-paper" and p["crossing"] not in ("linear", "frame"):
+        raise ValueError("event model evis-paper has no crossing: its events carry the stamps of frames")
+    if p["crossing"] == "hermite" and p["bandwidth_hz"] > 0:
+        raise ValueError("crossing=hermite needs the slope of what the pixel sees, which bandwidth_hz changes")
+    return p
 
 
 class EventSensor:
@@ -92,16 +105,7 @@ class EventSensor:
         """Raises ValueError for a size or a parameter out of range."""
         if not (1 <= height <= LARGEST_SIDE and 1 <= width <= LARGEST_SIDE and envs >= 1 and channels in (1, 3)):
             raise ValueError(f"event sensor cannot have {envs} x {height} x {width} pixels in {channels} channels")
-        p = resolve_sensor("event sensor", preset, parameters)
-        for side in ("threshold_on", "threshold_off"):
-            p[side] = p["threshold"] if p[side] is None else p[side]
-        if not p["model"].startswith("evis"):
-            raise ValueError(f"event model {p['model']} is made by nodes.event_sensor.peers.make_model")
-        if p["model"] == "evis-paper" and p["crossing"] not in ("linear", "frame"):
-            raise ValueError("event model evis-paper has no crossing: its events carry the stamps of frames")
-        if p["crossing"] == "hermite" and p["bandwidth_hz"] > 0:
-            raise ValueError("crossing=hermite needs the slope of what the pixel sees, which bandwidth_hz changes")
-        self.parameters = p
+        p = self.parameters = _resolved(preset, parameters)
         self.marked = marked
         p = {**p, "marked": marked}
         self.height, self.width, self.envs, self.channels = height, width, envs, channels
@@ -117,18 +121,7 @@ class EventSensor:
         self._ahead = p["model"] == "evis" and p["crossing"] in LOOK_AHEAD
         self._hermite = p["model"] == "evis" and p["crossing"] == "hermite"
         self._optics = Optics(height, width, envs, channels, p, self._hermite, self._device)
-        self._readout: Any = None
-        if p["readout_rate"] > 0 or p["timestamp_jitter_us"] > 0:
-            from nodes.event_sensor.readout.readout import Readout
-
-            self._readout = Readout(
-                width,
-                height,
-                envs,
-                p["readout_rate"],
-                p["timestamp_jitter_us"],
-                seed=seed if time_seed is None else time_seed,
-            )
+        self._readout = self._make_readout(seed if time_seed is None else time_seed)
         self._nothing: wp.array = wp.zeros(0, dtype=wp.float32, device=self._device)
         self._total = np.zeros(len(COUNTERS), np.int64)
         self._side: Any = self._make_side(size)
@@ -140,6 +133,15 @@ class EventSensor:
         self._last_stamp = self._settled = self._settled_before = 0
         self._waiting = LookAhead(envs, self._size, self._device)
         self._left: tuple[dict[str, np.ndarray], np.ndarray] | None = None
+
+    def _make_readout(self, seed: int) -> Any:
+        """Makes what delays events on their way out of the sensor; None where nothing does."""
+        p = self.parameters
+        if not (p["readout_rate"] > 0 or p["timestamp_jitter_us"] > 0):
+            return None
+        from nodes.event_sensor.readout.readout import Readout
+
+        return Readout(self.width, self.height, self.envs, p["readout_rate"], p["timestamp_jitter_us"], seed=seed)
 
     def _make_side(self, size: Size) -> Any:
         """Makes what lists and sorts the events: on the host or on a GPU."""

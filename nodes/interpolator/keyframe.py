@@ -49,14 +49,6 @@ class States:
         """Gives the poses of all bodies at the keyframe, float64 [E, N, 7]; not to be written to."""
         return np.asarray(self.pose[:, -1] if self.rest is None else self.rest, np.float64)
 
-    def pose_at_step(self, step: int) -> np.ndarray:
-        """Gives the poses of all bodies at t[step], float64 [E, N, 7]; not to be written to."""
-        if self.rest is None:
-            return np.asarray(self.pose[:, step])
-        poses = np.array(self.rest)
-        poses[:, self.moving] = self.pose[:, step]
-        return poses
-
     def places(self, bodies: np.ndarray) -> np.ndarray:
         """Finds which bodies of `pose` and `twist` these of all are, int64, -1 for one that rests."""
         if self.rest is None or self.moving is None:

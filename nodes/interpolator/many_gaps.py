@@ -131,7 +131,7 @@ class ManyGaps(Interpolator):
                 row = self._row_of(keyframes[start:end])
                 if after is not None and after[2]:
                     self._coming = row.followed_by(self._arrived(keyframes[after[0] : after[1]]), self.gaps)
-                made_gaps = self._between(row, images[start:end], margin, allocate, hand_over)
+                made_gaps = self._between(row, images[start:end], allocate, hand_over)
                 self._episodes = np.array(keyframes[end - 1].episodes)
                 hand_over()
                 waiting.append(made_gaps)
@@ -173,9 +173,7 @@ class ManyGaps(Interpolator):
             return expected
         return _Row.of(self._stamp, last.states, arrived, self.gaps)
 
-    def _between(
-        self, row: _Row, images: wp.array, margin: int, allocate: Allocate, before_that: Callable[[], None]
-    ) -> MadeGaps:
+    def _between(self, row: _Row, images: wp.array, allocate: Allocate, before_that: Callable[[], None]) -> MadeGaps:
         """Makes gaps of one episode, which end with these images; before_that: is called before `allocate`.
 
         Fewer than `gaps` are preceded by gaps of length 0, whose frames nobody gets.

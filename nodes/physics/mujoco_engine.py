@@ -409,7 +409,7 @@ class MujocoEngine:
         return SteppedStates(nearest, warnings, constrained, part, np.zeros(1, bool))
 
     def _stepped_with_checks(self, k: int, grid: range, faults: dict[int, str]) -> State:
-        """Does as `_stepped`, with a check of each state; adds to `faults` if the environment diverges."""
+        """Takes the steps of environment k, checking each state; adds to `faults` if the environment diverges."""
         data, states = self.data[k], list[State]()
         self.checked += 1
         wake(self.model, data)

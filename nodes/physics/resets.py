@@ -6,9 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from msgs.own_time import CONFIGURED
-
-LARGEST_SEED = 2**63 - 1
+from msgs.own_time import CONFIGURED, LARGEST_SEED
 
 
 def checked(

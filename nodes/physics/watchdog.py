@@ -9,17 +9,10 @@ import mujoco
 import numpy as np
 
 from nodes.physics.dynamics.touching import flex_name, touching_bodies
+from nodes.physics.mujoco_warnings import BAD, LOST
 from nodes.physics.precision.reach import Reach
 from nodes.physics.precision.sub_steps import FINEST
 from nodes.physics.stiffness import FOLLOWED, Mode, geom_name, integrator_of, modes, thicknesses
-
-BAD = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
-LOST = {
-    mujoco.mjtWarning.mjWARN_CONTACTFULL: "the contact buffer is full and contacts are lost; raise <size memory>",
-    mujoco.mjtWarning.mjWARN_CNSTRFULL: "the constraint buffer is full and constraints are lost; raise <size memory>",
-    mujoco.mjtWarning.mjWARN_INERTIA: "the inertia matrix is nearly singular; give light bodies inertia or armature",
-    mujoco.mjtWarning.mjWARN_BADCTRL: "a control is not finite and was taken as zero",
-}
 
 
 class Limits:
@@ -77,7 +70,7 @@ class Watchdog:
         if sign is None and not forward:
             what = "its time did not go forward"
         self._counts[:] = counts
-        cause = self._cause(data, body)
+        cause = self._cause(body)
         return f"body '{self._body(body)}' diverged at t = {data.time:.6g} s: {what}; likely cause: {cause}"
 
     def unremarkable(self, state: Mapping[str, np.ndarray], nearest: float) -> bool:
@@ -182,7 +175,7 @@ class Watchdog:
             f"{_firmer(firm, self.model.opt.timestep)}"
         )
 
-    def _cause(self, data: Any, body: int) -> str:
+    def _cause(self, body: int) -> str:
         """The stiffest thing of the model against what the integrator can follow."""
         dt, name = self.model.opt.timestep, integrator_of(self.model)
         found = modes(self.model)

@@ -300,7 +300,8 @@ def test_command_line(tmp_path):
         (["bag", "recover", "{}/a.mcap", "{}/missing/b.mcap"], 1, "there is no directory"),
         (["bag", "inof", "x"], 2, "did you mean 'info'?"),
         (["bag"], 2, "ACTION"),
-        (["bag", "record", "{}/b.mcap", "--duration", "0"], 2, "longer than 0 s"),
+        (["bag", "record", "{}/b.mcap", "--duration", "0"], 2, "longer than 0"),
+        (["bag", "record", "{}/b.mcap", "--duration", "nan"], 2, "longer than 0"),
     ],
 )
 def test_command_line_errors(tmp_path, words, status, text):

@@ -9,6 +9,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from evis.bag import BagError
+from evis.bag.environments import check_one
 from msgs.camera import Frames
 from msgs.header import Message
 
@@ -48,6 +49,5 @@ def _each(messages: Messages, topic: str) -> Iterator[Frames]:
     for message in messages():
         if not isinstance(message, Frames):
             raise BagError(f"{topic} holds {type(message).__name__} messages, no frames")
-        if len(message.episodes) != 1:
-            raise BagError(f"{topic} has {len(message.episodes)} environments; name one of them: /env0{topic}")
+        check_one(topic, len(message.episodes))
         yield message

@@ -44,8 +44,7 @@ def write_folder(messages: Iterable[Message], topic: str, out: Path) -> dict[str
 
 def images(message: Message, topic: str) -> dict[str, np.ndarray]:
     """Returns the images of a message by the channel's name, without margin. Raises BagError for environments."""
-    if environments.count(message) > 1:
-        raise BagError(f"{topic} has several environments; name one of them: /env0{topic}")
+    environments.check_one(topic, environments.count(message))
     found: dict[str, np.ndarray] = {}
     if isinstance(message, Depth):
         found["Z"] = _cropped(message.depth, message.margin)

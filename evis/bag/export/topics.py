@@ -138,8 +138,8 @@ def _resolve(reader: BagReader, topic: str) -> tuple[str, int | None]:
 def _check_one(reader: BagReader, topic: str, env: int | None) -> None:
     """Raises BagError for images of several environments, which would be one film."""
     numbers = {s.env for s in reader.streams.values() if s.topic == topic}
-    if env is None and len(numbers) > 1:
-        raise BagError(f"{topic} has {len(numbers)} environments; name one of them: /env0{topic}")
+    if env is None:
+        environments.check_one(topic, len(numbers))
 
 
 def _messages(reader: BagReader, topic: str, env: int | None) -> Iterator[Message]:
@@ -159,10 +159,8 @@ def _events(reader: BagReader, topic: str, env: int | None, out: Path) -> dict[s
     count = lost = rounded = colourless = 0
     with open_writer(out, *size) as writer:
         for packet, events in _chain(first, packets):
-            if len(packet.env_offsets) > 2 and env is None:
-                raise BagError(
-                    f"{topic} has {len(packet.env_offsets) - 1} environments; name one of them: /env0{topic}"
-                )
+            if env is None:
+                environments.check_one(topic, environments.count(packet))
             writer.write(events)
             count, lost = count + len(events), lost + packet.lost
             rounded += int(np.count_nonzero(events.t % 1000)) if out.suffix.lower() in WHOLE_US else 0

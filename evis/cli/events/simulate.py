@@ -44,6 +44,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from evis.cli.events.coding import Coding
     from evis.events import open_writer
     from evis.media.frames.source import FrameOptions
+    from nodes.event_sensor.parameters import thresholds_of
     from nodes.event_sensor.simulate import Simulation
 
     if os.path.exists(args.source) and os.path.exists(args.out) and os.path.samefile(args.source, args.out):
@@ -70,8 +71,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     hermite = known["crossing"] == "hermite"
     if hermite and upsampler is not None:
         raise UsageError("--crossing hermite needs dlog_dt, which sub-frames do not have; take cubic")
-    least = min(known[name] or known["threshold"] for name in ("threshold_on", "threshold_off"))
-    coding = Coding(tone, least, known["dark_level"])
+    coding = Coding(tone, min(thresholds_of(known)), known["dark_level"])
     with _part(args.source, options, chosen) as source, _finish_on_signal() as asked:
         if hermite and not source.has_slopes:
             raise ValueError(f"{args.source}: no dlog_dt, which --crossing hermite needs; take cubic")

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from evis.cli.graph.attach import add_run_option, find_run
-from evis.cli.parser import Parser, UsageError
+from evis.cli.parser import Parser, UsageError, check_duration
 from evis.console.printable import all_printable, printable
 from evis.dataset.layouts import LAYOUTS
 
@@ -176,8 +176,7 @@ def _record(args: argparse.Namespace) -> dict[str, Any]:
     from evis.supervisor.run_directory import is_live
     from nodes.recorder.recorder import Recorder
 
-    if args.duration is not None and args.duration <= 0:
-        raise UsageError(f"--duration is {args.duration:g}, it must be longer than 0 s")
+    check_duration(args.duration)
     if args.preview_hz < 0:
         raise UsageError(f"--preview-hz is {args.preview_hz:g}, the least is 0")
     plan = find_run(args.run)

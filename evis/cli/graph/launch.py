@@ -10,7 +10,7 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
-from evis.cli.parser import Parser, UsageError
+from evis.cli.parser import Parser, UsageError, check_duration
 from evis.config.params import describe_value, limits
 from evis.console.printable import printable, printable_lines
 
@@ -184,8 +184,7 @@ def make_plan(args: argparse.Namespace) -> Any:
         raise UsageError("--no-import is for --explain: a graph cannot run without its nodes")
     if args.compose and args.split:
         raise UsageError("--compose and --split exclude each other")
-    if args.duration is not None and not 0 < args.duration < 1e9:
-        raise UsageError(f"--duration is {args.duration:g}; it must be a time longer than 0 and less than 1e9 s")
+    check_duration(args.duration)
     target = read_target(args.target, parse_pairs(args.pairs))
     launch, given = target.launch, target.given
     if args.seed is not None:

@@ -13,7 +13,7 @@ from typing import Any
 
 from evis.cli.graph.attach import add_run_option, find_run
 from evis.cli.graph.node import types
-from evis.cli.parser import Parser, UsageError
+from evis.cli.parser import Parser, UsageError, check_duration
 from evis.console.printable import printable, printable_lines
 
 HELP = "run one node by hand"
@@ -43,8 +43,7 @@ def run(args: argparse.Namespace) -> int:
     from evis.launch.expand import NodeSpec
     from evis.launch.unused_arguments import check_parameters
 
-    if args.duration is not None and not 0 < args.duration < 1e9:
-        raise UsageError(f"--duration is {args.duration:g}; it must be a time longer than 0 and less than 1e9 s")
+    check_duration(args.duration)
     try:
         params = parse_pairs(args.pairs)
     except ArgumentError as error:

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from evis.random_numbers import GOLDEN, mix
+from evis.random_numbers import FACTORS, GOLDEN, mix
 
-_FACTORS = tuple(int(np.int64(np.uint64(factor).view(np.int64))) for factor in (0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
+_FACTORS = tuple(int(factor.view(np.int64)) for factor in FACTORS)
 _GOLDEN = int(GOLDEN.view(np.int64))
 
 

@@ -16,6 +16,7 @@ from evis.dataset.errors import DatasetError
 from evis.dataset.layouts import reader_of
 from evis.dataset.layouts.reader import UNBOUNDED_NS, EventArrays, SequenceReader
 from evis.dataset.loading.copies import local_folder
+from evis.files.damage import error_text
 from evis.recordings.whole_ns import whole_ns
 from msgs.camera import CameraInfo
 
@@ -130,7 +131,7 @@ class Sequence:
         except DatasetError:
             raise
         except _UNREADABLE as error:
-            text = " ".join(str(error).split()) or type(error).__name__
+            text = error_text(error)
             remedy = "`evis dataset verify` tells which files are damaged, make those sequences anew"
             if "plugin" in text:  # as HDF5 calls a compression that it does not know
                 remedy = "its compression needs hdf5plugin: pip install 'evis[files]'"

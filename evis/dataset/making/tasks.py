@@ -11,6 +11,7 @@ from evis.dataset.errors import refused_by_place
 from evis.dataset.making.finished import Entry
 from evis.dataset.making.worker import Maker
 from evis.dataset.recipe import Plan
+from evis.files.damage import error_text
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ def _told(plan: Plan, made: Entry | Exception) -> dict[str, Any]:
         return {"index": plan.index, "cause": "the worker ran out of memory"}
     if number := refused_by_place(made):
         return {"index": plan.index, "cause": f"{plan.path}: {os.strerror(number)}", "hopeless": True}
-    text = " ".join(str(made).split()) or type(made).__name__
+    text = error_text(made)
     if not isinstance(made, (ValueError, OSError)):
         text = f"{type(made).__name__}: {text}"
     return {"index": plan.index, "cause": text}

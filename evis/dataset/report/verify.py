@@ -11,6 +11,7 @@ from evis.dataset.layouts import reader_of
 from evis.dataset.layouts.reader import UNBOUNDED_NS
 from evis.dataset.making.finished import ENTRY, sha256_of
 from evis.dataset.report.summary import opened
+from evis.files.damage import error_text
 
 BLOCK_NS = 100_000_000
 """Events are read so much at a time, so that memory does not grow with length."""
@@ -55,7 +56,7 @@ def _sequence(folder: Path, entry: dict[str, Any], layout: str) -> tuple[list[st
         reader = reader_of(layout)(folder)
         events = sum(_count(reader, camera) for camera in reader.cameras)
     except (ValueError, OSError, KeyError) as error:
-        return [f" cannot be read as {layout}: {' '.join(str(error).split())}"], 0
+        return [f" cannot be read as {layout}: {error_text(error)}"], 0
     if events != entry["events"]:
         wrong.append(f" has {events} events; {entry['events']} were simulated")
     return wrong, events

@@ -49,6 +49,23 @@ def scatter(out: np.ndarray, at: np.ndarray, where: np.ndarray, words: np.ndarra
     return at + where
 
 
+def with_steps(
+    lengths: np.ndarray, steps: dict[int, np.ndarray], dtype: Any = np.int64
+) -> tuple[np.ndarray, np.ndarray]:
+    """Makes room for items of so many words and for the `steps` that go before some of them, which it writes.
+
+    Returns the words, 0 where the items are to be written, and int64 [n], the place of each item in them.
+    """
+    extra = np.zeros(len(lengths), np.int64)
+    extra[list(steps)] = [len(words) for words in steps.values()]
+    end = np.cumsum(extra + lengths)
+    at = end - lengths
+    out = np.zeros(int(end[-1]), dtype)
+    for i, words in steps.items():
+        out[at[i] - len(words) : at[i]] = words
+    return out, at
+
+
 def find_groups(t_us: np.ndarray, events: Events) -> tuple[np.ndarray, np.ndarray]:
     """Finds the first events of the runs that one mask of eight rows can hold in their order, and the masks."""
     x, y, p = events.x, events.y.astype(np.int64), events.p

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from evis.files.allowance import Allowance
+from evis.files.damage import error_text
 from evis.media.colour import luminance_of
 from evis.media.frames.folder import FolderFrames
 from evis.media.frames.source import PIXEL_BYTES, FrameOptions, FramesError
@@ -39,7 +40,7 @@ class ExrFrames(FolderFrames):
                 header = dict(file.header())
                 channels = {name: channel.pixels for name, channel in file.channels().items()}
         except Exception as error:  # the library raises RuntimeError, TypeError and others for damaged files
-            raise FramesError(f"{path}: cannot be read as EXR: {' '.join(str(error).split())[:150]}") from None
+            raise FramesError(f"{path}: cannot be read as EXR: {error_text(error, 150)}") from None
         pixels = next((channels[n] for n in ("RGB", "RGBA", "Y", "YA") if n in channels), None)
         if pixels is None or pixels.dtype.kind != "f":
             there = ", ".join(sorted(channels)) or "none"

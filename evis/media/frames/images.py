@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from evis.files.allowance import Allowance
+from evis.files.damage import error_text
 from evis.media.deep_colour import deep_colour
 from evis.media.frames.ends import ends_of
 from evis.media.frames.folder import FolderFrames
@@ -33,7 +34,7 @@ class ImageFrames(FolderFrames):
         try:
             read = codes(path.read_bytes(), self._form)
         except Exception as error:  # Pillow raises OSError, SyntaxError, ValueError and others for damaged files
-            raise FramesError(f"{path}: cannot be read as {self._form}: {' '.join(str(error).split())[:150]}") from None
+            raise FramesError(f"{path}: cannot be read as {self._form}: {error_text(error, 150)}") from None
         self.about["bits"] = 8 * read.itemsize
         return shaped(read, self._tone, self.channels == 3), None, ends_of(read) if self._ends else None
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from evis.files.allowance import Allowance, AllowanceError
+from evis.files.damage import error_text
 from evis.media.deep_colour import deep_colour
 from evis.scene.errors import SceneError
 from evis.scene.images.colour import linear_from_codes
@@ -68,7 +69,7 @@ def codes_of(picture: Any) -> np.ndarray:
         deep = deep_colour(picture)
         return np.asarray(picture.convert("RGB")) if deep is None else deep
     except Exception as error:  # Pillow raises OSError, SyntaxError, ValueError and others for damaged files
-        raise SceneError(f"which is a damaged picture: {_line(error)}") from None
+        raise SceneError(f"which is a damaged picture: {error_text(error, 150)}") from None
 
 
 def _opened(source: Path | bytes) -> Any:
@@ -82,7 +83,7 @@ def _opened(source: Path | bytes) -> Any:
     except Image.DecompressionBombError:
         raise SceneError(f"of more than {MAX_TEXELS} texels, which is the most that can be read") from None
     except Exception as error:
-        raise SceneError(f"which is no picture: {_line(error)}") from None
+        raise SceneError(f"which is no picture: {error_text(error, 150)}") from None
     try:
         check_size(*picture.size, read)
     except SceneError:
@@ -109,7 +110,7 @@ def load_exr(path: Path) -> np.ndarray:
     except SceneError as error:
         raise SceneError(f"{path.name} is {error}") from None
     except Exception as error:  # the library raises RuntimeError, TypeError and others for damaged files
-        raise SceneError(f"{path.name} cannot be read as EXR: {_line(error)}") from None
+        raise SceneError(f"{path.name} cannot be read as EXR: {error_text(error, 150)}") from None
     pixels = next((channels[n] for n in ("RGB", "RGBA", "Y", "YA") if n in channels), None)
     if pixels is None or pixels.dtype.kind != "f":
         raise SceneError(f"{path.name} has no R, G, B or Y of half or float; it has {', '.join(channels) or 'none'}")
@@ -125,7 +126,3 @@ def load_exr(path: Path) -> np.ndarray:
     if image.min() < 0:
         raise SceneError(f"{path.name} has radiance below 0, {image.min():g}; light cannot be negative")
     return image
-
-
-def _line(error: Exception) -> str:
-    return (" ".join(str(error).split()) or type(error).__name__)[:150]

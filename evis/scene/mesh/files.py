@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from evis.files.allowance import AllowanceError
+from evis.files.damage import error_text
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
 from evis.scene.images.colour import linear_from_srgb
@@ -127,7 +128,7 @@ def _read(path: Path, assets: Assets, textures: bool) -> tuple[Any, list[tuple[A
     except (AllowanceError, SceneError) as error:
         raise SceneError(f"{path.name}: {error}") from None
     except Exception as error:  # the readers of trimesh raise whatever they stumble over
-        raise SceneError(f"{path.name} cannot be read as {path.suffix[1:].upper()}: {_line(error)}") from None
+        raise SceneError(f"{path.name} cannot be read as {path.suffix[1:].upper()}: {error_text(error, 150)}") from None
     finally:
         if assets.refusals:
             raise assets.refusals[0] from None
@@ -278,7 +279,3 @@ def _colours(path: Path, geometry: Any, stored: Mapping[str, Any], faces: np.nda
     linear = colours if path.suffix.lower() in Y_UP else linear_from_srgb(colours)
     corners = linear[:, None].repeat(3, axis=1) if kind == "face" else linear[faces]
     return np.ascontiguousarray(corners, np.float32)
-
-
-def _line(error: Exception) -> str:
-    return (" ".join(str(error).split()) or type(error).__name__)[:150]

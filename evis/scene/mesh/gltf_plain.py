@@ -67,7 +67,7 @@ def plain(tree: dict[str, Any], buffers: list[bytes]) -> bytes:
     return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
 
 
-def base_texture(tree: dict[str, Any], material: dict[str, Any]) -> dict[str, Any]:
+def base_texture(material: dict[str, Any]) -> dict[str, Any]:
     """Returns what a material says of the texture of its base colour; empty without one."""
     found = material.get("pbrMetallicRoughness", {}).get("baseColorTexture", {})
     return found if isinstance(found, dict) else {}
@@ -77,7 +77,7 @@ def _lay(tree: dict[str, Any], primitive: dict[str, Any], new: _Numbers) -> None
     """Make the first texture coordinates those by which the base colour's texture lies."""
     if "material" not in primitive:
         return
-    texture = base_texture(tree, tree["materials"][primitive["material"]])
+    texture = base_texture(tree["materials"][primitive["material"]])
     change = texture.get("extensions", {}).get("KHR_texture_transform", {})
     which = change.get("texCoord", texture.get("texCoord", 0))
     attributes = primitive["attributes"]

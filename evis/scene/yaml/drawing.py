@@ -105,16 +105,22 @@ def _settled_folder(name: Any, arguments: Mapping[str, Any]) -> bool:
         return False
 
 
+def split_unit(value: Any) -> tuple[Any, str]:
+    """Splits a text that ends in `deg` or `rad` into its number, still a text, and the unit; '' is that of all else."""
+    angle = _ANGLE.match(value) if isinstance(value, str) else None
+    return (angle[1], angle[2]) if angle else (value, "")
+
+
 def _plain(value: Any) -> Any:
     """Numbers of a value as far as they can be told, without their units where 0."""
     if isinstance(value, list):
         return [_plain(item) for item in value]
-    angle = _ANGLE.match(value) if isinstance(value, str) else None
+    text, unit = split_unit(value)
     try:
-        number = float(angle[1] if angle else value)
+        number = float(text)
     except (TypeError, ValueError):
         return value
-    return (number, angle[2]) if angle and number else number
+    return (number, unit) if unit and number else number
 
 
 def draw(fields: Values, whole: bool = False) -> Any:
@@ -220,11 +226,8 @@ def _quantities(fields: Values, ends: Mapping[str, Any]) -> tuple[dict[str, floa
 
 
 def _quantity(fields: Values, key: str, value: Any) -> tuple[float, str]:
-    angle = _ANGLE.match(value) if isinstance(value, str) else None
-    where = key if key in fields.table else "normal"
-    if angle:
-        return fields.number_of(where, angle[1]), angle[2]
-    return fields.number_of(where, value), ""
+    number, unit = split_unit(value)
+    return fields.number_of(key if key in fields.table else "normal", number), unit
 
 
 def _leaves(value: Any) -> list[Any]:

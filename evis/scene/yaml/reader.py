@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -15,7 +14,7 @@ from evis.config.suggestions import nearest
 from evis.geometry import se3
 from evis.scene.draws import Draws
 from evis.scene.errors import SceneError
-from evis.scene.yaml.drawing import draw, has_draws, is_draw, places_of
+from evis.scene.yaml.drawing import draw, has_draws, is_draw, places_of, split_unit
 
 _REQUIRED: Any = object()
 FARTHEST = 1e9
@@ -24,7 +23,6 @@ LARGEST = 1e30
 """Beyond it single precision ends soon."""
 MAX_ERROR = 400
 """Longest text about a value [characters]."""
-_ANGLE = re.compile(r"\s*(.+?)\s*(deg|rad)\s*\Z")
 
 
 class Fields:
@@ -164,11 +162,9 @@ class Fields:
 
     def angle_of(self, key: str, value: Any) -> float:
         """Reads a value found under `key` as `angle` does."""
-        unit = _ANGLE.match(value) if isinstance(value, str) else None
-        if unit is None:
-            return self.number_of(key, value)
-        number = self.number_of(key, unit[1])
-        return math.radians(number) if unit[2] == "deg" else number
+        text, unit = split_unit(value)
+        number = self.number_of(key, text)
+        return math.radians(number) if unit == "deg" else number
 
     def vector(self, key: str, length: int = 3, default: Any = _REQUIRED, *, above: float | None = None) -> np.ndarray:
         """Reads a float64 vector; `a, b, c` as text will do."""

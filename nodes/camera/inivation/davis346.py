@@ -13,6 +13,7 @@ from nodes.camera.interface.driver import DeviceInfo
 from nodes.camera.interface.settings import Configuration, setting
 from nodes.camera.usb.access import label
 from nodes.camera.usb.driver import UsbSettings
+from nodes.camera.usb.region import region_of
 
 WIDTH, HEIGHT = 346, 260
 FX3, OLDEST_FX3, OLDEST_FX2 = 0x841A, 6, 4
@@ -126,11 +127,7 @@ class Camera(Fx3Camera):
         )
 
     def _apply(self, settings: Davis346Settings) -> None:
-        s = settings
-        if s.roi_x + (s.roi_width or 1) > WIDTH or s.roi_y + (s.roi_height or 1) > HEIGHT:
-            raise ValueError(
-                f"roi {s.roi_x},{s.roi_y} {s.roi_width}x{s.roi_height} px does not lie inside {WIDTH}x{HEIGHT}"
-            )
+        region_of(settings, WIDTH, HEIGHT)
 
     def _configuration(self) -> None:
         """The part of the start that the settings decide."""
@@ -146,10 +143,10 @@ class Camera(Fx3Camera):
         for enable, value in ((31, s.background_filter_us), (33, s.refractory_filter_us)):
             r.write(DVS, enable, int(value > 0))
             r.write(DVS, enable + 1, max(1, round(value / FILTER_TICK_US)))
-        right = s.roi_x + s.roi_width - 1 if s.roi_width else WIDTH - 1
-        bottom = s.roi_y + s.roi_height - 1 if s.roi_height else HEIGHT - 1
+        region = region_of(s, WIDTH, HEIGHT)
         x_registers, y_registers = ((42, 44), (41, 43)) if self._transposed else ((41, 43), (42, 44))
-        for parameter, value in (*zip(x_registers, (s.roi_x, right)), *zip(y_registers, (s.roi_y, bottom))):
+        across, down = (region.left, region.right), (region.top, region.bottom)
+        for parameter, value in (*zip(x_registers, across), *zip(y_registers, down)):
             r.write(DVS, parameter, value)
         r.write(APS, 12, round(s.exposure_us * self._clocks["AC"]))
         r.write(APS, 13, round(s.frame_interval_us * self._clocks["AC"]))

@@ -14,6 +14,7 @@ from nodes.camera.interface.settings import Configuration, setting
 from nodes.camera.usb.access import label
 from nodes.camera.usb.driver import UsbSettings
 from nodes.camera.usb.models import MODELS
+from nodes.camera.usb.region import region_of
 from nodes.camera.usb.side import SideReader
 
 WIDTH, HEIGHT = 640, 480
@@ -62,7 +63,7 @@ class MiniSettings(MicroSettings):
 
     def check(self) -> None:
         super().check()
-        _check_region(self, WIDTH, HEIGHT)
+        region_of(self, WIDTH, HEIGHT)
         if self.binning and (self.roi_x or self.roi_y or self.roi_width or self.roi_height):
             raise ValueError("binning and a region of interest are given; the camera does one of them")
 
@@ -86,15 +87,7 @@ class LiteSettings(MicroSettings):
 
     def check(self) -> None:
         super().check()
-        _check_region(self, LITE_WIDTH, LITE_HEIGHT)
-
-
-def _check_region(s: MiniSettings | LiteSettings, width: int, height: int) -> None:
-    """Raises ValueError unless the region of interest lies inside a sensor of this size."""
-    if s.roi_x + (s.roi_width or 1) > width or s.roi_y + (s.roi_height or 1) > height:
-        raise ValueError(
-            f"roi {s.roi_x},{s.roi_y} {s.roi_width}x{s.roi_height} px does not lie inside {width}x{height}"
-        )
+        region_of(self, LITE_WIDTH, LITE_HEIGHT)
 
 
 class Camera(Fx3Camera):
@@ -181,10 +174,9 @@ class Camera(Fx3Camera):
         It counts as the chip does, before the image is flipped. Where first and last group are the same, the chip looks
         at the mask of the last alone.
         """
-        s, r = self._settings, self.registers
         columns, rows = self.model.width, self.model.height
-        across = s.roi_x, s.roi_x + s.roi_width - 1 if s.roi_width else columns - 1
-        down = s.roi_y, s.roi_y + s.roi_height - 1 if s.roi_height else rows - 1
+        region = region_of(self._settings, columns, rows)
+        across, down = (region.left, region.right), (region.top, region.bottom)
         if self._orientation & TRANSPOSED:
             across, down, columns, rows = down, across, rows, columns
         left, right = (columns - 1 - across[1], columns - 1 - across[0]) if self._orientation & FLIP_X else across
@@ -194,7 +186,7 @@ class Camera(Fx3Camera):
             first, last = 0xFF, first & last
         values = (0, top // 8, first, bottom // 8, last, left >> 8, left & 0xFF, right >> 8, right & 0xFF)
         for i, value in enumerate(values):
-            r.write(CHIP, CROP + i, value)
+            self.registers.write(CHIP, CROP + i, value)
 
     def _prepare(self, decoder: Any) -> None:
         assert self._info is not None

@@ -15,6 +15,9 @@ import numpy as np
 from evis.events.arrays import Events
 from nodes.camera.interface.settings import Configuration
 
+LONG_GAP = 100
+"""A silence of more packets than this is one empty packet: a jump in device time must not become a flood."""
+
 
 @dataclass(frozen=True)
 class DeviceInfo:

@@ -63,7 +63,7 @@ class Camera(UsbDriver):
 
     def _connect(self) -> DeviceInfo:
         self._claim()
-        board = self._board = Board(self.device)
+        board = Board(self.device)
         serial, release = board.serial(), board.release()
         product = text(self.device, self.device.iProduct)
         version = ".".join(str(n) for n in release)

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from nodes.camera.interface.settings import setting
-from nodes.camera.treuzell.sensor import Registers, expect, roi_span, span_words
+from nodes.camera.treuzell.sensor import Registers, expect, span_words
 from nodes.camera.usb.driver import UsbSettings
+from nodes.camera.usb.region import region_of
 
 WIDTH, HEIGHT = 640, 480
 BIAS = {
@@ -99,11 +100,10 @@ def apply(registers: Registers, settings: Gen31Settings) -> None:
             registers.modify(address, VOLTAGE_MASK, code)
         else:
             registers.modify(address, CURRENT_MASK, code << 8)
-    region = roi_span(settings, WIDTH, HEIGHT)
-    if region is not None:
-        x, y, w, h = region
-        registers.write(0x400, *span_words(x, w, 20))
-        registers.write(0x500, *span_words(y, h, 15))
+    region = region_of(settings, WIDTH, HEIGHT)
+    if (region.width, region.height) != (WIDTH, HEIGHT):
+        registers.write(0x400, *span_words(region.left, region.width, 20))
+        registers.write(0x500, *span_words(region.top, region.height, 15))
         for value in (0, 1 << 5):  # the change of this bit applies the masks
             registers.modify(0x204, 1 << 5, value)
     registers.modify(0x1A0, 1, int(settings.trigger_in))

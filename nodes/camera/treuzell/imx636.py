@@ -7,8 +7,9 @@ import math
 from dataclasses import dataclass
 
 from nodes.camera.interface.settings import setting
-from nodes.camera.treuzell.sensor import Registers, expect, roi_span, span_words
+from nodes.camera.treuzell.sensor import Registers, expect, span_words
 from nodes.camera.usb.driver import UsbSettings
+from nodes.camera.usb.region import region_of
 
 WIDTH, HEIGHT = 1280, 720
 BIAS = {
@@ -72,12 +73,11 @@ def apply(registers: Registers, settings: Imx636Settings) -> None:
 
 def common(registers: Registers, settings: Imx636Settings | Gen41Settings) -> None:
     """Writes the settings that IMX636 and Gen4.1 share."""
-    region = roi_span(settings, WIDTH, HEIGHT)
-    if region is not None:
-        x, y, w, h = region
+    region = region_of(settings, WIDTH, HEIGHT)
+    if (region.width, region.height) != (WIDTH, HEIGHT):
         # rows count from the bottom; a set bit lets a line through
-        registers.write(0x2000, *span_words(x, w, 40))
-        registers.write(0x4000, *span_words(HEIGHT - y - h, h, 23))
+        registers.write(0x2000, *span_words(region.left, region.width, 40))
+        registers.write(0x4000, *span_words(HEIGHT - 1 - region.bottom, region.height, 23))
         registers.modify(0x4, 1 << 5, 1 << 5)
     if settings.event_rate_limit:
         rate_control(registers, settings.event_rate_limit)

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from nodes.camera.treuzell.protocol import Board, TreuzellError
 
@@ -90,15 +89,6 @@ def expect(registers: Registers, sensor: str, address: int, mask: int, *values: 
     if got not in values:
         wanted = " or ".join(f"{v:#x}" for v in values)
         raise TreuzellError(f"unknown chip: register {address:#x} of the {sensor} reads {got:#x}, not {wanted}")
-
-
-def roi_span(settings: Any, width: int, height: int) -> tuple[int, int, int, int] | None:
-    """Returns (x, y, width, height) of the region of interest, None for the whole sensor. Raises ValueError."""
-    x, y = settings.roi_x, settings.roi_y
-    w, h = settings.roi_width or width - x, settings.roi_height or height - y
-    if x + w > width or y + h > height or w <= 0 or h <= 0:
-        raise ValueError(f"roi {x},{y} {w}x{h} px does not lie inside {width}x{height}")
-    return None if (w, h) == (width, height) else (x, y, w, h)
 
 
 def span_words(start: int, size: int, words: int) -> list[int]:

@@ -10,7 +10,7 @@ import numpy as np
 from evis.events.arrays import Events
 from evis.events.codecs.buffer import Allocate, EventBuffer, plain
 from evis.events.codecs.decoder import Decoder
-from nodes.camera.interface.driver import Reading
+from nodes.camera.interface.driver import LONG_GAP, Reading
 from nodes.camera.usb.access import StreamEnd
 from nodes.camera.usb.clock import ClockMap
 from nodes.camera.usb.reader import Chunk, Reader
@@ -18,8 +18,6 @@ from nodes.camera.usb.side import SideReader
 
 FAR_NS = 2**63 - 1
 US = 1000
-LONG_GAP = 100
-"""A silence of more packets than this is one empty packet: a jump in device time must not become a flood."""
 GRACE_NS = 20_000_000
 """A quiet interval is closed when the host's clock says that it ended this long ago."""
 LEAST_BEHIND_NS = 1_000_000

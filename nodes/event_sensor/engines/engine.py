@@ -11,10 +11,7 @@ from nodes.event_sensor.input.batch import Size
 from nodes.event_sensor.model.features import Features, features_of
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import Sensor
-
-FLOOR = 2.0**-24
-"""Least I + I_dark [radiance]: the smallest positive half-precision radiance. An ideal sensor without dark current
-would otherwise answer a black pixel with infinitely many events."""
+from nodes.event_sensor.parameters import FLOOR
 
 
 def unlit_rate(p: Mapping[str, Any]) -> float:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from evis.events.measure.bursts import Bursts, bursts_of
-from evis.random_numbers import mix
+from evis.random_numbers import GOLDEN, mix
 from nodes.event_sensor.fit.statistics import statistics
 from nodes.event_sensor.fit.wheel import Wheel, find_wheel
 from nodes.event_sensor.sensor import EventSensor
@@ -123,7 +123,7 @@ def _normal_integral(z: np.ndarray) -> np.ndarray:
 def some_pixels(clip: Clip, most: int = SOME_PIXELS) -> tuple[np.ndarray, np.ndarray]:
     """Returns x, y [n] of pixels of the wheel picked by a hash: the same ones each time."""
     x, y = clip.pixels
-    rank = np.argsort(mix(np.arange(len(x), dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(1)))
+    rank = np.argsort(mix(np.arange(len(x), dtype=np.uint64) * GOLDEN + np.uint64(1)))
     keep = np.sort(rank[:most])
     return x[keep], y[keep]
 

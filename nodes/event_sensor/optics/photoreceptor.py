@@ -29,6 +29,7 @@ from nodes.event_sensor.input.batch import SampleLists
 from nodes.event_sensor.optics import photoreceptor_kernels as kernels
 from nodes.event_sensor.optics import photoreceptor_simd_kernels as simd
 from nodes.event_sensor.optics.photoreceptor_simd_kernels import Receptor
+from nodes.event_sensor.parameters import FLOOR
 
 
 class Photoreceptor:
@@ -77,7 +78,7 @@ class Photoreceptor:
             "level": bandwidth_level,
             "exponent": exponent,
             "dark": dark_level,
-            "floor": kernels.FLOOR,
+            "floor": FLOOR,
         }
         self._receptor = Receptor()
         for name, value in values.items():

@@ -21,8 +21,6 @@ from nodes.event_sensor.optics.photoreceptor_simd_kernels import GRAIN, Receptor
 
 wp.set_module_options({"enable_backward": False})
 
-FLOOR = 2.0**-24
-"""Least I + I_dark, as in the sensor: the smallest positive half-precision radiance."""
 SMALL = wp.constant(wp.float64(0.02))
 """Below this dt / tau the difference in f cancels, and its series has the better error (1e-14)."""
 

@@ -10,7 +10,7 @@ import warp as wp
 
 from evis.config.params import Param, ParamError, resolve
 from nodes.event_sensor.messages.limit import MOST_NOISE, REMEDY, check_noise, longest_step
-from nodes.event_sensor.parameters import LARGEST_SIDE, SENSOR
+from nodes.event_sensor.parameters import LARGEST_SIDE, SENSOR, thresholds_of
 from nodes.event_sensor.peers import kernels
 from nodes.event_sensor.sensor import Events
 
@@ -75,9 +75,7 @@ class Model:
         kept = {name: value for name, value in given.items() if name in declared or name not in SENSOR}
         kept = {name: value for name, value in kept.items() if value is not None}
         params = resolve(f"event model {self.NAME}", declared, kept)
-        for name in THRESHOLDS[1:]:
-            if params[name] is None:
-                params[name] = params["threshold"]
+        params["threshold_on"], params["threshold_off"] = thresholds_of(params)
         return params
 
     def prepare(self, frame: kernels.Frame, images: wp.array, fresh: wp.array) -> None:

@@ -62,7 +62,6 @@ class Readout:
         if queue < 0:
             raise ValueError(f"queue {queue} must be 0 (no limit) or a number of events")
         self._envs = envs
-        self._sigma = 1e3 * timestamp_jitter_us
         service = 1e9 / readout_rate if readout_rate else 0.0
         # 2^20 units per service time at least: the rate is met within 5e-7.
         self._fraction = max(0, 20 - math.floor(math.log2(service))) if service else 0
@@ -70,7 +69,7 @@ class Readout:
             "service": round(service * 2**self._fraction),
             "fraction": self._fraction,
             "capacity": queue,
-            "sigma": self._sigma,
+            "sigma": 1e3 * timestamp_jitter_us,
             "seed": seed & (2**64 - 1),
             "width": width,
             "height": height,
@@ -93,11 +92,6 @@ class Readout:
     def queues(self) -> bool:
         """Tells whether there is a rate, so that events have to come in the order of time."""
         return bool(self._queue.service > 0)
-
-    @property
-    def latency_ns(self) -> int:
-        """Returns the mean of the delay that the jitter adds [ns]."""
-        return round(float(kernels.REACH) * self._sigma)
 
     @property
     def waiting(self) -> int:

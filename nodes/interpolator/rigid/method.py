@@ -99,7 +99,7 @@ class Rigid:
         self._foreseen: tuple[Span, Poses] | None = None
         """A gap that is to come, and its poses."""
         self._held = np.zeros(envs, bool)
-        """Environments that begun an episode with that keyframe."""
+        """Environments that began an episode with that keyframe."""
         self.rested = False
         """Whether nothing moved or changed in the last gap."""
         self._even = True
@@ -121,7 +121,7 @@ class Rigid:
         self.change = make_light_change(self.shading, envs, self.placement.movers, asked.tolerance, lit_by_paths)
         self.sampling = Sampling(v, self.pieces, self.layout, pool, self.change)
         self._reprojection = Reprojection(self.shading, self.sampling, self.pieces, self.layout, self.change)
-        straight = FINE * self.layout.tolerance if textured_in(self.shading, self.layout) else -1.0
+        straight = FINE * self.layout.tolerance if textured else -1.0
         self._filling = self.pieces, self._moving, straight, self._reprojection.nonfinite
         self._sparse = SparseRaster(v, envs, step) if step > 0 and SparseRaster.pays(v) else None
         self._strides = [1] * envs

@@ -9,8 +9,9 @@ import numpy as np
 
 from nodes.physics.dynamics.batch.stepped_states import SteppedStates
 from nodes.physics.dynamics.states import State
+from nodes.physics.mujoco_warnings import BAD, LOST
 from nodes.physics.stiffness import FOLLOWED
-from nodes.physics.watchdog import BAD, LOST, Limits, Watchdog
+from nodes.physics.watchdog import Limits, Watchdog
 
 _BAD, _LOST = ([int(warning) for warning in which] for which in (BAD, LOST))
 

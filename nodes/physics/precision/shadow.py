@@ -17,6 +17,7 @@ import mujoco
 import numpy as np
 
 from evis.geometry import se3
+from nodes.physics.mujoco_warnings import BAD
 from nodes.physics.precision.errors import Errors, Kept
 from nodes.physics.precision.reach import Reach
 from nodes.physics.stiffness import modes
@@ -33,7 +34,6 @@ KEPT = 4
 GROWTH, LARGE, TURNED = 4.0, 0.01, 0.5
 """What gives rise to doubt in free motion: a growth of the error within a keyframe, if it reaches so many metres; a
 rotation [rad] that is no longer small."""
-_BAD = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
 
 @dataclass
@@ -165,7 +165,7 @@ class Shadow:
     def _sound(self) -> bool:
         data = self._data
         finite = bool(np.isfinite(data.qpos.sum() + data.qvel.sum()))
-        return finite and not any(data.warning[w].number for w in _BAD)
+        return finite and not any(data.warning[w].number for w in BAD)
 
     def _order(self) -> int:
         return ORDER.get(self._model.opt.integrator, 1) if self._smooth else 1

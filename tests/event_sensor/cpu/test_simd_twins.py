@@ -18,7 +18,7 @@ from nodes.event_sensor.cpu.simd_kernels import (
     emit_listed,
     room_for_block,
 )
-from nodes.event_sensor.engines.engine import FLOOR, sensor_struct
+from nodes.event_sensor.engines.engine import sensor_struct
 from nodes.event_sensor.model.crossing_kernels import crossing_on_line, root_of_line, stamp_of
 from nodes.event_sensor.model.faults import random_kernels
 from nodes.event_sensor.model.key_kernels import (
@@ -35,7 +35,7 @@ from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import TOLERANCE, Sensor, has_level, light_seen
 from nodes.event_sensor.model.state_kernels import Reference
 from nodes.event_sensor.model.threshold_kernels import range_around, reference_level, thresholds_crossed
-from nodes.event_sensor.parameters import resolve_sensor
+from nodes.event_sensor.parameters import FLOOR, resolve_sensor
 from nodes.event_sensor.readout.readout_kernels import readout, to_keys
 
 # Products and sums are rounded apart, as in the headers.

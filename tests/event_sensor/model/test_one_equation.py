@@ -6,10 +6,10 @@ import warp as wp
 
 from evis.native_code import native_code
 from nodes.event_sensor.cpu.simd_kernels import LOGARITHM
-from nodes.event_sensor.engines.engine import FLOOR
 from nodes.event_sensor.model.crossing_kernels import crossing_on_line, root_of_line, stamp_of
 from nodes.event_sensor.model.paper_kernels import ln_as_prescribed
 from nodes.event_sensor.model.sensor_kernels import TOLERANCE, Sensor, has_level, light_seen, log_level
+from nodes.event_sensor.parameters import FLOOR
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

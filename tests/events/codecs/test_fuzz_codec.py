@@ -1,6 +1,6 @@
 """Hostile bytes for every decoder: no crash, no hang, nothing read or written beyond, numpy and kernel alike.
 
-The quick run takes a few thousand inputs. The long one (`pytest -m slow tests/events/test_fuzz_codec.py`) takes
+The quick run takes a few thousand inputs. The long one (`pytest -m slow tests/events/codecs/test_fuzz_codec.py`) takes
 EVIS_FUZZ_INPUTS of them (1,000,000 unless given) spread over all decoders and prints how many.
 """
 

@@ -16,6 +16,7 @@ from evis.dataset.layouts.hdf5_reading import dataset, opened
 from evis.dataset.layouts.millisecond_index import NAME
 from evis.dataset.layouts.reader import ANEW, EventArrays, SequenceReader, framed, spans, within
 from evis.dataset.layouts.stereo_sides import SIDES, sides
+from evis.files.damage import error_text
 from evis.media.frames.images import codes
 
 _LAST_US = (1 << 32) - 1
@@ -140,7 +141,7 @@ def picture(path: Path) -> np.ndarray:
     try:
         return codes(path.read_bytes())
     except Exception as error:  # Pillow has errors of many kinds for damaged files
-        raise LayoutError(f"{path} cannot be read ({' '.join(str(error).split())[:150]}); {ANEW}") from error
+        raise LayoutError(f"{path} cannot be read ({error_text(error, 150)}); {ANEW}") from error
 
 
 def _ns(t: np.ndarray, offset_us: int) -> np.ndarray:

@@ -11,6 +11,7 @@ from evis.dataset.layouts import LayoutError
 from evis.dataset.layouts.columns import ColumnsReader
 from evis.dataset.layouts.reader import ANEW
 from evis.dataset.layouts.zarr.package import FOLDER, zarr
+from evis.files.damage import error_text
 
 
 class Column:
@@ -29,7 +30,7 @@ class Column:
         try:
             return np.asarray(self._array[part])
         except (RuntimeError, ValueError, OSError) as error:  # its codecs raise the first
-            raise LayoutError(f"{self._path} cannot be read ({' '.join(str(error).split())[:150]}); {ANEW}") from error
+            raise LayoutError(f"{self._path} cannot be read ({error_text(error, 150)}); {ANEW}") from error
 
     def _check(self, part: Any) -> None:
         """Looks whether the chunks along the first axis are there."""

@@ -2,7 +2,7 @@
 triggers.
 
 Code 1 is a row, codes 2 and 3 a column with an OFF or ON event at the time in force; frames are put together in
-`davis_frames`, inertial samples in `inivation_imu`.
+`davis_frames`, inertial samples in `imu`.
 """
 
 from __future__ import annotations

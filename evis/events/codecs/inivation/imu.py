@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evis.events.arrays import Imu
+from evis.events.arrays import STANDARD_GRAVITY, Imu
 from evis.events.codecs.inivation.words import IMU_END, IMU_START
 
-GRAVITY = 9.80665
 TEMPERATURE, GYROSCOPE, ACCELEROMETER = 1, 2, 4
 """Kinds of values in one sample, bits 5-7 of the word with the scales."""
 _MAX_WORDS = 64
@@ -56,7 +55,7 @@ class ImuChip:
         per_g, per_dps = self._units(scales >> self.accelerometer_shift & 3, scales & self.gyroscope_mask)
         wire = wire[list(self.order)]
         values = np.empty(7)
-        values[:3] = wire[:3] / per_g * GRAVITY
+        values[:3] = wire[:3] / per_g * STANDARD_GRAVITY
         values[3:6] = np.radians(wire[4:] / per_dps)
         values[6] = wire[3] * self.temperature[0] + self.temperature[1]
         return values
@@ -80,7 +79,7 @@ class ImuChip:
             np.asarray(v, np.float64) + (0 if np.isfinite(v).all() else np.nan)
             for v in (acceleration, angular_velocity)
         )
-        g, dps = g / GRAVITY, np.degrees(dps)
+        g, dps = g / STANDARD_GRAVITY, np.degrees(dps)
         accelerometer, range_at = 0, min(range(len(self.gyroscope_dps)), key=self.gyroscope_dps.__getitem__)
         kinds = 0
         if not np.isnan(g).any():

@@ -12,7 +12,7 @@ import numpy as np
 
 from evis.events.arrays import Events, Triggers
 from evis.events.codecs import decoder
-from evis.events.codecs.encoder import Item, PropheseeEncoder, scatter
+from evis.events.codecs.encoder import Item, PropheseeEncoder, scatter, with_steps
 
 OFF, ON, TIME_HIGH, TRIGGER = 0, 1, 8, 10
 PADDING = (14, 15)
@@ -126,14 +126,8 @@ class Encoder(PropheseeEncoder):
         return TIME_HIGH << TYPE_SHIFT | high & HIGH_MASK
 
     def _write(self, item: Item, new_high: np.ndarray, steps: dict[int, np.ndarray]) -> np.ndarray:
-        extra = np.zeros(len(item.t_us), np.int64)
-        extra[list(steps)] = [len(s) for s in steps.values()]
-        lengths = extra + new_high + 1
-        start = np.cumsum(lengths) - lengths
-        out = np.zeros(int(lengths.sum()), np.int64)
-        for i, words in steps.items():
-            out[start[i] : start[i] + len(words)] = words
-        at = scatter(out, start + extra, new_high, self.time_high_words(item.t_us >> HIGH_SHIFT))
+        out, start = with_steps(new_high + 1, steps)
+        at = scatter(out, start, new_high, self.time_high_words(item.t_us >> HIGH_SHIFT))
         low = (item.t_us & LOW_MASK) << LOW_SHIFT
         out[at] = np.where(
             item.is_trigger,

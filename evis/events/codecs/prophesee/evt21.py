@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from evis.events.codecs.encoder import Item, PropheseeEncoder, scatter
+from evis.events.codecs.encoder import Item, PropheseeEncoder, scatter, with_steps
 from evis.events.codecs.prophesee import evt2
 from evis.events.codecs.prophesee.evt2 import (
     ADDRESS_MASK,
@@ -67,16 +67,10 @@ class Encoder(PropheseeEncoder):
         new = np.ones(n, bool)
         new[1:] = new_high[1:] | (item.t_us[1:] != item.t_us[:-1]) | (item.y[1:] != item.y[:-1])
         heads, _ = find_vectors(item, new)
-        extra = np.zeros(n, np.int64)
-        extra[list(steps)] = [len(s) for s in steps.values()]
         is_head = np.zeros(n, bool)
         is_head[heads] = True
-        lengths = extra + new_high + is_head
-        start = np.cumsum(lengths) - lengths
-        out = np.zeros(int(lengths.sum()), np.uint64)
-        for i, words in steps.items():
-            out[start[i] : start[i] + len(words)] = words
-        at = scatter(out, start + extra, new_high, self.time_high_words(item.t_us >> HIGH_SHIFT))
+        out, start = with_steps(new_high + is_head.astype(np.int64), steps, np.uint64)
+        at = scatter(out, start, new_high, self.time_high_words(item.t_us >> HIGH_SHIFT))
         low = (item.t_us & LOW_MASK) << LOW_SHIFT
         upper = np.where(
             item.is_trigger,

@@ -10,7 +10,7 @@ import numpy as np
 
 from evis.events.arrays import Events, Triggers
 from evis.events.codecs import decoder
-from evis.events.codecs.encoder import Item, PropheseeEncoder, scatter
+from evis.events.codecs.encoder import Item, PropheseeEncoder, scatter, with_steps
 
 ADDR_Y, ADDR_X, VECT_BASE_X, VECT_12, VECT_8, TIME_LOW, TIME_HIGH, TRIGGER = 0, 2, 3, 4, 5, 6, 8, 10
 
@@ -191,14 +191,7 @@ class Encoder(PropheseeEncoder):
         head = np.zeros(n, bool)
         head[heads] = True
         payload = np.where(big, np.where(head, 4, 0), 1)
-        extra = np.zeros(n, np.int64)
-        extra[list(steps)] = [len(s) for s in steps.values()]
-        lengths = extra + new_high + new_low + new_row + payload
-        start = np.cumsum(lengths) - lengths
-        out = np.zeros(int(lengths.sum()), np.int64)
-        for i, words in steps.items():
-            out[start[i] : start[i] + len(words)] = words
-        at = start + extra
+        out, at = with_steps(payload + new_high + new_low + new_row, steps)
         at = scatter(out, at, new_high, self.time_high_words(t_us >> 12))
         at = scatter(out, at, new_low, TIME_LOW << 12 | low)
         at = scatter(out, at, new_row, ADDR_Y << 12 | item.y)

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from evis.events.arrays import Events, Frame, Imu
+from evis.events.arrays import STANDARD_GRAVITY, Events, Frame, Imu
 
 RESET, SIGNAL, IMU = 0, 1, 3
 """Bits 10-11 of the address."""
-GRAVITY = 9.80665
-"""[m/s^2]"""
 # full scales of jAER's default configuration (8 g, 1000 deg/s) and the temperature formula of the InvenSense MPU-6100
-_ACCELERATION = GRAVITY / 4096
+_ACCELERATION = STANDARD_GRAVITY / 4096
 _ANGULAR_VELOCITY = np.radians(1 / 32.8)
 _KINDS = 7
 _ROWS, _COLUMNS = 512, 1024

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from evis.events.arrays import Events, Frame, Imu, Triggers
+from evis.events.arrays import STANDARD_GRAVITY, Events, Frame, Imu, Triggers
 from evis.events.files.aedat.aedat4_packets import SOURCES
 from evis.events.files.reading.block_recording import BlockRecording, take_size
 from evis.events.recording import HEAD, OpenOptions, RecordingError, RecordingInfo
@@ -30,8 +30,6 @@ _EDGES = {code: SOURCES[source] for code, source in _AS_AEDAT4.items()}
 """Special event -> (id, value) of a trigger, ids as in AEDAT 4, which knows no second and third input (5 and 6)."""
 _EDGES |= {first + i: (channel, value) for first, channel in ((6, 5), (9, 6)) for i, value in enumerate((1, 0, 1))}
 _BY_CODE = np.array([_EDGES.get(code, (0, -1)) for code in range(128)], np.int8).T
-GRAVITY = 9.80665
-"""[m/s^2]"""
 _PART = 1 << 21
 _MAX_FRAME = 64 << 20
 
@@ -167,7 +165,7 @@ class Aedat3Recording(DescriptorOwner, BlockRecording):
         else:
             t = (np.ascontiguousarray(rows[:, 4:8]).view("<i4")[:, 0] + turns) * 1000
             values = np.ascontiguousarray(rows[:, 8:36]).view("<f4").astype(np.float64)
-            events.imu = Imu(t, values[:, :3] * GRAVITY, np.radians(values[:, 3:6]), values[:, 6])
+            events.imu = Imu(t, values[:, :3] * STANDARD_GRAVITY, np.radians(values[:, 3:6]), values[:, 6])
         return events
 
     def _frame(self, row: np.ndarray, turns: np.int64) -> Frame | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from evis.events.arrays import Events, Frame, Imu, Triggers
+from evis.events.arrays import STANDARD_GRAVITY, Events, Frame, Imu, Triggers
 from evis.events.files.aedat.flatbuffer import Rows, Table, columns
 from evis.events.files.reading.decompress import DamagedError
 
@@ -12,9 +12,6 @@ KINDS = (b"EVTS", b"FRME", b"IMUS", b"TRIG")
 EVENT = np.dtype(
     {"names": ["t", "x", "y", "on"], "formats": ["<i8", "<i2", "<i2", "u1"], "offsets": [0, 8, 10, 12], "itemsize": 16}
 )
-GRAVITY = 9.80665
-"""[m/s^2]"""
-
 SOURCES = {1: (0, 1), 2: (0, 0), 3: (0, 1), 4: (1, 1), 5: (1, 0), 6: (2, 1), 7: (2, 0), 8: (3, 1), 9: (3, 0), 0: (4, 1)}
 """Trigger source -> (id, value). ids: 0 external signal (3 = pulse), 1 signal generator, 2 frame readout, 3 exposure,
 4 reset of the time."""
@@ -117,7 +114,7 @@ def _frame(frame: Table) -> Frame:
 def _imu(parts: list[Rows]) -> Imu:
     t, temperature, *axes = columns(parts, _IMU)
     values = np.stack(axes, 1).astype(np.float64)
-    return Imu(t * 1000, values[:, :3] * GRAVITY, np.radians(values[:, 3:]), temperature.astype(np.float64))
+    return Imu(t * 1000, values[:, :3] * STANDARD_GRAVITY, np.radians(values[:, 3:]), temperature.astype(np.float64))
 
 
 def _triggers(parts: list[Rows]) -> Triggers:

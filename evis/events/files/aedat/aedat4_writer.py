@@ -8,9 +8,9 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from evis.events.arrays import Events, Frame, Imu, Triggers
+from evis.events.arrays import STANDARD_GRAVITY, Events, Frame, Imu, Triggers
 from evis.events.files.aedat.aedat4 import MAGIC
-from evis.events.files.aedat.aedat4_packets import EVENT, GRAVITY, SOURCES
+from evis.events.files.aedat.aedat4_packets import EVENT, SOURCES
 from evis.events.files.aedat.flat_builder import single_table, vector_of_structs, vector_of_tables
 from evis.events.files.file_writer import FileWriter, check_size
 from evis.events.files.reading.block_recording import split_aside
@@ -37,7 +37,7 @@ class Aedat4Writer(FileWriter):
 
     def __init__(self, path: str | os.PathLike[str], width: int, height: int, compression: str) -> None:
         super().__init__(path)
-        self._squeeze = _squeezer(compression, str(path))
+        self._squeeze = _squeezer(compression)
         self._table: list[tuple[int, ...]] = []
         text = _description(width, height, compression.upper()).encode() + b"\0"
         header, places = single_table(b"IOHE", [("i", COMPRESSIONS[compression]), ("q", -1)], text)
@@ -86,7 +86,7 @@ class Aedat4Writer(FileWriter):
         if len(imu):
             rows = np.zeros(len(imu), _IMU)
             rows["t"], rows["temperature"] = imu.t // 1000, imu.temperature
-            rows["a"], rows["w"] = imu.acceleration / GRAVITY, np.degrees(imu.angular_velocity)
+            rows["a"], rows["w"] = imu.acceleration / STANDARD_GRAVITY, np.degrees(imu.angular_velocity)
             self._packet(2, vector_of_tables(b"IMUS", rows, _IMU_FIELDS), rows["t"])
 
     def _triggers(self, edges: Triggers) -> None:
@@ -107,7 +107,7 @@ class Aedat4Writer(FileWriter):
         self._file.close()
 
 
-def _squeezer(compression: str, path: str):  # type: ignore[no-untyped-def]
+def _squeezer(compression: str):  # type: ignore[no-untyped-def]
     if compression == "none":
         return bytes
     if compression == "zstd":

@@ -38,7 +38,7 @@ def matches(head: bytes, path: Path, name: str) -> bool:
 
 
 class Hdf5Recording(BlockRecording):
-    """Reads an HDF5 file of one of the layouts of `hdf5_layouts`.
+    """Reads an HDF5 file of one of the layouts of `layouts`.
 
     Of a file that is cut, the events whose data all lie before the cut: of a chunk of ECF or without compression that
     is cut, its first events; of one with another compression none. Columns that were written one after the other share

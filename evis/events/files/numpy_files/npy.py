@@ -19,6 +19,7 @@ from numpy.lib import format as npy
 from evis.events.arrays import Events
 from evis.events.files.reading.block_recording import BlockRecording, take_size
 from evis.events.recording import OpenOptions, RecordingError, RecordingInfo
+from evis.files.damage import error_text
 
 NAME = "NumPy .npy with an event a row"
 
@@ -192,7 +193,7 @@ def read_header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
     try:
         shape, fortran, dtype = read(io.BytesIO(field + file.read(length)))
     except Exception as error:  # the reader of headers hands on what Python's parser raises
-        raise ValueError(" ".join(str(error).split()) or type(error).__name__) from None
+        raise ValueError(error_text(error)) from None
     if any(side < 0 for side in shape):
         raise ValueError(f"its shape is {list(shape)}")
     return shape, fortran, dtype

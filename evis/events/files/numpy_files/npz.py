@@ -26,6 +26,7 @@ from evis.events.files.reading.block_recording import BlockRecording
 from evis.events.files.reading.zip_archive import Archive, CutArchive, open_archive, salvaged
 from evis.events.recording import OpenOptions, RecordingError, RecordingInfo, Writer
 from evis.files.allowance import Allowance
+from evis.files.damage import error_text
 from evis.files.zip_faults import UNREADABLE, ZIP_FAULTS
 
 NAME = "NumPy .npz of t, x, y, p"
@@ -159,7 +160,7 @@ class NpzRecording(BlockRecording):
         try:
             return file.read(size)
         except ZIP_FAULTS as error:
-            self.info.warn(f"damaged: the array {name} ({' '.join(str(error).split())[:80]})")
+            self.info.warn(f"damaged: the array {name} ({error_text(error, 80)})")
         if isinstance(self._zip, CutArchive):
             return b""
         try:
@@ -232,7 +233,7 @@ class _Member:
                 # a small array is checked as a whole with its first byte
                 self._file = salvaged(self._path, self._zip.getinfo(name))
                 shape, _, dtype = read_header(self._file)
-                self._info.warn(f"damaged: the array {self._name} ({' '.join(str(error).split())[:80]})")
+                self._info.warn(f"damaged: the array {self._name} ({error_text(error, 80)})")
         except _BROKEN as e:
             raise RecordingError(f"{self._path}: the array {self._name} is damaged ({str(e)[:100]})") from None
         return self._file, shape, dtype

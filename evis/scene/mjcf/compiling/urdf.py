@@ -12,6 +12,7 @@ from urllib.parse import unquote
 import mujoco
 import numpy as np
 
+from evis.files.damage import error_text
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
 from evis.scene.mjcf.compiling.check import check_model
@@ -36,7 +37,7 @@ def compile_urdf(path: Path, folders: Folders) -> tuple[Any, Any, str | None]:
     except SceneError:
         raise
     except (ValueError, RuntimeError, ET.ParseError, OSError) as error:
-        reason = " ".join(str(error).split())[:200]
+        reason = error_text(error, 200)
         note = f"the collision geometry of {path.name} is drawn, its visual geometry cannot be read: {reason}"
         return model, model, note
 
