@@ -1,4 +1,6 @@
-"""Pixels on the rim of a polygon that turns in place: its corners and sides come and go there faster than probes look."""
+"""Pixels on the rim of a polygon that turns in place: its corners and sides come and go there between probes."""
+
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -43,7 +45,7 @@ def test_corners_that_come_and_go_beside_a_rim_are_seen(sides, rate, beyond):
         level = np.r_[frames.reshape(K, count)[:, q], values[pixels == q]]
         order = np.argsort(own)
         ends = np.flatnonzero(change[q])
-        for first, last in zip(ends[:-1], ends[1:], strict=True):
+        for first, last in pairwise(ends):
             # Two instants lie in it at least, however it lies.
             if (last - first) * step > 6 * TOLERANCE:
                 middle = (first + last + 1) / 2 * step
