@@ -67,6 +67,13 @@ def test_a_head_that_looks_at_the_ball_has_it_in_the_middle() -> None:
     assert np.isclose(PanTilt().info(now)["offset"], 0)
 
 
+def test_the_offset_of_a_ball_in_a_corner_is_the_angle_to_the_optical_axis() -> None:
+    """By the scalar product of both directions; at 20 degrees either way it is 27.2 degrees, not 20 times sqrt(2)."""
+    ball = np.array([1, np.tan(np.radians(20)), np.tan(np.radians(20))])
+    now = state(["head", "ball"], [[0, 0, 0], ball.tolist()])
+    assert np.isclose(PanTilt().info(now)["offset"], np.arccos(ball[0] / np.linalg.norm(ball)))
+
+
 @pytest.mark.parametrize(
     ("x", "before", "after", "reward", "ends"),
     [(0.1, -3, 3, 1, False), (0.1, -3, -3, 0, False), (1.9, 3, -3, 0, False), (-0.1, -3, -3, -1, True)],

@@ -31,11 +31,17 @@ class PanTilt(Task):
 
     def info(self, state: State) -> Mapping[str, np.ndarray]:
         """Gives the angle between the optical axis and the ball [rad]."""
-        return {"offset": np.hypot(*offset(state).T)}
+        ahead, left, up = ball_before_head(state)
+        return {"offset": np.arctan2(np.hypot(left, up), ahead)}
+
+
+def ball_before_head(state: State) -> np.ndarray:
+    """Computes how far the ball is ahead of the camera, to its left and above it, float64 [3, E] m."""
+    head, ball = state.pose("head"), state.pose("ball")
+    return se3.rotate(se3.conjugate(head[:, 3:]), ball[:, :3] - head[:, :3]).T
 
 
 def offset(state: State) -> np.ndarray:
     """Computes how far the ball is to the left of the optical axis and above it, float64 [E, 2] rad."""
-    head, ball = state.pose("head"), state.pose("ball")
-    ahead, left, up = se3.rotate(se3.conjugate(head[:, 3:]), ball[:, :3] - head[:, :3]).T
+    ahead, left, up = ball_before_head(state)
     return np.stack((np.arctan2(left, ahead), np.arctan2(up, ahead)), axis=1)
