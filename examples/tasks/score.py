@@ -64,8 +64,10 @@ def main() -> None:
     """Runs the command."""
     parser = argparse.ArgumentParser(description="Measure the controllers.")
     parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--tasks", nargs="+", default=["CartPole", "PanTilt", "Pong"])
+    parser.add_argument("--tasks", nargs="+", choices=list(evis.env.TASKS), default=list(evis.env.TASKS))
     options = parser.parse_args()
+    if options.seeds < 1:
+        parser.error(f"--seeds is {options.seeds}; it must be 1 or more")
     print("| task | who | return | length [s] | whole episodes | balls returned |\n|---|---|---|---|---|---|")
     for task in options.tasks:
         for who in ("nobody", "chance", "controller"):

@@ -135,6 +135,19 @@ def test_the_controller_of_the_examples_does_what_doing_nothing_does_not(task: s
     assert with_it[:, 0].mean() > 1.5 * max(without[:, 0].mean(), 0)
 
 
+@pytest.mark.parametrize(
+    ("arguments", "said"), [(["--seeds", "0"], "--seeds is 0; it must be 1 or more"), (["--tasks", "pong"], "'Pong'")]
+)
+def test_a_table_of_nothing_is_refused(
+    arguments: list[str], said: str, score, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["score.py", *arguments])
+    with pytest.raises(SystemExit):
+        score.main()
+    told = capsys.readouterr()
+    assert said in told.err and not told.out
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("task", list(evis.env.TASKS))
 def test_the_controllers_do_whole_episodes(task: str, score) -> None:
