@@ -101,6 +101,7 @@ class Curve(BaseCallback):
         super().__init__()
         self.end, self.path, self.rows = 60 * minutes, path, []
         self.began, self.best = time.process_time(), -np.inf
+        self._write()  # a curve of an earlier training would be taken for this one's
 
     def left(self, _: float = 0) -> float:
         """Returns how much of the time is left, 1 to 0."""
@@ -118,8 +119,11 @@ class Curve(BaseCallback):
             if len(episodes) == 100 and self.rows[-1][2] > self.best:
                 self.best = self.rows[-1][2]
                 keep(self.model, self.path)
-            with (self.path / "curve.csv").open("w", newline="") as file:
-                csv.writer(file).writerows([("seconds", "steps", "return", "length"), *self.rows])
+            self._write()
+
+    def _write(self) -> None:
+        with (self.path / "curve.csv").open("w", newline="") as file:
+            csv.writer(file).writerows([("seconds", "steps", "return", "length"), *self.rows])
 
 
 def keep(model: PPO, out: Path) -> None:
@@ -168,7 +172,7 @@ def draw(curves: dict[str, Path], out: Path) -> None:
     figure = Figure((4 * len(curves) + 1, 3), layout="constrained")
     for axes, (task, path) in zip(np.atleast_1d(figure.subplots(1, len(curves))), curves.items()):
         with path.open() as file:
-            rows = np.array([[float(v) for v in row] for row in list(csv.reader(file))[1:]])
+            rows = np.array([[float(v) for v in row] for row in list(csv.reader(file))[1:]]).reshape(-1, 4)
         axes.plot(rows[:, 0] / 60, rows[:, 2])
         axes.set(xlabel="minutes", title=f"evis/{task}-v0")
         axes.grid(alpha=0.3)
@@ -185,6 +189,12 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("trained"))
     options = parser.parse_args()
+    if not 0 < options.minutes < np.inf:
+        parser.error(f"--minutes is {options.minutes:g}; it must be a number above 0")
+    if not 1 <= options.envs <= ROLLOUT[options.task]:
+        parser.error(f"--envs is {options.envs}; it must be from 1 to {ROLLOUT[options.task]}")
+    if options.seed < 0:
+        parser.error(f"--seed is {options.seed}; it must be 0 or more")
     options.out.mkdir(parents=True, exist_ok=True)
     train(options.task, options.minutes, options.envs, options.seed, options.out)
     found = score(options.task, options.out, 20, 10_000)

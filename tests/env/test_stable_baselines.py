@@ -60,16 +60,41 @@ def test_ppo_learns_from_it() -> None:
     env.close()
 
 
-@pytest.mark.slow
-def test_a_short_training_of_the_examples_improves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Half a minute of the head that follows a ball; doing nothing gives 2.4, and chance 4.8."""
+@pytest.fixture
+def train(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[2] / "examples" / "tasks"))
     import train
 
+    yield train
+    for name in ("train", "observed"):
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.parametrize("arguments", ["--minutes 0", "--minutes -1", "--minutes nan", "--envs 0", "--seed -1"])
+def test_a_training_that_cannot_be_is_refused(
+    arguments: str, train, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["train.py", "CartPole", "--out", str(tmp_path / "t"), *arguments.split()])
+    with pytest.raises(SystemExit):
+        train.main()
+    assert f"{arguments.split()[0]} is {arguments.split()[1]}; it must be" in capsys.readouterr().err
+    assert not (tmp_path / "t").exists()
+
+
+def test_a_training_shorter_than_a_rollout_has_an_empty_curve(train, tmp_path: Path) -> None:
+    """Not that of the training before, which the folder holds; it can be drawn."""
+    (tmp_path / "curve.csv").write_text("seconds,steps,return,length\n5,2048,400,450\n")
+    train.train("CartPole", minutes=1e-4, count=2, seed=0, out=tmp_path)
+    assert (tmp_path / "curve.csv").read_text().split() == ["seconds,steps,return,length"]
+    train.draw({"CartPole": tmp_path / "curve.csv"}, tmp_path / "curve.png")
+    assert (tmp_path / "curve.png").stat().st_size > 1000
+
+
+@pytest.mark.slow
+def test_a_short_training_of_the_examples_improves(train, tmp_path: Path) -> None:
+    """Half a minute of the head that follows a ball; doing nothing gives 2.4, and chance 4.8."""
     train.train("PanTilt", minutes=0.5, count=16, seed=0, out=tmp_path)
     with (tmp_path / "curve.csv").open() as file:
         returns = [float(row["return"]) for row in csv.DictReader(file)]
     assert returns[-1] > 1.8 * returns[0], returns
     assert train.score("PanTilt", tmp_path, episodes=4, seed=500)[:, 0].mean() > 4.8
-    for name in ("train", "observed"):
-        sys.modules.pop(name, None)
