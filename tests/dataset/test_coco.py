@@ -55,6 +55,19 @@ def test_boxes_and_masks_are_those_of_the_labels(document: tuple[Path, dict[str,
             assert annotation["category_id"] == info.semantic[annotation["track_id"]]
 
 
+def test_boxes_of_bodies_have_no_mask_of_one_part(tmp_path: Path) -> None:
+    """A box's id is that of one part, which may be hidden: masks of no pixels were written. The writer tells it."""
+    about, steps = simulated("warehouse", "boxes", "segmentation", box_of="body")
+    writer = written("coco", tmp_path / "s", about, steps)
+    whole = json.loads((tmp_path / "s" / "annotations/instances.json").read_text())
+    _, boxes = labels_of(steps, "cam0", "box")
+    assert len(whole["annotations"]) == sum(map(len, boxes)) > 80
+    for annotation in whole["annotations"]:
+        _, _, width, height = annotation["bbox"]
+        assert annotation["segmentation"] == [] and annotation["area"] == width * height
+    assert any("box_of: instance gives both" in note for note in writer.notes)
+
+
 def test_an_image_shows_the_events_of_its_interval(document: tuple[Path, dict[str, Any]]) -> None:
     """The pixels that are not white are those that had one."""
     folder, whole = document

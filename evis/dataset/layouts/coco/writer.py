@@ -7,7 +7,7 @@ stamp before. The events are in `events/<camera>/events.npz`.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -74,7 +74,12 @@ class CocoWriter(SequenceWriter):
         self._place(camera, self._frames[camera].annotated(number, sample.stamp_ns))
         told = {"id": number, "file_name": f"{camera}/{path.name}", "width": info.width, "height": info.height}
         self._parts["images"].add({**told, "stamp_ns": sample.stamp_ns, "camera": camera})
-        for instance, box, mask in visible_instances(sample):
+        labels = sample.labels
+        if {"box", "segmentation"} <= labels.keys() and self.about.arguments.get("box_of") == "body":
+            # A body's box has the id of its first part, whose mask is not the body's, and empty where it is hidden.
+            labels = {name: array for name, array in labels.items() if name != "segmentation"}
+            self.note("COCO has masks of instances, left out beside boxes of bodies: box_of: instance gives both")
+        for instance, box, mask in visible_instances(labels):
             width, height = box[2] - box[0] + 1, box[3] - box[1] + 1
             category = int(info.semantic[instance]) if info.semantic is not None else 1
             self._parts["annotations"].add(
@@ -103,14 +108,14 @@ class CocoWriter(SequenceWriter):
             out.write("}\n")
 
 
-def visible_instances(sample: Sample) -> Iterator[tuple[int, list[int], np.ndarray | None]]:
+def visible_instances(labels: Mapping[str, np.ndarray]) -> Iterator[tuple[int, list[int], np.ndarray | None]]:
     """Yields (instance, box x0 y0 x1 y1 px inclusive, mask [H, W] or None) of what is seen, without the background.
 
     Boxes are the labels' own; without them they are those of the masks.
     """
-    ids = sample.labels.get("segmentation")
-    if "box" in sample.labels:
-        for box, instance in zip(sample.labels["box"].tolist(), sample.labels["box_id"].tolist()):
+    ids = labels.get("segmentation")
+    if "box" in labels:
+        for box, instance in zip(labels["box"].tolist(), labels["box_id"].tolist()):
             yield instance, [int(v) for v in box], None if ids is None else ids == instance
         return
     assert ids is not None
