@@ -65,6 +65,14 @@ def test_corners_that_come_and_go_beside_a_rim_are_seen(sides, rate, beyond):
     assert found > 0.95 * spells
 
 
+def test_a_rim_that_turns_by_a_whole_turn_between_two_frames_is_seen():
+    """At both frames each pixel shows the same triangle; what is lost goes on farther from the rim than is looked."""
+    sides, size = 20, RADIUS / 2
+    spells, found = spells_seen(disc(size, sides), plain(NEAR), sides, 2e9 * np.pi / GAP, SKY, 1, size)
+    assert spells > 20
+    assert found > 0.88 * spells
+
+
 def double_cone(radius, sides):
     """Two flat cones base to base, shaded round: the rear one begins at the outline, and faces away."""
     rim = disc(radius, sides)

@@ -79,6 +79,10 @@ def outline_beside(
             ends = ends_of(cut, stage, start, on)
             shown = triangle_of(ends.before)
             passes = shown != triangle_of(ends.after)
+            if not passes:
+                # It may have gone by a whole turn.
+                first = (cut.slots + 1) // stage.probes[spot.env]
+                passes = shown != triangle_of(entry_then(cut, stage, start, on, first))
             if passes:
                 then = entry_then(cut, stage, start, other, high)
                 if way_of(cut, stage, spot, over) > QUICK * float(stage.probes[spot.env]):
