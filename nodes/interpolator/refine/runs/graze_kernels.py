@@ -71,12 +71,19 @@ def outline_beside(
     if there:
         hit = entry_then(cut, stage, start, other, low)
         if triangle_of(hit) != triangle_of(before) and not joined(hit, before, stage.targets.pieces):
-            ends = ends_of(cut, stage, start, other)
+            on = other
             over = hit
             if nearer(before, hit):
-                ends = ends_of(cut, stage, start, spot)
+                on = spot
                 over = before
-            if triangle_of(ends.before) != triangle_of(ends.after):
+            ends = ends_of(cut, stage, start, on)
+            shown = triangle_of(ends.before)
+            passes = shown != triangle_of(ends.after)
+            if not passes:
+                # It may have gone by a whole turn.
+                first = (cut.slots + 1) // stage.probes[spot.env]
+                passes = shown != triangle_of(entry_then(cut, stage, start, on, first))
+            if passes:
                 then = entry_then(cut, stage, start, other, high)
                 if way_of(cut, stage, spot, over) > QUICK * float(stage.probes[spot.env]):
                     if joined(hit, then, stage.targets.pieces):
@@ -124,8 +131,11 @@ def way_to_outline(
             edge = 1
         if there[2] < there[edge]:
             edge = 2
-        share = -1.0
-        if there[edge] >= 0.0 or wp.min(there) <= OUTSIDE or wp.min(here) <= OUTSIDE:
+        if wp.min(there) <= OUTSIDE or wp.min(here) <= OUTSIDE:
+            # It faces away, as what lies beyond the outline of something round does.
+            left = 0
+        elif there[edge] >= 0.0:
+            share = -1.0
             left = 0
         else:
             share = here[edge] / (here[edge] - there[edge])
