@@ -186,9 +186,9 @@ def test_a_node_attaches_by_hand_and_loses_only_for_itself(running: Path, evis: 
     assert "would publish /cam0/events, which relay of the" in evis("run", "graph_nodes:Relay").line
 
 
-def test_a_graph_that_ends_while_a_node_attaches_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_graph_that_ends_while_a_node_attaches_is_told(runtime_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its folder is gone with it; that is no fault of the node."""
-    monkeypatch.setattr("evis.cli.graph.run.find_run", lambda _: Plan("disk", "run-1", "/tmp/evis-gone"))
+    monkeypatch.setattr("evis.cli.graph.run.find_run", lambda _: Plan("disk", "run-1", str(runtime_folder / "gone")))
     monkeypatch.setattr(signal, "signal", lambda *_: None)
     words = argparse.Namespace(node="visualizer", pairs=["port:=0"], duration=None, json=False, run=None, debug=False)
     with pytest.raises(ValueError, match=r"^the graph run-1 ended before visualizer was ready$"):
