@@ -16,7 +16,7 @@ from nodes.interpolator import warm_up as made_up
 from nodes.interpolator.interpolator import Allocate, Image, Interpolator, new_frames
 from nodes.interpolator.keyframe import KeyframeView, Report, Span, States, StatesInARow
 from nodes.interpolator.rigid import Rigid
-from nodes.interpolator.samples import Further
+from nodes.interpolator.samples import Further, Parting
 
 if TYPE_CHECKING:
     from nodes.interpolator.refine.method import Refined
@@ -93,6 +93,10 @@ class ManyGaps(Interpolator):
         """Views B of the gaps made last, and the last of these views by itself."""
         self._coming: _Row | None = None
         """The gaps that follow those that are being made, if they are known."""
+        self._parting: Parting | None = None
+        self._first = True
+        """Whether the next gaps are the first ones: of these one is made by itself, which tells how many samples the
+        others may have, for what lacks room on a GPU is done again."""
 
     def push_all(
         self,
@@ -113,11 +117,11 @@ class ManyGaps(Interpolator):
         """
         self._fit((1, *keyframes[0].image.shape[1:3]), margin)
         images = self._image(joined([one.image for one in keyframes]))
-        waiting: list[MadeGaps] = []
+        waiting: list[Callable[[], MadeGaps]] = []
 
         def hand_over() -> None:
             while waiting:
-                deliver(waiting.pop(0))
+                deliver(waiting.pop(0)())
 
         runs = self._runs(keyframes)
         try:
@@ -132,7 +136,7 @@ class ManyGaps(Interpolator):
                 if after is not None and after[2]:
                     self._coming = row.followed_by(self._arrived(keyframes[after[0] : after[1]]), self.gaps)
                 made_gaps = self._between(row, images[start:end], allocate, hand_over)
-                self._episodes = np.array(keyframes[end - 1].episodes)
+                self._episodes, self._first = np.array(keyframes[end - 1].episodes), False
                 hand_over()
                 waiting.append(made_gaps)
         finally:
@@ -142,11 +146,14 @@ class ManyGaps(Interpolator):
         """Splits keyframes into parts, from one to another, and tells of each whether its gaps are made at once."""
         runs: list[tuple[int, int, bool]] = []
         episodes, alone = self._episodes, self._last is None
+        most = 1 if self._first and self._device.is_cuda and self._time_tolerance_ns > 0 else self.gaps
         for n, one in enumerate(keyframes):
             together = not (self.gaps == 1 or alone or np.any(one.episodes != episodes))
-            if together and runs and runs[-1][2] and n - runs[-1][0] < self.gaps:
+            if together and runs and runs[-1][2] and n - runs[-1][0] < most:
                 runs[-1] = runs[-1][0], n + 1, True
             else:
+                if runs and runs[-1][2]:
+                    most = self.gaps
                 runs.append((n, n + 1, together))
             episodes, alone = one.episodes, False
         return runs
@@ -173,8 +180,12 @@ class ManyGaps(Interpolator):
             return expected
         return _Row.of(self._stamp, last.states, arrived, self.gaps)
 
-    def _between(self, row: _Row, images: wp.array, allocate: Allocate, before_that: Callable[[], None]) -> MadeGaps:
+    def _between(
+        self, row: _Row, images: wp.array, allocate: Allocate, before_that: Callable[[], None]
+    ) -> Callable[[], MadeGaps]:
         """Makes gaps of one episode, which end with these images; before_that: is called before `allocate`.
+
+        What it returns waits until their samples are counted, and gives them.
 
         Fewer than `gaps` are preceded by gaps of length 0, whose frames nobody gets.
         """
@@ -210,15 +221,17 @@ class ManyGaps(Interpolator):
                 further = method.further
         if self._samples > 1:
             self._average(made, out)
-        found: list[Further | None] = [None] * len(images)
+        each: Callable[[], list[Further | None]] = lambda: [None] * self.gaps
         if further is not None:
-            found = further.of_each(self.gaps)[spare:]
+            if self._parting is None:
+                self._parting = Parting(self.gaps, self._device)
+            each = self._parting.of(further)
         self._last = KeyframeView(images[-1:], states=row.states[-1], stamp_ns=row.stamps[-1])
         self._stamp = row.stamps[-1]
         self._row = b, self._last
         stamps = [subframe_stamps(before, after, self.upsampling) for before, after in pairwise(row.stamps)]
         frames = list(zip(stamps, parted(out, range(1, self.gaps + 1))[spare:]))
-        return MadeGaps(frames, found, report)
+        return lambda: MadeGaps(frames, each()[spare:], report)
 
     def begin(self, envs: int, height: int, width: int, margin: int = 0) -> None:
         """Does what `Interpolator.begin` does, for several gaps at once."""
@@ -247,7 +260,7 @@ class ManyGaps(Interpolator):
         self.last_report()
         if not isinstance(method, Rigid):
             method.prepare_for(0)
-        self._warmed = True
+        self._warmed = self._first = True
 
     def _method_in_a_row(self) -> Rigid | Refined:
         """Gives the method that makes several gaps, built at the first call."""

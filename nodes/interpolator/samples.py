@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -26,27 +26,45 @@ class Further:
     offset: wp.array
     value: wp.array
 
-    def of_each(self, envs: int) -> list[Further | None]:
-        """Gives the samples of each of E environments by itself, None where there are none; on a GPU it waits for
-        `first`."""
-        import warp as wp
-
-        from nodes.interpolator.refine.samples.further_kernels import begin_at_zero
-
-        pixels, device = (self.first.size - 1) // envs, self.first.device
-        firsts: wp.array = wp.empty((envs, pixels + 1), dtype=wp.int32, device=device)
-        wp.launch(begin_at_zero, firsts.shape, [self.first], [firsts], device=device)
-        ends = self.first[::pixels].numpy().tolist()
-        return [
-            Further(firsts[e], self.offset[start:end], self.value[start:end]) if end > start else None
-            for e, (start, end) in enumerate(pairwise(ends))
-        ]
-
     def arrays(self, on_device: bool) -> tuple[Any, Any, Any]:
         """Gives first, offset and value, float32 [R] or [R, 3]; on_device: as Warp arrays, where colours are vec3."""
         if on_device:
             return self.first, self.offset, self.value
         return self.first.numpy(), self.offset.numpy(), self.value.numpy()
+
+
+class Parting:
+    """Divides the samples of E environments into those of each, one gap after the other."""
+
+    def __init__(self, envs: int, device: Any) -> None:
+        import warp as wp
+
+        from evis.gpu.host_copies import HostCopies
+
+        self._begins: wp.array = wp.zeros(envs, dtype=wp.int32, device=device)
+        self._copies = HostCopies(self._begins)
+
+    def of(self, further: Further) -> Callable[[], list[Further | None]]:
+        """Divides samples behind what a GPU does; what this returns waits for that alone, and gives those of each
+        environment, None where there are none."""
+        import warp as wp
+
+        from nodes.interpolator.refine.samples.further_kernels import begin_at_zero
+
+        envs, device = self._begins.size, self._begins.device
+        pixels = (further.first.size - 1) // envs
+        firsts: wp.array = wp.empty((envs, pixels + 1), dtype=wp.int32, device=device)
+        wp.launch(begin_at_zero, firsts.shape, [further.first], [firsts, self._begins], device=device)
+        begins = self._copies.take()
+
+        def each() -> list[Further | None]:
+            edges = [*begins().tolist(), further.offset.size]
+            return [
+                Further(firsts[e], further.offset[start:end], further.value[start:end]) if end > start else None
+                for e, (start, end) in enumerate(pairwise(edges))
+            ]
+
+        return each
 
 
 def none_of(pixels: int, colour: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

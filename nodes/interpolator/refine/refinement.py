@@ -150,13 +150,15 @@ class Refinement:
             meanwhile()
             self._prepare(gap, stamps, following)
 
+        # Environments that have no gap now may have one next time; a CPU makes room as it goes.
+        share = 1.0 if self._gaps == 1 or self._device.is_cpu else float((~held).mean())
         total = 0
         for first, last in instants.windows():
             evaluator.send(instants.of_window(first), instants.count)
             cut = self._cut(instants, evaluator, first)
             cut.parts = int(motion.parts.max())
             window = Window(last - first, cut, self._stage(rounds), self._held, self._flicker.kernel, frames)
-            total, shaded = rounds.run(window, total, while_it_works)
+            total, shaded = rounds.run(window, total, while_it_works, share)
             self.shaded += shaded
         self.evaluated = total
         if not total:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from functools import partial
@@ -104,9 +105,10 @@ class Rounds:
         rows, bodies = 2 * instants.per_window * layout.envs, evaluator.moved[0].shape[1]
         self.bends = wp.zeros((rows, bodies, instants.depth + 1), dtype=wp.vec2, device=device)
 
-    def run(self, window: Window, total: int, meanwhile: Callable[[], None]) -> tuple[int, int]:
+    def run(self, window: Window, total: int, meanwhile: Callable[[], None], share: float = 1.0) -> tuple[int, int]:
         """Finds the samples of a window that the evaluator was sent the instants of; total: samples so far; meanwhile:
-        what the host does before it waits.
+        what the host does before it waits; share: of the environments that have a gap, for lists to have room for what
+        all of them may need.
 
         Returns how many there are then, and how many of the new ones were shaded.
         """
@@ -123,6 +125,7 @@ class Rounds:
             told = self._tally.read()
             made = int(told.made.max())
             if not self._grow(told, made, total):
+                self._grow(told, made, made, share)
                 return made, told.shaded
 
     def _make_room(self, window: Window) -> None:
@@ -145,12 +148,13 @@ class Rounds:
             if not each.most:
                 each.reserve(most)
 
-    def _grow(self, told: Counts, made: int, kept: int) -> bool:
-        """Makes room for what was counted and had none; True where that was anything. kept: samples that stay."""
+    def _grow(self, told: Counts, made: int, kept: int, share: float = 1.0) -> bool:
+        """Makes room for what was counted and had none; True where that was anything. kept: samples that stay. share:
+        of what there may be, which was counted."""
         needed = [told.changes, told.lists[0], told.lists[1::2], told.lists[2::2]]
         lists = [self._changes, self._instances, *self._intervals]
-        grown = [each.reserve(int(most.max())) for each, most in zip(lists, needed)]
-        return any([*grown, self.samples.reserve(made, kept)])
+        grown = [each.reserve(math.ceil(most.max() / share)) for each, most in zip(lists, needed)]
+        return any([*grown, self.samples.reserve(math.ceil(made / share), kept)])
 
     def _key(self, window: Window) -> Hashable:
         """Tells all that can differ between the launches of two windows: numbers, and where arrays are that may be

@@ -18,6 +18,7 @@ from nodes.interpolator.refine.light.outlines import PLACES, finest_half
 from nodes.interpolator.refine.method import Refined
 from nodes.interpolator.refine.rounds import Rounds
 from nodes.interpolator.rigid import Rigid, RigidOptions
+from nodes.interpolator.samples import Parting
 from nodes.renderer.renderer import Renderer
 
 K = 4
@@ -358,7 +359,7 @@ def test_an_environment_has_the_samples_that_it_has_by_itself():
     method = Refined(rigid, TOLERANCE)
     method.between(*keys, np.zeros(len(scenes), bool), np.empty((len(scenes), K, HEIGHT, WIDTH), np.float32))
     assert method.further is not None
-    for found, scene in zip(method.further.of_each(len(scenes)), scenes):
+    for found, scene in zip(Parting(len(scenes), "cpu").of(method.further)(), scenes):
         _, alone = refined(scene, K, TOLERANCE)
         if alone is None:
             assert found is None

@@ -43,11 +43,14 @@ def begin_at_zero(
     first: wp.array(dtype=int),
     # out
     firsts: wp.array2d(dtype=int),
+    begins: wp.array(dtype=int),
 ):
-    """Cuts `first` [E P + 1] into that of each environment by itself [E, P + 1]."""
+    """Cuts `first` [E P + 1] into that of each environment by itself [E, P + 1]; begins [E]: its first sample."""
     env, q = wp.tid()
     begin = env * (firsts.shape[1] - 1)
     firsts[env, q] = first[begin + q] - first[begin]
+    if q == 0:
+        begins[env] = first[begin]
 
 
 @cache
