@@ -23,6 +23,10 @@ LOOKS = (1 / 8, 2.0)
 sixteenth of an instant apart about a change of surfaces that a ray finds, an instant about others, and instants are two
 tolerances apart at most (nodes/interpolator/refine)."""
 
+ROUNDED_NS = 2.0
+"""By how much a sub-frame's stamp may be off the grid, and more: half a nanosecond each by its own rounding, by that of
+the keyframes about it and by that of the time at which its environment began anew."""
+
 
 @dataclass
 class EventLabels:
@@ -62,8 +66,8 @@ class EventLabeler:
         sight, motion = self._sight, self._sight.motion(history)
         first, last = history.span
         t = np.asarray(t, np.int64)
-        # A stamp on the grid is rounded: an event there belongs to the step that it ends.
-        step = np.ceil((t - 0.5) / self._step).astype(np.int64)
+        # An event at a sub-frame belongs to the step that it ends.
+        step = np.ceil((t - min(ROUNDED_NS, 0.5 * self._step)) / self._step).astype(np.int64)
         pixel = np.asarray(y, np.int64) * sight.size[0] + np.asarray(x, np.int64)
         directions, count = self._directions[pixel], len(self._directions)
         ids, distances = sight.find_surfaces(motion, env, t, directions)
