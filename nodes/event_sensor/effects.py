@@ -17,7 +17,7 @@ NEEDS: dict[str, tuple[str, ...]] = {
     "hot_pixel_rate": ("hot_pixel_fraction",),
     "shot_on_share": ("shot_rate",),
     "hot_pixel_spread": ("hot_pixel_fraction", "hot_pixel_rate"),
-    "bandwidth_level": ("bandwidth_hz",),
+    "bandwidth_level": ("bandwidth_hz", "bandwidth_exponent"),
     "bandwidth_exponent": ("bandwidth_hz", "bandwidth_level"),
     "bandwidth_poles": ("bandwidth_hz",),
 }
@@ -25,6 +25,7 @@ NEEDS: dict[str, tuple[str, ...]] = {
 PAPER = {
     "crossing": ("frame", "its events carry the stamps of frames"),
     "leak_model": ("bernoulli", "its leak is the paper's coin"),
+    "shot_on_share": (0.5, "its shot noise is ON and OFF alike"),
 }
 """Parameter -> (value that model evis-paper always has, why)."""
 

@@ -1,11 +1,13 @@
 """Labels each event with what made it: the surface at its pixel and its time, and how that surface moves in the image.
 
-Where a contour passes over a pixel, one surface comes and another goes, and the sensor places the events of that change
-anywhere within its step. The contour is that of the nearer surface, whether it comes or goes: so an event belongs to
-the nearest of the surfaces that the pixel's centre sees at the event's time and at the sub-frames about it. Everywhere
-else these are one surface. Distance is that at the event's time, or, where the surface is not there then, that of the
-look that found it; flow is that of the surface's point there, at the event's time. A shadow belongs to the surface that
-it falls on.
+Where a contour passes over a pixel, one surface comes and another goes, and the sensor places the events of that
+change anywhere within its step. The contour is that of the nearer surface, whether it comes or goes: so an event
+belongs to the nearest of the surfaces that the pixel's centre sees at the event's time and at the sub-frames about it.
+Where single pixels are sampled between sub-frames, steps are as short as their samples: what is thin comes and goes
+within a sub-frame, with the first of its events before it is there and the last after it has gone, so the surfaces
+just before and after the event count too. Everywhere else these are one surface. Distance is that at the event's time,
+or, where the surface is not there then, that of the look that found it; flow is that of the surface's point there, at
+the event's time. A shadow belongs to the surface that it falls on.
 """
 
 from __future__ import annotations
@@ -15,6 +17,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from nodes.labeler.sight import History, Sight
+
+LOOKS = (1 / 8, 2.0)
+"""How far from an event's time is looked, in tolerances of the samples' times: the interpolator has two samples a
+sixteenth of an instant apart about a change of surfaces that a ray finds, an instant about others, and instants are two
+tolerances apart at most (nodes/interpolator/refine)."""
+
+ROUNDED_NS = 2.0
+"""By how much a sub-frame's stamp may be off the grid, and more: half a nanosecond each by its own rounding, by that of
+the keyframes about it and by that of the time at which its environment began anew."""
 
 
 @dataclass
@@ -29,9 +40,12 @@ class EventLabels:
 class EventLabeler:
     """Labels the events of one camera."""
 
-    def __init__(self, sight: Sight, step_ns: float) -> None:
-        """step_ns: between sub-frames [ns], which lie at whole multiples of it."""
+    def __init__(self, sight: Sight, step_ns: float, tolerance_ns: float = 0.0) -> None:
+        """step_ns: between sub-frames [ns], which lie at whole multiples of it. tolerance_ns: of the times of samples
+        between them, 0 = there are none."""
         self._sight, self._step = sight, step_ns
+        # Instants as far apart as sub-frames are these.
+        self._looks = [round(look * tolerance_ns) for look in LOOKS if 0 < 2 * tolerance_ns < step_ns]
         self._directions, self._image = sight.pixels()
 
     def __call__(
@@ -52,8 +66,8 @@ class EventLabeler:
         sight, motion = self._sight, self._sight.motion(history)
         first, last = history.span
         t = np.asarray(t, np.int64)
-        # A stamp on the grid is rounded: an event there belongs to the step that it ends.
-        step = np.ceil((t - 0.5) / self._step).astype(np.int64)
+        # An event at a sub-frame belongs to the step that it ends.
+        step = np.ceil((t - min(ROUNDED_NS, 0.5 * self._step)) / self._step).astype(np.int64)
         pixel = np.asarray(y, np.int64) * sight.size[0] + np.asarray(x, np.int64)
         directions, count = self._directions[pixel], len(self._directions)
         ids, distances = sight.find_surfaces(motion, env, t, directions)
@@ -65,8 +79,11 @@ class EventLabeler:
         steps, in_env = np.divmod(rest, envs)
         at = np.clip(np.rint(self._step * (steps + base)).astype(np.int64), first, last)
         looked = sight.find_surfaces(motion, in_env.astype(np.int32), at, self._directions[pixels])
-        for side in (slice(0, n), slice(n, None)):
-            other, distance = (values[of[side]] for values in looked)
+        seen = [[values[of[side]] for values in looked] for side in (slice(0, n), slice(n, None))]
+        for look in self._looks:
+            for when in (t - look, t + look):
+                seen.append([*sight.find_surfaces(motion, env, np.clip(when, first, last), directions)])
+        for other, distance in seen:
             nearer = (other != ids) & (distance < distances)
             ids, distances = np.where(nearer, other, ids), np.where(nearer, distance, distances)
         flow = sight.flow(motion, env, t, directions, self._image[pixel], (ids, distances))

@@ -64,6 +64,10 @@ class LabelerNode(Node):
         "box_classes": Param(list, None, "classes of what gets boxes; not given = all", optional=True),
         "keyframe_rate": Param(float, 30.0, "rate of the states", "Hz", 1e-3, 1e6),
         "upsampling": Param(int, 8, "frames per keyframe interval (K), the sensor's steps", "", 1, 4096),
+        "time_tolerance": Param(
+            float, 0.0, "of the times of pixels' samples between frames, for labels of events; 0 = there are none",
+            "s", 0, 1,
+        ),
         "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
         **SCENE,
         "seed": SEED,
@@ -147,7 +151,8 @@ class LabelerNode(Node):
             from nodes.labeler.event_labels import EventLabeler
 
             looks.sight.prepare(len(scene.bodies))
-            looks.events = EventLabeler(looks.sight, 1e9 / (p["keyframe_rate"] * p["upsampling"]))
+            step = 1e9 / (p["keyframe_rate"] * p["upsampling"])
+            looks.events = EventLabeler(looks.sight, step, 1e9 * p["time_tolerance"])
         if set(GEOMETRIC[1:3]) & set(self.kinds) and looks.sight is not None:
             from nodes.labeler.interval_flow import IntervalFlow
 

@@ -32,6 +32,8 @@ def plan(name, held=None, **given):
         ({"path_samples": 64}, "path_samples:=64 has no effect: no light comes by paths"),
         ({"model": "evis-paper", "crossing": "linear"}, "crossing:=linear has no effect: event model evis-paper"),
         ({"model": "esim", "leak_rate": 1}, "leak_rate:=1.0 has no effect: event model esim has none; it has"),
+        ({"model": "evis-paper", "shot_rate": 5, "shot_on_share": 0.9}, "shot_on_share:=0.9 has no effect: event"),
+        ({"bandwidth_hz": 9, "bandwidth_exponent": 0, "bandwidth_level": 2}, "bandwidth_level:=2.0 has no effect: ban"),
         ({"hot_pixel_rate": 5}, "hot_pixel_rate:=5.0 has no effect: hot_pixel_fraction is 0"),
         ({"threshold": 0.2, "threshold_on": 0.1, "threshold_off": 0.3}, "threshold:=0.2 has no effect: threshold_on"),
     ],
@@ -145,6 +147,7 @@ def another(name: str, param: Param, now):
         {"threshold_on": 0.2, "threshold_off": 0.3},
         {"model": "evis-paper", "crossing": "linear", "leak_rate": 5},
         {"shot_rate": 20.0, "leak_rate": 5, "hot_pixel_fraction": 0.3},
+        {"bandwidth_hz": 20.0, "bandwidth_exponent": 0.0, "bandwidth_level": 1.0},
     ],
 )
 def test_what_is_said_to_have_no_effect_has_none(base):
