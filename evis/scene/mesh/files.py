@@ -22,6 +22,7 @@ from evis.scene.mesh.materials import absent_pictures, is_stand_in, layout, read
 from evis.scene.mesh.normals import crease_normals
 from evis.scene.mesh.ply_faces import cut_faces
 from evis.scene.mesh.polygons import cut_polygons
+from evis.scene.mesh.shapes import is_flat
 from evis.scene.mesh.wavefront import absolute, in_utf8, laid_throughout, spelled_plainly, without_libraries
 from evis.scene.model import Material, Mesh
 from evis.scene.sources import note
@@ -34,8 +35,6 @@ Y_UP = gltf_header.SUFFIXES
 """Formats whose vertical axis is y by their own specification."""
 FAR = 1000.0
 """Distance from the origin, as a multiple of its size, from where on a mesh has an origin of its own."""
-NO_AREA = 1e-12
-"""Twice the area of a triangle, by the square of the longest side of the mesh, up to which it has none."""
 CREASE = float(np.radians(40.0))
 
 
@@ -106,7 +105,7 @@ def load_parts(
             parts[-1].material = known[id(source)]
     if not parts:
         raise SceneError(f"{path.name} has no triangles")
-    if all(_is_flat(part.mesh) for part in parts):
+    if all(is_flat(part.mesh) for part in parts):
         raise SceneError(f"{path.name} has no triangle with an area: the corners of each are in one line or one place")
     lacks = tuple(assets.absent or absent_pictures(exact, scene))
     return [replace(part, lacks=lacks) for part in parts] if lacks else parts
@@ -167,13 +166,6 @@ def _mesh(path: Path, geometry: Any, transform: np.ndarray, scale: np.ndarray, t
     place = _place(points[faces.reshape(-1)])
     points = points if place is None else points - place
     return Mesh(points.astype(np.float32), np.ascontiguousarray(faces, np.int32), corners, normals), place
-
-
-def _is_flat(mesh: Mesh) -> bool:
-    """Whether no triangle has an area, as far as float64 tells for points of this size."""
-    a, b, c = mesh.vertices.astype(np.float64)[mesh.faces].transpose(1, 0, 2)
-    size = max(float(np.abs(np.stack((b - a, c - a))).max()), np.finfo(np.float64).tiny)
-    return bool(np.linalg.norm(np.cross((b - a) / size, (c - a) / size), axis=-1).max() <= NO_AREA)
 
 
 def _place(used: np.ndarray) -> np.ndarray | None:
