@@ -18,7 +18,7 @@ from evis.scene.folders import Folders
 from evis.scene.images.colour import linear_from_srgb
 from evis.scene.mesh import gltf_header
 from evis.scene.mesh.gltf_plain import plain
-from evis.scene.mesh.materials import absent_pictures, is_stand_in, layout, read_material
+from evis.scene.mesh.materials import absent_pictures, is_stand_in, layout, read_material, see_through
 from evis.scene.mesh.normals import crease_normals
 from evis.scene.mesh.ply_faces import cut_faces
 from evis.scene.mesh.polygons import cut_polygons
@@ -47,6 +47,8 @@ class Part:
     file: str = ""
     lacks: tuple[str, ...] = ()
     """What the file names for its looks and is not there, or cannot be used."""
+    opaque: str = ""
+    """What of the material's looks is left out since all is drawn opaque, as `see_through` tells it."""
     place: np.ndarray | None = None
     """Where the mesh's origin is in the file's frame, float64 [3] m; None at its origin. One that is far off for its
     size has an origin of its own, since float32 would lose its shape."""
@@ -103,6 +105,7 @@ def load_parts(
                 taken = {other.name for other in (white, *known.values()) if other is not None and other is not made}
                 made.name += f"_{len(known)}" if made.name in taken else ""
             parts[-1].material = known[id(source)]
+            parts[-1].opaque = see_through(source, exact)
     if not parts:
         raise SceneError(f"{path.name} has no triangles")
     if all(is_flat(part.mesh) for part in parts):
