@@ -60,6 +60,8 @@ def find_launch(name: str) -> tuple[Path, dict[str, str]]:
     name: a path or name of a launch file or of a scene, or an MJCF or URDF file (a scene goes with simulator.yaml and
     scene:=NAME). Raises UnknownLaunch naming the nearest one.
     """
+    if name.endswith(".xacro") and Path(name).is_file():
+        raise UnknownLaunch(f"{name} has to be expanded first: `xacro {name} > robot.urdf`, and launch that")
     is_model = name.endswith((".xml", ".urdf")) and Path(name).is_file()
     path = None if is_model else find("launch", name)
     if path is not None and not _is_scene(path):

@@ -34,10 +34,10 @@ def write_png(path, image):
     )
 
 
-def write_exr(path, pixels, stamp=None, key=None):
+def write_exr(path, pixels, stamp=None, key=None, **more):
     import OpenEXR
 
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **more}
     if stamp is not None:
         header[key or "evis/stamp_ns"] = str(stamp)
     with OpenEXR.File(header, {"RGB" if pixels.ndim == 3 else "Y": np.ascontiguousarray(pixels)}) as file:
@@ -184,6 +184,20 @@ def test_a_bad_frame_comes_after_the_good_ones(tmp_path):
                 assert next(blocks).t.tolist() == [0, 100_000_000, 200_000_000, 300_000_000]
                 with pytest.raises(FramesError, match=text):
                     next(blocks)
+
+
+def test_exr_frames_that_are_stored_in_part(tmp_path):
+    """A compositor stores the box that is not black, another in each frame: all are as large as what is shown."""
+    draw = np.random.default_rng(4)
+    frames = np.zeros((3, 6, 9), np.float32)
+    for i, (top, left, bottom, right) in enumerate([(1, 2, 4, 8), (0, 0, 6, 9), (2, 5, 3, 6)]):
+        frames[i, top:bottom, left:right] = draw.uniform(0.1, 3, (bottom - top, right - left))
+        # The origin of the display window is anywhere.
+        first, last = np.array([left - 7, top + 20], "i4"), np.array([right - 8, bottom + 19], "i4")
+        shown = np.array([-7, 20], "i4"), np.array([1, 25], "i4")
+        part = frames[i, top:bottom, left:right]
+        write_exr(tmp_path / f"{i}.exr", part, i, dataWindow=(first, last), displayWindow=shown)
+    assert np.array_equal(frames_of(tmp_path)[1], frames)
 
 
 def test_bad_exr(tmp_path):

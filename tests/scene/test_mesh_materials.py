@@ -200,6 +200,33 @@ def test_pictures_that_are_not_there_are_told(load, tmp_path):
     ]
 
 
+@pytest.mark.parametrize(
+    "material, how",
+    [
+        ({"alphaMode": "OPAQUE", "pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0]}}, ""),
+        ({"alphaMode": "MASK"}, "alphaMode MASK"),
+        ({"alphaMode": "BLEND"}, "alphaMode BLEND"),
+        ({"extensions": {"KHR_materials_transmission": {"transmissionFactor": 0.9}}}, "KHR_materials_transmission"),
+        ("d 1\nTr 1\n", ""),
+        ("d 0.25\n", "d 0.25"),
+        ("Tr 0.75\n", "Tr 0.75"),
+        ("map_d holes.png\n", "map_d"),
+    ],
+)
+def test_what_lets_light_through_is_told_for_it_is_drawn_opaque(load, tmp_path, material, how):
+    """Leaves cut out of their pictures and panes, by glTF 2.0's alphaMode and MTL's dissolve; alpha of what is opaque
+    by the file's own word is none.
+    """
+    if isinstance(material, str):
+        name = "leaf.obj"
+        (tmp_path / "leaf.mtl").write_text(f"newmtl leaf\nKd 0.5 0.5 0.5\n{material}")
+        (tmp_path / name).write_text(f"mtllib leaf.mtl\n{SQUARE}usemtl leaf\n{QUAD}")
+    else:
+        name = gltf(tmp_path / "leaf.gltf", {"POSITION": CORNERS}, [{"name": "leaf", **material}]).name
+    told = [f"{name} has material 'leaf' with {how}, which is drawn opaque"] if how else []
+    assert load(f"  - {{shape: mesh, file: {name}}}\n").left_out == told
+
+
 def test_files_of_one_name_keep_their_own_materials(load, tmp_path):
     """Two folders, a file `model.obj` with a material `paint` in each."""
     for folder, colour in (("a", "1 0 0"), ("b", "0 1 0")):

@@ -132,15 +132,17 @@ def test_tiles_have_the_same_size_on_every_face():
 @pytest.mark.parametrize(
     "old, new, words",
     [
-        ("[1, 0, 0]", "[1.0e+39, 0, 0]", "vertices must be a list of [a, b, c] with finite numbers up to 1e+30"),
-        ("[0, 1, 2]", "[0, 1, 1.0e+30]", "faces must be whole numbers from 0 to 2"),
+        ("[1, 0, 0]", "[1.0e+39, 0, 0]", ": vertices must be a list of [a, b, c] with finite numbers up to 1e+30"),
+        ("[0, 1, 2]", "[0, 1, 1.0e+30]", ": faces must be whole numbers from 0 to 2"),
+        ("[0, 1, 2]", "[0, 1, 1]", " cannot be made: no triangle has an area"),
+        ("[0, 1, 0]", "[2, 0, 0]", " cannot be made: no triangle has an area"),
     ],
 )
 def test_numbers_that_no_mesh_can_hold_name_their_place(tmp_path, recwarn, old, new, words):
-    """Beyond single precision and beyond whole numbers, in one line and without a warning of numpy's."""
+    """Beyond single precision and whole numbers, and without any area, in one line and without a warning of numpy's."""
     mesh = "{shape: mesh, vertices: [[0, 0, 0], [1, 0, 0], [0, 1, 0]], faces: [[0, 1, 2]], material: m}"
     text = f"cameras: {{cam0: {{fov: 1}}}}\nmaterials: {{m: {{}}}}\nworld:\n  - {mesh.replace(old, new)}\n"
     (tmp_path / "s.yaml").write_text(text)
     with pytest.raises(SceneError) as caught:
         load_scene(str(tmp_path / "s.yaml"))
-    assert f"s.yaml:4: shape 1: {words}" in str(caught.value) and not len(recwarn)
+    assert f"s.yaml:4: shape 1{words}" in str(caught.value) and not len(recwarn)

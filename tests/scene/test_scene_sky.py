@@ -10,6 +10,14 @@ OpenEXR = pytest.importorskip("OpenEXR")
 HEADER = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
 
 
+def box(low, high):
+    """A window of a header, from its first pixel to its last."""
+    return np.array(low, "i4"), np.array(high, "i4")
+
+
+WHOLE = box((0, 0), (15, 7))
+
+
 @pytest.fixture
 def load(tmp_path):
     def load(environment_map, more=""):
@@ -19,8 +27,8 @@ def load(tmp_path):
     return load
 
 
-def write(path, channels):
-    with OpenEXR.File(dict(HEADER), {k: np.ascontiguousarray(v) for k, v in channels.items()}) as file:
+def write(path, channels, **more):
+    with OpenEXR.File(HEADER | more, {k: np.ascontiguousarray(v) for k, v in channels.items()}) as file:
         file.write(str(path))
 
 
@@ -33,6 +41,19 @@ def test_exr_comes_as_it_is(load, tmp_path, dtype):
     assert scene.environment_map.dtype == np.float32 and np.array_equal(scene.environment_map, image.astype(np.float32))
     write(tmp_path / "grey.exr", {"Y": image[..., 0]})
     assert np.array_equal(load("grey.exr").environment_map, np.repeat(image[..., :1].astype(np.float32), 3, axis=2))
+
+
+@pytest.mark.parametrize("rows, columns", [(slice(2, 7), slice(3, 12)), (slice(0, 3), slice(9, 16))])
+def test_a_map_stored_in_part_lies_where_it_is(load, tmp_path, rows, columns):
+    """Programs leave out what is black round a picture, or store more than it: the same map either way."""
+    image = np.zeros((8, 16, 3), np.float32)
+    image[rows, columns] = np.random.default_rng(2).uniform(1, 9, image[rows, columns].shape)
+    low, high = (columns.start, rows.start), (columns.stop - 1, rows.stop - 1)
+    write(tmp_path / "part.exr", {"RGB": image[rows, columns]}, dataWindow=box(low, high), displayWindow=WHOLE)
+    assert np.array_equal(load("part.exr").environment_map, image)
+    wide = np.pad(image, ((1, 2), (3, 1), (0, 0)), constant_values=5)
+    write(tmp_path / "wide.exr", {"RGB": wide}, dataWindow=box((-3, -1), (16, 9)), displayWindow=WHOLE)
+    assert np.array_equal(load("wide.exr").environment_map, image)
 
 
 def test_the_mean_is_over_directions(load, tmp_path):
@@ -56,7 +77,7 @@ def test_bad_exr_files_are_one_line(load, tmp_path):
     write(tmp_path / "depth.exr", {"Z": image[..., 0]})
     for name, words in (
         ("gone.exr", "which is not in"),
-        ("text.exr", "cannot be read as EXR"),
+        ("text.exr", "cannot be read as EXR.*convert it"),
         ("short.exr", "cannot be read as EXR"),
         ("nan.exr", "has 1 texels that are not finite, the first in row 2, column 3"),
         ("inf.exr", "has 1 texels that are not finite"),

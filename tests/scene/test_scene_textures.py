@@ -47,3 +47,32 @@ def test_an_odd_number_of_rows_does_not_tile(tmp_path):
     path.write_text("cameras: {cam0: {fov: 1}}\nmaterials: {m: {texture: {kind: bricks, cells: 7}}}\n")
     with pytest.raises(SceneError, match=r"s\.yaml:2: .*cells is 7; the rows of bricks must be even"):
         load_scene(str(path))
+
+
+@pytest.mark.parametrize(
+    "texture, words",
+    [
+        ("{kind: checker, size: 64, cells: 65}", "cells is 65; a picture of 64 texels shows 64 squares"),
+        ("{kind: checker, size: 4096, cells: 4096}", "cells is 4096; a picture of 4096 texels shows 1024 squares"),
+        ("{kind: noise, feature: 2}", "feature is 2; the most is 1"),
+        ("{kind: blobs, feature: 100}", "feature is 100; the most is 1"),
+    ],
+)
+def test_patterns_that_a_picture_cannot_show_are_refused(tmp_path, texture, words):
+    """Squares smaller than texels were grey, or all of one value; noise as wide as its picture was NaN or even."""
+    path = tmp_path / "s.yaml"
+    path.write_text(f"cameras: {{cam0: {{fov: 1}}}}\nmaterials: {{m: {{texture: {texture}}}}}\n")
+    with pytest.raises(SceneError, match=rf"s\.yaml:2: .*{words}"):
+        load_scene(str(path))
+
+
+def test_the_most_that_a_picture_can_show(tmp_path):
+    """Squares of one texel alternate; noise as wide as its picture has one wave a side, by its spectrum."""
+    path = tmp_path / "s.yaml"
+    materials = "a: {texture: {kind: checker, size: 64, cells: 64}}, b: {texture: {kind: noise, size: 64, feature: 1}}"
+    path.write_text(f"cameras: {{cam0: {{fov: 1}}}}\nmaterials: {{{materials}}}\n")
+    squares, noise = (material.texture[..., 0] for material in load_scene(str(path)).materials)
+    odd = np.add.outer(np.arange(64), np.arange(64)) % 2 == 1
+    assert squares[odd].min() > squares[~odd].max() + 0.1
+    power = np.abs(np.fft.fft2(noise - noise.mean())) ** 2
+    assert power[[0, 0, 1, -1], [1, -1, 0, 0]].sum() > 0.98 * power.sum()

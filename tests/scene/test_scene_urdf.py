@@ -75,6 +75,43 @@ def test_a_visual_that_cannot_be_read_leaves_the_collision_shape(robot):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    "old, new, words",
+    [
+        ('<box size="0.2 0.4 0.1"/>', '<box size="${w} 0.4 0.1"/>', "${w} 0.4 0.1 in <box>"),
+        ('<box size="0.2 0.4 0.1"/>', '<mesh filename="$(find arm)/arm.stl"/>', "$(find arm)/arm.stl in <mesh>"),
+        ('<link name="base">', '<xacro:arm name="left"/><link name="base">', "<xacro:arm>"),
+    ],
+)
+def test_xacro_that_is_not_expanded_is_refused(robot, old, new, words):
+    """Of it MuJoCo reads a robot that lacks parts. What xacro has expanded still names its namespace, and is read."""
+    from evis.config.paths import UnknownLaunch, find_launch
+
+    text = URDF.replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ')
+    robot.write_text(text)
+    assert len(load_scene(str(robot)).instances) == 3
+    robot.write_text(text.replace(old, new))
+    with pytest.raises(SceneError) as caught:
+        load_scene(str(robot))
+    assert f"robot.urdf: {words} is xacro" in str(caught.value) and "`xacro robot.urdf > " in str(caught.value)
+    source = robot.rename(robot.with_suffix(".urdf.xacro"))
+    with pytest.raises(UnknownLaunch, match=r"robot\.urdf\.xacro has to be expanded first: `xacro "):
+        find_launch(str(source))
+
+
+def test_a_link_without_mass_is_told_what_it_needs(robot):
+    """As many robots of ROS have them; the remedy is taken."""
+    begin, end = URDF.index("<inertial>"), URDF.index("</inertial>") + len("</inertial>")
+    solid = URDF.index("<collision><origin"), URDF.index("</collision>", URDF.index("<collision><origin"))
+    text = URDF[:begin] + URDF[end : solid[0]] + URDF[solid[1] + len("</collision>") :]
+    robot.write_text(text)
+    with pytest.raises(SceneError, match=r"robot\.urdf: .*'arm'.* need an <inertial>.*boundmass") as caught:
+        load_scene(str(robot))
+    remedy = str(caught.value).partition("or ")[2].partition(" in the <robot>")[0]
+    robot.write_text(text.replace("</robot>", f"{remedy}</robot>"))
+    assert [body.name for body in load_scene(str(robot)).bodies] == ["arm", "tip", "cam0"]
+
+
 def test_a_texture_that_is_not_drawn_is_told(robot):
     """MuJoCo reads the colours of a URDF's materials and leaves out their pictures."""
     assert not load_scene(str(robot)).notes

@@ -10,6 +10,7 @@ import numpy as np
 
 from evis.files.allowance import Allowance
 from evis.files.damage import error_text
+from evis.media import exr_window
 from evis.media.colour import luminance_of
 from evis.media.frames.folder import FolderFrames
 from evis.media.frames.source import PIXEL_BYTES, FrameOptions, FramesError
@@ -32,10 +33,9 @@ class ExrFrames(FolderFrames):
 
         try:
             with OpenEXR.File(str(path), header_only=True) as file:
-                low, high = file.header()["dataWindow"]
+                windows = [exr_window.sides(file.header(), name) for name in (exr_window.DATA, exr_window.DISPLAY)]
             # before the library asks for all of it
-            sides = [max(int(b) - int(a) + 1, 0) for a, b in zip(low, high)]
-            Allowance(path.stat().st_size).check(sides[0] * sides[1] * PIXEL_BYTES)
+            Allowance(path.stat().st_size).check(max(width * height for width, height in windows) * PIXEL_BYTES)
             with OpenEXR.File(str(path), separate_channels=False) as file:
                 header = dict(file.header())
                 channels = {name: channel.pixels for name, channel in file.channels().items()}
@@ -45,7 +45,7 @@ class ExrFrames(FolderFrames):
         if pixels is None or pixels.dtype.kind != "f":
             there = ", ".join(sorted(channels)) or "none"
             raise FramesError(f"{path}: no R, G, B or Y of half or float; it has {there}")
-        return self._image(pixels), _stamp(path, header), None
+        return self._image(exr_window.displayed(pixels, header)), _stamp(path, header), None
 
     def _image(self, pixels: np.ndarray) -> np.ndarray:
         if pixels.ndim == 3 and pixels.shape[2] >= 3:

@@ -15,6 +15,7 @@ import numpy as np
 
 from evis.files.allowance import Allowance, AllowanceError
 from evis.files.damage import error_text
+from evis.media import exr_window
 from evis.media.deep_colour import deep_colour
 from evis.scene.errors import SceneError
 from evis.scene.images.colour import linear_from_codes
@@ -24,6 +25,8 @@ MAX_TEXELS = 1 << 26
 """Largest picture, as 8192 x 8192 [texels]."""
 TEXEL = 12
 """Bytes of a texel as scenes have it, three float32."""
+EXR = b"\x76\x2f\x31\x01"
+"""First bytes of an EXR file."""
 FORMATS = ("PNG", "JPEG", "BMP", "GIF", "PPM", "TGA", "TIFF", "WEBP")
 """Of what Pillow reads: some of its other formats run programs."""
 
@@ -96,15 +99,16 @@ def load_exr(path: Path) -> np.ndarray:
     """Loads R, G, B (or Y) of an EXR file, float32 [h, w, 3]. Raises SceneError naming it."""
     import OpenEXR
 
-    note(path)
-
+    with note(path).open("rb") as file:
+        if file.read(len(EXR)) != EXR:
+            raise SceneError(f"{path.name} cannot be read as EXR: it begins as none does; convert it to EXR")
     try:
         with OpenEXR.File(str(path), header_only=True) as file:
             headers = [dict(file.header(i)) for i in range(len(file.parts))]
         for header in headers:
-            low, high = header["dataWindow"]
-            width, height = (int(b) - int(a) + 1 for a, b in zip(low, high))
-            check_size(width, height, path.stat().st_size // len(headers), 4 * max(3, len(header["channels"])))
+            for window in (exr_window.DATA, exr_window.DISPLAY):
+                width, height = exr_window.sides(header, window)
+                check_size(width, height, path.stat().st_size // len(headers), 4 * max(3, len(header["channels"])))
         with OpenEXR.File(str(path)) as file:
             channels = {name: channel.pixels for name, channel in file.channels().items()}
     except SceneError as error:
@@ -114,6 +118,7 @@ def load_exr(path: Path) -> np.ndarray:
     pixels = next((channels[n] for n in ("RGB", "RGBA", "Y", "YA") if n in channels), None)
     if pixels is None or pixels.dtype.kind != "f":
         raise SceneError(f"{path.name} has no R, G, B or Y of half or float; it has {', '.join(channels) or 'none'}")
+    pixels = exr_window.displayed(pixels, headers[0])
     if pixels.ndim == 2 or pixels.shape[2] < 3:
         grey = pixels if pixels.ndim == 2 else pixels[..., 0]
         pixels = np.repeat(grey[..., None], 3, axis=2)

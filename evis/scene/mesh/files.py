@@ -18,10 +18,11 @@ from evis.scene.folders import Folders
 from evis.scene.images.colour import linear_from_srgb
 from evis.scene.mesh import gltf_header
 from evis.scene.mesh.gltf_plain import plain
-from evis.scene.mesh.materials import absent_pictures, is_stand_in, layout, read_material
+from evis.scene.mesh.materials import absent_pictures, is_stand_in, layout, read_material, see_through
 from evis.scene.mesh.normals import crease_normals
 from evis.scene.mesh.ply_faces import cut_faces
 from evis.scene.mesh.polygons import cut_polygons
+from evis.scene.mesh.shapes import is_flat
 from evis.scene.mesh.wavefront import absolute, in_utf8, laid_throughout, spelled_plainly, without_libraries
 from evis.scene.model import Material, Mesh
 from evis.scene.sources import note
@@ -34,8 +35,6 @@ Y_UP = gltf_header.SUFFIXES
 """Formats whose vertical axis is y by their own specification."""
 FAR = 1000.0
 """Distance from the origin, as a multiple of its size, from where on a mesh has an origin of its own."""
-NO_AREA = 1e-12
-"""Twice the area of a triangle, by the square of the longest side of the mesh, up to which it has none."""
 CREASE = float(np.radians(40.0))
 
 
@@ -48,6 +47,8 @@ class Part:
     file: str = ""
     lacks: tuple[str, ...] = ()
     """What the file names for its looks and is not there, or cannot be used."""
+    opaque: str = ""
+    """What of the material's looks is left out since all is drawn opaque, as `see_through` tells it."""
     place: np.ndarray | None = None
     """Where the mesh's origin is in the file's frame, float64 [3] m; None at its origin. One that is far off for its
     size has an origin of its own, since float32 would lose its shape."""
@@ -104,9 +105,10 @@ def load_parts(
                 taken = {other.name for other in (white, *known.values()) if other is not None and other is not made}
                 made.name += f"_{len(known)}" if made.name in taken else ""
             parts[-1].material = known[id(source)]
+            parts[-1].opaque = see_through(source, exact)
     if not parts:
         raise SceneError(f"{path.name} has no triangles")
-    if all(_is_flat(part.mesh) for part in parts):
+    if all(is_flat(part.mesh) for part in parts):
         raise SceneError(f"{path.name} has no triangle with an area: the corners of each are in one line or one place")
     lacks = tuple(assets.absent or absent_pictures(exact, scene))
     return [replace(part, lacks=lacks) for part in parts] if lacks else parts
@@ -167,13 +169,6 @@ def _mesh(path: Path, geometry: Any, transform: np.ndarray, scale: np.ndarray, t
     place = _place(points[faces.reshape(-1)])
     points = points if place is None else points - place
     return Mesh(points.astype(np.float32), np.ascontiguousarray(faces, np.int32), corners, normals), place
-
-
-def _is_flat(mesh: Mesh) -> bool:
-    """Whether no triangle has an area, as far as float64 tells for points of this size."""
-    a, b, c = mesh.vertices.astype(np.float64)[mesh.faces].transpose(1, 0, 2)
-    size = max(float(np.abs(np.stack((b - a, c - a))).max()), np.finfo(np.float64).tiny)
-    return bool(np.linalg.norm(np.cross((b - a) / size, (c - a) / size), axis=-1).max() <= NO_AREA)
 
 
 def _place(used: np.ndarray) -> np.ndarray | None:

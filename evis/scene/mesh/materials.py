@@ -65,6 +65,23 @@ def absent_pictures(exact: Sequence[Mapping[str, Any]], scene: Any) -> list[str]
     return found
 
 
+def see_through(source: Any, exact: Sequence[Mapping[str, Any]]) -> str:
+    """Tells of a material that lets light through, since all are drawn opaque; "" of others. exact: as of
+    `read_material`.
+    """
+    if hasattr(source, "baseColorFactor"):
+        stored = exact[int(source.name)]
+        name, mode = stored.get("name", source.name), str(stored.get("alphaMode", "OPAQUE"))
+        passes = stored.get("extensions", {}).get("KHR_materials_transmission", {}).get("transmissionFactor", 0)
+        how = f"alphaMode {mode}" if mode != "OPAQUE" else "KHR_materials_transmission" if passes else ""
+    else:
+        said, name = source.kwargs, getattr(source, "name", None) or "material"
+        opaque, clear = (_numbers(said.get(key)) for key in ("d", "tr"))
+        thin = opaque[0][0] < 1.0 if opaque else bool(clear) and clear[0][0] > 0.0  # some write both, and Tr as d
+        how = "map_d" if "map_d" in said else f"{'d' if opaque else 'Tr'} {(opaque or clear)[0][0]:g}" if thin else ""
+    return f"has material '{name}' with {how}, which is drawn opaque" if how else ""
+
+
 def _mtl(path: Path, source: Any, textures: bool) -> Material:
     said = source.kwargs
     diffuse = said.get("kd")

@@ -15,6 +15,8 @@ from evis.scene.model import Mesh
 
 SEGMENTS = 64
 """Sides of a cylinder; the rim of a disk has twice as many."""
+NO_AREA = 1e-12
+"""Twice the area of a triangle, by the square of the longest side of the mesh, up to which it has none."""
 
 
 def box(size: np.ndarray, tile: float = 0.0) -> Mesh:
@@ -143,8 +145,20 @@ def capsule(radius: float, height: float) -> Mesh:
 
 
 def triangles(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
-    """Makes a mesh of its vertices [V, 3] and faces [F, 3], shaded flat, without uv."""
-    return Mesh(np.asarray(vertices, np.float32), np.asarray(faces, np.int32))
+    """Makes a mesh of its vertices [V, 3] and faces [F, 3], shaded flat, without uv. Raises ValueError for one without
+    any area.
+    """
+    mesh = Mesh(np.asarray(vertices, np.float32), np.asarray(faces, np.int32))
+    if is_flat(mesh):
+        raise ValueError("no triangle has an area: the corners of each are in one line or one place; move some of them")
+    return mesh
+
+
+def is_flat(mesh: Mesh) -> bool:
+    """Tells whether no triangle has an area, as far as float64 tells for points of this size."""
+    a, b, c = mesh.vertices.astype(np.float64)[mesh.faces].transpose(1, 0, 2)
+    size = max(float(np.abs(np.stack((b - a, c - a))).max()), np.finfo(np.float64).tiny)
+    return bool(np.linalg.norm(np.cross((b - a) / size, (c - a) / size), axis=-1).max() <= NO_AREA)
 
 
 def join(*parts: Mesh) -> Mesh:

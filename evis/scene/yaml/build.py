@@ -419,8 +419,9 @@ class _Builder:
         """The material that a file gives a part; files of one name in several folders have each their own."""
         material = part.material
         if id(material) not in self.of_files:
-            for lack in part.lacks:
-                note = f"{part.file} {lack}; what it is for is drawn without"
+            lacks = [f"{lack}; what it is for is drawn without" for lack in part.lacks]
+            for told in (*lacks, *filter(None, [part.opaque])):
+                note = f"{part.file} {told}"
                 self.scene.left_out += [] if note in self.scene.left_out else [note]
             name, count = material.name, 2
             while name in self.materials:

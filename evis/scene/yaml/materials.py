@@ -85,7 +85,11 @@ def _recipe(kind: str, fields: Fields, size: int) -> tuple[Callable[..., np.ndar
     """What makes a picture, with its arguments."""
     low, high = fields.fraction("low", 0.0), fields.fraction("high", 1.0)
     if kind == "checker":
-        return textures.checker, (size, fields.whole("cells", 8, minimum=1), low, high)
+        cells = fields.whole("cells", 8, minimum=1)
+        if cells > min(size, textures.FINE):
+            most = f"a picture of {size} texels shows {min(size, textures.FINE)} squares a side at most"
+            raise fields.error("cells", f"is {cells}; {most}, so take fewer and repeat the picture")
+        return textures.checker, (size, cells, low, high)
     if kind in ("bricks", "planks"):
         cells, joint = fields.whole("cells", 8, minimum=2, maximum=256), fields.fraction("joint", 0.1)
         if kind == "bricks" and cells % 2:
@@ -95,7 +99,8 @@ def _recipe(kind: str, fields: Fields, size: int) -> tuple[Callable[..., np.ndar
     if kind == "leaves":
         feature = fields.number("feature", 0.2, above=0.0, maximum=0.5)
         return textures.leaves, (size, _seed(fields), feature, low, high, fields.fraction("colour", 1.0))
-    feature = fields.number("feature", 0.02, above=0.0)
+    # Blurred more than that, nothing of the noise is left but rounding.
+    feature = fields.number("feature", 0.02, above=0.0, maximum=1.0)
     return (textures.blobs if kind == "blobs" else textures.noise), (size, _seed(fields), feature, low, high)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -19,6 +20,11 @@ from evis.scene.mjcf.compiling.check import check_model
 from evis.scene.mjcf.compiling.compile import Edit, compiled, edited
 from evis.scene.sources import note
 
+XACRO = re.compile(r"\$[{(]")
+MASSLESS = (
+    "Links that move need an <inertial> with mass and inertia, or "
+    '<mujoco><compiler boundmass="0.001" boundinertia="1e-6"/></mujoco> in the <robot>, the least that each has'
+)
 VISUAL_GROUP = 1
 """Group in which MuJoCo puts the visual geometry of a URDF; its collision geometry is in group 0."""
 
@@ -61,9 +67,14 @@ def mujoco_model(path: Path, folders: Folders, edits: Sequence[Edit] = ()) -> An
         text = _text(path, folders, visuals=False)
     except (ET.ParseError, OSError):
         return compiled(path, lambda: mujoco.MjModel.from_xml_path(str(path)))  # which says what is wrong
-    if edits:
-        return compiled(path, lambda: edited(mujoco.MjSpec.from_string(text), edits))
-    return compiled(path, lambda: mujoco.MjModel.from_xml_string(text))
+    try:
+        if edits:
+            return compiled(path, lambda: edited(mujoco.MjSpec.from_string(text), edits))
+        return compiled(path, lambda: mujoco.MjModel.from_xml_string(text))
+    except SceneError as error:
+        if "mjMINVAL" not in str(error):
+            raise
+        raise SceneError(f"{error}. {MASSLESS}") from None
 
 
 def drawn(model: Any) -> np.ndarray:
@@ -76,6 +87,7 @@ def _text(path: Path, folders: Folders, visuals: bool) -> str:
     """The file with every mesh by its whole path: a model that is given as text has no folder of its own."""
     folders = folders.also(*_own_package(path))
     root = ET.parse(path).getroot()
+    _refuse_xacro(root, path)
     extension = root.find("mujoco")
     if extension is None:
         extension = ET.SubElement(root, "mujoco")
@@ -93,6 +105,21 @@ def _text(path: Path, folders: Folders, visuals: bool) -> str:
         for mesh in root.iterfind(f".//{part}//mesh"):
             mesh.set("filename", str(note(mesh_file(mesh.get("filename", ""), path, folder, folders))))
     return ET.tostring(root, encoding="unicode")
+
+
+def _refuse_xacro(root: ET.Element, path: Path) -> None:
+    """Raises SceneError for what ROS's xacro has yet to make a URDF of: to MuJoCo its elements are nothing, and robots
+    lack parts.
+    """
+    for element in root.iter():
+        macro = "xacro}" in str(element.tag)
+        value = next((value for value in element.attrib.values() if XACRO.search(value)), None)
+        if macro or value:
+            what = f"<xacro:{element.tag.partition('}')[2]}>" if macro else f"{value} in <{element.tag}>"
+            raise SceneError(
+                f"{path.name}: {what} is xacro, which has to be expanded first: "
+                f"`xacro {path.name} > robot.urdf`, and launch that"
+            )
 
 
 def mesh_file(name: str, urdf: Path, folder: Path, folders: Folders) -> Path:
