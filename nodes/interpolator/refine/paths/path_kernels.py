@@ -10,9 +10,10 @@ from evis.gpu.reading_kernels import element, number, whole_number
 from nodes.interpolator.refine.paths.motion_kernels import motion_since, stride_of
 from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, entry_at, slot_row
 from nodes.interpolator.rigid.look_up.log_kernels import apart, log_type
-from nodes.interpolator.rigid.look_up.look_up_kernels import make_displacement, make_keyframes
+from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
 from nodes.interpolator.rigid.patch_kernels import patch_of
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.lens.displacement_kernels import make_displacement
 from nodes.renderer.raster.lens.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
