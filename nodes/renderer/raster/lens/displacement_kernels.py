@@ -1,4 +1,4 @@
-"""Computes how far a point moves in the image: motion vectors of keyframes, and where rigid looks a point up in them."""
+"""Computes how far a point moves in the image: keyframes' motion vectors, and where rigid looks a point up in them."""
 
 from functools import cache
 
