@@ -21,6 +21,8 @@ from nodes.interpolator.refine.stage_kernels import (
     Cut,
     Stage,
     ends_of,
+    frame_after,
+    frame_before,
     shows_one,
     spot_at,
 )
@@ -102,8 +104,8 @@ def make_find_plain(
             if one and not changed:
                 # It may have come back, or be as far on as what is painted on it repeats.
                 changed = moves(cut, stage, spot, ends.before)
-            a = wp.where(k == 0, image[env, spot.y, spot.x], frames[env * cut.coarse + wp.max(k - 1, 0), y, x])
-            b = frames[env * cut.coarse + k, y, x]
+            a = frame_before(cut, image, frames, env, k, y, x)
+            b = frame_after(cut, frames, env, k, y, x)
             if wp.static(changes.changes_lamps):
                 if one and not changed and cut.parts > 0:
                     changed = stage.passing[n, y, x] != wp.uint64(0)
