@@ -7,7 +7,14 @@ import warp as wp
 
 from evis.gpu.append_kernels import take_place
 from nodes.interpolator.refine.evaluation.sight_kernels import make_seen_between
-from nodes.interpolator.refine.paths.path_kernels import FRAME_AFTER, FRAME_BEFORE, PARTS, TOLD, UNKNOWN, make_instances
+from nodes.interpolator.refine.paths.listing_kernels import (
+    FRAME_AFTER,
+    FRAME_BEFORE,
+    PARTS,
+    TOLD,
+    UNKNOWN,
+    make_instances,
+)
 from nodes.interpolator.refine.stage_kernels import (
     FEW_REGISTERS,
     Cut,

@@ -16,8 +16,8 @@ from nodes.interpolator.refine.evaluation.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.interval_kernels import make_check, make_intervals, make_split, see
 from nodes.interpolator.refine.light.passing import Passing
+from nodes.interpolator.refine.paths.listing_kernels import make_instances
 from nodes.interpolator.refine.paths.motion_kernels import find_bends
-from nodes.interpolator.refine.paths.path_kernels import make_instances
 from nodes.interpolator.refine.runs.change_kernels import Changes, Several, find_breaks, make_find_changes
 from nodes.interpolator.refine.runs.edge_kernels import find_times
 from nodes.interpolator.refine.runs.plain_kernels import make_find_plain

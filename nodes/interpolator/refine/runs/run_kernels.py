@@ -11,7 +11,7 @@ import warp as wp
 
 from nodes.interpolator.refine.light.flicker_kernels import Marks
 from nodes.interpolator.refine.paths.along_kernels import make_through, make_untold
-from nodes.interpolator.refine.paths.path_kernels import (
+from nodes.interpolator.refine.paths.listing_kernels import (
     FRAME_AFTER,
     FRAME_BEFORE,
     PARTS,
