@@ -48,7 +48,7 @@ def outside(rise: Any, low: Any, high: Any):  # noqa: F811 - overloaded by its t
 def entries_about(
     cut: Cut, stage: Stage, spot: Spot, place: int, each: int, i: int, hit: wp.uint64, following: int, seen: wp.uint64
 ):
-    """Gives the z-buffer entries known before and after instant `place`, between `hit` at i and `seen` at `following`."""
+    """Gives the z-buffer entries known before and after instant `place`, of `hit` at i and `seen` at `following`."""
     ahead = hit
     behind = seen
     if triangle_of(hit) != triangle_of(seen):
