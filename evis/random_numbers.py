@@ -1,7 +1,7 @@
 """Draws random numbers by counting, in numpy: a number is a hash of what it is for, never of what was drawn before.
 
 The hash is SplitMix64 (Steele, Lea and Flood, OOPSLA 2014), whose stream s has the n-th number mix(s + n GOLDEN). In
-kernels it stands in nodes.event_sensor.model.faults.random_kernels; a test holds the two together.
+kernels it stands in evis.random_number_kernels, in C++ in readout.h; a test holds them together.
 """
 
 from __future__ import annotations

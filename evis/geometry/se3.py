@@ -120,9 +120,14 @@ def log(q: np.ndarray) -> np.ndarray:
     q = np.asarray(q, np.float64)
     q = np.where(q[..., 3:] < 0.0, -q, q)
     sine = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
-    angle = 2.0 * np.arctan2(sine, q[..., 3:])
     small = sine < 1e-12  # there angle / sine = 2 to rounding
-    return q[..., :3] * np.where(small, 2.0, angle / np.where(small, 1.0, sine))
+    return q[..., :3] * np.where(small, 2.0, angle(q)[..., None] / np.where(small, 1.0, sine))
+
+
+def angle(q: np.ndarray) -> np.ndarray:
+    """Computes the angles [...] of unit quaternions [rad], the shorter way round (angle <= pi)."""
+    q = np.asarray(q, np.float64)
+    return np.asarray(2 * np.arctan2(np.linalg.norm(q[..., :3], axis=-1), np.abs(q[..., 3])))
 
 
 def make_pose(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:

@@ -9,21 +9,18 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
 import zmq
 
 from evis.bus import END
-from evis.bus.publisher import check_sent
 from evis.config.secret import Redactor
 from evis.gpu.early_context import begin_contexts
 from evis.runtime.calls import Calls
-from evis.runtime.delivery import Delivery, read_on_host
 from evis.runtime.host import AnyPublisher, Host, Inside, NodeFailed, Subscription, Wiring, load_class
 from evis.runtime.node import Node
+from evis.runtime.outputs import Outputs
 from evis.runtime.outside.door import Door
 from evis.runtime.plan import Plan
 from evis.runtime.profile import Profile
@@ -40,8 +37,8 @@ LISTEN_S = 0.005
 Commands = Callable[[], None]
 
 
-class Executor:
-    """Runs all nodes of one process of a plan."""
+class Executor(Outputs):
+    """Runs all nodes of one process of a plan; as `Outputs` it carries what they publish."""
 
     def __init__(
         self,
@@ -58,8 +55,7 @@ class Executor:
         tell: takes a node's name and a line that is for the user's eyes alone; to stderr if not given. redactor: the
         process's, of the plan's secrets if not given. say: takes what nodes say about themselves.
         """
-        self.plan = plan
-        self.profile = Profile()
+        profile = Profile()
         self._redactor = redactor or Redactor(plan.secrets)
         self._request = request
         self._tell = tell or (lambda name, text: print(f"{name}: {text}", file=sys.stderr, flush=True))
@@ -67,15 +63,14 @@ class Executor:
         self._wakeup = Wakeup()
         self._taps: list[TapSubscription] = []
         self._last_idle = 0.0
-        self._latched: dict[str, Message] = {}
-        """What was published last on each latched topic, for a node that is made anew."""
         self._wiring = Wiring(plan, process, self._context)
-        self._telemetry = Telemetry(plan, process, self._context, self.profile, self._redactor, say)
-        self._hosts = self._wiring.hosts
-        begin_contexts(host.node.computes_on() for host in self._hosts.values())
+        self._telemetry = Telemetry(plan, process, self._context, profile, self._redactor, say)
+        hosts = self._wiring.hosts
+        begin_contexts(host.node.computes_on() for host in hosts.values())
+        calls = Calls(hosts, profile, self._telemetry, plan.mode == "realtime")
+        super().__init__(plan, hosts, profile, calls)
         for host in self._hosts.values():
             self.profile.node(host.name).made_elsewhere = host.plan.joins
-        self._calls = Calls(self._hosts, self.profile, self._telemetry, plan.mode == "realtime")
         self._subscriptions: list[Subscription] = [s for h in self._hosts.values() for s in h.subscriptions]
         self._publishers: list[AnyPublisher] = [p for h in self._hosts.values() for p in h.publishers.values()]
         self._publishers += self._telemetry.publishers.values()
@@ -375,102 +370,6 @@ class Executor:
             commands()
 
     # -- what nodes call ---------------------------------------------------------------------------------------------
-
-    def wants(self, node: Node, port: str, array: str = "") -> bool:
-        """Implements Node.wants."""
-        host = self._hosts[node.name]
-        return host.wants_array(port, array) if array else host.wants(port)
-
-    def gathered(self, node: Node, port: str) -> int:
-        """Implements Node.gathered."""
-        host = self._hosts[node.name]
-        topic = host.plan.outputs.get(port)
-        return max((c.node.gathers for c, _, taken in host.downstream if taken == topic and c.many), default=1)
-
-    def loan(self, node: Node, port: str, arrays: Mapping[str, tuple[tuple[int, ...], Any]]) -> dict[str, np.ndarray]:
-        """Implements Node.loan."""
-        host = self._hosts[node.name]
-        return host.publishers[host.plan.outputs[port]].loan(**arrays)
-
-    def loan_on(self, node: Node, port: str, device: Any, arrays: Mapping[str, tuple[tuple[int, ...], Any]]) -> Any:
-        """Implements Node.loan_on."""
-        host = self._hosts[node.name]
-        return host.publishers[host.plan.outputs[port]].loan_on(device, arrays)
-
-    def loan_for_readers(
-        self, node: Node, port: str, device: Any, arrays: Mapping[str, tuple[tuple[int, ...], Any]]
-    ) -> Any:
-        """Implements Node.loan_for_readers."""
-        host = self._hosts[node.name]
-        topic = host.plan.outputs[port]
-        publisher = host.publishers[topic]
-        consumers = [(c, port) for c, port, consumed in host.downstream if consumed == topic]
-        if read_on_host(publisher, consumers, device):
-            return publisher.loan_from(device, arrays)
-        return publisher.loan_on(device, arrays)
-
-    @contextmanager
-    def lending(self, node: Node, port: str) -> Iterator[None]:
-        """Implements Node.lending."""
-        host = self._hosts[node.name]
-        lender = host.publishers[host.plan.outputs[port]]
-        with lender.sharing_loans():
-            host.lender = lender
-            try:
-                yield
-            finally:
-                host.lender = None
-
-    def publish(self, node: Node, port: str, message: Message) -> None:
-        """Implements Node.publish."""
-        host = self._hosts[node.name]
-        topic = host.topic_of(port)
-        if topic is None:
-            return
-        check_sent(topic, node.name, host.publishers[topic].message_type, message)
-        self.profile.node(node.name).saw(topic, message)
-        if self.plan.topics[topic].latched:
-            self._latched[topic] = message
-        with self.profile.inside("bus"):
-            consumers = [(c, port) for c, port, consumed in host.downstream if consumed == topic]
-            unread = host.unread_by(topic, message.header)
-            delivery = Delivery.of(message, host.publishers[topic], consumers, unread, host.lender)
-        try:
-            for (consumer, consumer_port), given in zip(consumers, delivery.given):
-                given.keep()
-                self._calls.accept(consumer, consumer_port, topic, given)
-                if not consumer.node.SOURCE and not consumer.many:
-                    self._calls.call(consumer)
-            # What one of these makes of many stamps, another one takes with this message beside it.
-            for consumer, _ in consumers:
-                if consumer.many:
-                    self._calls.call(consumer)
-        finally:
-            delivery.over()
-
-    def publish_all(self, node: Node, port: str, messages: Sequence[Message]) -> None:
-        """Implements Node.publish_all."""
-        host = self._hosts[node.name]
-        topic = host.topic_of(port)
-        if topic is None:
-            return
-        publisher, profile = host.publishers[topic], self.profile.node(node.name)
-        consumers = [(consumer, port) for consumer, port, consumed in host.downstream if consumed == topic]
-        with publisher.sharing_loans(), self.profile.inside("bus"):
-            for message in messages:
-                check_sent(topic, node.name, publisher.message_type, message)
-                profile.saw(topic, message)
-                unread = host.unread_by(topic, message.header)
-                delivery = Delivery.of(message, publisher, consumers, unread, host.lender)
-                try:
-                    for (consumer, consumer_port), given in zip(consumers, delivery.given):
-                        given.keep()
-                        self._calls.accept(consumer, consumer_port, topic, given)
-                finally:
-                    delivery.over()
-        for consumer, _ in consumers:
-            if not consumer.node.SOURCE:
-                self._calls.call(consumer)
 
     def count(self, node: Node, name: str, amount: float) -> None:
         """Implements Node.count."""

@@ -129,6 +129,10 @@ class Host:
             raise ValueError(f"no output is called '{port}'; {type(self.node).__name__}.OUTPUTS declares {declared}")
         return topic
 
+    def consumers_of(self, topic: str) -> list[tuple[Host, str]]:
+        """Lists who takes a topic of this node within the process, with the ports."""
+        return [(consumer, port) for consumer, port, consumed in self.downstream if consumed == topic]
+
     def wants(self, port: str) -> bool:
         """Says whether anybody reads this output now."""
         topic = self.topic_of(port)

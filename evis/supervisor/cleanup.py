@@ -1,7 +1,7 @@
 """Removes a run's directory when its launcher is gone: `python -I -S cleanup.py DIRECTORY`, launcher on stdin.
 
 A launcher that ends in order has removed the directory itself. One that is killed closes its end of the pipe by dying;
-its children die with it (evis/runtime/parent_death.py), and this small process takes away what they leave.
+its children die with it (evis/runtime/process/parent_death.py), and this small process takes away what they leave.
 """
 
 import os

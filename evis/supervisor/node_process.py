@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from evis.runtime.parent_death import PARENT_VARIABLE
+from evis.runtime.process.parent_death import PARENT_VARIABLE
 
 PLAN = "plan.json"
 """File in a run's directory that its processes read."""

@@ -8,7 +8,7 @@ import math
 
 import warp as wp
 
-from nodes.event_sensor.model.faults.random_kernels import GOLDEN, draw, mix, uniform
+from evis.random_number_kernels import GOLDEN, draw, mix, uniform
 
 wp.set_module_options({"enable_backward": False})
 

@@ -18,13 +18,14 @@ from nodes.renderer.geometry.pose_upload import READ
 from nodes.renderer.geometry.poses import InstancePoses, same_bytes
 from nodes.renderer.lighting import Shading, ShadingOptions
 from nodes.renderer.raster import output_kernels
+from nodes.renderer.raster.lens import displacement_kernels
 from nodes.renderer.raster.lens.cameras import finer
 from nodes.renderer.raster.visibility import Visibility
 
 if TYPE_CHECKING:
     from nodes.renderer.paths.paths import PathOptions
 
-BEHIND = float(output_kernels.BEHIND)
+BEHIND = float(displacement_kernels.FAR_AWAY)
 """Motion [px] in x and y of a point that lay behind the previous camera: finite, and outside every image."""
 
 LAST = "last"

@@ -104,3 +104,11 @@ def test_look_at_refuses_what_has_no_direction():
         se3.look_at(np.zeros(3), np.array([0.0, 0.0, 1.0]))
     with pytest.raises(ValueError, match="no rotation"):
         se3.normalize(np.zeros(4))
+
+
+def test_the_angle_of_a_rotation_is_that_of_its_vector():
+    """Against scipy; q and -q are one rotation, and near 0 and pi nothing is lost."""
+    q = np.vstack([random_quaternions(200, 4), se3.exp(np.array([[1e-9, 0, 0], [0, np.pi - 1e-9, 0], [0, 0, 0]]))])
+    expected = Rotation.from_quat(q).magnitude()
+    assert np.abs(se3.angle(q) - expected).max() < 2e-14
+    assert np.array_equal(se3.angle(-q), se3.angle(q))

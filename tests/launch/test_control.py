@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 import zmq
 
-from evis.runtime import control
-from evis.runtime.control import ControlClient, ControlServer, ask_for, control_address
+from evis.runtime.process import control
+from evis.runtime.process.control import ControlClient, ControlServer, ask_for, control_address
 
 
 @pytest.fixture

@@ -172,7 +172,7 @@ def _tell_missing(bag: str, result: Mapping[str, Any]) -> None:
 def _record(args: argparse.Namespace) -> dict[str, Any]:
     from evis.bag.attach import Taps
     from evis.bag.selection import subscribed, unpublished
-    from evis.runtime.control import ask_for
+    from evis.runtime.process.control import ask_for
     from evis.supervisor.run_directory import is_live
     from nodes.recorder.recorder import Recorder
 

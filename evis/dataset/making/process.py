@@ -9,7 +9,7 @@ import signal
 import sys
 from typing import Any
 
-from evis.runtime.parent_death import die_with_parent
+from evis.runtime.process.parent_death import die_with_parent
 
 
 def main(out: str) -> int:

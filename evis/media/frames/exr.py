@@ -12,6 +12,7 @@ from evis.files.allowance import Allowance
 from evis.files.damage import error_text
 from evis.media import exr_window
 from evis.media.colour import luminance_of
+from evis.media.exr_channels import picture_of
 from evis.media.frames.folder import FolderFrames
 from evis.media.frames.source import PIXEL_BYTES, FrameOptions, FramesError
 
@@ -41,8 +42,8 @@ class ExrFrames(FolderFrames):
                 channels = {name: channel.pixels for name, channel in file.channels().items()}
         except Exception as error:  # the library raises RuntimeError, TypeError and others for damaged files
             raise FramesError(f"{path}: cannot be read as EXR: {error_text(error, 150)}") from None
-        pixels = next((channels[n] for n in ("RGB", "RGBA", "Y", "YA") if n in channels), None)
-        if pixels is None or pixels.dtype.kind != "f":
+        pixels = picture_of(channels)
+        if pixels is None:
             there = ", ".join(sorted(channels)) or "none"
             raise FramesError(f"{path}: no R, G, B or Y of half or float; it has {there}")
         return self._image(exr_window.displayed(pixels, header)), _stamp(path, header), None

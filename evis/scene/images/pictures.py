@@ -17,6 +17,7 @@ from evis.files.allowance import Allowance, AllowanceError
 from evis.files.damage import error_text
 from evis.media import exr_window
 from evis.media.deep_colour import deep_colour
+from evis.media.exr_channels import picture_of
 from evis.scene.errors import SceneError
 from evis.scene.images.colour import linear_from_codes
 from evis.scene.sources import note
@@ -115,8 +116,8 @@ def load_exr(path: Path) -> np.ndarray:
         raise SceneError(f"{path.name} is {error}") from None
     except Exception as error:  # the library raises RuntimeError, TypeError and others for damaged files
         raise SceneError(f"{path.name} cannot be read as EXR: {error_text(error, 150)}") from None
-    pixels = next((channels[n] for n in ("RGB", "RGBA", "Y", "YA") if n in channels), None)
-    if pixels is None or pixels.dtype.kind != "f":
+    pixels = picture_of(channels)
+    if pixels is None:
         raise SceneError(f"{path.name} has no R, G, B or Y of half or float; it has {', '.join(channels) or 'none'}")
     pixels = exr_window.displayed(pixels, headers[0])
     if pixels.ndim == 2 or pixels.shape[2] < 3:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.geometry.triangles import area_vectors
+
 PAIRS = 4_000_000
 """Pairs of faces that are compared at a time, which bounds the memory."""
 
@@ -18,8 +20,7 @@ def crease_normals(vertices: np.ndarray, faces: np.ndarray, crease: float) -> np
     # Vertices at the same place count as one: files repeat them where texture coordinates differ.
     _, place = np.unique(points, axis=0, return_inverse=True)
     corner_place = place.reshape(-1)[faces].reshape(-1)
-    a, b, c = (points[faces[:, i]] for i in range(3))
-    area = np.cross(b - a, c - a)
+    area = area_vectors(points[faces])
     length = np.linalg.norm(area, axis=-1, keepdims=True)
     unit = np.divide(area, length, out=np.zeros_like(area), where=length > 0)
     order = np.argsort(corner_place, kind="stable")

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from evis.geometry import se3
+from evis.geometry.triangles import area_vectors
 from evis.scene.mesh import shapes
 from evis.scene.mesh.normals import crease_normals
 from evis.scene.mjcf.materials import material_of
@@ -96,7 +97,7 @@ def _astray(vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray) -> boo
     """Whether MuJoCo made normals [F, 3, 3] of a mesh with sharp edges: it keeps one for each vertex, which is that of
     one side of an edge, or, at a corner, what rounding leaves. Means over all faces (`smoothnormal`) are not."""
     points = np.asarray(vertices, np.float64)[faces]
-    area = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+    area = area_vectors(points)
     turned = np.einsum("fkx,fx->fk", normals, area) <= ASTRAY * np.linalg.norm(area, axis=-1)[:, None]
     turned &= (area != 0).any(axis=-1)[:, None]
     if not turned.any():

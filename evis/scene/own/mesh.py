@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from evis.geometry.triangles import area_vectors
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
 from evis.scene.mesh.files import Part, load_parts
@@ -49,7 +50,7 @@ def _bounds(used: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _projected(corners: np.ndarray, low: np.ndarray, longest: float) -> np.ndarray:
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = area_vectors(corners)
     axis = np.abs(normal).argmax(axis=-1)
     across = np.array([[1, 2], [0, 2], [0, 1]])[axis]
     unit = (corners - low) / longest

@@ -13,7 +13,7 @@ from nodes.camera.interface.driver import DeviceInfo
 from nodes.camera.interface.settings import Configuration, setting
 from nodes.camera.usb.access import label
 from nodes.camera.usb.driver import UsbSettings
-from nodes.camera.usb.region import region_of
+from nodes.camera.usb.region import region_of, roi_columns, roi_left, roi_rows, roi_top
 
 WIDTH, HEIGHT = 346, 260
 FX3, OLDEST_FX3, OLDEST_FX2 = 0x841A, 6, 4
@@ -89,10 +89,10 @@ class Davis346Settings(UsbSettings):
     bias_pr: float = bias_setting("prbp", "photoreceptor bandwidth")
     bias_sf: float = bias_setting("prsfbp", "source follower bandwidth")
     bias_refr: float = bias_setting("refrbp", "refractory period: higher is shorter")
-    roi_x: int = setting(0, "left column of the region of interest", "px", 0, WIDTH - 1)
-    roi_y: int = setting(0, "top row of the region of interest", "px", 0, HEIGHT - 1)
-    roi_width: int = setting(0, "its width; 0 = to the right edge", "px", 0, WIDTH)
-    roi_height: int = setting(0, "its height; 0 = to the bottom edge", "px", 0, HEIGHT)
+    roi_x: int = roi_left(WIDTH)
+    roi_y: int = roi_top(HEIGHT)
+    roi_width: int = roi_columns(WIDTH)
+    roi_height: int = roi_rows(HEIGHT)
     background_filter_us: float = setting(
         0.0, "drop events without a neighbour in this time, in the camera; 0 = off", "us", 0, 1e6
     )

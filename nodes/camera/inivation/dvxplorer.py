@@ -14,7 +14,7 @@ from nodes.camera.interface.settings import Configuration, setting
 from nodes.camera.usb.access import label
 from nodes.camera.usb.driver import UsbSettings
 from nodes.camera.usb.models import MODELS
-from nodes.camera.usb.region import region_of
+from nodes.camera.usb.region import region_of, roi_columns, roi_left, roi_rows, roi_top
 from nodes.camera.usb.side import SideReader
 
 WIDTH, HEIGHT = 640, 480
@@ -55,10 +55,10 @@ class MicroSettings(UsbSettings):
 class MiniSettings(MicroSettings):
     """Holds a Mini's settings: also a region of interest, or binning."""
 
-    roi_x: int = setting(0, "left column of the region of interest", "px", 0, WIDTH - 1)
-    roi_y: int = setting(0, "top row of the region of interest", "px", 0, HEIGHT - 1)
-    roi_width: int = setting(0, "its width; 0 = to the right edge", "px", 0, WIDTH)
-    roi_height: int = setting(0, "its height; 0 = to the bottom edge", "px", 0, HEIGHT)
+    roi_x: int = roi_left(WIDTH)
+    roi_y: int = roi_top(HEIGHT)
+    roi_width: int = roi_columns(WIDTH)
+    roi_height: int = roi_rows(HEIGHT)
     binning: bool = setting(False, f"one pixel of two by two: {WIDTH // 2}x{HEIGHT // 2}")
 
     def check(self) -> None:
@@ -79,10 +79,10 @@ class DvxplorerSettings(MiniSettings):
 class LiteSettings(MicroSettings):
     """Holds a Lite's settings: a region within its own size, no binning."""
 
-    roi_x: int = setting(0, "left column of the region of interest", "px", 0, LITE_WIDTH - 1)
-    roi_y: int = setting(0, "top row of the region of interest", "px", 0, LITE_HEIGHT - 1)
-    roi_width: int = setting(0, "its width; 0 = to the right edge", "px", 0, LITE_WIDTH)
-    roi_height: int = setting(0, "its height; 0 = to the bottom edge", "px", 0, LITE_HEIGHT)
+    roi_x: int = roi_left(LITE_WIDTH)
+    roi_y: int = roi_top(LITE_HEIGHT)
+    roi_width: int = roi_columns(LITE_WIDTH)
+    roi_height: int = roi_rows(LITE_HEIGHT)
     trigger_in: bool = setting(False, "report edges of the trigger input")
 
     def check(self) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from nodes.camera.interface.settings import setting
 from nodes.camera.treuzell.sensor import Registers, expect, span_words
 from nodes.camera.usb.driver import UsbSettings
-from nodes.camera.usb.region import region_of
+from nodes.camera.usb.region import region_of, roi_columns, roi_left, roi_rows, roi_top
 
 WIDTH, HEIGHT = 640, 480
 BIAS = {
@@ -43,10 +43,10 @@ class Gen31Settings(UsbSettings):
     bias_hpf: int = setting(1499, "high-pass corner", "mV", 1158, 1800)
     bias_pr: int = setting(1250, "photoreceptor", "mV", 1158, 1800)
     bias_refr: int = setting(1500, "refractory period", "mV", 1300, 1800)
-    roi_x: int = setting(0, "left column of the region of interest", "px", 0, WIDTH - 1)
-    roi_y: int = setting(0, "top row of the region of interest", "px", 0, HEIGHT - 1)
-    roi_width: int = setting(0, "its width; 0 = to the right edge", "px", 0, WIDTH)
-    roi_height: int = setting(0, "its height; 0 = to the bottom edge", "px", 0, HEIGHT)
+    roi_x: int = roi_left(WIDTH)
+    roi_y: int = roi_top(HEIGHT)
+    roi_width: int = roi_columns(WIDTH)
+    roi_height: int = roi_rows(HEIGHT)
     trigger_in: bool = setting(False, "report edges of the trigger input")
     legacy_writes: bool = setting(False, "write registers by the older FPGA command (for a board that stays silent)")
 

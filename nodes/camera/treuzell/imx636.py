@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from nodes.camera.interface.settings import setting
 from nodes.camera.treuzell.sensor import Registers, expect, span_words
 from nodes.camera.usb.driver import UsbSettings
-from nodes.camera.usb.region import region_of
+from nodes.camera.usb.region import region_of, roi_columns, roi_left, roi_rows, roi_top
 
 WIDTH, HEIGHT = 1280, 720
 BIAS = {
@@ -38,10 +38,10 @@ class Imx636Settings(UsbSettings):
     bias_diff_on: int = setting(0, "contrast threshold ON: higher is less sensitive", CODES, -85, 140)
     bias_diff_off: int = setting(0, "contrast threshold OFF: higher is less sensitive", CODES, -35, 190)
     bias_refr: int = setting(0, "refractory period: higher is shorter", CODES, -20, 235)
-    roi_x: int = setting(0, "left column of the region of interest", "px", 0, WIDTH - 1)
-    roi_y: int = setting(0, "top row of the region of interest", "px", 0, HEIGHT - 1)
-    roi_width: int = setting(0, "its width; 0 = to the right edge", "px", 0, WIDTH)
-    roi_height: int = setting(0, "its height; 0 = to the bottom edge", "px", 0, HEIGHT)
+    roi_x: int = roi_left(WIDTH)
+    roi_y: int = roi_top(HEIGHT)
+    roi_width: int = roi_columns(WIDTH)
+    roi_height: int = roi_rows(HEIGHT)
     event_rate_limit: float = setting(0.0, "most events per second that the sensor sends; 0 = all", "1/s", 0, 1e9)
     trigger_in: bool = setting(False, "report edges of the trigger input")
 
@@ -126,10 +126,10 @@ class Gen41Settings(UsbSettings):
     bias_diff: int = setting(0x50, "reference of the thresholds", "code", 0x34, 0x64)
     bias_diff_off: int = setting(0x34, "contrast threshold OFF, at least 15 below diff", "code", 0x19, 0x55)
     bias_refr: int = setting(0x44, "refractory period", "code", 0x14, 0x64)
-    roi_x: int = setting(0, "left column of the region of interest", "px", 0, WIDTH - 1)
-    roi_y: int = setting(0, "top row of the region of interest", "px", 0, HEIGHT - 1)
-    roi_width: int = setting(0, "its width; 0 = to the right edge", "px", 0, WIDTH)
-    roi_height: int = setting(0, "its height; 0 = to the bottom edge", "px", 0, HEIGHT)
+    roi_x: int = roi_left(WIDTH)
+    roi_y: int = roi_top(HEIGHT)
+    roi_width: int = roi_columns(WIDTH)
+    roi_height: int = roi_rows(HEIGHT)
     event_rate_limit: float = setting(0.0, "most events per second that the sensor sends; 0 = all", "1/s", 0, 1e9)
     trigger_in: bool = setting(False, "report edges of the trigger input")
 

@@ -1,9 +1,11 @@
-"""Finds the region of interest that a camera's settings ask for: roi_x, roi_y, roi_width and roi_height."""
+"""Declares the settings of a region of interest (roi_x, roi_y, roi_width, roi_height) and finds what they ask for."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
+
+from nodes.camera.interface.settings import setting
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,26 @@ class Region:
     def bottom(self) -> int:
         """Returns the last row, which belongs to it."""
         return self.top + self.height - 1
+
+
+def roi_left(width: int) -> Any:
+    """Makes the setting `roi_x` of a sensor that is so many pixels wide."""
+    return setting(0, "left column of the region of interest", "px", 0, width - 1)
+
+
+def roi_top(height: int) -> Any:
+    """Makes the setting `roi_y` of a sensor that is so many pixels high."""
+    return setting(0, "top row of the region of interest", "px", 0, height - 1)
+
+
+def roi_columns(width: int) -> Any:
+    """Makes the setting `roi_width` of a sensor that is so many pixels wide."""
+    return setting(0, "its width; 0 = to the right edge", "px", 0, width)
+
+
+def roi_rows(height: int) -> Any:
+    """Makes the setting `roi_height` of a sensor that is so many pixels high."""
+    return setting(0, "its height; 0 = to the bottom edge", "px", 0, height)
 
 
 def region_of(settings: Any, width: int, height: int) -> Region:

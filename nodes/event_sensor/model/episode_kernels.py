@@ -5,9 +5,10 @@ from typing import Any
 
 import warp as wp
 
+from evis.random_number_kernels import draw
 from nodes.event_sensor.model.faults.leak_kernels import leak_origin
 from nodes.event_sensor.model.faults.noise_kernels import stream_here
-from nodes.event_sensor.model.faults.random_kernels import NEVER, draw, waiting_time
+from nodes.event_sensor.model.faults.random_kernels import NEVER, waiting_time
 from nodes.event_sensor.model.features import Features
 from nodes.event_sensor.model.sensor_kernels import Sensor, count_clipped, log_level
 from nodes.event_sensor.model.state_kernels import ALIVE, NOWHERE, Frequent, Rare

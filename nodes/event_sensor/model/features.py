@@ -49,7 +49,7 @@ def features_of(p: Mapping[str, Any]) -> Features:
         crossing=p["crossing"],
         leak=p["leak_rate"] > 0 and p["leak_model"] == "drift",
         coin=p["leak_rate"] > 0 and p["leak_model"] == "bernoulli",
-        noise=p["shot_rate"] > 0 or (p["hot_pixel_rate"] > 0 and p["hot_pixel_fraction"] > 0),
+        noise=has_noise(p),
         refractory=round(1e3 * p["refractory_us"]) > 0,
         mismatch=p["threshold_mismatch"] > 0,
         cap=p["event_cap"] > 0,
@@ -57,10 +57,14 @@ def features_of(p: Mapping[str, Any]) -> Features:
     )
 
 
+def has_noise(p: Mapping[str, Any]) -> bool:
+    """Tells whether a sensor with these parameters has shot noise or hot pixels."""
+    return bool(p["shot_rate"] > 0 or (p["hot_pixel_rate"] > 0 and p["hot_pixel_fraction"] > 0))
+
+
 def spontaneous(p: Mapping[str, Any]) -> bool:
     """Tells whether a sensor with these parameters has events that light does not make."""
-    hot = p["hot_pixel_rate"] > 0 and p["hot_pixel_fraction"] > 0
-    return bool(p["leak_rate"] > 0 or p["shot_rate"] > 0 or hot)
+    return bool(p["leak_rate"] > 0 or has_noise(p))
 
 
 def marks(p: Mapping[str, Any]) -> bool:

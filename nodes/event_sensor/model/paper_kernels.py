@@ -13,7 +13,8 @@ contracted with a sum.
 
 import warp as wp
 
-from nodes.event_sensor.model.faults.random_kernels import draw, mix, stream_of, uniform
+from evis.random_number_kernels import draw, mix, uniform
+from nodes.event_sensor.model.faults.random_kernels import stream_of
 from nodes.event_sensor.model.key_kernels import key_head, key_tail, key_time, with_mark
 from nodes.event_sensor.model.sensor_kernels import (
     DROPPED,

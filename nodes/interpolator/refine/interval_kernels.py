@@ -7,8 +7,23 @@ import warp as wp
 
 from evis.gpu.append_kernels import take_place
 from nodes.interpolator.refine.evaluation.sight_kernels import make_seen_between
-from nodes.interpolator.refine.paths.path_kernels import FRAME_AFTER, FRAME_BEFORE, PARTS, TOLD, UNKNOWN, make_instances
-from nodes.interpolator.refine.stage_kernels import FEW_REGISTERS, Cut, Stage
+from nodes.interpolator.refine.paths.listing_kernels import (
+    FRAME_AFTER,
+    FRAME_BEFORE,
+    PARTS,
+    TOLD,
+    UNKNOWN,
+    make_instances,
+)
+from nodes.interpolator.refine.stage_kernels import (
+    FEW_REGISTERS,
+    Cut,
+    Stage,
+    entry_after,
+    entry_before,
+    frame_after,
+    frame_before,
+)
 from nodes.interpolator.rigid.keyframe_kernels import log_of
 from nodes.interpolator.rigid.look_up.log_kernels import apart, light
 from nodes.interpolator.rigid.plan_kernels import joined
@@ -101,14 +116,10 @@ def take_samples(made: wp.array(dtype=int), number: int, count: wp.array(dtype=i
 
 
 @cache
-def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
-    """Makes the kernels `check` (after the first list) and `split` (after later ones).
-
-    Both add evaluated pixels to the samples and list the intervals to halve next. channels: 1 (luminance) or 3 (RGB).
-    """
+def make_put(channels: int) -> Any:
+    """Makes the function `put`; channels: 1 (luminance) or 3 (RGB)."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
     Intervals: Any = make_intervals(channels)
-    Instances: Any = make_instances(channels)
 
     @wp.func
     def put(
@@ -132,6 +143,17 @@ def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
         intervals.end[place] = last
         intervals.before[place] = before
         intervals.after[place] = after
+
+    return put
+
+
+@cache
+def make_check(channels: int) -> wp.Kernel:
+    """Makes the kernel `check`, which follows the first list of samples; channels: 1 (luminance) or 3 (RGB)."""
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    Intervals: Any = make_intervals(channels)
+    Instances: Any = make_instances(channels)
+    put = make_put(channels)
 
     @wp.func
     def suspect(cut: Cut, rise: pixel, actual: pixel):
@@ -187,11 +209,9 @@ def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
             env = q // (cut.width * cut.height)
             value = radiance[j]
             if instances.shown[j] == FRAME_AFTER:
-                value = frames[env * cut.coarse + k, y, x]
-            elif instances.shown[j] == FRAME_BEFORE and k == 0:
-                value = image[env, y + cut.margin, x + cut.margin]
+                value = frame_after(cut, frames, env, k, y, x)
             elif instances.shown[j] == FRAME_BEFORE:
-                value = frames[env * cut.coarse + k - 1, y, x]
+                value = frame_before(cut, image, frames, env, k, y, x)
             elif instances.shown[j] == TOLD:
                 value = light(instances.rise[j])
             sample = known + j - first
@@ -216,20 +236,16 @@ def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
                         low = instances.at[p] // inner % cut.slots + 1
                         log_a = log_of(radiance[p])
                         before = hits[p]
-                    elif k == 0:
-                        log_a = log_of(image[env, y + cut.margin, x + cut.margin])
-                        before = start[env, y + cut.margin, x + cut.margin]
                     else:
-                        log_a = log_of(frames[env * cut.coarse + k - 1, y, x])
-                        before = stage.packed[k * cut.envs + env, y + cut.margin, x + cut.margin]
+                        log_a = log_of(frame_before(cut, image, frames, env, k, y, x))
+                        before = entry_before(cut, stage, start, env, k, y, x)
                     length = high - low
                 elif instances.ends[j] == 1:
                     low = place
                     high = cut.slots + 1
                     rise = instances.tail[j]
-                    log_b = log_of(frames[env * cut.coarse + k, y, x])
-                    row = wp.where(k + 1 == cut.coarse, 0, k + 1) * cut.envs + env
-                    after = stage.packed[row, y + cut.margin, x + cut.margin]
+                    log_b = log_of(frame_after(cut, frames, env, k, y, x))
+                    after = entry_after(cut, stage, env, k, y, x)
                     length = high - low
                 # What is told is on straight lines already, for a pixel's whole coarse interval.
                 if length > 1 and instances.shown[j] != TOLD:
@@ -238,6 +254,16 @@ def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
                         if to < room:
                             put(cut, intervals, band * room + to, at, low, high, log_a, log_b, before, after)
             j += workers
+
+    return check
+
+
+@cache
+def make_split(channels: int) -> wp.Kernel:
+    """Makes the kernel `split`, which follows later lists; channels: 1 (luminance) or 3 (RGB)."""
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    Intervals: Any = make_intervals(channels)
+    put = make_put(channels)
 
     @wp.kernel(module="unique", enable_backward=False)
     def split(
@@ -306,4 +332,4 @@ def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
                             put(cut, halves, band * room + to, at, start, end, from_here, to_there, ahead, behind)
             j += workers
 
-    return check, split
+    return split

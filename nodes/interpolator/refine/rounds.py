@@ -15,10 +15,10 @@ from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.cuda_graph import CudaGraphs
 from nodes.interpolator.refine.evaluation.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
-from nodes.interpolator.refine.interval_kernels import make_intervals, make_rounds, see
+from nodes.interpolator.refine.interval_kernels import make_check, make_intervals, make_split, see
 from nodes.interpolator.refine.light.passing import Passing
+from nodes.interpolator.refine.paths.listing_kernels import make_instances
 from nodes.interpolator.refine.paths.motion_kernels import find_bends
-from nodes.interpolator.refine.paths.path_kernels import make_instances
 from nodes.interpolator.refine.runs.change_kernels import Changes, Several, find_breaks, make_find_changes
 from nodes.interpolator.refine.runs.edge_kernels import find_times
 from nodes.interpolator.refine.runs.plain_kernels import make_find_plain
@@ -69,7 +69,9 @@ class Kernels:
         painted = features.textures or features.tinted
         how = (lens, layout.channels, layout.ways, layout.relight, painted, changes)
         ends = make_find_ends(layout.channels, not layout.flicker)
-        return cls(make_find_plain(*how), ends, make_find_runs(*how), *make_rounds(layout.channels))
+        return cls(
+            make_find_plain(*how), ends, make_find_runs(*how), make_check(layout.channels), make_split(layout.channels)
+        )
 
     def to_build(self, trees: bool) -> list[tuple[wp.Kernel, int]]:
         """Lists the kernels and their block sizes for `build_together`. trees: as of `make_seen_of_all`."""

@@ -1,6 +1,8 @@
 """Holds what the kernels of a window read: its limits and sizes, the scene at its instants, and what pixels see
 there."""
 
+from typing import Any
+
 import warp as wp
 
 from nodes.interpolator.refine.evaluation.sight_kernels import Targets
@@ -112,15 +114,44 @@ def spot_of(view: CameraView, cut: Cut, k: int, q: int):
 
 
 @wp.func
+def frame_before(
+    cut: Cut, image: wp.array3d(dtype=Any), frames: wp.array3d(dtype=Any), env: int, k: int, y: int, x: int
+):
+    """Reads a pixel of the frame at which coarse interval k begins; image: of keyframe A, at which the first does."""
+    if k == 0:
+        return image[env, y + cut.margin, x + cut.margin]
+    return frames[env * cut.coarse + k - 1, y, x]
+
+
+@wp.func
+def frame_after(cut: Cut, frames: wp.array3d(dtype=Any), env: int, k: int, y: int, x: int):
+    """Reads a pixel of the frame at which coarse interval k ends."""
+    return frames[env * cut.coarse + k, y, x]
+
+
+@wp.func
+def entry_before(cut: Cut, stage: Stage, start: wp.array3d(dtype=wp.uint64), env: int, k: int, y: int, x: int):
+    """Reads the z-buffer entry of `frame_before`; start: z-buffer of keyframe A."""
+    if k == 0:
+        return start[env, y + cut.margin, x + cut.margin]
+    return stage.packed[k * cut.envs + env, y + cut.margin, x + cut.margin]
+
+
+@wp.func
+def entry_after(cut: Cut, stage: Stage, env: int, k: int, y: int, x: int):
+    """Reads the z-buffer entry of `frame_after`: that of B, the last frame, stands first."""
+    row = wp.where(k + 1 == cut.coarse, 0, k + 1) * cut.envs + env
+    return stage.packed[row, y + cut.margin, x + cut.margin]
+
+
+@wp.func
 def ends_of(cut: Cut, stage: Stage, start: wp.array3d(dtype=wp.uint64), spot: Spot):
     """Reads the z-buffer entries at both ends of a coarse interval; start: z-buffer of keyframe A."""
+    y = spot.y - cut.margin
+    x = spot.x - cut.margin
     ends = Ends()
-    if spot.k == 0:
-        ends.before = start[spot.env, spot.y, spot.x]
-    else:
-        ends.before = stage.packed[spot.k * cut.envs + spot.env, spot.y, spot.x]
-    row = wp.where(spot.k + 1 == cut.coarse, 0, spot.k + 1) * cut.envs + spot.env
-    ends.after = stage.packed[row, spot.y, spot.x]
+    ends.before = entry_before(cut, stage, start, spot.env, spot.k, y, x)
+    ends.after = entry_after(cut, stage, spot.env, spot.k, y, x)
     return ends
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.geometry.triangles import area_vectors
 from evis.scene.model import Mesh, Scene
 
 SIDES = 2
@@ -97,7 +98,7 @@ def mesh_neighbours(mesh: Mesh) -> np.ndarray:
         return beside
     faces = _welded(np.asarray(mesh.vertices), faces)
     corners = np.asarray(mesh.vertices, np.float64)[np.asarray(mesh.faces, np.int64).reshape(-1, 3)]
-    flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    flat = area_vectors(corners)
     normal = np.repeat(flat[:, None], 3, axis=1)
     if mesh.normals is not None:
         given = np.asarray(mesh.normals, np.float64).reshape(count, 3, 3)

@@ -180,9 +180,8 @@ class Shadow:
         mujoco.mj_kinematics(self._model, data)
         position = np.linalg.norm(pose[:, :3] - data.xpos[1:], axis=-1)
         turn = se3.multiply(se3.conjugate(pose[:, 3:]), se3.from_mujoco(data.xquat[1:]))
-        rotation = 2 * np.arctan2(np.linalg.norm(turn[:, :3], axis=-1), np.abs(turn[:, 3]))
         scale = 1 / (1 - 0.5 ** self._order()) if self._halved else self._scale()
-        return scale * position, np.minimum(scale * rotation, np.pi)
+        return scale * position, np.minimum(scale * se3.angle(turn), np.pi)
 
     def _remember(self, data: Any) -> None:
         """Keeps the present state, for the course in half steps to begin at."""

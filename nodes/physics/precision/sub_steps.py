@@ -93,10 +93,9 @@ class SubSteps:
         """The largest difference over what is allowed."""
         shift = np.linalg.norm(fine[0] - coarse[0], axis=-1)
         turn = se3.multiply(se3.conjugate(se3.from_mujoco(coarse[1])), se3.from_mujoco(fine[1]))
-        angle = 2 * np.arctan2(np.linalg.norm(turn[:, :3], axis=-1), np.abs(turn[:, 3]))
         rate, drift = (HORIZON_S * np.linalg.norm((fine[2] - coarse[2])[:, part], axis=-1) for part in _PARTS)
         worst = np.maximum(np.maximum(shift, drift) / self._tolerance.position,
-                           np.maximum(angle, rate) / self._tolerance.rotation)  # fmt: skip
+                           np.maximum(se3.angle(turn), rate) / self._tolerance.rotation)  # fmt: skip
         off = float(worst.max(initial=0.0)) / dt
         return off if np.isfinite(off) else np.inf
 

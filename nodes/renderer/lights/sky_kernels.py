@@ -9,6 +9,7 @@ import warp as wp
 from nodes.renderer.lights.lobe_kernels import Means, gathered_by_runs
 from nodes.renderer.materials.ggx_kernels import (
     LEAST_COSINE,
+    PI,
     fresnel_weight,
     lobe_axes,
     masking,
@@ -19,8 +20,6 @@ from nodes.renderer.materials.ggx_kernels import (
 )
 
 wp.set_module_options({"enable_backward": False})
-
-PI = wp.constant(wp.pi)
 
 
 @wp.struct

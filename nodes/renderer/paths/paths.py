@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.geometry.triangles import areas
 from evis.media.colour import REC709
 from evis.scene.model import Light, Scene
 from nodes.renderer.lights.features import Features
@@ -109,7 +110,7 @@ def make_sources(visibility: Visibility, glows: np.ndarray) -> Any:
     instance = geometry.triangle_instance
     chosen = np.flatnonzero(glows[instance]) if len(instance) else np.zeros(0, np.int64)
     corners = geometry.vertices[geometry.triangles[chosen]].astype(np.float64).reshape(-1, 3, 3)
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    area = areas(corners)
     emission = np.array([m.emission for m in scene.materials], np.float64).reshape(-1, 3) @ LUMINANCE
     material = np.array([i.material for i in scene.instances], np.int64)
     power = area * emission[material[instance[chosen]]]

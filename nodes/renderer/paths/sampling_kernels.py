@@ -3,10 +3,10 @@
 import warp as wp
 
 from nodes.renderer.lights.area_sample_kernels import LATTICE, cell_key
+from nodes.renderer.materials.ggx_kernels import PI
 
 wp.set_module_options({"enable_backward": False})
 
-PI = wp.constant(wp.pi)
 
 CELLS = wp.constant(0.5)
 """Cells of the random numbers along an instance's radius."""

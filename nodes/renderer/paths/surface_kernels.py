@@ -8,6 +8,7 @@ import warp as wp
 from nodes.renderer.lights.light_kernels import SurfacePoint
 from nodes.renderer.lights.sky_kernels import Sky, reflectances
 from nodes.renderer.materials.ggx_kernels import (
+    PI,
     diffuse_share,
     normal_reflectance,
     sample_density,
@@ -15,7 +16,7 @@ from nodes.renderer.materials.ggx_kernels import (
     specular,
     specular_share,
 )
-from nodes.renderer.paths.sampling_kernels import PI, cosine_direction
+from nodes.renderer.paths.sampling_kernels import cosine_direction
 from nodes.renderer.raster.surface_kernels import Surfaces, tint_of
 from nodes.renderer.shading.radiance_kernels import luminance
 from nodes.renderer.shadows.ray_kernels import Casters, shadow_start

@@ -3,20 +3,17 @@
 import warp as wp
 
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
-from nodes.renderer.raster.lens.distortion_kernels import angle_of, make_distorted
+from nodes.renderer.raster.lens.displacement_kernels import FAR_AWAY, make_displacement
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
 
 wp.set_module_options({"enable_backward": False})
-
-BEHIND = wp.constant(1.0e6)
-"""Motion [px], both components, of a point that the previous camera had behind its near plane: outside every image."""
 
 
 def make_outputs(depth: bool, motion: bool, ids: bool, normal: bool, lens: str) -> wp.Kernel:
     """Makes the kernel of the geometric images that are asked for; the arrays of the others may be empty. lens: `none`
     or a distortion."""
     bent = lens != "none"
-    distorted = make_distorted(lens) if bent else None
+    displacement = make_displacement(lens)
 
     @wp.kernel(module="unique", enable_backward=False)
     def outputs(
@@ -87,21 +84,14 @@ def make_outputs(depth: bool, motion: bool, ids: bool, normal: bool, lens: str) 
                 else:
                     # The sky is the last entry: a direction, which only turns.
                     i = turn.shape[1] - 1
-                # q = p + m; its image minus p's, free of the cancellation that two projections would have.
                 m = turn[env, i] * p + shift[env, i]
-                v = wp.vec2(BEHIND, BEHIND)
-                if wp.static(bent):
-                    # In float64, where adding m to p keeps its digits.
-                    q = wp.vec3d(p) + wp.vec3d(m)
-                    if m[0] == 0.0 and m[1] == 0.0 and m[2] == 0.0:
-                        v = wp.vec2(0.0, 0.0)
-                    elif angle_of(q) < wp.float64(view.domain) and wp.length(q) >= wp.float64(near):
-                        v = wp.vec2(distorted(view, q) - distorted(view, wp.vec3d(p)))
-                else:
-                    q_z = p[2] + m[2]
-                    if q_z >= near:
-                        v = wp.vec2(view.fx * (m[0] - d[0] * m[2]) / q_z, view.fy * (m[1] - d[1] * m[2]) / q_z)
-                motion_out[env, y, x] = wp.vec2(wp.clamp(v[0], -BEHIND, BEHIND), wp.clamp(v[1], -BEHIND, BEHIND))
+                v = wp.vec2(0.0, 0.0)
+                # What does not move needs no distortion, which takes longest, and is where it is also beside the lens.
+                if wp.static(not bent) or m[0] != 0.0 or m[1] != 0.0 or m[2] != 0.0:
+                    v = displacement(view, d, p, m, near)
+                motion_out[env, y, x] = wp.vec2(
+                    wp.clamp(v[0], -FAR_AWAY, FAR_AWAY), wp.clamp(v[1], -FAR_AWAY, FAR_AWAY)
+                )
 
     return outputs
 

@@ -16,6 +16,7 @@ from nodes.renderer.lights.direct_kernels import make_lighting
 from nodes.renderer.lights.features import Features
 from nodes.renderer.lights.light_kernels import DirectLight, Lights, SurfacePoint
 from nodes.renderer.lights.sky_kernels import Sky, make_sky
+from nodes.renderer.materials.ggx_kernels import INVERSE_PI
 from nodes.renderer.raster.depth_kernels import MISS
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray, tile_pixel
 from nodes.renderer.raster.surface_kernels import (
@@ -35,8 +36,6 @@ from nodes.renderer.shadows.grid_kernels import Grid
 from nodes.renderer.shadows.ray_kernels import Casters, shadow_start
 
 wp.set_module_options({"enable_backward": False})
-
-INVERSE_PI = wp.constant(1.0 / wp.pi)
 
 
 @cache

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.geometry.triangles import area_vectors
 from evis.scene.model import Mesh
 from nodes.renderer.geometry.triangles import SHELL_CONVEX
 from nodes.renderer.raster.visibility import Visibility
@@ -115,7 +116,7 @@ def half_of(mesh: Mesh) -> np.ndarray:
     flat = half <= near
     if flat.sum() > 1:
         return none
-    points = points[np.linalg.norm(np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]), axis=1) > 0]
+    points = points[np.linalg.norm(area_vectors(points), axis=1) > 0]
     sides = [(k, sign) for k in range(3) for sign in (-1, 1) if flat[k] or not flat.any()]
     left = np.ones(len(points), bool)
     for k, sign in sides[: 1 if flat.any() else 6]:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
+from evis import random_number_kernels
 from evis.native_code import native_code
 from evis.random_numbers import GOLDEN, mix, open_uniform
 from nodes.event_sensor.cpu.crossings_simd_kernels import fire_on_line
@@ -20,7 +21,6 @@ from nodes.event_sensor.cpu.simd_kernels import (
 )
 from nodes.event_sensor.engines.engine import sensor_struct
 from nodes.event_sensor.model.crossing_kernels import crossing_on_line, root_of_line, stamp_of
-from nodes.event_sensor.model.faults import random_kernels
 from nodes.event_sensor.model.key_kernels import (
     Columns,
     column_of,
@@ -344,10 +344,10 @@ def random_both_ways(
     uniform: wp.array(dtype=wp.float64),
 ):
     i = wp.tid()
-    model[i] = random_kernels.mix(bits[i])
-    drawn[i] = random_kernels.draw(bits[i], wp.int64(0))
+    model[i] = random_number_kernels.mix(bits[i])
+    drawn[i] = random_number_kernels.draw(bits[i], wp.int64(0))
     together[i] = readout_mix(bits[i])
-    uniform[i] = random_kernels.uniform(bits[i])
+    uniform[i] = random_number_kernels.uniform(bits[i])
 
 
 def test_random_numbers_are_the_same_in_kernels_in_headers_and_in_numpy():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from nodes.interpolator.refine.paths.path_kernels import PARTS
+from nodes.interpolator.refine.paths.listing_kernels import PARTS
 from nodes.interpolator.refine.samples.further_kernels import count_samples, make_sort, place_samples
 
 PIXELS, INNER, INSTANTS = 60, 20, 40

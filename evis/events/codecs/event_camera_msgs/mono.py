@@ -34,9 +34,14 @@ def pack_into(words: np.ndarray, t: np.ndarray, x: np.ndarray, y: np.ndarray, p:
         top[at] |= p[at] << np.uint8(7)
 
 
+def times(words: np.ndarray, base_ns: int) -> np.ndarray:
+    """Returns the times int64 [ns] of uint64 words, also of `trigger`."""
+    return (words & np.uint64(0xFFFFFFFF)).astype(np.int64) + np.int64(base_ns)
+
+
 def unpack(words: np.ndarray, base_ns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Unpacks uint64 [n] to (t int64 [ns], x uint16, y uint16, p uint8)."""
-    t = (words & np.uint64(0xFFFFFFFF)).astype(np.int64) + np.int64(base_ns)
+    t = times(words, base_ns)
     x = ((words >> np.uint64(32)) & np.uint64(0xFFFF)).astype(np.uint16)
     y = ((words >> np.uint64(48)) & np.uint64(MAX_Y)).astype(np.uint16)
     return t, x, y, (words >> np.uint64(63)).astype(np.uint8)

@@ -18,7 +18,7 @@ class Decoder(ecm.RecordDecoder):
     encoding = "mono"
 
     def _times(self, words: np.ndarray) -> np.ndarray:
-        return (words & np.uint64(0xFFFFFFFF)).astype(np.int64) + self.state[ecm.BASE]
+        return mono.times(words, int(self.state[ecm.BASE]))
 
     def _records(self, words: np.ndarray, t: np.ndarray) -> Events:
         _, x, y, p = mono.unpack(words, 0)

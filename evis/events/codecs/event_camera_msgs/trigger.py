@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from evis.events.arrays import Events, Triggers
+from evis.events.codecs.event_camera_msgs import mono
 from evis.events.codecs.event_camera_msgs import payload as ecm
 
 
@@ -17,7 +18,7 @@ class Decoder(ecm.RecordDecoder):
     counters = {**ecm.Decoder.counters, "unknown": 4}
 
     def _times(self, words: np.ndarray) -> np.ndarray:
-        return (words & np.uint64(0xFFFFFFFF)).astype(np.int64) + self.state[ecm.BASE]
+        return mono.times(words, int(self.state[ecm.BASE]))
 
     def _records(self, words: np.ndarray, t: np.ndarray) -> Events:
         events = Events.empty()

@@ -15,10 +15,9 @@ from evis.events.codecs.inivation.dvs128 import (
     X_SHIFT,
     Y_SHIFT,
 )
-from evis.events.codecs.inivation.words import MAX_OFFSET_US
+from evis.events.codecs.inivation.word_kernels import LATEST_OFFSET
 from evis.events.codecs.writing_kernels import Sink, Span, put_event, put_trigger, report
 
-LATEST_OFFSET = wp.constant(wp.int64(MAX_OFFSET_US))
 WRAP_BIT, RESET_BIT = WRAP.bit_length() - 1, RESET.bit_length() - 1
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from evis.random_numbers import GOLDEN, mix, open_uniform, standard_normal
 from nodes.event_sensor.input.batch import Size
+from nodes.event_sensor.model.features import has_noise
 
 THRESHOLD_ON, THRESHOLD_OFF, LEAK, HOT, HOT_RATE = range(5)
 """What a number is for."""
@@ -73,6 +74,6 @@ def pattern_of(size: Size, seed: int, p: Mapping[str, Any]) -> tuple[np.ndarray,
         on, off = thresholds(seed, envs, pixels, mean, p["threshold_mismatch"], p["threshold_floor"])
     if p["leak_rate"] > 0:
         leaks = leak_rates(seed, envs, pixels, p["leak_rate"], p["leak_jitter"])
-    if p["shot_rate"] > 0 or (p["hot_pixel_rate"] > 0 and p["hot_pixel_fraction"] > 0):
+    if has_noise(p):
         hots = hot_rates(seed, envs, pixels, p["hot_pixel_fraction"], p["hot_pixel_rate"], p["hot_pixel_spread"])
     return on, off, leaks, hots

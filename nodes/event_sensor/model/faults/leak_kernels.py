@@ -3,7 +3,8 @@ step."""
 
 import warp as wp
 
-from nodes.event_sensor.model.faults.random_kernels import LONGEST, NEVER, PHASE, draw, mix, uniform
+from evis.random_number_kernels import draw, mix, uniform
+from nodes.event_sensor.model.faults.random_kernels import LONGEST, NEVER, PHASE
 
 wp.set_module_options({"enable_backward": False})
 

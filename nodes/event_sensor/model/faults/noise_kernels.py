@@ -2,7 +2,8 @@
 
 import warp as wp
 
-from nodes.event_sensor.model.faults.random_kernels import draw, mix, stream_of, uniform, waiting_time
+from evis.random_number_kernels import draw, mix, uniform
+from nodes.event_sensor.model.faults.random_kernels import stream_of, waiting_time
 from nodes.event_sensor.model.sensor_kernels import Sensor
 
 wp.set_module_options({"enable_backward": False})

@@ -1,15 +1,15 @@
-"""Draws random numbers by counting: a draw is a hash of what it is for, never of what was drawn before.
+"""Names the streams of a sensor's random numbers, and draws waiting times from them.
 
-The hash is SplitMix64 (Steele, Lea, Flood 2014): stream s gives mix(s + n * GOLDEN) as its n-th number. A stream is
-named by seed + environment, pixel and episode, so that it is the same in any batch, on any device, for any packet or
-step.
+A stream is named by seed + environment, pixel and episode, so that it is the same in any batch, on any device, for any
+packet or step.
 """
 
 import warp as wp
 
+from evis.random_number_kernels import GOLDEN, mix, uniform
+
 wp.set_module_options({"enable_backward": False})
 
-GOLDEN = wp.constant(wp.uint64(0x9E3779B97F4A7C15))
 NEVER = wp.constant(wp.int64(0x7FFFFFFFFFFFFFFF))
 PHASE = wp.constant(wp.int64(-1))
 """The draw that is the phase of a pixel's leak; those from 0 on are the noise's."""
@@ -18,31 +18,11 @@ LONGEST = wp.constant(wp.float64(4.0e18))
 
 
 @wp.func
-def mix(z: wp.uint64):
-    """Returns SplitMix64's finalizer; evis.random_numbers has it in numpy."""
-    a = (z ^ (z >> wp.uint64(30))) * wp.uint64(0xBF58476D1CE4E5B9)
-    b = (a ^ (a >> wp.uint64(27))) * wp.uint64(0x94D049BB133111EB)
-    return b ^ (b >> wp.uint64(31))
-
-
-@wp.func
 def stream_of(seed: wp.int64, pixel: wp.int32, episode: wp.int32):
     """Returns the stream of a pixel in an episode; seed is that of the environment."""
     s = mix(wp.uint64(seed) + GOLDEN)
     s = mix(s ^ (wp.uint64(pixel) * GOLDEN + wp.uint64(1)))
     return mix(s ^ (wp.uint64(episode) * GOLDEN + wp.uint64(2)))
-
-
-@wp.func
-def draw(stream: wp.uint64, n: wp.int64):
-    """Returns the n-th number of a stream, 64 bits."""
-    return mix(stream + (wp.uint64(n) + wp.uint64(1)) * GOLDEN)
-
-
-@wp.func
-def uniform(bits: wp.uint64):
-    """Returns a float64 in [0, 1) from the upper 53 bits."""
-    return wp.float64(bits >> wp.uint64(11)) * wp.float64(2.0**-53.0)
 
 
 @wp.func

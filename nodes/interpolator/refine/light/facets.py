@@ -6,6 +6,7 @@ import numpy as np
 import warp as wp
 
 from evis.geometry import se3
+from evis.geometry.triangles import areas
 from evis.gpu.exchange import cpu_array
 from evis.runtime.clock import NS
 from nodes.interpolator.refine.probing.visit_kernels import find_briefest
@@ -42,7 +43,7 @@ class Facets:
         for instance in np.flatnonzero(asked):
             own = slice(int(geometry.first[instance]), int(geometry.first[instance + 1]))
             corners = geometry.vertices[geometry.triangles[own]].astype(np.float64)
-            angle, area = leans_of(geometry, own), areas_of(corners)
+            angle, area = leans_of(geometry, own), areas(corners)
             round_ = (angle > LEAST_LEAN) & (area > 0)
             if round_.any():
                 lean[own] = np.where(round_, np.sin(np.minimum(TWICE * angle, np.pi / 2)), 0.0)
@@ -92,15 +93,10 @@ def leans_of(geometry: Geometry, own: slice) -> np.ndarray:
     return np.arccos(np.clip(cosine, -1.0, 1.0)).max(axis=1)
 
 
-def areas_of(corners: np.ndarray) -> np.ndarray:
-    """Computes the areas of triangles [n, 3, 3], float64 [n] m^2."""
-    return np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=-1) / 2
-
-
 def width_of(corners: np.ndarray) -> float:
     """Computes how wide triangles [n, 3, 3] are: the median of their least heights, by area [m]."""
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).max(axis=1)
-    area = areas_of(corners)
+    area = areas(corners)
     height = 2 * area / np.maximum(sides, 1e-30)
     order = np.argsort(height)
     so_far = np.cumsum(area[order])

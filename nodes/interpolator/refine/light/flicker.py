@@ -12,7 +12,7 @@ import warp as wp
 from evis.scene.model import Waveform
 from evis.scene.sampling import FOLLOWED
 from nodes.interpolator.refine.light.flicker_kernels import Marks
-from nodes.interpolator.refine.paths.path_kernels import PARTS, SHARP
+from nodes.interpolator.refine.paths.listing_kernels import PARTS, SHARP
 from nodes.interpolator.refine.samples.lists import SPARE
 from nodes.renderer.lights.lights import waveform_strength, waveform_strengths
 

@@ -4,6 +4,7 @@ from functools import cache
 
 import warp as wp
 
+from evis.random_number_kernels import GOLDEN, mix
 from nodes.interpolator.relight.change_kernels import MOVED, Change, point_of
 from nodes.interpolator.relight.features import LightChanges
 from nodes.renderer.lights.light_kernels import AREA, SPOT, make_directions
@@ -17,14 +18,11 @@ NOTHING = wp.constant(wp.uint64(0))
 
 @wp.func
 def key_of(lamp: int):
-    """Gives a number to a lamp, by SplitMix64 (Steele et al. 2014, fig. 16).
+    """Gives a number to a lamp, by SplitMix64.
 
     Sets of lamps whose keys' sums are equal are the same set, but for one pair in 2^64.
     """
-    z = wp.uint64(lamp + 1) * wp.uint64(0x9E3779B97F4A7C15)
-    z = (z ^ (z >> wp.uint64(30))) * wp.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> wp.uint64(27))) * wp.uint64(0x94D049BB133111EB)
-    return z ^ (z >> wp.uint64(31))
+    return mix(wp.uint64(lamp + 1) * GOLDEN)
 
 
 @cache

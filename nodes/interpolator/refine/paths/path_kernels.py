@@ -5,12 +5,12 @@ from typing import Any
 
 import warp as wp
 
-from evis.gpu.append_kernels import take_place
-from evis.gpu.reading_kernels import element, number, whole_number
-from nodes.interpolator.refine.paths.motion_kernels import motion_since, stride_of
-from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, entry_at, slot_row
-from nodes.interpolator.rigid.look_up.log_kernels import apart, log_type
-from nodes.interpolator.rigid.look_up.look_up_kernels import make_displacement, make_keyframes
+from nodes.interpolator.refine.paths.keyframe_point_kernels import make_looks, make_place_then
+from nodes.interpolator.refine.paths.listing_kernels import UNKNOWN, make_instances, make_note
+from nodes.interpolator.refine.paths.motion_kernels import stride_of
+from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, entry_at
+from nodes.interpolator.rigid.look_up.log_kernels import log_type
+from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
 from nodes.interpolator.rigid.patch_kernels import patch_of
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView
@@ -27,46 +27,7 @@ PER_PIXEL = wp.constant(2.0)
 ROUGH_STEP = wp.constant(0.5)
 """Way [px] over a surface whose neighbouring pixels differ, after which a sample is taken: interpolation between these
 pixels may hide most of the surface's contrast."""
-NEARER = wp.constant(0.1)
-"""Share of its inverse distance by which a keyframe shows a surface nearer where it cannot be the same part of it."""
-UNKNOWN = wp.constant(1.0e30)
-"""Stands for a change of ln I that cannot be looked up in a keyframe."""
 STEEPEST = wp.constant(1.0e30)
-PARTS = wp.constant(64)
-"""Parts of the time from one instant to the next."""
-SHARP = wp.constant(2)
-"""Half of the time that one surface takes to give way to the next, and light to be switched, in PARTS."""
-FRAME_BEFORE = wp.constant(1)
-FRAME_AFTER = wp.constant(2)
-TOLD = wp.constant(3)
-
-
-@cache
-def make_instances(channels: int) -> Any:
-    """Makes the struct of a list of pixels at instants; channels: 1 (luminance) or 3 (RGB).
-
-    at: index into [slots, E, h, w]. before, after: z-buffer entries at known instants before and after. previous: index
-    in the list of the one before, of the same pixel and coarse interval, -1 = none. later: time of the sample after its
-    instant, in PARTS, negative = before it. rise: change of ln I since the previous one, or since the coarse frame
-    before, looked up in a keyframe, or UNKNOWN. ends: 1 for the last one of a coarse interval. tail: change of ln I
-    from there to the coarse frame after. shown: of a sample that has the value of a coarse frame in place of its own,
-    that before, FRAME_BEFORE, or after, FRAME_AFTER; 0 = its own, TOLD = that of which `rise` is the logarithm.
-    """
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
-
-    class Instances:
-        at: wp.array(dtype=int)
-        before: wp.array(dtype=wp.uint64)
-        after: wp.array(dtype=wp.uint64)
-        previous: wp.array(dtype=int)
-        later: wp.array(dtype=int)
-        rise: wp.array(dtype=pixel)
-        ends: wp.array(dtype=int)
-        tail: wp.array(dtype=pixel)
-        shown: wp.array(dtype=int)
-
-    Instances.__qualname__ = f"Instances{channels}"
-    return wp.struct(Instances)
 
 
 @wp.func
@@ -83,42 +44,21 @@ def outside(rise: Any, low: Any, high: Any):  # noqa: F811 - overloaded by its t
     return result
 
 
-@cache
-def make_note(channels: int) -> Any:
-    """Makes the function `note`; channels: 1 (luminance) or 3 (RGB)."""
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
-    Instances: Any = make_instances(channels)
-
-    @wp.func
-    def note(
-        cut: Cut,
-        instances: Instances,
-        spot: Spot,
-        i: int,
-        before: wp.uint64,
-        after: wp.uint64,
-        rise: pixel,
-        previous: int,
-        room: int,
-        most: int,
-        band: int,
-        count: wp.array(dtype=int),
-    ):
-        """Adds instant i of a pixel to the list, from `room` on, unless it has `most` entries. Gives its index."""
-        n = take_place(count, band)
-        if n < most:
-            instances.at[room + n] = slot_row(cut, 0, spot.k, i) * cut.height * cut.width + spot.q
-            instances.before[room + n] = before
-            instances.after[room + n] = after
-            instances.previous[room + n] = previous
-            instances.rise[room + n] = rise
-            instances.ends[room + n] = 0
-            instances.later[room + n] = 0
-            instances.tail[room + n] = pixel(UNKNOWN)
-            instances.shown[room + n] = 0
-        return room + wp.min(n, most - 1)
-
-    return note
+@wp.func
+def entries_about(
+    cut: Cut, stage: Stage, spot: Spot, place: int, each: int, i: int, hit: wp.uint64, following: int, seen: wp.uint64
+):
+    """Gives the z-buffer entries known before and after instant `place`, of `hit` at i and `seen` at `following`."""
+    ahead = hit
+    behind = seen
+    if triangle_of(hit) != triangle_of(seen):
+        # What is nearer in time tells more of what is between.
+        probe = place // each * each
+        if probe > i:
+            ahead = entry_at(cut, stage, spot, probe)
+        if probe + each < following:
+            behind = entry_at(cut, stage, spot, probe + each)
+    return ahead, behind
 
 
 @cache
@@ -128,76 +68,8 @@ def make_walk(lens: str, channels: int, ways: int) -> Any:
     looked_up: Any = log_type(channels, ways)
     Keyframes: Any = make_keyframes(channels, ways)
     Instances: Any = make_instances(channels)
-    displacement = make_displacement(lens)
-    note, bent = make_note(channels), lens != "none"
-    log_at = number if looked_up is wp.float32 else element
-
-    @wp.func
-    def place_then(
-        view: CameraView,
-        cut: Cut,
-        keys: Keyframes,
-        stage: Stage,
-        spot: Spot,
-        which: int,
-        i: int,
-        body: int,
-        away: float,
-    ):
-        """Computes where (x, y) [px] keyframe `which` shows the point that a pixel sees at instant i, and the inverse
-        of its distance there [1/m].
-
-        body: that the point is on. away: its distance along the ray, in multiples of `spot.d`.
-        """
-        point = away * spot.d
-        motion = motion_since(cut, stage, keys.turn, keys.shift, spot.env, spot.k, which, i, body)
-        m = motion.turn * point + motion.shift
-        near = wp.where(body == keys.turn.shape[1] - 1, 1.0e-6, view.near)
-        moved = displacement(view, spot.d, point, m, near)
-        q = point + m
-        return wp.vec3(
-            float(spot.x) + moved[0], float(spot.y) + moved[1], 1.0 / wp.where(wp.static(bent), wp.length(q), q[2])
-        )
-
-    @wp.func
-    def in_view(view: CameraView, keys: Keyframes, base: int, at: wp.vec3, sky: bool):
-        """Tells whether all four pixels around a place are in the image, and what a keyframe shows there is not nearer
-        than the place: of a ball that has turned it shows the other side."""
-        if at[0] >= 0.0 and at[1] >= 0.0 and at[0] < float(view.width - 1) and at[1] < float(view.height - 1):
-            shown = number(keys.inverse, base + int(at[1] + 0.5) * view.width + int(at[0] + 0.5))
-            return sky or shown - at[2] <= NEARER * at[2]
-        return False
-
-    @wp.func
-    def look(view: CameraView, keys: Keyframes, base: int, at: wp.vec2, patch: int):
-        """Tells whether a keyframe shows a patch at a place, ln I there, and how far the four pixels about it differ.
-
-        ln I is interpolated bilinearly, or the nearest pixel's where not all four show the patch.
-        """
-        # Rounding may put the end of a way onto the image's border.
-        left = wp.min(int(at[0]), view.width - 2)
-        top = wp.min(int(at[1]), view.height - 2)
-        fx = at[0] - float(left)
-        fy = at[1] - float(top)
-        here = base + top * view.width + left
-        below = here + view.width
-        a = log_at(keys.logs, here)
-        b = log_at(keys.logs, here + 1)
-        c = log_at(keys.logs, below)
-        d = log_at(keys.logs, below + 1)
-        spread = apart(wp.min(wp.min(a, b), wp.min(c, d)), wp.max(wp.max(a, b), wp.max(c, d)))
-        # One number tells where all is the patch, but at the border and of what never moves.
-        one = whole_number(keys.support, here) >> 2 == patch
-        if not one:
-            upper_two = whole_number(keys.patch, here) == patch and whole_number(keys.patch, here + 1) == patch
-            lower_two = whole_number(keys.patch, below) == patch and whole_number(keys.patch, below + 1) == patch
-            one = upper_two and lower_two
-        if one:
-            upper = a + fx * (b - a)
-            lower = c + fx * (d - c)
-            return True, upper + fy * (lower - upper), spread
-        nearest = here + int(fy + 0.5) * view.width + int(fx + 0.5)
-        return whole_number(keys.patch, nearest) == patch, log_at(keys.logs, nearest), spread
+    place_then, (in_view, look) = make_place_then(lens, channels, ways), make_looks(channels, ways)
+    note = make_note(channels)
 
     @wp.func
     def walk(
@@ -294,15 +166,7 @@ def make_walk(lens: str, channels: int, ways: int) -> Any:
                             change = pixel(UNKNOWN)
                             if wp.static(ways == 0):
                                 change = value - told
-                            ahead = hit
-                            behind = seen
-                            if triangle_of(hit) != triangle_of(seen):
-                                # What is nearer in time tells more of what is between.
-                                probe = place // each * each
-                                if probe > i:
-                                    ahead = entry_at(cut, stage, spot, probe)
-                                if probe + each < following:
-                                    behind = entry_at(cut, stage, spot, probe + each)
+                            ahead, behind = entries_about(cut, stage, spot, place, each, i, hit, following, seen)
                             last = note(
                                 cut, instances, spot, place, ahead, behind, change, last, room, most, band, count
                             )

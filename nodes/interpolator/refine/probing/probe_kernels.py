@@ -4,8 +4,8 @@ from functools import cache
 
 import warp as wp
 
-from nodes.interpolator.rigid.look_up.look_up_kernels import make_displacement
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.lens.displacement_kernels import make_displacement
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
 
 wp.set_module_options({"enable_backward": False})

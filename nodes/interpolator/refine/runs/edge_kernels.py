@@ -3,7 +3,7 @@
 import warp as wp
 
 from nodes.interpolator.refine.evaluation.sight_kernels import OUTSIDE, Targets, weights_then
-from nodes.interpolator.refine.paths.path_kernels import PARTS, SHARP
+from nodes.interpolator.refine.paths.listing_kernels import PARTS, SHARP
 from nodes.interpolator.refine.runs.change_kernels import Changes, Several
 from nodes.interpolator.refine.stage_kernels import FEW_REGISTERS, Cut, Stage, slot_row, spot_of
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of

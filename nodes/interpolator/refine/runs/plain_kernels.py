@@ -8,12 +8,8 @@ import warp as wp
 from evis.gpu.append_kernels import take_place
 from nodes.interpolator.refine.light.flicker_kernels import Marks, make_note_marks
 from nodes.interpolator.refine.paths.along_kernels import make_relit_between, make_through, make_untold
+from nodes.interpolator.refine.paths.listing_kernels import UNKNOWN, make_instances, make_note
 from nodes.interpolator.refine.paths.motion_kernels import moves
-from nodes.interpolator.refine.paths.path_kernels import (
-    UNKNOWN,
-    make_instances,
-    make_note,
-)
 from nodes.interpolator.refine.runs.change_kernels import Several
 from nodes.interpolator.refine.runs.graze_kernels import beside_outline
 from nodes.interpolator.refine.stage_kernels import (
@@ -21,6 +17,8 @@ from nodes.interpolator.refine.stage_kernels import (
     Cut,
     Stage,
     ends_of,
+    frame_after,
+    frame_before,
     shows_one,
     spot_at,
 )
@@ -102,8 +100,8 @@ def make_find_plain(
             if one and not changed:
                 # It may have come back, or be as far on as what is painted on it repeats.
                 changed = moves(cut, stage, spot, ends.before)
-            a = wp.where(k == 0, image[env, spot.y, spot.x], frames[env * cut.coarse + wp.max(k - 1, 0), y, x])
-            b = frames[env * cut.coarse + k, y, x]
+            a = frame_before(cut, image, frames, env, k, y, x)
+            b = frame_after(cut, frames, env, k, y, x)
             if wp.static(changes.changes_lamps):
                 if one and not changed and cut.parts > 0:
                     changed = stage.passing[n, y, x] != wp.uint64(0)

@@ -11,7 +11,7 @@ import warp as wp
 
 from nodes.interpolator.refine.light.flicker_kernels import Marks
 from nodes.interpolator.refine.paths.along_kernels import make_through, make_untold
-from nodes.interpolator.refine.paths.path_kernels import (
+from nodes.interpolator.refine.paths.listing_kernels import (
     FRAME_AFTER,
     FRAME_BEFORE,
     PARTS,
@@ -26,6 +26,8 @@ from nodes.interpolator.refine.stage_kernels import (
     Cut,
     Stage,
     ends_of,
+    frame_after,
+    frame_before,
     spot_of,
 )
 from nodes.interpolator.relight.change_kernels import Change
@@ -206,10 +208,8 @@ def make_find_runs(lens: str, channels: int, ways: int, relit: bool, painted: bo
                     if last < 0:
                         x = spot.x - cut.margin
                         y = spot.y - cut.margin
-                        a = image[spot.env, spot.y, spot.x]
-                        if spot.k > 0:
-                            a = frames[spot.env * cut.coarse + spot.k - 1, y, x]
-                        b = frames[spot.env * cut.coarse + spot.k, y, x]
+                        a = frame_before(cut, image, frames, spot.env, spot.k, y, x)
+                        b = frame_after(cut, frames, spot.env, spot.k, y, x)
                         if untold(cut, stage, change, spot, ends, rise, log_of(b) - log_of(a), whole):
                             rise = pixel(UNKNOWN)
                             last = note(

@@ -9,7 +9,7 @@ import warp as wp
 from evis.gpu.reading_kernels import element, number, pair, pair_of, weighted, whole_number, whole_pair
 from nodes.interpolator.rigid.keyframe_kernels import STRAIGHT, WHOLE
 from nodes.interpolator.rigid.look_up.log_kernels import apart, half_black, least, log_type, most, name_of, within
-from nodes.renderer.raster.lens.distortion_kernels import angle_of, make_distorted
+from nodes.renderer.raster.lens.displacement_kernels import make_displacement
 from nodes.renderer.raster.lens.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
@@ -36,8 +36,6 @@ SEEN = wp.constant(1)
 HARD = wp.constant(2)
 BARE = wp.constant(3)
 """Seen, but for the texture: the value is ln of the light alone, which the texture at the time is to be added to."""
-FAR_AWAY = wp.constant(1.0e6)
-"""Displacement [px] of what a keyframe's camera cannot see."""
 
 
 @cache
@@ -122,29 +120,6 @@ def in_column(r0: Any, r1: Any, r2: Any, r3: Any, wy: wp.vec4):
     value += wy[2] * r2
     value += wy[3] * r3
     return value
-
-
-@cache
-def make_displacement(lens: str) -> wp.Function:
-    """Makes the function `displacement`. lens: `none` or a distortion model."""
-    distorted = make_distorted(lens) if lens != "none" else None
-
-    @wp.func
-    def displacement(view: CameraView, d: wp.vec3, p: wp.vec3, m: wp.vec3, near: float):
-        """Gives pixels from where the point p on ray d is to where p + m is; FAR_AWAY where the camera has no image of
-        it."""
-        v = wp.vec2(FAR_AWAY, FAR_AWAY)
-        if wp.static(distorted is not None):
-            q = wp.vec3d(p) + wp.vec3d(m)
-            if angle_of(q) < wp.float64(view.domain) and wp.length(q) >= wp.float64(near):
-                v = wp.vec2(distorted(view, q) - distorted(view, wp.vec3d(p)))
-        else:
-            q_z = p[2] + m[2]
-            if q_z >= near:
-                v = wp.vec2(view.fx * (m[0] - d[0] * m[2]) / q_z, view.fy * (m[1] - d[1] * m[2]) / q_z)
-        return v
-
-    return displacement
 
 
 @cache

@@ -18,12 +18,12 @@ from evis.config.secret import Redactor, Veil
 from evis.console.outlet import standard_streams
 from evis.console.termination import STATUS, Termination
 from evis.runtime.collection import uncollected
-from evis.runtime.control import ControlClient, control_address
 from evis.runtime.executor import Executor
 from evis.runtime.host import NodeFailed, describe
-from evis.runtime.parent_death import die_with_parent
 from evis.runtime.plan import Plan
-from evis.runtime.thread_failures import ThreadFailures
+from evis.runtime.process.control import ControlClient, control_address
+from evis.runtime.process.parent_death import die_with_parent
+from evis.runtime.process.thread_failures import ThreadFailures
 from evis.warp_start import start_warp
 
 BARRIER_S = 1800.0

@@ -1,0 +1,87 @@
+"""Holds the list of pixels at instants at which they are evaluated, and adds to it."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from evis.gpu.append_kernels import take_place
+from nodes.interpolator.refine.stage_kernels import Cut, Spot, slot_row
+
+wp.set_module_options({"enable_backward": False})
+
+UNKNOWN = wp.constant(1.0e30)
+"""Stands for a change of ln I that cannot be looked up in a keyframe."""
+PARTS = wp.constant(64)
+"""Parts of the time from one instant to the next."""
+SHARP = wp.constant(2)
+"""Half of the time that one surface takes to give way to the next, and light to be switched, in PARTS."""
+FRAME_BEFORE = wp.constant(1)
+FRAME_AFTER = wp.constant(2)
+TOLD = wp.constant(3)
+
+
+@cache
+def make_instances(channels: int) -> Any:
+    """Makes the struct of a list of pixels at instants; channels: 1 (luminance) or 3 (RGB).
+
+    at: index into [slots, E, h, w]. before, after: z-buffer entries at known instants before and after. previous: index
+    in the list of the one before, of the same pixel and coarse interval, -1 = none. later: time of the sample after its
+    instant, in PARTS, negative = before it. rise: change of ln I since the previous one, or since the coarse frame
+    before, looked up in a keyframe, or UNKNOWN. ends: 1 for the last one of a coarse interval. tail: change of ln I
+    from there to the coarse frame after. shown: of a sample that has the value of a coarse frame in place of its own,
+    that before, FRAME_BEFORE, or after, FRAME_AFTER; 0 = its own, TOLD = that of which `rise` is the logarithm.
+    """
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+
+    class Instances:
+        at: wp.array(dtype=int)
+        before: wp.array(dtype=wp.uint64)
+        after: wp.array(dtype=wp.uint64)
+        previous: wp.array(dtype=int)
+        later: wp.array(dtype=int)
+        rise: wp.array(dtype=pixel)
+        ends: wp.array(dtype=int)
+        tail: wp.array(dtype=pixel)
+        shown: wp.array(dtype=int)
+
+    Instances.__qualname__ = f"Instances{channels}"
+    return wp.struct(Instances)
+
+
+@cache
+def make_note(channels: int) -> Any:
+    """Makes the function `note`; channels: 1 (luminance) or 3 (RGB)."""
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    Instances: Any = make_instances(channels)
+
+    @wp.func
+    def note(
+        cut: Cut,
+        instances: Instances,
+        spot: Spot,
+        i: int,
+        before: wp.uint64,
+        after: wp.uint64,
+        rise: pixel,
+        previous: int,
+        room: int,
+        most: int,
+        band: int,
+        count: wp.array(dtype=int),
+    ):
+        """Adds instant i of a pixel to the list, from `room` on, unless it has `most` entries. Gives its index."""
+        n = take_place(count, band)
+        if n < most:
+            instances.at[room + n] = slot_row(cut, 0, spot.k, i) * cut.height * cut.width + spot.q
+            instances.before[room + n] = before
+            instances.after[room + n] = after
+            instances.previous[room + n] = previous
+            instances.rise[room + n] = rise
+            instances.ends[room + n] = 0
+            instances.later[room + n] = 0
+            instances.tail[room + n] = pixel(UNKNOWN)
+            instances.shown[room + n] = 0
+        return room + wp.min(n, most - 1)
+
+    return note
