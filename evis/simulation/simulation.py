@@ -47,7 +47,7 @@ class Simulation:
         *,
         outputs: Sequence[str] = ("events",),
         seed: int = 0,
-        each: Sequence[Mapping[str, Any]] = (),
+        each: Sequence[Mapping[str, Any]] | None = None,
         **arguments: Any,
     ) -> None:
         """Plans the graph and prepares its nodes; the first time that takes as long as its kernels take to compile.
@@ -60,7 +60,7 @@ class Simulation:
                 have: physics_error.
             seed: of what is random; environment k has seed + k.
             each: arguments that parallel environments have for themselves, a mapping for each of them: of the scene,
-                as far as they change values and not what there is, of the event sensor, and `seed`.
+                as far as they change values and not what there is, of the event sensor, and `seed`; not given = none have.
             arguments: those of the launch file and of the scene, as `evis launch NAME --help` lists them.
 
         Raises:
