@@ -60,7 +60,8 @@ class Simulation:
                 have: physics_error.
             seed: of what is random; environment k has seed + k.
             each: arguments that parallel environments have for themselves, a mapping for each of them: of the scene,
-                as far as they change values and not what there is, of the event sensor, and `seed`; not given = none have.
+                as far as they change values and not what there is, of the event sensor, and `seed`. None = they
+                have all in common.
             arguments: those of the launch file and of the scene, as `evis launch NAME --help` lists them.
 
         Raises:
