@@ -98,7 +98,10 @@ class Axis:
 
     def _number(self, component: int, u: float, ends: bool = False) -> float:
         low, high = self.low[component], self.high[component]
-        if self.whole and not self.log and not ends:
+        if self.whole and not ends:  # each stands for all numbers up to the next: rounded, both ends would be too rare
+            if self.log:
+                found = int(math.exp(math.log(low) + u * math.log((high + 1) / low)))
+                return max(int(low), min(found, int(high)))
             return min(int(low) + int(u * (int(high) - int(low) + 1)), int(high))
         value = math.exp(math.log(low) + u * math.log(high / low)) if self.log else low + u * (high - low)
         value = min(max(value, low), high)

@@ -46,6 +46,14 @@ def test_whole_numbers_reach_both_ends_evenly() -> None:
     assert found == {2: 100, 3: 100, 4: 100, 5: 100}
 
 
+def test_whole_numbers_of_a_log_scale_are_rarer_the_larger_they_are() -> None:
+    """Each k as often as a log-uniform number of [1, 11) lies in [k, k + 1): to one stratum at each end."""
+    axis = Axis("a", low=(1.0,), high=(10.0,), whole=True, log=True)
+    found = Counter(draw([axis], "latin", 0, "s", n, 4000)["a"] for n in range(4000))
+    for k in range(1, 11):
+        assert abs(found[k] - 4000 * np.log((k + 1) / k) / np.log(11)) <= 2
+
+
 def test_a_grid_has_every_combination_once(tmp_path: Path) -> None:
     """The number of sequences follows from it, and further ones begin again with other seeds."""
     changes = ("latin", "grid"), ("sequences: 5\n", ""), ("to: 70}", "to: 70, steps: 3}")
