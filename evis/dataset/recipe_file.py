@@ -186,7 +186,8 @@ def _axis(table: Table, key: str, param: Param, sampling: str) -> Any:
         choices = value["choices"]
         if not isinstance(choices, Row) or not choices:
             raise LaunchError(f"{value.where('choices')}: choices of '{key}' must be a list of at least one value")
-        return Axis(key, tuple(_plain(_checked(param, value, "choices", choice, key)) for choice in choices))
+        found = Axis(key, tuple(_plain(_checked(param, value, "choices", choice, key)) for choice in choices))
+        return _distinct(found, value.where("choices"), sampling)
     if "from" not in value or "to" not in value:
         raise LaunchError(f"{table.where(key)}: '{key}' needs `from:` and `to:`, or `choices:`")
     if param.type in (str, bool):
@@ -206,7 +207,15 @@ def _axis(table: Table, key: str, param: Param, sampling: str) -> Any:
         raise LaunchError(f"{table.where(key)}: a grid needs `steps:` of the range of '{key}'")
     if sampling != "grid" and steps:
         raise LaunchError(f"{value.where('steps')}: steps of '{key}' are for `sampling: grid`; this is {sampling}")
-    return Axis(key, (), low, high, param.type is int, param.type is list, scale == "log", steps)
+    found = Axis(key, (), low, high, param.type is int, param.type is list, scale == "log", steps)
+    return _distinct(found, value.where("steps") if steps else "", sampling)
+
+
+def _distinct(axis: Axis, where: str, sampling: str) -> Axis:
+    """Raises LaunchError where a grid would have a combination more than once. where: file:line."""
+    if sampling == "grid" and (axis.choices or axis.steps) and (value := axis.twice()) is not None:
+        raise LaunchError(f"{where}: the grid has the value {value!r} of '{axis.name}' more than once; give each once")
+    return axis
 
 
 def _ends(value: Table, end: str, param: Param, key: str) -> tuple[float, ...]:
