@@ -194,7 +194,7 @@ def rows_of_frames(boxes_us: np.ndarray, frames_us: np.ndarray) -> list[tuple[in
 
 @pytest.mark.parametrize(("late_us", "says"), [(0, "those of other stamps are left out"), (584, "here none has one")])
 def test_dsec_det_gives_frames_their_own_boxes(late_us: int, says: str, tmp_path: Path) -> None:
-    """The first frame comes after the first boxes; where no frame has the stamp of a box all boxes stay, and it is said."""
+    """The first frame comes after the first boxes; where no frame has the stamp of a box all stay, and it is said."""
     about, steps = simulated("warehouse", "boxes")
     writer = writer_of("dsec")(tmp_path / "s", about)
     for k, step in enumerate(steps):
