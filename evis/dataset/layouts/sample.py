@@ -42,7 +42,8 @@ class Sample:
     """Holds the outputs of one camera in one step.
 
     stamp_ns: its end. t0_ns: start of the events' interval. labels: array name -> array, without the axis of the
-    environments. bodies: those of poses, velocities and accelerations.
+    environments. bodies: those of poses, velocities and accelerations. whole: False for one that has a further image of
+    the step and nothing else: no events belong to its stamps.
     """
 
     stamp_ns: int
@@ -51,6 +52,7 @@ class Sample:
     labels: dict[str, np.ndarray] = field(default_factory=dict)
     image: Image | None = None
     bodies: tuple[str, ...] = ()
+    whole: bool = True
 
     def kinds(self) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
         """Yields what there is of DENSE and TABLES, as (kind, its arrays)."""
@@ -74,7 +76,7 @@ def samples(step: Step, taken: Callable[[Any], Any] = host) -> Iterator[tuple[st
     for camera, outputs in step.cameras.items():
         for image in vars(outputs).get("images", ())[:-1]:
             stamp_ns = image.header.stamp_ns
-            yield camera, Sample(stamp_ns, stamp_ns, Events.empty(), image=image)
+            yield camera, Sample(stamp_ns, stamp_ns, Events.empty(), image=image, whole=False)
         yield camera, _sample(camera, step.stamp_ns, outputs, taken)
 
 

@@ -142,7 +142,7 @@ class Live:
 
     def _take(self, piece: Piece, step: Step) -> None:
         packet = vars(step.cameras[self.camera]).get("events")
-        if packet is not None:
+        if packet is not None and piece.whole:
             columns = {name: getattr(piece.events, name) for name in EVENT_TYPES}
             self._packets_until = max(self._packets_until, packet.header.stamp_ns)
             self._events.add(columns, piece.t0_ns, packet.header.stamp_ns)

@@ -40,7 +40,8 @@ class McapWriter(SequenceWriter):
         e, info = sample.events, self.about.cameras[camera]
         header, offsets = Header(sample.stamp_ns), np.array([0, len(e)], np.int64)
         size: dict[str, Any] = {"width": info.width, "height": info.height, "t0_ns": sample.t0_ns}
-        self._write(f"/{camera}/events", EventPacket(header, offsets, e.t, e.x, e.y, e.p, **size))
+        if sample.whole:  # a packet between others is one out of order, and readers go by their stamps
+            self._write(f"/{camera}/events", EventPacket(header, offsets, e.t, e.x, e.y, e.p, **size))
         if sample.labels:
             self._write(f"/{camera}/labels", _message(sample))
         if sample.image is not None:
