@@ -176,6 +176,10 @@ def _checked(each: Any, envs: Any) -> list[dict[str, Any]]:
         raise SimulationError(f"envs is {envs}, and each is of {len(each)} environments; leave envs out")
     made = [_plain(own) for own in each]
     for env, own in enumerate(made):
+        if "envs" in own:
+            raise SimulationError(
+                f"environment {env} has envs of its own; their number is the length of each, leave it out"
+            )
         if "seed" in own:
             try:
                 own["seed"] = SEED.convert(f"environment {env}", "seed", own["seed"])
