@@ -178,7 +178,7 @@ def _checked(each: Any, envs: Any) -> list[dict[str, Any]]:
     for env, own in enumerate(made):
         if "envs" in own:
             raise SimulationError(
-                f"environment {env} has envs of its own; their number is the length of each, leave it out"
+                f"environment {env} has envs of its own; each tells their number, leave it out"
             )
         if "seed" in own:
             try:
