@@ -177,9 +177,7 @@ def _checked(each: Any, envs: Any) -> list[dict[str, Any]]:
     made = [_plain(own) for own in each]
     for env, own in enumerate(made):
         if "envs" in own:
-            raise SimulationError(
-                f"environment {env} has envs of its own; each tells their number, leave it out"
-            )
+            raise SimulationError(f"environment {env} has envs of its own; each tells their number, leave it out")
         if "seed" in own:
             try:
                 own["seed"] = SEED.convert(f"environment {env}", "seed", own["seed"])

@@ -144,7 +144,7 @@ class Live:
 
     def _take(self, piece: Piece, step: Step) -> None:
         packet = vars(step.cameras[self.camera]).get("events")
-        if packet is not None and piece.whole:
+        if packet is not None and piece.has_packet:
             columns = {name: getattr(piece.events, name) for name in EVENT_TYPES}
             # A sensor that looks ahead holds events back, and how many is told by where its next packet begins.
             until = piece.t0_ns if self._looks_ahead else packet.header.stamp_ns
