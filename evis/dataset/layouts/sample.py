@@ -42,8 +42,8 @@ class Sample:
     """Holds the outputs of one camera in one step.
 
     stamp_ns: its end. t0_ns: start of the events' interval. labels: array name -> array, without the axis of the
-    environments. bodies: those of poses, velocities and accelerations. has_packet: whether there was a packet of events,
-    which may be of none; beside a further image of a step there is not, so that its stamps bound no events.
+    environments. bodies: those of poses, velocities and accelerations. has_packet: whether there was a packet of
+    events, which may be of none; beside a further image of a step there is not, so that its stamps bound no events.
     """
 
     stamp_ns: int
