@@ -162,6 +162,8 @@ def test_every_scene_has_the_shares_of_the_splits(tmp_path: Path, scenes: int) -
         ("shot_rate: 3.0", "seed: 3", "small.yaml:6: 'seed' is no argument of a recipe's scene"),
         ("sampling: latin", "sampling: grid", "small.yaml:10: a grid needs `steps:` of the range of 'omega'"),
         ("sequences: 5\n", "", "does not say how many `sequences:` there are"),
+        ("0.1", "{from: 0.1, to: 0.2, steps: 3}", "small.yaml:3: a duration is drawn from its range, in a grid too"),
+        ("sampling: latin", "outputs: []", "small.yaml:4: sequences without outputs and labels would be empty"),
         (
             "latin\nsplits: {train: 0.6, test: 0.4}\narguments: {",
             "grid\narguments: {texture: {from: 0, to: 2, steps: 5}, ",
