@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -96,9 +97,22 @@ class Axis:
             numbers.append(self._number(i, part, ends=True))
         return self._value(numbers)
 
+    def twice(self) -> Any:
+        """Returns a value that a component of the grid has more than once, or None."""
+        if self.choices:
+            return next((value for value in self.choices if self.choices.count(value) > 1), None)
+        for component in range(self.components):
+            values = [self._number(component, step / max(self.steps - 1, 1), ends=True) for step in range(self.steps)]
+            if (again := next((b for a, b in itertools.pairwise(values) if a == b), None)) is not None:
+                return again
+        return None
+
     def _number(self, component: int, u: float, ends: bool = False) -> float:
         low, high = self.low[component], self.high[component]
-        if self.whole and not self.log and not ends:
+        if self.whole and not ends:  # each stands for all numbers up to the next: rounded, both ends would be too rare
+            if self.log:
+                found = int(math.exp(math.log(low) + u * math.log((high + 1) / low)))
+                return max(int(low), min(found, int(high)))
             return min(int(low) + int(u * (int(high) - int(low) + 1)), int(high))
         value = math.exp(math.log(low) + u * math.log(high / low)) if self.log else low + u * (high - low)
         value = min(max(value, low), high)

@@ -12,7 +12,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from evis.dataset.draws import Axis, draw, key_of, turn, whole
+from evis.dataset.draws import Axis, draw, key_of, stratified, turn, whole
+
+STRATA = 1024
+"""Most combinations of a grid over which splits have their shares to one of them."""
 
 
 @dataclass(frozen=True)
@@ -185,13 +188,29 @@ class Recipe:
         """Draws the first sequences, as many as the recipe says or `count`."""
         return [self.sequence(index) for index in range(self.count if count is None else count)]
 
+    def makes(self, split: str) -> bool:
+        """Tells whether there is ever a sequence in a split: one of share 0 has none, and a small grid may have none
+        for a small share.
+        """
+        if not self.splits.get(split):
+            return False
+        if self.sampling != "grid":
+            return True
+        scenes = [(i, scene.combinations) for i, scene in enumerate(self.scenes)]
+        return any(of == 1 or any(self._split(n, i) == split for n in range(of)) for i, of in scenes)
+
     def _split(self, n: int, scene: int) -> str:
         """The split of a scene's n-th draw; all seeds of one are in the same, so that nothing of it is seen in two.
 
         It goes by the draws of a scene, so that each scene has the shares; by all draws, a round of 8 or 13 of them
-        would give every scene nearly the same place again and again.
+        would give every scene nearly the same place again and again. In a grid, where draws come again, it goes by the
+        combination, in another order: an argument of 8 or 13 values would have each nearly in one split alone.
         """
-        at, upto = turn(n + scene, 0.0), 0.0
+        of = self.scenes[scene].combinations if self.sampling == "grid" else 1
+        at = turn(n + scene, 0.0)
+        if of > 1:
+            at = stratified(self.seed, (self.scenes[scene].name, "split"), n % of, min(of, STRATA))
+        upto = 0.0
         for name, share in self.splits.items():
             upto += share
             if at < upto:

@@ -74,6 +74,8 @@ def read_recipe(name: str | Path, duration_s: float | None = None) -> Recipe:
             raise LaunchError(
                 f"{_line(table, 'outputs', at)}: there is no output '{output}'; {nearest(str(output), NAMES)}"
             )
+    if not values["outputs"] and not values["labels"]:
+        raise LaunchError(f"{table.where('outputs')}: sequences without outputs and labels would be empty; name one")
     if duration_s is not None:
         if not 0 < duration_s <= LONGEST:
             raise DatasetError(f"the duration is {duration_s:g} s; it must be longer than 0 and at most {LONGEST:g} s")
@@ -186,7 +188,8 @@ def _axis(table: Table, key: str, param: Param, sampling: str) -> Any:
         choices = value["choices"]
         if not isinstance(choices, Row) or not choices:
             raise LaunchError(f"{value.where('choices')}: choices of '{key}' must be a list of at least one value")
-        return Axis(key, tuple(_plain(_checked(param, value, "choices", choice, key)) for choice in choices))
+        found = Axis(key, tuple(_plain(_checked(param, value, "choices", choice, key)) for choice in choices))
+        return _distinct(found, value.where("choices"), sampling)
     if "from" not in value or "to" not in value:
         raise LaunchError(f"{table.where(key)}: '{key}' needs `from:` and `to:`, or `choices:`")
     if param.type in (str, bool):
@@ -204,9 +207,19 @@ def _axis(table: Table, key: str, param: Param, sampling: str) -> Any:
     steps = _converted(Param(int, 0, "", "", 1, 1_000_000), value, "steps", key) if "steps" in value else 0
     if sampling == "grid" and not steps and key != "duration":
         raise LaunchError(f"{table.where(key)}: a grid needs `steps:` of the range of '{key}'")
+    if key == "duration" and steps:
+        raise LaunchError(f"{value.where('steps')}: a duration is drawn from its range, in a grid too; leave steps out")
     if sampling != "grid" and steps:
         raise LaunchError(f"{value.where('steps')}: steps of '{key}' are for `sampling: grid`; this is {sampling}")
-    return Axis(key, (), low, high, param.type is int, param.type is list, scale == "log", steps)
+    found = Axis(key, (), low, high, param.type is int, param.type is list, scale == "log", steps)
+    return _distinct(found, value.where("steps") if steps else "", sampling)
+
+
+def _distinct(axis: Axis, where: str, sampling: str) -> Axis:
+    """Raises LaunchError where a grid would have a combination more than once. where: file:line."""
+    if sampling == "grid" and (axis.choices or axis.steps) and (value := axis.twice()) is not None:
+        raise LaunchError(f"{where}: the grid has the value {value!r} of '{axis.name}' more than once; give each once")
+    return axis
 
 
 def _ends(value: Table, end: str, param: Param, key: str) -> tuple[float, ...]:

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from gymnasium.spaces import Box
 
+from evis.events.representations.columns import check_flag
+
 SLACK = 1e-6
 """By how much of its range a float32 may lie outside it, from rounding."""
 
@@ -17,6 +19,7 @@ class Actions:
 
     def __init__(self, actuators: Sequence[Any], normalise: bool) -> None:
         """actuators: with name, low, high. Raises ValueError for a model that has none, or none with a range."""
+        check_flag("normalise", normalise)
         if not actuators:
             raise ValueError("the scene has no actuators, so that there is nothing to act on")
         self.names = [actuator.name for actuator in actuators]

@@ -13,6 +13,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from evis.events import representations
+from evis.events.representations.columns import POLARITIES, check_choice, check_flag
 from evis.media.colour import luminance_of, srgb_from_linear
 
 
@@ -140,6 +141,8 @@ class VoxelGrid(Observation):
     def begin(self, setting: Setting) -> Box:
         """Implements Observation.begin."""
         _check_count("bins", self.bins)
+        check_choice("polarity", self.polarity, POLARITIES)
+        check_flag("normalise", self.normalise)
         channels = self.bins * (2 if self.polarity == "split" else 1)
         low = -np.inf if self.polarity == "signed" or self.normalise else 0.0
         return Box(low, np.inf, (channels, *_pooled_size(self.pool, setting)), np.float32)
@@ -166,6 +169,7 @@ class CountImage(Observation):
 
     def begin(self, setting: Setting) -> Box:
         """Implements Observation.begin."""
+        check_choice("polarity", self.polarity, POLARITIES)
         low = -np.inf if self.polarity == "signed" else 0.0
         self._shape = (2 if self.polarity == "split" else 1, *_pooled_size(self.pool, setting))
         return Box(low, np.inf, self._shape, np.float32)
@@ -250,6 +254,7 @@ class Frames(Observation):
 
     def begin(self, setting: Setting) -> Box:
         """Implements Observation.begin."""
+        check_flag("grey", self.grey)
         if not is_number(self.exposure) or not 0 < self.exposure < np.inf:
             raise ValueError(f"exposure is {self.exposure!r:.60}; it must be a number above 0")
         return Box(0, 255, (setting.height, setting.width, 1 if self.grey else 3), np.uint8)

@@ -40,6 +40,9 @@ class EventVectorEnv(VectorEnv):
         """
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode is {render_mode!r}; it must be rgb_array or None")
+        modes = [mode.value for mode in AutoresetMode]
+        if autoreset_mode not in (*AutoresetMode, *modes):
+            raise ValueError(f"autoreset_mode is {autoreset_mode!r}; it must be {', '.join(modes[:-1])} or {modes[-1]}")
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self._batch = Batch(task, num_envs, picture=render_mode is not None, **options)
         self.num_envs = num_envs

@@ -62,11 +62,15 @@ class Planner:
     """Plans one simulation again and again: with another seed, or with a recorder.
 
     target: what may stand after `evis launch`. asked: outputs. arguments: of the launch file and the scene. each: those
-    that environments have for themselves, a mapping for each of them, also their `seed`; none = all have the same.
+    that environments have for themselves, a mapping for each of them, also their `seed`; None = all have the same.
     """
 
     def __init__(
-        self, target: str, asked: RequestedOutputs, arguments: Mapping[str, Any], each: Sequence[Mapping[str, Any]] = ()
+        self,
+        target: str,
+        asked: RequestedOutputs,
+        arguments: Mapping[str, Any],
+        each: Sequence[Mapping[str, Any]] | None = None,
     ) -> None:
         self._target = target
         self._asked = asked
@@ -162,14 +166,18 @@ class Planner:
 
 def _checked(each: Any, envs: Any) -> list[dict[str, Any]]:
     """Copies the arguments of environments; envs: how many there are to be, None = as many. Raises SimulationError."""
-    if not isinstance(each, Sequence) or not all(isinstance(own, Mapping) for own in each):
+    if each is None:
+        return []
+    if not isinstance(each, Sequence) or not each or not all(isinstance(own, Mapping) for own in each):
         raise SimulationError(
             f"each is {each!r}; it must be a list with a mapping for each environment, as [{{'omega': 20}}, {{}}]"
         )
-    if each and envs is not None and str(envs) != str(len(each)):
+    if envs is not None and str(envs) != str(len(each)):
         raise SimulationError(f"envs is {envs}, and each is of {len(each)} environments; leave envs out")
     made = [_plain(own) for own in each]
     for env, own in enumerate(made):
+        if "envs" in own:
+            raise SimulationError(f"environment {env} has envs of its own; each tells their number, leave it out")
         if "seed" in own:
             try:
                 own["seed"] = SEED.convert(f"environment {env}", "seed", own["seed"])

@@ -47,6 +47,8 @@ def parse(outputs: Sequence[str] | str) -> RequestedOutputs:
     """
     globs: dict[str, None] = {}
     labels: dict[str, None] = {}
+    if not isinstance(outputs, Iterable):
+        raise SimulationError(f"outputs is {outputs!r:.60}; it must be a list of names, as ['events']")
     for name in (outputs,) if isinstance(outputs, str) else outputs:
         parts = str(name).split(".")
         if len(parts) > 1 and LABELS in parts[-2:-1]:

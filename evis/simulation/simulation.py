@@ -47,7 +47,7 @@ class Simulation:
         *,
         outputs: Sequence[str] = ("events",),
         seed: int = 0,
-        each: Sequence[Mapping[str, Any]] = (),
+        each: Sequence[Mapping[str, Any]] | None = None,
         **arguments: Any,
     ) -> None:
         """Plans the graph and prepares its nodes; the first time that takes as long as its kernels take to compile.
@@ -60,7 +60,8 @@ class Simulation:
                 have: physics_error.
             seed: of what is random; environment k has seed + k.
             each: arguments that parallel environments have for themselves, a mapping for each of them: of the scene,
-                as far as they change values and not what there is, of the event sensor, and `seed`.
+                as far as they change values and not what there is, of the event sensor, and `seed`. None = they
+                have all in common.
             arguments: those of the launch file and of the scene, as `evis launch NAME --help` lists them.
 
         Raises:
@@ -237,6 +238,8 @@ class Simulation:
         Raises SimulationError for an output that cannot be taken apart, and for an environment that is not there.
         """
         self._check_environment(env)
+        if not isinstance(step, Step):
+            raise SimulationError(f"alone takes a step, as sim.step() gives it, not {step!r:.60}")
         told = {name: info for name, outputs in step.cameras.items() if (info := vars(outputs).get("info")) is not None}
         if not told:
             return alone(step, env, {})
@@ -260,6 +263,8 @@ class Simulation:
         of that name is kept, as `evis launch` keeps it. Raises SimulationError.
         """
         self._check_open()
+        if not isinstance(bag, str | Path) or not str(bag):
+            raise SimulationError(f"save takes the path of a bag, as 'run.mcap', not {bag!r:.60}")
         done = self._run
         if done.k < 0 or done.broken:
             raise SimulationError(f"there is no run to save; {done.broken or 'reset() and step() first'}")

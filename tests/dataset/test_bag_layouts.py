@@ -16,6 +16,7 @@ from evis.cli import main
 from evis.dataset.about import About
 from evis.dataset.bag_sequence import export
 from evis.dataset.layouts import reader_of
+from evis.simulation.step import Step
 from msgs.camera import Image
 from msgs.header import Header
 
@@ -54,6 +55,36 @@ def test_a_bag_in_every_layout(recorded: Any, layout: str, tmp_path: Path, capsy
         assert mine.keys() == theirs.keys()
         assert all(mine[name].tobytes() == theirs[name].tobytes() for name in mine), kind
     assert got.about.seed == 2 and got.about.duration_ns == 100_000_000
+
+
+@pytest.mark.parametrize("layout", ["npz", "webdataset", "mcap", "dsec"])
+def test_images_between_keyframes_hide_no_events(recorded: Any, layout: str, tmp_path: Path) -> None:
+    """Of an interval that ends between an image and the packet that follows it."""
+    steps = recorded[2]
+    bag = tmp_path / "images.mcap"
+    with BagWriter(bag, {"evis": {}}) as writer:
+        writer.write("/cam0/info", steps[0].info)
+        for before, step in zip((None, *steps), steps):
+            for stamp in range(before.stamp_ns + 8_000_000, step.stamp_ns, 8_000_000) if before else ():
+                writer.write("/cam0/image", Image(Header(stamp), np.zeros((48, 64, 1), np.uint8), "mono8", 1_000_000))
+            writer.write("/cam0/events", step.events)
+    export(str(bag), layout, str(tmp_path / "s"))
+    reader = reader_of(layout)(tmp_path / "s")
+    t = np.concatenate([step.events.t for step in steps])
+    t = t // 1000 * 1000 if layout == "dsec" else t
+    for end in range(1_000_000, 100_000_000, 5_000_000):
+        assert np.array_equal(reader.events(0, end).t, t[t < end])
+
+
+@pytest.mark.parametrize("layout", EVERY)
+def test_a_sequence_without_events_is_read(recorded: Any, layout: str, tmp_path: Path) -> None:
+    """As one of images or labels alone is."""
+    _, about, steps = recorded
+    bare = [{name: value for name, value in vars(s.cameras["cam0"]).items() if name != "events"} for s in steps]
+    copies = [Step(s.stamp_ns, s.episodes, {"cam0": own}, {}, s.over) for s, own in zip(steps, bare)]
+    written(layout, tmp_path / "s", about, tuple(copies))
+    reader = reader_of(layout)(tmp_path / "s")
+    assert reader.count == 0 and len(reader.events(0, 10**9).t) == 0 and reader.kinds("cam0")
 
 
 def test_what_cannot_be_written_is_said(recorded: Any, tmp_path: Path, capsys: Any) -> None:

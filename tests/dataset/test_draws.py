@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 from small_recipe import write
 
+import evis
 from evis.dataset.draws import Axis, draw
+from evis.dataset.errors import DatasetError
+from evis.dataset.recipe import Recipe
 from evis.dataset.recipe_file import read_recipe
 
 OTHERS = (
@@ -46,6 +49,14 @@ def test_whole_numbers_reach_both_ends_evenly() -> None:
     assert found == {2: 100, 3: 100, 4: 100, 5: 100}
 
 
+def test_whole_numbers_of_a_log_scale_are_rarer_the_larger_they_are() -> None:
+    """Each k as often as a log-uniform number of [1, 11) lies in [k, k + 1): to one stratum at each end."""
+    axis = Axis("a", low=(1.0,), high=(10.0,), whole=True, log=True)
+    found = Counter(draw([axis], "latin", 0, "s", n, 4000)["a"] for n in range(4000))
+    for k in range(1, 11):
+        assert abs(found[k] - 4000 * np.log((k + 1) / k) / np.log(11)) <= 2
+
+
 def test_a_grid_has_every_combination_once(tmp_path: Path) -> None:
     """The number of sequences follows from it, and further ones begin again with other seeds."""
     changes = ("latin", "grid"), ("sequences: 5\n", ""), ("to: 70}", "to: 70, steps: 3}")
@@ -55,6 +66,46 @@ def test_a_grid_has_every_combination_once(tmp_path: Path) -> None:
     found = [(plan.arguments["omega"], plan.arguments["texture"]) for plan in plans]
     assert sorted(found[:6]) == sorted(product([15.0, 42.5, 70.0], [0, 1])) and found[6:] == found[:6]
     assert len({plan.seed for plan in plans}) == 12
+
+
+def grid(tmp_path: Path, omegas: int, splits: str, more: str = "") -> Recipe:
+    """A grid of so many omegas with two textures."""
+    changes = ("latin", "grid"), ("to: 70}", f"to: 70, steps: {omegas}}}"), ("{train: 0.6, test: 0.4}", splits)
+    return read_recipe(write(tmp_path, *changes, ("sequences: 5\n", f"sequences: 5\n{more}")))
+
+
+def test_a_combination_of_a_grid_is_in_one_split(tmp_path: Path) -> None:
+    """However often the grid begins again and with several seeds; a whole grid has the shares to one combination."""
+    recipe = grid(tmp_path, 25, "{train: 0.8, val: 0.1, test: 0.1}", "seeds: 2\n")
+    places: dict[tuple, set[str]] = {}
+    for plan in recipe.sequences(5 * 2 * 50):
+        places.setdefault((plan.arguments["omega"], plan.arguments["texture"]), set()).add(plan.split)
+    assert len(places) == 50 and all(len(splits) == 1 for splits in places.values())
+    found = Counter(split for splits in places.values() for split in splits)
+    assert abs(found["train"] - 40) <= 1 and abs(found["val"] - 5) <= 1 and abs(found["test"] - 5) <= 1
+
+
+def test_no_value_of_a_grid_is_in_one_split_alone(tmp_path: Path) -> None:
+    """Of 13 values that change fastest beside 8 others: 13 steps of the golden ratio end nearly where they began."""
+    tilt = ("texture: {choices: [0, 1]}", "tilt: {from: 25, to: 45, steps: 13}")
+    plans = read_recipe(write(tmp_path, ("latin", "grid"), ("to: 70}", "to: 70, steps: 8}"), tilt)).sequences(104)
+    trained = Counter(plan.arguments["tilt"] for plan in plans if plan.split == "train")
+    assert len(trained) == 13 and abs(sum(trained.values()) - 62) <= 1 and min(trained.values()) < 8
+
+
+def test_a_scene_of_one_combination_has_the_shares_by_its_seeds(tmp_path: Path) -> None:
+    """For nothing else is drawn of it."""
+    path = write(tmp_path, ("latin", "grid"), ("omega: {from: 15, to: 70}", "omega: 20"), ("{choices: [0, 1]}", "0"))
+    assert abs(Counter(plan.split for plan in read_recipe(path).sequences(100))["train"] - 60) <= 1
+
+
+def test_a_split_without_a_combination_is_not_looked_for_without_end(tmp_path: Path) -> None:
+    recipe = grid(tmp_path, 2, "{train: 0.98, val: 0.01, test: 0.01}")
+    there = {plan.split for plan in recipe.sequences(40)}
+    assert len(there) < 3 and {split for split in recipe.splits if recipe.makes(split)} == there
+    missing = next(split for split in recipe.splits if split not in there)
+    with pytest.raises(DatasetError, match=f"the split '{missing}' of small has a share of 0.01: no sequence is ever"):
+        evis.dataset.stream(recipe, split=missing, seconds=0.05, arrays="numpy")
 
 
 def test_a_sequence_does_not_depend_on_how_many_there_are(tmp_path: Path) -> None:
@@ -111,6 +162,13 @@ def test_every_scene_has_the_shares_of_the_splits(tmp_path: Path, scenes: int) -
         ("shot_rate: 3.0", "seed: 3", "small.yaml:6: 'seed' is no argument of a recipe's scene"),
         ("sampling: latin", "sampling: grid", "small.yaml:10: a grid needs `steps:` of the range of 'omega'"),
         ("sequences: 5\n", "", "does not say how many `sequences:` there are"),
+        ("0.1", "{from: 0.1, to: 0.2, steps: 3}", "small.yaml:3: a duration is drawn from its range, in a grid too"),
+        ("sampling: latin", "outputs: []", "small.yaml:4: sequences without outputs and labels would be empty"),
+        (
+            "latin\nsplits: {train: 0.6, test: 0.4}\narguments: {",
+            "grid\narguments: {texture: {from: 0, to: 2, steps: 5}, ",
+            "small.yaml:5: the grid has the value 0 of 'texture' more than once; give each once",
+        ),
     ],
 )
 def test_a_wrong_recipe_is_refused_with_its_line(before: str, after: str, error: str, tmp_path: Path) -> None:

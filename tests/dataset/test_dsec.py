@@ -186,6 +186,34 @@ def test_frames_have_their_exposures(tmp_path: Path) -> None:
     assert np.array_equal(got["image"], pictures[1:])
 
 
+def rows_of_frames(boxes_us: np.ndarray, frames_us: np.ndarray) -> list[tuple[int, int]]:
+    """The rows of tracks.npy that DSEC-Det gives each frame: it adds up the boxes of the frames before it."""
+    counts = [int((boxes_us == frame).sum()) for frame in frames_us]
+    return [(sum(counts[:k]), sum(counts[: k + 1])) for k in range(len(counts))]
+
+
+@pytest.mark.parametrize(("late_us", "says"), [(0, "those of other stamps are left out"), (584, "here none has one")])
+def test_dsec_det_gives_frames_their_own_boxes(late_us: int, says: str, tmp_path: Path) -> None:
+    """The first frame comes after the first boxes; where no frame has the stamp of a box all stay, and it is said."""
+    about, steps = simulated("warehouse", "boxes")
+    writer = writer_of("dsec")(tmp_path / "s", about)
+    for k, step in enumerate(steps):
+        copy = type(step)(step.stamp_ns, step.episodes, {"cam0": vars(step.cameras["cam0"])}, {}, step.over)
+        if k not in (0, 2):
+            stamp = Header(step.stamp_ns + late_us * 1000)
+            vars(copy.cameras["cam0"])["image"] = Image(stamp, np.zeros((48, 64, 1), np.uint8), "mono8", 1_000_000)
+        writer.add(copy)
+    writer.close()
+    rows = np.load(tmp_path / "s/object_detections/left/tracks.npy")
+    frames = np.loadtxt(tmp_path / "s/images/timestamps.txt", np.int64)
+    for frame, (first, end) in zip(frames, rows_of_frames(rows["t"].astype(np.int64), frames)):
+        assert (rows["t"][first:end] == frame).all() and (end > first) == (late_us == 0)
+    stamps, boxes = labels_of(steps, "cam0", "box")
+    want = [box for stamp, box in zip(stamps // 1000, boxes) if late_us or stamp in frames]
+    assert np.array_equal(np.stack((rows["x"], rows["y"]), 1), np.concatenate(want)[:, :2])
+    assert len(writer.notes) == 1 and says in writer.notes[0]
+
+
 def test_each_camera_of_a_pair_has_the_times_of_its_own_frames(tmp_path: Path) -> None:
     """With auto-exposure they differ, and at the end one camera may have a frame more."""
     about, steps = simulated("stereo_room", "depth")

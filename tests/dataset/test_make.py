@@ -52,6 +52,15 @@ def test_two_processes_make_the_same_bytes(serial: tuple[Path, dict[str, str]], 
     assert first.items() <= expected.items() and len(list((tmp_path / "two").glob("*/*"))) == 2
 
 
+def test_what_the_layout_cannot_hold_is_said_once(tmp_path: Path) -> None:
+    """While it is made: labels that were asked for are else found missing when it is read."""
+    path = write(tmp_path, ("layout: npz", "layout: mvsec\nlabels: [boxes, depth]"))
+    said: list[str] = []
+    made = make(read_recipe(path), str(tmp_path / "d"), InThisProcess, count=2, say=said.append)
+    assert made.made == 2 and made.notes == ["MVSEC has no boxes: it is left out"]
+    assert said == ["note: MVSEC has no boxes: it is left out"]
+
+
 def test_a_sequence_is_what_a_simulation_gives(tmp_path: Path) -> None:
     """With the arguments and the seed that dataset.json tells, on a worker that has made others before."""
     plan = read_recipe(write(tmp_path)).sequence(3)

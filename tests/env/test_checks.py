@@ -56,6 +56,14 @@ def test_render_shows_the_camera_with_events() -> None:
         ({"observation": evis.env.RawEvents(0)}, "most is 0; it must be a whole number, 1 or more"),
         ({"observation": evis.env.RawEvents(1.5)}, "most is 1.5; it must be a whole number"),  # type: ignore[arg-type]
         ({"observation": evis.env.VoxelGrid(2.5)}, "bins is 2.5; it must be a whole number"),  # type: ignore[arg-type]
+        ({"observation": evis.env.VoxelGrid(normalise="x")}, "normalise is 'x'; it must be True"),  # type: ignore[arg-type]
+        (
+            {"observation": evis.env.VoxelGrid(polarity="both")},
+            "polarity is 'both'; it must be signed, split or merged",
+        ),
+        ({"observation": evis.env.CountImage(polarity="both")}, "polarity is 'both'; it must be signed"),
+        ({"observation": evis.env.Frames(grey="no")}, "grey is 'no'; it must be True or False"),  # type: ignore[arg-type]
+        ({"normalise": "x"}, "normalise is 'x'; it must be True or False"),
         ({"observation": evis.env.CountImage(pool=2.0)}, "pool=2.0 is neither a side"),  # type: ignore[arg-type]
         ({"observation": evis.env.TimeSurface(tau=-1)}, "tau is -1; it must be a number of seconds above 0"),
         ({"observation": evis.env.Poses(("cat",))}, "no body 'cat'; there are cart, pole"),

@@ -238,3 +238,8 @@ def test_every_environment_is_rendered() -> None:
     pictures = env.render()
     assert len(pictures) == N and (pictures[0] == pictures[1]).all() and (pictures[0] != pictures[2]).any()
     env.close()
+
+
+def test_a_mode_that_is_not_there_is_refused() -> None:
+    with pytest.raises(ValueError, match="autoreset_mode is 'Same'; it must be NextStep, SameStep or Disabled"):
+        vector("Same")

@@ -41,6 +41,8 @@ def arm() -> Iterator[evis.Simulation]:
         ("spinning_disk", {"envs": 3, "each": [{}, {}]}, "envs is 3, and each is of 2 environments; leave envs out"),
         ("spinning_disk", {"each": {"omega": 3}}, "each is {'omega': 3}; it must be a list with a mapping for each"),
         ("spinning_disk", {"each": ["a"]}, r"each is \['a'\]; it must be a list with a mapping for each"),
+        ("spinning_disk", {"outputs": None}, r"outputs is None; it must be a list of names"),
+        ("spinning_disk", {"each": [{}, {"envs": 3}]}, "environment 1 has envs of its own; .* leave it out"),
         ("spinning_disk", {"each": [{}, {"seed": 1.5}]}, "environment 1: seed is 1.5, must be a whole number"),
     ],
 )
@@ -161,6 +163,9 @@ def test_a_closed_simulation_says_so() -> None:
         (lambda sim: sim.run("1"), "finite time longer than 0 s, not '1'"),
         (lambda sim: sim.run(None), "finite time longer than 0 s, not None"),
         (lambda sim: sim.show("left"), "no environment 'left'; there are 2, 0 to 1"),
+        (lambda sim: sim.save(None), "save takes the path of a bag, as 'run.mcap', not None"),
+        (lambda sim: sim.save(""), "save takes the path of a bag"),
+        (lambda sim: sim.alone(None, 0), "alone takes a step, as .* not None"),
         (lambda sim: sim.alone(sim.step(), 0.5), "no environment 0.5; there are 2, 0 to 1"),
         (copy.copy, "cannot be copied or pickled; make one"),
         (pickle.dumps, "cannot be copied or pickled; make one"),

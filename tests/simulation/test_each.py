@@ -139,6 +139,8 @@ def test_environments_of_one_seed_after_the_other_can_be_taken_apart_too() -> No
         ([{"keyframe_rate": 30}, {"keyframe_rate": 60}], "environments have keyframe_rate of physics in common"),
         ([{"width": 40}, {"width": 50}], "environments have width of .* in common; environment 0 has 40"),
         ([{"omega": 20}, {"omga": 30}], "omga"),
+        ([], "each is \\[\\]; it must be a list with a mapping for each environment"),
+        ((), "each is \\(\\); it must be a list"),
     ],
 )
 def test_what_environments_have_in_common_is_named(each: list[dict[str, Any]], words: str) -> None:

@@ -1,4 +1,4 @@
-"""Shows how far a data set is: sequences, rate and remaining time on a terminal; in a pipe nothing but failures."""
+"""Shows how far a data set is: sequences, rate and remaining time on a terminal; in a pipe failures and notes alone."""
 
 from __future__ import annotations
 

@@ -42,7 +42,8 @@ class Sample:
     """Holds the outputs of one camera in one step.
 
     stamp_ns: its end. t0_ns: start of the events' interval. labels: array name -> array, without the axis of the
-    environments. bodies: those of poses, velocities and accelerations.
+    environments. bodies: those of poses, velocities and accelerations. has_packet: whether there was a packet of
+    events, which may be of none; beside a further image of a step there is not, so that its stamps bound no events.
     """
 
     stamp_ns: int
@@ -51,6 +52,7 @@ class Sample:
     labels: dict[str, np.ndarray] = field(default_factory=dict)
     image: Image | None = None
     bodies: tuple[str, ...] = ()
+    has_packet: bool = False
 
     def kinds(self) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
         """Yields what there is of DENSE and TABLES, as (kind, its arrays)."""
@@ -85,7 +87,7 @@ def _sample(camera: str, stamp_ns: int, outputs: CameraOutputs, taken: Callable[
     if packet is not None:
         if packet.t is None:
             raise LayoutError(f"the events of {camera} are in the encoding '{packet.encoding}'; decode them first")
-        sample.t0_ns = packet.t0_ns
+        sample.t0_ns, sample.has_packet = packet.t0_ns, True
         t, x, y, p = (taken(getattr(packet, name)) for name in "txyp")
         sample.events = Events(t, x, y, p)
     if there.get("labels") is not None:

@@ -29,8 +29,9 @@ def collate(samples: Sequence[dict[str, Any]]) -> dict[str, Any]:
     batch; the labels of events go with them. Boxes and contacts are joined too, `boxes_offsets` [B + 1] delimits them.
 
     Samples of tensors make tensors on their device, those of numpy arrays numpy arrays. Raises DatasetError for images
-    of different size.
+    of different size, for no samples, and for samples that do not hold the same.
     """
+    _check_alike(samples)
     batch: dict[str, Any] = {}
     for name, first in samples[0].items():
         values = [sample[name] for sample in samples]
@@ -47,10 +48,34 @@ def collate(samples: Sequence[dict[str, Any]]) -> dict[str, Any]:
         elif not isinstance(first, int):
             batch[name] = values
         else:
-            like = next((v for v in samples[0].values() if hasattr(v, "shape")), None)
-            like = samples[0]["events"]["t"] if like is None else like
-            batch[name] = _whole_numbers(values, like)
+            batch[name] = _whole_numbers(values, _array_in(samples[0]))
     return batch
+
+
+def _check_alike(samples: Any) -> None:
+    """Raises DatasetError for what is no list of samples with the same names in them."""
+    if not isinstance(samples, Sequence) or not all(isinstance(sample, dict) for sample in samples):
+        raise DatasetError(f"collate joins a list of samples, dicts as windows[i] gives them, not {samples!r:.60}")
+    if not samples:
+        raise DatasetError("collate was given no samples; a batch has at least one")
+    first = _names(samples[0])
+    for number, sample in enumerate(samples):
+        if other := sorted(first ^ _names(sample)):
+            has, lacks = (0, number) if other[0] in first else (number, 0)
+            raise DatasetError(
+                f"sample {has} of a batch has '{other[0]}' and sample {lacks} has not; join samples of the same windows"
+            )
+
+
+def _names(sample: dict[str, Any]) -> set[str]:
+    parts = {name: value for name, value in sample.items() if isinstance(value, dict)}
+    return {*sample, *(f"{name}.{column}" for name, columns in parts.items() for column in columns)}
+
+
+def _array_in(sample: dict[str, Any]) -> Any:
+    """An array of a sample; one of numpy where it has none."""
+    parts = [part for value in sample.values() for part in (value.values() if isinstance(value, dict) else [value])]
+    return next((part for part in parts if hasattr(part, "shape")), np.empty(0))
 
 
 def _joined(values: list[Any]) -> Any:

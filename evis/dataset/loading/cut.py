@@ -72,7 +72,7 @@ class Cut:
                 raise DatasetError(f"the {name} is {value!r} {unit}; it must be more than 0{_what(unit)}")
             if events is None and value < LEAST_S:  # type: ignore[operator]
                 raise DatasetError(f"the {name} is {value!r} s; it must be {LEAST_S:g} s or more")
-        if isinstance(labels, str) or isinstance(arguments, str):
+        if any(isinstance(names, str) or not isinstance(names, Iterable) for names in (labels, arguments)):
             raise DatasetError("labels and arguments are lists: labels=['forward_flow']")
         kinds, change = tuple(labels), Augment() if augment is None else augment
         if not isinstance(change, Augment):

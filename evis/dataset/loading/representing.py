@@ -28,7 +28,7 @@ class Representing:
     def check(self) -> None:
         """Tries it on no events. Raises DatasetError for a name or an option that is not there, or a wrong value."""
         if self.name not in NAMES:
-            raise DatasetError(f"there is no representation '{self.name}'; {nearest(self.name, NAMES)}")
+            raise DatasetError(f"there is no representation '{self.name}'; {nearest(str(self.name), NAMES)}")
         takes = [n for n in inspect.signature(self._function()).parameters if n not in _GIVEN]
         for option in self.options:
             if option not in takes:

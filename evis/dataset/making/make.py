@@ -30,7 +30,8 @@ TICK_S = 0.5
 class MakingResult:
     """Describes what a run has done. there: sequences that are finished now. made: those of this run.
 
-    failed: cause by index. retried: how often by index. stopped: why it ended early.
+    failed: cause by index. retried: how often by index. stopped: why it ended early. notes: what the layout cannot
+    hold of the sequences of this run.
     """
 
     there: int = 0
@@ -40,6 +41,7 @@ class MakingResult:
     failed: dict[int, str] = field(default_factory=dict)
     retried: dict[int, int] = field(default_factory=dict)
     stopped: str = ""
+    notes: list[str] = field(default_factory=list)
 
 
 def check(recipe: Recipe) -> None:
@@ -93,7 +95,7 @@ def make(
         count: how many sequences, in place of what the recipe says.
         resume: go on with what is there; failed ones are tried again.
         tick: is told of progress, and how many sequences are wanted.
-        say: is told in one line of each sequence that has failed.
+        say: is told in one line of each sequence that has failed, and of what the layout cannot hold.
         batch: how many sequences a worker makes at once, as environments of one simulation, where they can be.
 
     Raises DatasetError, LayoutError, OSError before anything is made.
@@ -167,6 +169,10 @@ class _Run:
             self.made.there += 1
             self.made.made += 1
             self.made.events += answer.entry["events"]
+            for note in answer.entry.get("notes", []):
+                if note not in self.made.notes:
+                    self.made.notes.append(note)
+                    self._say(f"note: {note}")
             return
         if answer.hopeless:
             self.made.stopped = answer.cause

@@ -19,6 +19,7 @@ from evis.dataset.recipe import Plan
 from evis.dataset.streaming.rows import Rows
 from evis.events.arrays import Events
 from evis.simulation.step import Step
+from nodes.event_sensor.parameters import LOOK_AHEAD
 
 _US = 1000
 """Labels are chosen by whole us, so that a label that ends within the same us belongs to the window too."""
@@ -38,6 +39,7 @@ class Live:
         self.info, self.left_out = cameras[self.camera], 0
         self._about, self._cut, self._taken = playing.about, cut, taken
         self._steps, self._over = playing.steps(), False
+        self._looks_ahead = self.info.sensor.get("crossing") in LOOK_AHEAD
         self._until = self._packets_until = self._images_until = -1
         self._events, self._marks = Rows(), Rows()
         self._pieces: list[Piece] = []
@@ -142,9 +144,11 @@ class Live:
 
     def _take(self, piece: Piece, step: Step) -> None:
         packet = vars(step.cameras[self.camera]).get("events")
-        if packet is not None:
+        if packet is not None and piece.has_packet:
             columns = {name: getattr(piece.events, name) for name in EVENT_TYPES}
-            self._packets_until = max(self._packets_until, packet.header.stamp_ns)
+            # A sensor that looks ahead holds events back, and how many is told by where its next packet begins.
+            until = piece.t0_ns if self._looks_ahead else packet.header.stamp_ns
+            self._packets_until = max(self._packets_until, until)
             self._events.add(columns, piece.t0_ns, packet.header.stamp_ns)
         if EVENTS[0] in piece.labels:
             self._marks.add({name: piece.labels[name] for name in EVENTS}, 0, 0)

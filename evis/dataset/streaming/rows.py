@@ -30,7 +30,9 @@ class Rows:
         self.total = 0
 
     def add(self, columns: dict[str, Any], start_ns: int, end_ns: int) -> None:
-        """Adds rows of times in (start_ns, end_ns]."""
+        """Adds rows of times in (start_ns, end_ns]; those before them end there, whatever was said of them."""
+        if self._pieces and self._pieces[-1].end_ns > start_ns:
+            self._pieces[-1] = self._pieces[-1]._replace(end_ns=start_ns)
         piece = _Piece(self.total, columns, start_ns, end_ns)
         self._pieces.append(piece)
         self.total = piece.end

@@ -61,8 +61,9 @@ class Stream:
             )
         if split is not None and split not in recipe.splits:
             raise DatasetError(f"{recipe.name} has no split '{split}'; {nearest(split, recipe.splits)}")
-        if split is not None and not recipe.splits[split]:  # it would be looked for without end
-            raise DatasetError(f"the split '{split}' of {recipe.name} has a share of 0: no sequence is ever in it")
+        if split is not None and not recipe.makes(split):  # it would be looked for without end
+            share = f"a share of {recipe.splits[split]:g}"
+            raise DatasetError(f"the split '{split}' of {recipe.name} has {share}: no sequence is ever in it")
         longest = float(max(recipe.duration.choices or recipe.duration.high))
         if cut.seconds > longest:
             raise DatasetError(f"windows of {cut.length} are longer than the sequences of {recipe.name}, {longest:g} s")

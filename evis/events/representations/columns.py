@@ -77,7 +77,11 @@ class Columns:
             offsets: Any = wp.array(self.offsets, dtype=wp.int64, device=self.device)
             wp.launch(span_kernel, self.count, inputs=[self.t, offsets], outputs=[span], device=self.device)
             return span
-        first, last = (self.times(w, name) for w, name in zip(window, ("first", "last")))
+        try:
+            t0, t1 = window
+        except (TypeError, ValueError):
+            raise ValueError(f"the window is {window!r:.60}; it must be (t0, t1), two times in ns") from None
+        first, last = self.times(t0, "first"), self.times(t1, "last")
         if (first > last).any():
             env = int(np.argmax(first > last))
             raise ValueError(f"the window begins at {first[env]} ns, after its end at {last[env]} ns")
@@ -107,6 +111,12 @@ def check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
     """Raises ValueError naming the choices."""
     if value not in choices:
         raise ValueError(f"{name} is {value!r}; it must be {', '.join(choices[:-1])} or {choices[-1]}")
+
+
+def check_flag(name: str, value: bool) -> None:
+    """Raises ValueError unless the value is true or false: any text would count as true."""
+    if not isinstance(value, bool | np.bool_):
+        raise ValueError(f"{name} is {value!r:.60}; it must be True or False")
 
 
 def check_positive(name: str, value: int) -> None:

@@ -12,6 +12,7 @@ from evis.events.representations.columns import (
     Columns,
     Representation,
     check_choice,
+    check_flag,
     check_positive,
 )
 from evis.events.representations.sum_kernels import (
@@ -55,6 +56,7 @@ def voxel_grid(
     """
     check_positive("bins", bins)
     check_choice("polarity", polarity, POLARITIES)
+    check_flag("normalise", normalise)
     columns = Columns(events, height, width)
     channels = 2 * bins if polarity == "split" else bins
     shape = (channels, columns.height, columns.width)

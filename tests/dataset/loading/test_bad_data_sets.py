@@ -65,6 +65,8 @@ def test_windows_that_cannot_be(small: Made) -> None:
         ({"seconds": 0.1, "representation": "voxel_grid", "bins": 0}, "bins is 0; it must be a whole number"),
         ({"seconds": 0.1, "bins": 5}, "no argument 'bins', or it needs a representation="),
         ({"seconds": 0.1, "labels": "depth"}, "labels and arguments are lists"),
+        ({"seconds": 0.1, "labels": None}, "labels and arguments are lists"),
+        ({"seconds": 0.1, "representation": 3}, "there is no representation '3'"),
         ({"seconds": 0.1, "labels": ["flwo"]}, "has no labels 'flwo' of cam0; it has depth, "),
         ({"seconds": 0.001, "stride": 0.05, "labels": ["depth"]}, "which come 30 times a second; make windows longer"),
         ({"events": 100, "labels": ["events"]}, "take windows by seconds="),

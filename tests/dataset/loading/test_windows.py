@@ -206,6 +206,27 @@ def test_exposures_of_frames_are_joined() -> None:
     assert batch["exposure_ns"].dtype == np.int64 and batch["exposure_ns"].tolist() == [4, 7]
 
 
+@pytest.mark.parametrize(
+    ("samples", "says"),
+    [
+        ([], "no samples; a batch has at least one"),
+        (None, "collate joins a list of samples, .* not None"),
+        ({"depth": np.zeros(2)}, "collate joins a list of samples"),
+        ([{"depth": np.zeros(2)}, {}], "sample 0 of a batch has 'depth' and sample 1 has not"),
+        ([{}, {"depth": np.zeros(2)}], "sample 1 of a batch has 'depth' and sample 0 has not"),
+        ([{"events": {"t": np.zeros(1)}}, {"events": np.zeros((2, 3, 4))}], "sample 0 of a batch has 'events.t'"),
+    ],
+)
+def test_what_is_no_batch_is_refused(samples: Any, says: str) -> None:
+    with pytest.raises(DatasetError, match=says):
+        evis.dataset.collate(samples)
+
+
+def test_numbers_alone_are_a_batch() -> None:
+    batch = evis.dataset.collate([{"window": 3}, {"window": 5}])
+    assert batch["window"].dtype == np.int64 and batch["window"].tolist() == [3, 5]
+
+
 def test_arguments_that_are_text(small: Made) -> None:
     """They come as they are, for PyTorch has no tensors of them."""
     data = evis.dataset.open(small[1])

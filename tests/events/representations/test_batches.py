@@ -128,6 +128,10 @@ BAD: list[tuple[str, Any]] = [
     ("goes over all events", lambda e: event_stack(e, 2, by="count", window=(0, 1), **SIZE)),
     ("do not say their height", lambda e: count_image(e)),
     ("begins at 9 ns, after its end at 3 ns", lambda e: count_image(e, window=(9, 3), **SIZE)),
+    ("the window is 7; it must be \\(t0, t1\\), two times in ns", lambda e: count_image(e, window=7, **SIZE)),
+    ("the window is \\(7,\\); it must be", lambda e: voxel_grid(e, 2, window=(7,), **SIZE)),  # type: ignore[arg-type]
+    ("normalise is 'x'; it must be True or False", lambda e: voxel_grid(e, 2, normalise="x", **SIZE)),
+    ("normalise is 'False'; it must be", lambda e: voxel_grid(e, 2, normalise="False", **SIZE)),
     ("must be whole ns", lambda e: count_image(e, window=(0.0, 0.1), **SIZE)),
     ("ascend from 0 to the number of events, 400", lambda e: count_image(e | {"env_offsets": [0, 3]}, **SIZE)),
     ("tau_ns is 0", lambda e: time_surface(e, 0, **SIZE)),

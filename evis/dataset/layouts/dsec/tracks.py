@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
+from evis.dataset.layouts.npz.growing_npy import GrowingNpy
+
+_BLOCK = 1 << 16
+"""Rows that are gone over at once."""
 TRACK = np.dtype(
     [
         ("t", "<u8"), ("x", "<f8"), ("y", "<f8"), ("h", "<f8"), ("w", "<f8"), ("class_id", "u1"),
@@ -38,3 +44,22 @@ def boxes_of(rows: np.ndarray) -> dict[str, np.ndarray]:
         "box_id": rows["track_id"].astype(np.int32),
         "class_id": rows["class_id"],
     }
+
+
+def keep_stamps(path: Path, stamps_us: np.ndarray) -> tuple[int, int]:
+    """Leaves in a tracks.npy the rows of some stamps; of none of them, it stays as it is.
+
+    stamps_us: int64 [T] ascending. Returns how many stamps the file had, and how many of them are among these.
+    """
+    rows = np.load(path, mmap_mode="r")
+    there = np.unique(rows["t"]).astype(np.int64)
+    kept = np.intersect1d(there, stamps_us)
+    if 0 < len(kept) < len(there):
+        part = path.with_name(f".{path.name}.part")
+        fewer = GrowingNpy(part, (), TRACK)
+        for first in range(0, len(rows), _BLOCK):
+            block = rows[first : first + _BLOCK]
+            fewer.append(block[np.isin(block["t"].astype(np.int64), kept)])
+        fewer.close()
+        part.replace(path)
+    return len(there), len(kept)

@@ -6,6 +6,7 @@ uzh-rpg/dsec-det (src/dsec_det/directory.py), which looks for frames in the sens
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from evis.dataset.layouts import LayoutError
 from evis.dataset.layouts.dsec.calibration import calibration
 from evis.dataset.layouts.dsec.disparity import disparity_to_codes
 from evis.dataset.layouts.dsec.event_file import EventFile
-from evis.dataset.layouts.dsec.tracks import TRACK, tracks
+from evis.dataset.layouts.dsec.tracks import TRACK, keep_stamps, tracks
 from evis.dataset.layouts.hdf5_rows import NO_BLOSC, blosc
 from evis.dataset.layouts.npz.growing_npy import GrowingNpy
 from evis.dataset.layouts.rectification import Rectification
@@ -49,6 +50,8 @@ class DsecWriter(SequenceWriter):
         self._texts: dict[str, IO[str]] = {}
         self._tracks: dict[str, GrowingNpy] = {}
         self._numbers: dict[str, int] = {}
+        self._frames_us: list[int] = []
+        """Stamps of the left camera's frames."""
         if not blosc():
             self.note(NO_BLOSC)
         for camera, side in self.sides.items():
@@ -122,6 +125,7 @@ class DsecWriter(SequenceWriter):
         self._line(f"images/{side}/exposure_timestamps.txt", f"{start}, {end}\n", EXPOSURE_HEAD)
         if side == SIDES[0]:
             self._line("images/timestamps.txt", f"{middle // 1000}\n")
+            self._frames_us.append(middle // 1000)
 
     def _png(self, folder: str, pixels: np.ndarray, encoding: str = "") -> None:
         number = self._numbers.setdefault(folder, 0)
@@ -141,5 +145,19 @@ class DsecWriter(SequenceWriter):
             file.close(self.about.start_ns + self.about.duration_ns)
         for text in self._texts.values():
             text.close()
-        for rows in self._tracks.values():
+        for camera, rows in self._tracks.items():
             rows.close()
+            if self.sides[camera] == SIDES[0] and self._frames_us:
+                self._pair_boxes(self.directory / "object_detections" / SIDES[0] / "tracks.npy")
+
+    def _pair_boxes(self, path: Path) -> None:
+        """Leaves out boxes without a frame: DSEC-Det's loader counts rows from frame to frame, and would give each
+        frame those of another (uzh-rpg/dsec-det, src/dsec_det/preprocessing.py)."""
+        stamps, paired = keep_stamps(path, np.array(sorted(self._frames_us)))
+        if stamps and not paired:
+            self.note(
+                "DSEC-Det takes boxes of a frame's own stamp, and here none has one: give exposure_ms, the keyframes' "
+                "image_rate, and image_phase_ms of 1000 / image_rate - exposure_ms / 2"
+            )
+        elif paired < stamps:
+            self.note("DSEC-Det takes boxes of a frame's own stamp: those of other stamps are left out")
