@@ -115,7 +115,10 @@ def traced(view: CameraView, targets: Targets, row: int, i: int, d: wp.vec3, unt
     origin = -(inverse * centre)
     u = inverse * u
     start = view.near * wp.where(view.distorted == 1, 1.0, length)
-    for _k in range(BACKS):
+    # In a loop that is not unrolled: eight copies of a query fill a GPU's cache of instructions many times over.
+    left = wp.int32(BACKS)
+    while left > 0:
+        left -= 1
         q = wp.mesh_query_ray(casters.mesh[i], origin + start * u, u, far - start)
         if not q.result:
             return until, MISS

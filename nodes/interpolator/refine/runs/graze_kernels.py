@@ -4,7 +4,7 @@ import warp as wp
 
 from nodes.interpolator.refine.evaluation.sight_kernels import OUTSIDE, weights_then
 from nodes.interpolator.refine.paths.motion_kernels import way_of
-from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, ends_of, entry_at, slot_row, spot_at
+from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, ends_of, entry_at, entry_before, slot_row, spot_at
 from nodes.interpolator.rigid.plan_kernels import joined
 from nodes.renderer.raster.depth_kernels import MISS, NO_ENTRY, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView
@@ -39,13 +39,18 @@ def nearer(a: wp.uint64, b: wp.uint64):
 
 
 @wp.func
-def neighbour_of(view: CameraView, cut: Cut, spot: Spot, side: int):
-    """Makes the Spot of the pixel to the right, to the left, below or above, and tells whether there is one."""
+def place_beside(view: CameraView, spot: Spot, side: int):
+    """Gives column and row of the pixel to the right, to the left, below or above, and whether there is one."""
     x = spot.x + wp.where(side == 0, 1, 0) - wp.where(side == 1, 1, 0)
     y = spot.y + wp.where(side == 2, 1, 0) - wp.where(side == 3, 1, 0)
     there = x >= 0 and y >= 0 and x < view.width and y < view.height
-    x = wp.clamp(x, 0, view.width - 1)
-    y = wp.clamp(y, 0, view.height - 1)
+    return wp.clamp(x, 0, view.width - 1), wp.clamp(y, 0, view.height - 1), there
+
+
+@wp.func
+def neighbour_of(view: CameraView, cut: Cut, spot: Spot, side: int):
+    """Makes the Spot of that pixel."""
+    x, y, there = place_beside(view, spot, side)
     return spot_at(view, cut, spot.env, spot.k, y - cut.margin, x - cut.margin), there
 
 
@@ -105,7 +110,12 @@ def beside_outline(
     # In a loop that is not unrolled, for a GPU's cache of instructions.
     side = wp.int32(0)
     while side < 4 and not found:
-        found = outline_beside(view, cut, stage, start, spot, side, 0, cut.slots + 1, before) != NO_ENTRY
+        x, y, there = place_beside(view, spot, side)
+        if there:
+            # Mostly it is one triangle: then there is no need of the other pixel's ray.
+            hit = entry_before(cut, stage, start, spot.env, spot.k, y - cut.margin, x - cut.margin)
+            if triangle_of(hit) != triangle_of(before):
+                found = outline_beside(view, cut, stage, start, spot, side, 0, cut.slots + 1, before) != NO_ENTRY
         side += 1
     return found
 
