@@ -25,7 +25,7 @@ from bench import command
 from evis.dataset.recipe import Plan
 from evis.dataset.recipe_file import find_recipe, read_recipe
 
-PROGRAM = [sys.executable, "-m", "evis.cli"]
+PROGRAM = [sys.executable, "-m", "evis"]
 CASES: tuple[tuple[str, str, str | None], ...] = (
     ("events alone", "npz", "[]"),
     ("events alone", "dsec", "[]"),

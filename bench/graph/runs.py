@@ -21,7 +21,7 @@ NODES = ("physics", "renderer", "interpolator", "event_sensor", "labeler", "reco
 
 def launch(scene: str, *args: str, duration: float) -> dict[str, Any]:
     """Runs `evis launch` as a process and returns its summary. Raises RuntimeError with its error text."""
-    command = [sys.executable, "-m", "evis.cli", "launch", scene, *args]
+    command = [sys.executable, "-m", "evis", "launch", scene, *args]
     command += ["--duration", str(duration), "--no-view", "--json"]
     started = time.monotonic()
     result = subprocess.run(command, capture_output=True, text=True)

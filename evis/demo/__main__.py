@@ -20,7 +20,7 @@ SCENE = "spinning_disk"
 DURATION_S = 1.0
 SHOWN_MS = (100.0, 400.0)
 """Part of the run that the animation shows: more than two turns of the disk."""
-LAUNCH = [sys.executable, "-m", "evis.cli", "launch", SCENE]
+LAUNCH = [sys.executable, "-m", "evis", "launch", SCENE]
 
 
 class LaunchFailed(Exception):

@@ -55,7 +55,7 @@ def light_range(radiance: np.ndarray) -> float:
 
 def record(scene: str, camera: str, seconds: float, bag: Path) -> None:
     """Runs a scene and records a camera's keyframes and events. Raises RuntimeError with what the run said."""
-    command = [sys.executable, "-m", "evis.cli", "launch", scene, "--duration", str(seconds), "--no-view"]
+    command = [sys.executable, "-m", "evis", "launch", scene, "--duration", str(seconds), "--no-view"]
     command += ["--record", str(bag), "--record-topics", f"/{camera}/keyframe,/{camera}/events"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:

@@ -22,7 +22,7 @@ MAX_BYTES = 290_000
 
 def run(*words: object) -> dict[str, Any]:
     """Runs `evis dataset ... --json` and returns what it told. Raises RuntimeError with what it said otherwise."""
-    command = [sys.executable, "-m", "evis.cli", "dataset", *map(str, words), "--json"]
+    command = [sys.executable, "-m", "evis", "dataset", *map(str, words), "--json"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise RuntimeError(f"{' '.join(command[2:])}: {(done.stderr or done.stdout).strip()}")

@@ -83,7 +83,7 @@ class ShellLauncher(Launcher):
     """The same command before a redirection or a pipe, in a shell."""
 
     def __init__(self, path: Path, *words: str, end: str) -> None:
-        command = shlex.join([sys.executable, "-m", "evis.cli", "launch", str(path), *words])
+        command = shlex.join([sys.executable, "-m", "evis", "launch", str(path), *words])
         self.process = subprocess.Popen(
             ["bash", "-c", f"{command} {end}"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )

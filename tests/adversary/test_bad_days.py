@@ -16,7 +16,7 @@ import tally
 from recorded_runs import HOW, WORDS, Stage, kill, opened
 
 CAMPAIGN = "bad days"
-EVIS = [sys.executable, "-m", "evis.cli"]
+EVIS = [sys.executable, "-m", "evis"]
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(3600)]
 
 

@@ -45,7 +45,7 @@ class Site:
         p = (np.arange(count) % 2).astype(np.uint8)
         np.savez(folder / "a.npz", t=t, x=x.astype(np.uint16), y=y.astype(np.uint16), p=p)
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "evis.cli", "view", str(folder / "a.npz"), "--port", "0", "--json"],
+            [sys.executable, "-m", "evis", "view", str(folder / "a.npz"), "--port", "0", "--json"],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
             env={**os.environ, "XDG_RUNTIME_DIR": str(runtime)},
             preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (FILES, FILES)),

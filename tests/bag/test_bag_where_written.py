@@ -108,7 +108,7 @@ def test_ctrl_c_ends_the_wait(action: str, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "out.csv")
     source = next(tmp_path.glob(f"{action}.*"))
     process = subprocess.Popen(
-        [sys.executable, "-m", "evis.cli", "events", action, source, tmp_path / "out.csv"],
+        [sys.executable, "-m", "evis", "events", action, source, tmp_path / "out.csv"],
         stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True,
     )  # fmt: skip
     assert process.stderr is not None

@@ -25,7 +25,7 @@ LIMIT = 20_000
 def limited(*words):
     """`evis` with that limit: exit status and standard error."""
     done = subprocess.run(
-        [sys.executable, "-m", "evis.cli", *map(str, words)],
+        [sys.executable, "-m", "evis", *map(str, words)],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,

@@ -17,7 +17,7 @@ def test_recording_that_begins_at_zero_is_recorded_whole(tmp_path):
         writer.write(events)
     command = ["launch", "camera", "file:=a.npz", "pace:=fast", "--no-view", "--record", "a.mcap"]
     done = subprocess.run(
-        [sys.executable, "-m", "evis.cli", *command],
+        [sys.executable, "-m", "evis", *command],
         cwd=tmp_path,
         env={**os.environ, "XDG_RUNTIME_DIR": str(tmp_path)},
         capture_output=True,

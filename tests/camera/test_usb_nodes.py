@@ -199,7 +199,7 @@ def test_launch_streams_a_recording_through_the_driver(tmp_path):
     command = [
         sys.executable,
         "-m",
-        "evis.cli",
+        "evis",
         "launch",
         "camera",
         "emulate:=silkyevcam",

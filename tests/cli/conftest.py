@@ -27,7 +27,7 @@ def evis(runtime_folder: Path, tmp_path: Path) -> Callable[..., Result]:
 
     def run(*words: str, **variables: str) -> Result:
         done = subprocess.run(
-            [sys.executable, "-m", "evis.cli", *map(str, words)],
+            [sys.executable, "-m", "evis", *map(str, words)],
             capture_output=True,
             text=True,
             cwd=tmp_path,

@@ -128,7 +128,7 @@ def test_a_full_disk_is_named_and_leaves_nothing(tmp_path: Path, suffix: str) ->
         resource.setrlimit(resource.RLIMIT_FSIZE, (65536, 65536))
 
     done = subprocess.run(
-        [sys.executable, "-m", "evis.cli", "events", "simulate", name, f"out.{suffix}"],
+        [sys.executable, "-m", "evis", "events", "simulate", name, f"out.{suffix}"],
         cwd=tmp_path, capture_output=True, text=True, preexec_fn=small_files, timeout=600,
     )  # fmt: skip
     assert done.returncode == 1

@@ -232,7 +232,7 @@ def test_errors_become_one_line(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_a_reader_that_stops_is_no_error(evis: Evis, graph: Path) -> None:
-    command = f"{sys.executable} -m evis.cli launch --help | head -1; echo ${{PIPESTATUS[0]}}"
+    command = f"{sys.executable} -m evis launch --help | head -1; echo ${{PIPESTATUS[0]}}"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
     assert done.stdout.splitlines()[-1] == "0" and done.stderr == ""
 

@@ -53,7 +53,7 @@ def test_after_it_a_scene_compiles_nothing(tmp_path: Path) -> None:
     subprocess.run([sys.executable, "-c", code], env=told, check=True, timeout=600)
     there = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")}
     assert len(there) > 20
-    command = [sys.executable, "-m", "evis.cli", "launch", FIRST, "--no-view", "--json", "--duration", "0.2"]
+    command = [sys.executable, "-m", "evis", "launch", FIRST, "--no-view", "--json", "--duration", "0.2"]
     done = subprocess.run(command, env=told, check=True, timeout=600, capture_output=True, text=True)
     assert json.loads(done.stdout.splitlines()[-1])["events"] > 1000
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")} == there

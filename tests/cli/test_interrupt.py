@@ -56,7 +56,7 @@ def test_ctrl_c_after_many_delays(runtime_folder: Path, tmp_path: Path) -> None:
     )
     for step in range(60):
         process = subprocess.Popen(
-            [sys.executable, "-m", "evis.cli", "launch", "graph.yaml"],
+            [sys.executable, "-m", "evis", "launch", "graph.yaml"],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path, env=environment(runtime_folder),
         )  # fmt: skip
         time.sleep(0.15 + 0.03 * step)

@@ -34,7 +34,7 @@ def run(runtime_folder: Path, tmp_path: Path) -> Callable[..., tuple[int, str, s
         reading, writing = os.pipe()
         os.close(reading)
         to = {READERLESS: f"&{writing}", "closed": "&-"}
-        command = f"exec {sys.executable} -m evis.cli {words} >{to.get(out, out)} 2>{to.get(err, err)}"
+        command = f"exec {sys.executable} -m evis {words} >{to.get(out, out)} 2>{to.get(err, err)}"
         try:
             done = subprocess.run(
                 ["bash", "-c", command], cwd=tmp_path, pass_fds=[writing], timeout=LIMIT_S, stdin=subprocess.DEVNULL,

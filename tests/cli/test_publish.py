@@ -34,7 +34,7 @@ def arm(runtime_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Itera
     (folder / "arm.yaml").write_text(GRAPH)
     with open(folder / "log", "w") as log:
         process = subprocess.Popen(
-            [sys.executable, "-m", "evis.cli", "launch", "arm.yaml"],
+            [sys.executable, "-m", "evis", "launch", "arm.yaml"],
             stdout=log, stderr=log, cwd=folder, env=environment(runtime_folder),
         )  # fmt: skip
         end = time.monotonic() + LIMIT_S

@@ -51,7 +51,7 @@ def running(runtime_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> I
     folder = tmp_path_factory.mktemp("running")
     (folder / "graph.yaml").write_text(GRAPH)
     process = subprocess.Popen(
-        [sys.executable, "-m", "evis.cli", "launch", "graph.yaml", "--json"],
+        [sys.executable, "-m", "evis", "launch", "graph.yaml", "--json"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder, env=environment(runtime_folder),
     )  # fmt: skip
     until(lambda: list((runtime_folder / "evis").glob("*/plan.json")))
@@ -243,7 +243,7 @@ def test_of_several_graphs_the_one_taken_is_named(
     assert told == ""
     (tmp_path / "second.yaml").write_text(GRAPH)
     process = subprocess.Popen(
-        [sys.executable, "-m", "evis.cli", "launch", "second.yaml"],
+        [sys.executable, "-m", "evis", "launch", "second.yaml"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path, env=environment(runtime_folder),
     )  # fmt: skip
     try:
@@ -258,7 +258,7 @@ def test_of_several_graphs_the_one_taken_is_named(
 
 
 def test_echo_ends_with_its_reader(running: Path, runtime_folder: Path) -> None:
-    command = f"{sys.executable} -m evis.cli topic echo /cam0/depth | head -1; echo ${{PIPESTATUS[0]}}"
+    command = f"{sys.executable} -m evis topic echo /cam0/depth | head -1; echo ${{PIPESTATUS[0]}}"
     done = subprocess.run(
         ["bash", "-c", command], capture_output=True, text=True, env=environment(runtime_folder), timeout=LIMIT_S
     )

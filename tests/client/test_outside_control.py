@@ -51,7 +51,7 @@ class Launched:
         self.log = folder / "log"
         with open(self.log, "w") as log:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "evis.cli", "launch", *words], stdout=log, stderr=log, cwd=folder,
+                [sys.executable, "-m", "evis", "launch", *words], stdout=log, stderr=log, cwd=folder,
                 env={**os.environ, "PYTHONPATH": str(folder)},
             )  # fmt: skip
 

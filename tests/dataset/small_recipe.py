@@ -41,7 +41,7 @@ def checksums(folder: Path) -> dict[str, str]:
 
 def evis(*words: object, status: int = 0) -> subprocess.CompletedProcess[str]:
     """Runs the command line to its end."""
-    command = [sys.executable, "-m", "evis.cli", *map(str, words)]
+    command = [sys.executable, "-m", "evis", *map(str, words)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == status, done.stderr
     return done

@@ -41,7 +41,7 @@ def test_one_line_and_nothing_is_left(tmp_path: Path, layout: str, there: bool) 
     """HDF5 itself ends the process where it cannot write what it still holds."""
     disk, path = tmp_path / "disk", bag(tmp_path / "a.mcap")
     out = disk / "out"
-    command = shlex.join([sys.executable, "-m", "evis.cli", "bag", "export", str(path), "--layout", layout, str(out)])
+    command = shlex.join([sys.executable, "-m", "evis", "bag", "export", str(path), "--layout", layout, str(out)])
     made = f"mkdir {out} && " if there else ""
     done = on_a_small_disk(disk, 24, f"({made}{command}; status=$?; ls -R {disk}; exit $status)")
     assert done.returncode == 1, done.stderr

@@ -40,7 +40,7 @@ def test_a_full_disk_ends_the_run_in_one_line(layout: str, batch: int, tmp_path:
     make(recipe, str(whole), InThisProcess)
     room = sum(4 * -(-file.stat().st_size // 4096) for file in whole.rglob("*") if file.is_file())
     words = ["dataset", "make", str(path), "--workers", "1", "--batch", str(batch), "--out", str(disk / "d")]
-    command = shlex.join([sys.executable, "-m", "evis.cli", *words])
+    command = shlex.join([sys.executable, "-m", "evis", *words])
     done = on_a_small_disk(disk, room * 7 // 10, f"({command}; status=$?; cp -r {disk}/d {kept}; exit $status)")
     assert done.returncode == 1, done.stderr
     told = [line for line in done.stderr.splitlines() if line.startswith("evis")]

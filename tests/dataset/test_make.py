@@ -109,7 +109,7 @@ def test_a_killed_run_goes_on_to_the_same_checksums(serial: tuple[Path, dict[str
     """kill -9 of everything in the middle: workers go with their parent, and nothing is half-written."""
     recipe, expected = serial
     out = tmp_path / "d"
-    command = [sys.executable, "-m", "evis.cli", "dataset", "make", str(recipe), "--out", str(out), "--workers", "2"]
+    command = [sys.executable, "-m", "evis", "dataset", "make", str(recipe), "--out", str(out), "--workers", "2"]
     run = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     deadline = time.monotonic() + 120
     while not list(out.glob("*/*/sequence.json")) and time.monotonic() < deadline:

@@ -32,7 +32,7 @@ def launch(folder: Path, *words: str) -> dict:
     runtime.mkdir(exist_ok=True)
     given = [f"{name}:={value}" for name, value in NOISY.items()]
     done = subprocess.run(
-        [sys.executable, "-m", "evis.cli", "launch", "spinning_disk", *given, "image:=true", "exposure_ms:=18",
+        [sys.executable, "-m", "evis", "launch", "spinning_disk", *given, "image:=true", "exposure_ms:=18",
          "--duration", "0.1", "--no-view", "--json", *words],
         capture_output=True, text=True, timeout=300, env={**os.environ, "XDG_RUNTIME_DIR": str(runtime)},
     )  # fmt: skip

@@ -36,7 +36,7 @@ class Launcher:
 
     def __init__(self, path: Path, *words: str, patient: bool = False, before: Sequence[str] = ()) -> None:
         environment = {**os.environ, "PYTHONPATH": str(HERE)}
-        how = ["-c", PATIENT] if patient else ["-m", "evis.cli"]
+        how = ["-c", PATIENT] if patient else ["-m", "evis"]
         self.process = subprocess.Popen(
             [*before, sys.executable, *how, "launch", str(path), *words],
             stdout=subprocess.PIPE,

@@ -115,7 +115,7 @@ def test_what_the_thread_of_a_node_raises_ends_the_run(count: int, write: Write,
 @pytest.mark.parametrize("limit", [16, 22, 30])
 def test_the_limit_of_open_files_is_named(limit: int, chain: Path, runtime: Path) -> None:
     """Where the launcher comes to it, where libzmq aborts, and where it gives an error."""
-    command = [sys.executable, "-m", "evis.cli", "launch", str(chain), "n:=5"]
+    command = [sys.executable, "-m", "evis", "launch", str(chain), "n:=5"]
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
     done = subprocess.run(
         ["prlimit", f"--nofile={limit}", *command], env=environment, capture_output=True, text=True, timeout=LIMIT_S
@@ -392,7 +392,7 @@ def test_a_topic_that_is_named_to_a_recorder_starts_its_node(write: Write, launc
     )
     launcher = launch(path)
     launcher.wait_for((tmp_path / "m").exists)
-    words = [sys.executable, "-m", "evis.cli", "bag", "record", str(tmp_path / "a.mcap"), "--topics"]
+    words = [sys.executable, "-m", "evis", "bag", "record", str(tmp_path / "a.mcap"), "--topics"]
     pattern = subprocess.run([*words, "/*/events", "--duration", "0.1"], capture_output=True, text=True)
     assert "/*/events: what starts on demand is recorded where it is named in full" in pattern.stderr
     assert {p.cmdline()[-1] for p in launcher.children()} == {"ticker"}

@@ -72,7 +72,7 @@ def test_the_simulators_own_disk(omega, tilt, tmp_path):
         ["events", "measure", str(bag), "--json"],
     ):
         done = subprocess.run(
-            [sys.executable, "-m", "evis.cli", *command], capture_output=True, text=True, env=os.environ, check=True
+            [sys.executable, "-m", "evis", *command], capture_output=True, text=True, env=os.environ, check=True
         )
     found = json.loads(done.stdout)["rotation"]
     assert found["omega_rad_s"] == pytest.approx(omega, rel=0.01) and off(found, omega) <= 0.04

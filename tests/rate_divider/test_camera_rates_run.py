@@ -46,7 +46,7 @@ IMPACT_S = (2 * 0.23 / 9.81) ** 0.5
 def evis(runtime: Path, *words: str) -> dict[str, object]:
     environment = {**os.environ, "XDG_RUNTIME_DIR": str(runtime), "EVIS_NO_VIEW": "1"}
     done = subprocess.run(
-        [sys.executable, "-m", "evis.cli", "launch", *words, "--json"],
+        [sys.executable, "-m", "evis", "launch", *words, "--json"],
         capture_output=True, text=True, env=environment, timeout=600,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

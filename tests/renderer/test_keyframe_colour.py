@@ -149,7 +149,7 @@ def test_a_stereo_graph_gives_the_same_events(tmp_path):
     for keyframes in ("rgb", "luminance"):
         bag = tmp_path / f"{keyframes}.mcap"
         words = ["width:=48", "height:=36", "upsampling:=4", f"keyframes:={keyframes}", "margin:=4"]
-        command = [sys.executable, "-m", "evis.cli", "launch", "stereo_room", "--duration", "0.1", "--no-view", *words]
+        command = [sys.executable, "-m", "evis", "launch", "stereo_room", "--duration", "0.1", "--no-view", *words]
         subprocess.run([*command, "--record", str(bag)], check=True, timeout=600, capture_output=True)
         with BagReader(bag) as reader:
             topics = ["/left/events", "/right/events"]

@@ -320,7 +320,7 @@ def events_of(directory: Path, *more: str) -> dict[str, np.ndarray]:
         ["launch", "spinning_disk", *given, *more],
         ["bag", "export", "run.mcap", "--topic", "/cam0/events", "events.npz"],
     ):
-        subprocess.run([sys.executable, "-m", "evis.cli", *command], cwd=directory, check=True, timeout=600)
+        subprocess.run([sys.executable, "-m", "evis", *command], cwd=directory, check=True, timeout=600)
     with np.load(directory / "events.npz") as arrays:
         return {name: arrays[name] for name in ("t", "x", "y", "p")}
 

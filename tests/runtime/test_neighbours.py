@@ -71,7 +71,7 @@ def test_a_node_of_a_users_package_nodes_runs(tmp_path: Path) -> None:
         "  recorder: {type: recorder, params: {path: b.mcap}}\n"
     )
     done = subprocess.run(
-        [sys.executable, "-m", "evis.cli", "launch", "graph.yaml", "--no-view"],
+        [sys.executable, "-m", "evis", "launch", "graph.yaml", "--no-view"],
         cwd=tmp_path, capture_output=True, text=True, env={"PYTHONPATH": str(ROOT), "XDG_RUNTIME_DIR": "/tmp"},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

@@ -32,7 +32,7 @@ TOPICS = "/*/keyframe,/*/depth,/*/frames,/*/labels,/*/image"
 
 def launched(runtime: Path, *words: str) -> subprocess.CompletedProcess[str]:
     environment = {**os.environ, "XDG_RUNTIME_DIR": str(runtime), "EVIS_NO_VIEW": "1"}
-    command = [sys.executable, "-m", "evis.cli", "launch", *words, "--json", "--duration", "0.14"]
+    command = [sys.executable, "-m", "evis", "launch", *words, "--json", "--duration", "0.14"]
     return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=600)
 
 

@@ -35,7 +35,7 @@ def columns(steps: Iterable[Any]) -> dict[str, bytes]:
 def launch(folder: Path, *words: str) -> dict[str, bytes]:
     """What the command line records in 0.2 s."""
     bag = folder / "launched.mcap"
-    command = [sys.executable, "-m", "evis.cli", "launch", *words, "--duration", "0.2", "--record", str(bag)]
+    command = [sys.executable, "-m", "evis", "launch", *words, "--duration", "0.2", "--record", str(bag)]
     done = subprocess.run([*command, "--no-view", "--json"], capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["events"] > 0

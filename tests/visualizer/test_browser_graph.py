@@ -20,7 +20,7 @@ from test_browser_page import LIMIT_S, browser, pixels, playwright, until, wait_
 
 __all__ = ["browser"]  # a fixture
 
-EVIS = [sys.executable, "-m", "evis.cli"]
+EVIS = [sys.executable, "-m", "evis"]
 START_S = 180
 """The first run on a machine compiles the kernels."""
 

@@ -55,7 +55,7 @@ def test_still_is_there(made: tuple[Path, str]) -> None:
 def test_view_plays_the_bag_once(made: tuple[Path, str]) -> None:
     bag = made[0] / "spinning_disk.mcap"
     done = subprocess.run(
-        [sys.executable, "-m", "evis.cli", "view", str(bag), "--once", "--port", "0"],
+        [sys.executable, "-m", "evis", "view", str(bag), "--once", "--port", "0"],
         capture_output=True, text=True, timeout=600, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

@@ -410,7 +410,7 @@ def test_evis_view_serves_by_the_same_rules(tmp_path: Path) -> None:
     zeros = np.zeros(2000, np.uint16)
     np.savez(tmp_path / "a.npz", t=t, x=zeros, y=zeros, p=zeros.astype(np.uint8))
     process = subprocess.Popen(
-        [sys.executable, "-m", "evis.cli", "view", str(tmp_path / "a.npz"), "--port", "0", "--json"],
+        [sys.executable, "-m", "evis", "view", str(tmp_path / "a.npz"), "--port", "0", "--json"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     assert process.stdout is not None

@@ -82,7 +82,7 @@ def _each(
 def _run(device: str, words: Sequence[str], bag: Path) -> str:
     # In one process it compiles what it does not share with runs beside it, and recording makes it read its labels.
     options = ["--compose", "--no-view", "--json", "--duration", str(MOMENT_S), "--record", str(bag)]
-    command = [sys.executable, "-P", "-m", "evis.cli", "launch", words[0], f"device:={device}", *words[1:], *options]
+    command = [sys.executable, "-P", "-m", "evis", "launch", words[0], f"device:={device}", *words[1:], *options]
     done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     bag.unlink(missing_ok=True)
     lines = done.stderr.strip().splitlines()

@@ -259,7 +259,7 @@ def test_an_interrupted_conversion_leaves_nothing(number, tmp_path):
     whole.write_bytes(b"% Data file containing CD events.\n% Version 2\n% Height 480\n% Width 640\n\x0c\x08")
     os.truncate(whole, 40 << 30)  # takes no room on the disk
     done = subprocess.Popen(
-        [sys.executable, "-m", "evis.cli", "events", "convert", whole, tmp_path / "a.csv"],
+        [sys.executable, "-m", "evis", "events", "convert", whole, tmp_path / "a.csv"],
         stderr=subprocess.PIPE,
         text=True,
     )

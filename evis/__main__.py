@@ -1,4 +1,4 @@
-"""Runs `evis` as `python -m evis.cli`."""
+"""Runs `evis` as `python -m evis`."""
 
 import sys
 
