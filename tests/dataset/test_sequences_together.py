@@ -192,9 +192,7 @@ def test_a_run_of_batches_killed_in_the_middle_goes_on_to_the_same_checksums(tmp
     """kill -9 of everything while the second batch is made."""
     recipe, out = write(tmp_path), tmp_path / "d"
     words = ["dataset", "make", str(recipe), "--out", str(out), "--workers", "1", "--batch", "2"]
-    run = subprocess.Popen(
-        [sys.executable, "-m", "evis", *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
+    run = subprocess.Popen([sys.executable, "-m", "evis", *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     deadline = time.monotonic() + 120
     while not list(out.glob("*/*/sequence.json")) and time.monotonic() < deadline:
         time.sleep(0.01)
