@@ -169,6 +169,20 @@ def test_ctrl_c_during_the_start_is_no_failure(chain: Path, launch: Launch, runt
     nothing_left(launcher, runtime)
 
 
+def test_ctrl_c_a_moment_before_the_start_is_no_failure(
+    write: Write, launch: Launch, runtime: Path, tmp_path: Path
+) -> None:
+    """What is ready after all, when its patience has run out, does not make the graph begin."""
+    marker = tmp_path / "m"
+    path = write(f"nodes:\n  late: {{type: 'graph_nodes:Late', keep: [depth], params: {{set_up: '{marker}'}}}}\n")
+    launcher = launch(path, "--json")
+    launcher.wait_for(marker.exists)
+    launcher.process.send_signal(signal.SIGINT)
+    code, out, err = launcher.end()
+    assert code == 0 and err == "" and last_json(out)["events"] == 0
+    nothing_left(launcher, runtime)
+
+
 def test_a_second_ctrl_c_ends_a_node_that_hangs(write: Write, launch: Launch, runtime: Path, tmp_path: Path) -> None:
     marker = tmp_path / "m"
     path = write(f"nodes:\n  hung: {{type: 'graph_nodes:Sleeper', keep: [events], params: {{marker: '{marker}'}}}}\n")
