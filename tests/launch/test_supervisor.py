@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -148,6 +148,20 @@ def test_ctrl_c_lets_the_stream_end_in_order(chain: Path, launch: Launch, runtim
     assert lines[-1] == "ended" and lines[:-1] == [str(k * 1_000_000) for k in range(len(lines) - 1)]
     assert last_json(out)["events"] == len(lines) - 1 > 0
     nothing_left(launcher, runtime)
+
+
+@pytest.mark.parametrize("words", [("--duration", "100", "--json"), ("--duration", "100"), ("--json",)])
+def test_a_run_that_was_cut_short_says_so(words: Sequence[str], write: Write, launch: Launch, tmp_path: Path) -> None:
+    """Its bag is shorter than what was asked for; one without a duration ends no other way."""
+    params = f"{{count: 0, sleep: '${{(duration or 100) / 1e4}}', marker: '{tmp_path / 'm'}'}}"
+    path = write(f"nodes:\n  ticker: {{type: 'graph_nodes:Ticker', keep: [depth], params: {params}}}\n")
+    launcher = launch(path, *words)
+    launcher.wait_for((tmp_path / "m").exists)
+    launcher.process.send_signal(signal.SIGTERM)
+    code, out, err = launcher.end()
+    assert code == 0, err
+    assert ("asked to end before its 100 s were over" in out) == ("--duration" in words)
+    assert "--json" not in words or ("interrupted" in last_json(out)) == ("--duration" in words)
 
 
 def test_ctrl_c_of_a_terminal_reaches_only_the_launcher(chain: Path, launch: Launch, tmp_path: Path) -> None:
