@@ -211,6 +211,8 @@ class Subscriber:
         """Frames of the next message, none for what is not one; None when nothing is there."""
         if self.tap:
             while wire.readable(self._data):
+                if self._next_seq is None and len(self._behind) == self._behind.maxlen:
+                    self._begin_count(self._behind[0])
                 self._behind.append(self._data.recv_multipart())
             return self._mine(self._behind.popleft()) if self._behind else None
         if not self._elsewhere and (frames := self._from_pipe()):
@@ -221,6 +223,12 @@ class Subscriber:
             return frames
         self._elsewhere = False
         return self._mine(self._data.recv_multipart())
+
+    def _begin_count(self, received: list[bytes]) -> None:
+        """Counts what is lost from this message on, which is the oldest and is dropped before any was read."""
+        with contextlib.suppress(MessageError):  # it is no message of this topic
+            if (frames := self._mine(received)) and frames[0] != wire.END_HEADER:
+                self._next_seq = decode_header(frames[0], self.message_type).header.seq
 
     def _mine(self, received: list[bytes]) -> list[bytes]:
         topic, *frames = received

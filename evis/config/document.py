@@ -104,6 +104,8 @@ def parse_value(text: str, name: str) -> Any:
         mark = error.problem_mark or error.context_mark
         line = text.splitlines()[mark.line] if mark and mark.line < len(text.splitlines()) else ""
         hint = "; inside { } a text with ${...} needs quotes" if "${" in line else ""
+        if "\t" in line[: len(line) - len(line.lstrip())]:
+            hint = "; a tab stands before it, and YAML is indented with spaces"
         raise LaunchError(f"{name}:{mark.line + 1 if mark else 1}: {_told(str(error.problem))}{hint}") from None
     except yaml.YAMLError as error:
         raise LaunchError(f"{name}:1: {_told(str(error).splitlines()[0])}") from None
@@ -208,6 +210,9 @@ class _Values:
             self._counted(event, 1)
             self._check_length(event)
             key = str(event.value)
+            if key == "<<":
+                told = "`<<` joins no maps here; write the keys out, or give a whole map as *NAME"
+                raise self._error(event, told)
             if key in table:
                 raise self._error(event, f"'{key}' stands here twice (first in line {table.lines[key]})")
             table[key] = self._value(next(self._events), depth + 1)

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any
 
 from evis.config.document import LaunchError, Row, Table, submap
-from evis.config.expression import ExpressionError, substitute
+from evis.config.expression import ExpressionError, UnknownName, substitute
 from evis.config.params import Param, ParamError
 from evis.config.removed import instead
 from evis.config.suggestions import nearest
@@ -146,13 +146,22 @@ def resolve(file: str, declared: Mapping[str, Argument], given: Mapping[str, Any
         except (ParamError, ExpressionError) as error:
             if name in given:
                 raise ArgumentError(f"{file}: {error}") from None
-            raise LaunchError(f"{argument.where}: {error}") from None
+            raise LaunchError(f"{argument.where}: {error}{_later(error, name, declared)}") from None
     for name, (other, value) in brought(declared, values, given).items():
         try:
             values[name] = declared[name].param.convert("argument", name, value)
         except ParamError as error:
             raise LaunchError(f"{declared[name].where}: by {other}: {error}") from None
     return values
+
+
+def _later(error: Exception, name: str, declared: Mapping[str, Argument]) -> str:
+    """The remedy for a default that uses an argument which it does not find."""
+    if not isinstance(error, UnknownName):
+        return ""
+    if error.name in declared and error.name != name:
+        return f" before '{name}'; name {error.name} before it, as `{error.name}: {{}}` if it is an included file's"
+    return f"; {nearest(error.name, list(declared)[: list(declared).index(name)])}"
 
 
 def _option(name: str, value: Any) -> str:

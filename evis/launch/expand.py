@@ -139,7 +139,9 @@ def _expand_node(result: Expanded, nodes: Table, name: str, scope: Mapping[str, 
             result.absent[full] = str(_fill(entry, "otherwise", inner, _condition(entry)))
             continue
         if "type" not in entry:
-            raise LaunchError(f"{nodes.where(name)}: node '{name}' has no `type:`")
+            included = f"; the included '{full}' is changed by arguments of its file alone, under `args:`"
+            hint = included if any(node.name == full for node in result.nodes) else ""
+            raise LaunchError(f"{nodes.where(name)}: node '{name}' has no `type:`{hint}")
         params = submap(entry, "params")
         namespace = _namespace(entry, inner)
         prefix = f"{namespace}/" if namespace else ""

@@ -22,7 +22,6 @@ class Report:
 
     summary: dict[str, Any]
     failure: str | None = None
-    interrupted: bool = False
 
 
 def summarise(
@@ -37,7 +36,8 @@ def summarise(
     """Puts the summaries of all processes together.
 
     plan: what was run. parts: the summaries of its processes. startup_s: until all were ready [s]. wall_s: from
-    there to the end [s]; rtf = sim_s / wall_s. failure: what went wrong, in one line. interrupted: it was asked to end.
+    there to the end [s]; rtf = sim_s / wall_s. failure: what went wrong, in one line. interrupted: it was asked to end,
+    which is told of a run that had a duration.
     """
     plan = plan.redacted()
     nodes: dict[str, Any] = {}
@@ -75,9 +75,11 @@ def summarise(
         summary |= node.pop("results", {})
     if plan.chosen:
         summary["chosen"] = plan.chosen
+    if interrupted and plan.duration_s is not None:
+        summary["interrupted"] = f"it was asked to end before its {plan.duration_s:g} s were over"
     if failure is not None:
         summary["error"] = failure
-    return Report(summary, failure, interrupted)
+    return Report(summary, failure)
 
 
 def _total(nodes: dict[str, Any], key: str) -> int:
@@ -91,6 +93,7 @@ def as_table(report: Report) -> str:
         f"{s['sim_s']:.3f} s in {s['wall_s']:.2f} s (real-time factor {s['rtf']:.3f}), start-up {s['startup_s']:.2f} s",
         f"{s['events']:,} events, {s['keyframes']:,} keyframes, {s['frames']:,} frames, "
         f"{s['drops']:,} messages and {s['dropped_events']:,} events dropped",
+        *([f"interrupted: {s['interrupted']}"] if "interrupted" in s else []),
         *audits.lines(s),
         *_physics_error(s),
         *_seed_unused(s),

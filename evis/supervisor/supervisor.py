@@ -196,8 +196,8 @@ class Supervisor:
             self._on_failure(child)
 
     def _start_together(self) -> None:
-        """The readiness barrier: nobody goes before all are ready."""
-        if not self._went_at and all(c.state == "ready" for c in self._children.values()):
+        """The readiness barrier: nobody goes before all are ready, nor after the graph was told to end."""
+        if not self._went_at and not self._stopped_at and all(c.state == "ready" for c in self._children.values()):
             self._went_at = self._ended_at = time.monotonic()
             for child in self._children.values():
                 self._go(child)

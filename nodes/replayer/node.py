@@ -88,6 +88,7 @@ class ReplayerNode(Node):
 
         factor = speed(self.params["pace"])
         self.pacer = Pacer(factor) if factor is not None else None
+        self.paced, self.late_ms = (0, 0), 0
         self.first_episode = self.last_episode = 0
         self.rest_until = 0.0
         self.told = False
@@ -159,12 +160,10 @@ class ReplayerNode(Node):
             self._tell_of_damage()
             return False
         key = _key(self.next[1])
-        if self.pacer is not None:
-            wait = self.pacer.wait_s(key[1])
-            if wait > 0:
-                time.sleep(min(wait, MAX_SLEEP_S))
-                if wait > MAX_SLEEP_S:
-                    return True
+        if (wait := self._wait_s(*key)) > 0:
+            time.sleep(min(wait, MAX_SLEEP_S))
+            if wait > MAX_SLEEP_S:
+                return True
         self._describe(self.outdated)
         sent, self.outdated = set(self.outdated), []
         while self.next is not None:
@@ -182,6 +181,18 @@ class ReplayerNode(Node):
             return True
         return False
 
+    def _wait_s(self, episode: int, stamp_ns: int) -> float:
+        """How long until a stamp is due [s]; 0 without a pace. What is late is counted."""
+        if self.pacer is None:
+            return 0.0
+        if episode > self.paced[0] and stamp_ns < self.paced[1]:  # time begins anew: the distances are this episode's
+            self.pacer = Pacer(self.pacer.speed)
+        self.paced = episode, stamp_ns
+        wait = self.pacer.wait_s(stamp_ns)
+        self.late_ms = max(self.late_ms, round(-1e3 * wait))
+        self.count_total("late_ms_max", self.late_ms)
+        return wait
+
     def _tell_of_damage(self) -> None:
         """Says once, when the bag was read to its end, what was left out of it."""
         # What is damaged beside the descriptions is met again, unless it is of another time than what is played.
@@ -196,7 +207,8 @@ class ReplayerNode(Node):
         self.outdated, self.changed = sorted(self.changed), set()
         self.messages = self.reader.messages(*self.part)
         self.next = self._take()
-        self.pacer = Pacer(self.pacer.speed) if self.pacer is not None else None
+        if self.pacer is not None:
+            self.pacer = Pacer(self.pacer.speed)
         self.rest_until = time.monotonic() + REST_S
 
     def _of_this_round(self, message: Message) -> Message:

@@ -93,7 +93,7 @@ def bind(host: str, port: int | None) -> tuple[socket.socket, str]:
             if port is None and candidate and error.errno == errno.EADDRINUSE:
                 continue
             if error.errno == errno.EADDRINUSE:
-                raise OSError(f"port {candidate} is taken; choose another (port:=0 takes any free one)") from None
+                raise OSError(f"port {candidate} is taken; choose another (port 0 is any free one)") from None
             raise OSError(f"cannot listen on {host}:{candidate}: {error.strerror}") from None
         note = f"port {DEFAULT_PORT} is taken" if port is None and candidate != DEFAULT_PORT else ""
         return listener, note

@@ -15,10 +15,13 @@ from evis.bag.reader import BagReader
 from evis.bag.writer import BagWriter
 from evis.config.params import ParamError
 from evis.runtime.plan import NodePlan, Plan
+from msgs.camera import Depth
 from msgs.header import Header
 from nodes.recorder.node import RecorderNode
 from nodes.replayer.choice import replayed
 from nodes.replayer.node import ReplayerNode
+
+PIXEL = np.ones((1, 1, 1), np.float32)
 
 
 class Runtime:
@@ -334,6 +337,41 @@ def test_paced_replay_keeps_its_distances(tmp_path):
     assert time.monotonic() - begin >= 0.0999
     assert len(node.runtime.published) == 7
     node.close()
+
+
+def test_paced_replay_keeps_the_distances_of_every_episode(tmp_path):
+    """Of a bag of several episodes whose times begin anew, as of a recording that was played again and again."""
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        for episode in range(3):
+            for k in range(4):
+                bag.write("/cam0/depth", Depth(Header(k * 40_000_000, 4 * episode + k, episode=episode), PIXEL))
+    node = make(ReplayerNode, bag=str(tmp_path / "a.mcap"), pace="2")
+    node.setup()
+    began = time.monotonic()
+    while node.step({}):
+        pass
+    node.close()
+    assert len(node.runtime.published) == 12
+    assert time.monotonic() - began > 3 * (3 * 0.040) / 2 - 0.01
+
+
+def test_a_paced_replay_tells_how_late_it_was(tmp_path):
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        for k in range(3):
+            bag.write("/cam0/depth", Depth(Header(k * 1_000_000, k), PIXEL))
+    node = make(ReplayerNode, bag=str(tmp_path / "a.mcap"), pace="realtime")
+    node.setup()
+    publish = node.runtime.publish
+
+    def slowly(*message):
+        time.sleep(0.05)  # who takes it is behind
+        publish(*message)
+
+    node.runtime.publish = slowly
+    while node.step({}):
+        pass
+    node.close()
+    assert 98 <= node.runtime.counters["late_ms_max"] < 5000  # two messages of 50 ms before a stamp of 2 ms
 
 
 def test_again_and_again_as_further_episodes(tmp_path, monkeypatch):

@@ -64,8 +64,10 @@ def test_a_latched_value_sent_while_a_consumer_connects_comes_once(context, endp
         one.close()
 
 
-def test_a_tap_that_lags_behind_gets_the_newest_and_is_told_what_it_missed(context, endpoints, monkeypatch):
-    """30 messages wait, more than the topic's queue of 2 and fewer than its socket holds.
+@pytest.mark.parametrize("read", [1, 0])
+def test_a_tap_that_lags_behind_gets_the_newest_and_is_told_what_it_missed(read, context, endpoints, monkeypatch):
+    """Whether it has read the first message or none yet. 30 more wait, more than the topic's queue of 2 and fewer than
+    its socket holds.
 
     They are put into the queue of another socket as they come: so all are there, and none is on its way. The queue of
     the publisher, which would drop too, is longer here.
@@ -74,21 +76,21 @@ def test_a_tap_that_lags_behind_gets_the_newest_and_is_told_what_it_missed(conte
     publisher = publisher_on(context, endpoints, [], tap_hz=0)
     tap = subscriber_on(context, endpoints, "viewer", tap=True)
     wait_for(lambda: (publisher.pump(), publisher.wanted())[1])
-    first = depth(0)
-    publisher.send(first, timeout_s=60)
-    wait_for(lambda: (message := tap.receive(0)) is not None and message.header.stamp_ns == 0)
+    if read:
+        publisher.send(depth(0), timeout_s=60)
+        wait_for(lambda: (message := tap.receive(0)) is not None and message.header.stamp_ns == 0)
     waiting, come = context.socket(zmq.PAIR), tap._data
     tap._data = context.socket(zmq.PAIR)
     tap._data.bind("inproc://waiting")
     waiting.connect("inproc://waiting")
-    for i in range(1, 31):
+    for i in range(read, 31):
         publisher.send(depth(i), timeout_s=60)
         assert come.poll(60_000)
         waiting.send_multipart(come.recv_multipart())
     got = []
     while (message := tap.receive(100)) is not None:
         got.append(message.header.stamp_ns)
-    assert got == [29, 30] and tap.lost == 28
+    assert got == [29, 30] and tap.lost == 29 - read
     for one in waiting, tap._data:
         one.close(linger=0)
     tap._data = come

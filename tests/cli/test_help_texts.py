@@ -83,6 +83,8 @@ def test_a_parameter_that_is_not_given_has_no_default_none(capsys: pytest.Captur
         (["launch", "drone", "--duration", "abc"], "--duration is 'abc', must be a number"),
         (["launch", "drone", "--seed", "1.5"], "--seed is '1.5', must be a whole number"),
         (["topic", "hz", "/cam0/events", "--window", "k"], "'k' is no time in seconds"),
+        (["topic", "hz", "/cam0/events", "--window", "0"], "'0' is no time in seconds above 0"),
+        (["topic", "pub", "/action", "1", "--rate", "0"], "'0' is no rate in Hz above 0, up to 10000"),
         (["events", "rander"], "must be one of info, convert, simulate, measure, fit, render; did you mean 'render'?"),
         (["events", "render", "a.raw", "b.gif", "--style", "time-surfaces"], "did you mean 'time-surface'?"),
     ],

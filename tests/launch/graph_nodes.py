@@ -54,6 +54,15 @@ class Ticker(Node):
         return not self.params["count"] or self.k < self.params["count"]
 
 
+class Late(Ticker):
+    """A source that is set up a moment after it was told to end, before that is obeyed."""
+
+    def setup(self) -> None:
+        super().setup()
+        while not signal.getitimer(signal.ITIMER_REAL)[0]:  # what a process does with SIGTERM
+            time.sleep(0.01)
+
+
 class Relay(Node):
     """Depth in, one event per message out."""
 

@@ -117,6 +117,19 @@ def test_an_include_passes_arguments_and_the_includer_changes_defaults(write: Wr
         expanded(outer, marker="y")
 
 
+def test_what_an_include_has_is_not_taken_for_missing(write: Write) -> None:
+    """Its arguments come after those of the includer, and its nodes are not changed by a node of the same name."""
+    write("args: {n: {default: 3}}\nnodes: {x: {type: 'graph_nodes:Ticker', keep: [depth]}}\n", "inner.yaml")
+    early = write("args: {twice: {default: '${2 * n}', type: int}}\ninclude: inner.yaml\n", "early.yaml")
+    with pytest.raises(LaunchError, match=r"early.yaml:1: no argument 'n' before 'twice'; .* as `n: {}`"):
+        expanded(early)
+    named = write("args: {n: {}, twice: {default: '${2 * n}', type: int}}\ninclude: inner.yaml\n", "named.yaml")
+    assert expanded(named).values["twice"] == 6
+    again = write("include: inner.yaml\nnodes:\n  x: {params: {count: 1}}\n", "again.yaml")
+    with pytest.raises(LaunchError, match=r"again.yaml:3: node 'x' has no `type:`; the included 'x' is changed by arg"):
+        expanded(again)
+
+
 def test_conditional_include_and_namespace(write: Write) -> None:
     write("nodes:\n  ticker: {type: 'graph_nodes:Ticker', keep: [depth]}\n", "inner.yaml")
     outer = write(
@@ -167,6 +180,10 @@ def test_conditional_include_and_namespace(write: Write) -> None:
         ("nodes:\n  x: {type: a}\n  x: {type: b}\n", ("graph.yaml:3", "'x' stands here twice", "line 2")),
         ("nodes: [1\n", ("graph.yaml:2", "not YAML")),
         ("nodes: {x: {type: ${t}}}\n", ("graph.yaml:1", "needs quotes")),
+        ("nodes:\n\tx: {type: a}\n", ("graph.yaml:2", "a tab", "indented with spaces")),
+        ("a: &a {b: 1}\nargs:\n  n:\n    <<: *a\n", ("graph.yaml:4", "`<<` joins no maps", "write the keys out")),
+        ("args: {a: {default: '${b}'}, b: {default: 1}}\nnodes: {}\n", ("graph.yaml:1", "'b' before 'a'")),
+        ("args: {a: {default: 1}, b: {default: '${ab}'}}\nnodes: {}\n", ("graph.yaml:1", "'ab'", "did you mean 'a'")),
         ("- 1\n", ("graph.yaml:1", "a map")),
         ("", ("graph.yaml:1", "empty")),
         ("nodes: {}\n", ("no node",)),

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -150,6 +150,20 @@ def test_ctrl_c_lets_the_stream_end_in_order(chain: Path, launch: Launch, runtim
     nothing_left(launcher, runtime)
 
 
+@pytest.mark.parametrize("words", [("--duration", "100", "--json"), ("--duration", "100"), ("--json",)])
+def test_a_run_that_was_cut_short_says_so(words: Sequence[str], write: Write, launch: Launch, tmp_path: Path) -> None:
+    """Its bag is shorter than what was asked for; one without a duration ends no other way."""
+    params = f"{{count: 0, sleep: '${{(duration or 100) / 1e4}}', marker: '{tmp_path / 'm'}'}}"
+    path = write(f"nodes:\n  ticker: {{type: 'graph_nodes:Ticker', keep: [depth], params: {params}}}\n")
+    launcher = launch(path, *words)
+    launcher.wait_for((tmp_path / "m").exists)
+    launcher.process.send_signal(signal.SIGTERM)
+    code, out, err = launcher.end()
+    assert code == 0, err
+    assert ("asked to end before its 100 s were over" in out) == ("--duration" in words)
+    assert "--json" not in words or ("interrupted" in last_json(out)) == ("--duration" in words)
+
+
 def test_ctrl_c_of_a_terminal_reaches_only_the_launcher(chain: Path, launch: Launch, tmp_path: Path) -> None:
     launcher = launch(chain, f"out:={tmp_path / 'out'}", f"marker:={tmp_path / 'm'}")
     launcher.wait_for(lambda: (tmp_path / "m").exists())
@@ -163,6 +177,20 @@ def test_ctrl_c_during_the_start_is_no_failure(chain: Path, launch: Launch, runt
     """A node that compiles cannot listen; nothing has begun, so nothing is lost and nothing is complained of."""
     launcher = launch(chain, f"out:={tmp_path / 'out'}", "setup_s:=600", "--json")
     launcher.wait_for(lambda: running(launcher))
+    launcher.process.send_signal(signal.SIGINT)
+    code, out, err = launcher.end()
+    assert code == 0 and err == "" and last_json(out)["events"] == 0
+    nothing_left(launcher, runtime)
+
+
+def test_ctrl_c_a_moment_before_the_start_is_no_failure(
+    write: Write, launch: Launch, runtime: Path, tmp_path: Path
+) -> None:
+    """What is ready after all, when its patience has run out, does not make the graph begin."""
+    marker = tmp_path / "m"
+    path = write(f"nodes:\n  late: {{type: 'graph_nodes:Late', keep: [depth], params: {{set_up: '{marker}'}}}}\n")
+    launcher = launch(path, "--json")
+    launcher.wait_for(marker.exists)
     launcher.process.send_signal(signal.SIGINT)
     code, out, err = launcher.end()
     assert code == 0 and err == "" and last_json(out)["events"] == 0

@@ -13,7 +13,7 @@ from evis.cli.graph.attach import add_run_option
 from evis.cli.numbers import number_up_to
 from evis.cli.parser import UsageError
 
-_SECONDS = number_up_to(1e6, "is no time in seconds")
+_SECONDS = number_up_to(1e6, "is no time in seconds above 0")
 LISTEN_S = 3.0
 HELP = "event rate, rotation speed, noise and sharpness of a recording or of a topic of a running graph"
 

@@ -14,7 +14,7 @@ from evis.cli.graph.attach import find_run
 from evis.cli.numbers import number_up_to
 from evis.cli.parser import UsageError
 
-_RATE = number_up_to(10_000, "is no rate in Hz, 0 to 10000")
+_RATE = number_up_to(10_000, "is no rate in Hz above 0, up to 10000")
 
 
 def add_pub_arguments(parser: argparse.ArgumentParser) -> None:

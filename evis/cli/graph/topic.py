@@ -17,7 +17,7 @@ from evis.cli.parser import Parser
 from evis.client.running import check_topic, lives
 from evis.console.printable import all_printable
 
-_SECONDS = number_up_to(1e9, "is no time in seconds")
+_SECONDS = number_up_to(1e9, "is no time in seconds above 0")
 HELP = "list, echo, measure and publish the topics of a running graph"
 EXAMPLE = "example: evis topic hz /cam0/events"
 
