@@ -135,7 +135,9 @@ def resolve(file: str, declared: Mapping[str, Argument], given: Mapping[str, Any
     """
     for key in given:
         if key not in declared:
-            raise ArgumentError(f"{file} has no argument '{key}'; {_option(key, given[key]) or instead(key, declared)}")
+            raise ArgumentError(
+                f"{file} has no argument '{key}'; {option_for(key, given[key]) or instead(key, declared)}"
+            )
     values: dict[str, Any] = {}
     for name, argument in declared.items():
         try:
@@ -155,7 +157,7 @@ def resolve(file: str, declared: Mapping[str, Argument], given: Mapping[str, Any
     return values
 
 
-def _option(name: str, value: Any) -> str:
+def option_for(name: str, value: Any) -> str:
     """The remedy for a name that stands for an option of the command line, "" for any other."""
     if name not in OPTIONS:
         return ""
