@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -193,5 +194,6 @@ def parse_pairs(words: Sequence[str], mark: str = ":=", named: str = "key", exam
             raise ArgumentError(f"'{word}' is not {named}{mark}value, as in {example}")
         if key in pairs:
             raise ArgumentError(f"{key} is given twice, as {pairs[key]} and {value}")
-        pairs[key] = value
+        # A shell leaves ~ alone behind such a mark.
+        pairs[key] = os.path.expanduser(value) if value.startswith("~/") else value
     return pairs
