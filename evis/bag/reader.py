@@ -22,7 +22,7 @@ from evis.bag.writer import ENV_KEY, MESSAGE_KEY, SUFFIX_KEY, TOPIC_KEY
 from evis.files.damage import faults_as
 from evis.files.descriptor import DescriptorOwner
 from msgs.header import Message
-from msgs.topics import TOPICS
+from msgs.topics import TOPICS, UnknownTopic, find_topic
 
 LATCHED = frozenset(row.type.__name__ for row in TOPICS if row.latched)
 """Messages that stay true: their times, of when they were said, tell nothing of when the others were."""
@@ -153,7 +153,7 @@ class BagReader(DescriptorOwner):
         """
         for topic in topics or ():
             if topic not in self.topics:
-                raise BagError(f"{self.path} has no topic '{topic}'; it has {', '.join(sorted(self.topics)) or 'none'}")
+                raise BagError(self.lacks(topic))
         wanted = frozenset(i for i, s in self.streams.items() if s.kind and (topics is None or s.topic in topics))
         sets: dict[tuple[str, int, int, int], dict[int, _Found]] = {}
         for found in self._ordered(wanted, start_ns, end_ns):
@@ -166,6 +166,16 @@ class BagReader(DescriptorOwner):
             if message is not None:
                 yield found.stream.topic, message
         self.skipped += len(sets)
+
+    def lacks(self, topic: str) -> str:
+        """Tells that a topic is not there, what is, and how it comes to be there."""
+        there = f"it has {', '.join(sorted(self.topics)) or 'none'}"
+        if self.problem:
+            return f"{self.path} is torn ({self.problem}); up to there it has no topic '{topic}'; {there}"
+        with suppress(UnknownTopic):
+            if not find_topic(topic).recorded:
+                there += f"; `evis launch` records it with --record-topics {topic}"
+        return f"{self.path} has no topic '{topic}'; {there}"
 
     def skip(self, error: BagError) -> None:
         """Counts something that was left out because it is damaged."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import socket
 import stat
@@ -15,6 +16,10 @@ from evis.bus.errors import BusError
 
 SUN_PATH = 107
 """Longest path of a Unix socket [bytes]: sockaddr_un.sun_path less its terminating zero."""
+
+LONGEST_ENDING = len(".credit")
+HASHED = 24
+"""Digits of a hash that stand for a long name: 96 bits, of which no two of a graph's thousand names are the same."""
 
 
 @dataclass(frozen=True)
@@ -34,23 +39,28 @@ class Endpoints:
 
 def endpoints_for(directory: str | os.PathLike[str], topic: str) -> Endpoints:
     """Names the Unix sockets of a topic in the run's directory. Raises BusError when the path is too long for one."""
-    stem = Path(directory).absolute() / topic.strip("/").replace("/", "~")  # topics have no '~': names stay distinct
-    paths = [f"{stem}.{kind}" for kind in ("data", "credit", "tap")]
-    longest = max(len(os.fsencode(p)) for p in paths)
-    if longest > SUN_PATH:
-        raise BusError(
-            f"the socket path {paths[1]} has {longest} bytes and the system allows {SUN_PATH}: "
-            "choose a shorter run directory"
-        )
-    return Endpoints(*(f"ipc://{p}" for p in paths))
+    stem = _stem(directory, topic.strip("/"))
+    return Endpoints(*(f"ipc://{stem}.{kind}" for kind in ("data", "credit", "tap")))
 
 
 def door_of(directory: str | os.PathLike[str], node: str) -> Path:
     """Names the Unix socket at which a node of a run takes messages from outside the graph. Raises BusError."""
-    path = Path(directory).absolute() / f"{node.replace('/', '~')}.door"
-    if len(os.fsencode(path)) > SUN_PATH:
-        raise BusError(f"the socket path {path} is longer than the {SUN_PATH} bytes that the system allows")
-    return path
+    return Path(f"{_stem(directory, node)}.door")
+
+
+def _stem(directory: str | os.PathLike[str], name: str) -> Path:
+    """The path of a topic's or node's sockets without their ending, with a hash in place of a name that is too long."""
+    folder = Path(directory).absolute()
+    room = SUN_PATH - LONGEST_ENDING - len(os.fsencode(folder / "x")) + 1
+    file = name.replace("/", "~")  # no name has a '~', so that they stay distinct
+    if len(os.fsencode(file)) > room:
+        file = "~" + hashlib.sha256(os.fsencode(name)).hexdigest()[:HASHED]
+    if len(file) > room:
+        raise BusError(
+            f"the path of the run directory {folder} leaves too few of the {SUN_PATH} bytes that the system allows "
+            "a socket: set XDG_RUNTIME_DIR to a shorter folder"
+        )
+    return folder / file
 
 
 def check_bind(address: str) -> None:

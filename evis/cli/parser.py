@@ -8,11 +8,14 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
-from evis.config.suggestions import did_you_mean
+from evis.config.suggestions import closest, did_you_mean
 from evis.console.printable import printable
 
 KINDS = {"float": "a number", "int": "a whole number"}
 """How argparse's own complaints name a type -> how a user does."""
+
+SURE = 0.75
+"""Likeness from which on an option is meant where an argument of a graph may be, 0 ... 1."""
 
 
 class UsageError(ValueError):
@@ -41,6 +44,34 @@ class Parser(argparse.ArgumentParser):
         if action.nargs in (argparse.ZERO_OR_MORE, argparse.REMAINDER):
             action.required = False
         return action
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parses as argparse does, with _ for - in names of options, as `evis launch` has it in its arguments; an
+        option that there is not is an error before one that is missing.
+        """
+        words = None if args is None else [self._spelled(word) for word in args]
+        # Not where another parser takes what follows, an action's or another command's.
+        if words is not None and not any(
+            action.nargs in (argparse.PARSER, argparse.REMAINDER) for action in self._actions
+        ):
+            for at, word in enumerate(words[: words.index("--")] if "--" in words else words):
+                name, _, value = word.partition("=")
+                if word.startswith("--") and name not in self._option_string_actions:
+                    self.error(f"no option '{name}'{self._instead(name, value or ' '.join(words[at + 1 : at + 2]))}")
+        return super().parse_known_args(words, namespace)
+
+    def _spelled(self, word: str) -> str:
+        name, equals, value = word.partition("=")
+        hyphened = name.replace("_", "-")
+        return hyphened + equals + value if word.startswith("--") and hyphened in self._option_string_actions else word
+
+    def _instead(self, name: str, value: str) -> str:
+        """What may be meant by an option that there is not; an argument of a graph is one only when it is near."""
+        if not any(action.dest == "pairs" for action in self._actions):
+            return did_you_mean(name, self._option_string_actions)
+        near = closest(name, self._option_string_actions, SURE)
+        key = name.removeprefix("--").replace("-", "_")
+        return f"; did you mean '{near}'?" if near else f"; an argument is written {key}:={value or 'VALUE'}"
 
     def error(self, message: str) -> NoReturn:
         """Prints one line, and exits with status 2."""

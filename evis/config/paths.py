@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from evis.config.suggestions import did_you_mean, nearest
+from evis.config.suggestions import closest, did_you_mean, nearest
 
 _PACKAGE = Path(__file__).resolve().parents[1]
+LAUNCHED = (".yaml", ".yml", ".xml", ".urdf")
+"""Endings of the files that may stand after `evis launch`."""
+LIKE = 0.75
+"""Likeness from which on a file with such an ending is suggested, which all of them share, 0 ... 1."""
 MOST_LOOKED_AT = 1 << 20
 """Of a file to tell a scene from a launch file [characters]; longer ones are neither."""
 
@@ -50,6 +54,18 @@ def _is_scene(path: Path) -> bool:
     return bool(keys & {"cameras", "bodies", "world", "mjcf"}) and "nodes" not in keys
 
 
+def _beside(path: Path) -> Path | None:
+    """Finds the file that may be meant by one that is not there: the same without its ending, or a like name."""
+    try:
+        files = sorted(other.name for other in path.parent.iterdir() if other.suffix in LAUNCHED and other.is_file())
+    except (OSError, ValueError):
+        return None
+    near = next((file for file in files if Path(file).stem == path.name), None)
+    if near is None and path.suffix in LAUNCHED:
+        near = closest(path.name, files, LIKE)
+    return path.with_name(near) if near else None
+
+
 class UnknownLaunch(FileNotFoundError):
     """Says that what was named is neither a launch file nor a scene."""
 
@@ -72,8 +88,10 @@ def find_launch(name: str) -> tuple[Path, dict[str, str]]:
     if Path(name).is_file():
         play = f"replay bag:={name}" if name.endswith(".mcap") else f"camera file:={name}"
         raise UnknownLaunch(f"{name} is no launch file and no scene; `evis launch {play}` plays a recording")
+    if beside := _beside(Path(name)):
+        raise UnknownLaunch(f"{name}: no such file; did you mean '{beside}'?")
     known = sorted({*names("launch"), *names("scenes")})
-    if "/" in name or Path(name).suffix not in ("", ".yaml", ".yml"):
-        what = "is a folder" if Path(name).is_dir() else "no such file"
-        raise UnknownLaunch(f"{name}: {what}{did_you_mean(Path(name).stem, known)}")
+    if "/" in name or Path(name).suffix not in ("", ".yaml", ".yml") or Path(name).is_dir():
+        hint = "no such file" + did_you_mean(Path(name).stem, known)
+        raise UnknownLaunch(f"{name}: {'is a folder; name a file in it' if Path(name).is_dir() else hint}")
     raise UnknownLaunch(f"no launch file or scene '{name}'; {nearest(Path(name).stem, known)}")

@@ -9,9 +9,9 @@ CUTOFF = 0.5
 """Likeness from which on a name is suggested, 0 ... 1."""
 
 
-def closest(name: str, known: Iterable[str]) -> str | None:
+def closest(name: str, known: Iterable[str], cutoff: float = CUTOFF) -> str | None:
     """Finds the known name that is most like `name`, None where none is alike."""
-    near = difflib.get_close_matches(name, list(known), n=1, cutoff=CUTOFF)
+    near = difflib.get_close_matches(name, list(known), n=1, cutoff=cutoff)
     return near[0] if near else None
 
 

@@ -86,7 +86,7 @@ class BagSequence:
         }
         cameras = dict.fromkeys(camera for camera, output in self.topics.values() if output == "events")
         if not cameras:
-            raise BagError(f"{reader.path} has no events; it has {', '.join(sorted(reader.topics)) or 'no topics'}")
+            raise BagError(reader.lacks("/<cam>/events"))
         infos = {camera: self._info(camera) for camera in cameras}
         # The left camera of a stereo rig is the first one.
         infos = dict(sorted(infos.items(), key=lambda pair: pair[1].baseline))
@@ -166,7 +166,12 @@ class BagSequence:
         topic = f"/{camera}/info"
         info = next(self._messages([topic]), None) if topic in self._reader.topics else None
         if not isinstance(info, CameraInfo):
-            raise BagError(f"{self._reader.path} has no {topic}, which tells the size of {camera}; record it too")
+            bag, told = self._reader, f"{topic}, which tells the size of {camera}"
+            raise BagError(
+                f"{bag.path} ends before {told} ({bag.problem}); nothing of that camera can be written"
+                if bag.problem
+                else f"{bag.path} has no {told}; record it too"
+            )
         return info if self._env is None else environments.info_alone(info, self._env)
 
     def _kinds(self, camera: str) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -135,7 +136,9 @@ def resolve(file: str, declared: Mapping[str, Argument], given: Mapping[str, Any
     """
     for key in given:
         if key not in declared:
-            raise ArgumentError(f"{file} has no argument '{key}'; {_option(key, given[key]) or instead(key, declared)}")
+            raise ArgumentError(
+                f"{file} has no argument '{key}'; {option_for(key, given[key]) or instead(key, declared)}"
+            )
     values: dict[str, Any] = {}
     for name, argument in declared.items():
         try:
@@ -155,6 +158,7 @@ def resolve(file: str, declared: Mapping[str, Argument], given: Mapping[str, Any
     return values
 
 
+<<<<<<< HEAD
 def _later(error: Exception, name: str, declared: Mapping[str, Argument]) -> str:
     """The remedy for a default that uses an argument which it does not find."""
     if not isinstance(error, UnknownName):
@@ -165,6 +169,9 @@ def _later(error: Exception, name: str, declared: Mapping[str, Argument]) -> str
 
 
 def _option(name: str, value: Any) -> str:
+=======
+def option_for(name: str, value: Any) -> str:
+>>>>>>> 1a85e3fe10f2f6c39a6ee27f2f61014bbf99cf7b
     """The remedy for a name that stands for an option of the command line, "" for any other."""
     if name not in OPTIONS:
         return ""
@@ -200,5 +207,6 @@ def parse_pairs(words: Sequence[str], mark: str = ":=", named: str = "key", exam
             raise ArgumentError(f"'{word}' is not {named}{mark}value, as in {example}")
         if key in pairs:
             raise ArgumentError(f"{key} is given twice, as {pairs[key]} and {value}")
-        pairs[key] = value
+        # A shell leaves ~ alone behind such a mark.
+        pairs[key] = os.path.expanduser(value) if value.startswith("~/") else value
     return pairs

@@ -88,8 +88,6 @@ def plan_launch(
     """Plans a launch file that has been read; see `plan_file`. held: the given arguments that must have an effect, all
     if None. edit: takes the file's nodes before they are wired, to add others to them.
     """
-    if options.duration_s is not None and options.duration_s <= 0:
-        raise LaunchError(f"--duration is {options.duration_s:g}, it must be longer than 0 s")
     check_options(launch, options.names())
     given = with_scene_arguments(launch, given)
     hide = Redactor(str(given[name]) for name, a in launch.arguments.items() if a.param.secret and name in given)

@@ -10,7 +10,7 @@ from typing import Any
 from evis.config import paths
 from evis.config.params import Param
 from evis.config.removed import instead
-from evis.launch.arguments import ArgumentError
+from evis.launch.arguments import ArgumentError, option_for
 from evis.launch.files import LaunchFile, load
 from evis.scene.load import parse_args, scene_args, scene_values
 
@@ -68,7 +68,7 @@ def with_scene_arguments(launch: LaunchFile, given: Mapping[str, Any]) -> dict[s
         raise ArgumentError(f"{launch.path.name}: {error}") from None
     for key in given:
         if key not in known and key not in scenes:
-            hint = instead(key, [*(k for k in scenes if k not in known), *known])
+            hint = option_for(key, given[key]) or instead(key, [*(k for k in scenes if k not in known), *known])
             raise ArgumentError(f"neither scene {Path(scene).stem} nor {launch.path.name} has '{key}'; {hint}")
     own = {k: v for k, v in given.items() if k not in known}
     if not own:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
+from itertools import chain, combinations
 from typing import Any
 
 from evis.config.document import submap
@@ -18,6 +19,8 @@ from evis.runtime.plan import Plan
 
 BESIDE = ("params", "otherwise", "spares")
 """Keys of a node's entry of which params are looked at one by one, and the others are only told."""
+CONDITIONS = ("if", "unless")
+"""Keys of a node's entry that say whether it is there."""
 _REMEDIES = {
     "duration": "write `duration: ${duration}` among the params of its source, if that has such a parameter",
     "record": 'add a node `recorder: {type: recorder, params: {path: "${record}"}}`',
@@ -35,7 +38,7 @@ def check_effect(launch: LaunchFile, given: Collection[str], expanded: Expanded,
         there.setdefault(spec.where, []).append(spec)
     for name in given:
         value = expanded.values.get(name)
-        reasons = list(_uses(launch, name, there, expanded, plan))
+        reasons = list(_uses(launch, name, given, there, expanded, plan))
         if value and reasons and all(reasons):
             text = ",".join(map(str, value)) if isinstance(value, list) else value
             raise ArgumentError(f"{name}:={text} has no effect: {'; '.join(dict.fromkeys(reasons))}; leave it out")
@@ -58,7 +61,12 @@ def _named_anywhere(launch: LaunchFile) -> set[str]:
 
 
 def _uses(
-    launch: LaunchFile, name: str, there: Mapping[str, list[NodeSpec]], expanded: Expanded, plan: Plan
+    launch: LaunchFile,
+    name: str,
+    given: Collection[str],
+    there: Mapping[str, list[NodeSpec]],
+    expanded: Expanded,
+    plan: Plan,
 ) -> Iterator[str]:
     """For each use of an argument in a file: why it changes nothing, "" where it does."""
     table = launch.table
@@ -70,15 +78,16 @@ def _uses(
         set_here = submap(entry, "args")
         inner = [key for key in set_here if name in names_in(set_here[key])]
         for key in [*inner, *([name] if name in child.arguments and name not in set_here else [])]:
-            yield from _uses(child, key, there, expanded, plan)
+            yield from _uses(child, key, given, there, expanded, plan)
     nodes = submap(table, "nodes")
     for key in nodes:
         entry = nodes[key]
-        if any(name in names_in(entry[part]) for part in entry if part not in BESIDE):
-            yield ""
+        for part in (part for part in entry if part not in BESIDE and name in names_in(entry[part])):
+            if part not in CONDITIONS or _decides(entry[part], name, given, launch, expanded):
+                yield ""
         params = submap(entry, "params")
         read = [param for param in params if name in names_in(params[param])]
-        read = [param for param in read if _differs(params[param], name, launch, expanded)]
+        read = [param for param in read if _differs(params[param], name, launch, expanded.values)]
         read += node_arguments.passed_on(entry, {name: None}, nodes.where(key))
         if not read:
             continue
@@ -90,17 +99,31 @@ def _uses(
                 yield _idle(spec, param, plan)
 
 
-def _differs(text: Any, name: str, launch: LaunchFile, expanded: Expanded) -> bool:
-    """Whether what a parameter is made from is another value with an argument than without it, as far as can be
-    told: of one that is given its default nothing can."""
-    if name not in launch.arguments or expanded.values.get(name) == launch.arguments[name].param.default:
+def _differs(text: Any, name: str, launch: LaunchFile, values: Mapping[str, Any]) -> bool:
+    """Whether what a parameter or a condition is made from is another value with an argument than without it, as far
+    as can be told: of one that is given its default nothing can."""
+    if name not in launch.arguments or values.get(name) == launch.arguments[name].param.default:
         return True
-    left_out = {**expanded.values, name: launch.arguments[name].param.default}
+    left_out = {**values, name: launch.arguments[name].param.default}
     try:
-        return bool(substitute(text, expanded.values) != substitute(text, left_out))
+        return bool(substitute(text, values) != substitute(text, left_out))
     except ExpressionError:
         # What is made for each camera by itself has names of its own.
         return True
+
+
+def _decides(text: Any, name: str, given: Collection[str], launch: LaunchFile, expanded: Expanded) -> bool:
+    """Whether an argument has a part in a condition: by itself or, of several that each suffice, beside the others.
+
+    Of two that each leave a node out neither does it alone, so any of the others that are given may be taken away.
+    """
+    others = [other for other in given if other != name and other in names_in(text) and other in launch.arguments]
+    taken = chain.from_iterable(combinations(others, count) for count in range(len(others) + 1))
+    for away in taken:
+        values = expanded.values | {other: launch.arguments[other].param.default for other in away}
+        if _differs(text, name, launch, values):
+            return True
+    return False
 
 
 def _idle(spec: NodeSpec, param: str, plan: Plan) -> str:

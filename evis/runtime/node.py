@@ -133,6 +133,8 @@ class Node:
     """Parameter -> one of its values -> arguments of a launch file whose default it brings, with that default."""
     SOURCE: ClassVar[bool] = False
     """A source is driven by `step` and not by its inputs."""
+    REMEDY: ClassVar[str] = ""
+    """How a source whose outputs depend on what it is given comes to publish `{topic}`; "" where they do not."""
     PER_ENVIRONMENT: ClassVar[bool] = False
     """What it publishes of environment k depends on its inputs' environment k and on seed + k alone, so that several of
     it, on devices of their own, may share the environments."""

@@ -89,6 +89,7 @@ def _total(nodes: dict[str, Any], key: str) -> int:
 def as_table(report: Report) -> str:
     """Writes the summary as text for a person."""
     s = report.summary
+    width = max(19, *map(len, s["nodes"])) + 1 if s["nodes"] else 20
     lines = [
         f"{s['sim_s']:.3f} s in {s['wall_s']:.2f} s (real-time factor {s['rtf']:.3f}), start-up {s['startup_s']:.2f} s",
         f"{s['events']:,} events, {s['keyframes']:,} keyframes, {s['frames']:,} frames, "
@@ -98,14 +99,14 @@ def as_table(report: Report) -> str:
         *_physics_error(s),
         *_seed_unused(s),
         "",
-        f"{'node':<20}{'updates':>10}{'ms/update':>12}{'busy s':>10}  counters",
+        f"{'node':<{width}}{'updates':>10}{'ms/update':>12}{'busy s':>10}  counters",
     ]
     for name, node in s["nodes"].items():
         counters = ", ".join(
             f"{k}={v:,}" if isinstance(v, int) else f"{k}={v:,.10g}" for k, v in node.get("counters", {}).items()
         )
         lines.append(
-            f"{name:<20}{node.get('updates', 0):>10}{node.get('ms_per_update', 0.0):>12.3f}"
+            f"{name:<{width}}{node.get('updates', 0):>10}{node.get('ms_per_update', 0.0):>12.3f}"
             f"{node.get('busy_s', 0.0):>10.3f}  {counters}".rstrip()
         )
     return "\n".join(lines)

@@ -14,13 +14,17 @@ import time
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
-import torch
+
+try:
+    import gymnasium
+    import torch
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.callbacks import BaseCallback
+    from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecFrameStack, VecMonitor, VecNormalize
+except ModuleNotFoundError as error:
+    raise SystemExit(f"train.py: {error}; pip install 'evis[rl,bench]' brings it") from None
 from observed import Centroids, Mover
-from stable_baselines3 import PPO
-from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecFrameStack, VecMonitor, VecNormalize
 
 import evis.env
 from evis.env.stable_baselines import StableBaselinesEnv

@@ -15,9 +15,11 @@ def is_still(scene: Scene, body: int) -> bool:
     return body == WORLD or (trajectory is not None and trajectory.is_static())
 
 
-def cause_of(scene: Scene, camera: str, report: AuditReport, between: bool = False) -> str:
-    """Gives what most of the error is about, and what makes it smaller; "" where nothing is off. between: single pixels
-    are evaluated between the frames already."""
+def cause_of(scene: Scene, camera: str, report: AuditReport, source: str = "frames") -> str:
+    """Gives what most of the error is about, and what makes it smaller; "" where nothing is off.
+
+    source: what the sensor gets, `keyframe`, `frames` between them, or also `samples` of single pixels between those.
+    """
     if report.instance < 0:
         return ""
     instance = scene.instances[report.instance]
@@ -28,8 +30,16 @@ def cause_of(scene: Scene, camera: str, report: AuditReport, between: bool = Fal
         what = f"light or shadow on '{instance.name}', which stands still before the camera, changes between frames"
     else:
         what = f"what is seen of '{instance.name}' changes otherwise than its keyframes tell"
-    finer = "a smaller time_tolerance" if between else "time_tolerance:=0.0001 (with rigid), a higher upsampling"
-    return f"{what}; {finer} or a higher keyframe_rate makes it less, interpolator:=none reuses nothing"
+    return f"{what}; {_REMEDIES[source]}"
+
+
+_REMEDIES = {
+    "keyframe": "a higher upsampling or a higher keyframe_rate makes it less",
+    "frames": "time_tolerance:=0.0001 (with rigid), a higher upsampling or a higher keyframe_rate makes it less, "
+    "interpolator:=none reuses nothing",
+    "samples": "a smaller time_tolerance or a higher keyframe_rate makes it less, interpolator:=none reuses nothing",
+}
+"""What the sensor gets -> what makes the error less."""
 
 
 def nothing_changes(scene: Scene) -> bool:

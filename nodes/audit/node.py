@@ -200,7 +200,7 @@ class AuditNode(Node):
         from nodes.audit.causes import cause_of
 
         report = self._audit.report()
-        cause = cause_of(self._scene, self.params["camera"], report, self._between)
+        cause = cause_of(self._scene, self.params["camera"], report, self._source)
         worst = np.array([w[:3] for w in report.worst], np.int32).reshape(-1, 3)
         message = AuditMessage(self._header, worst, np.array([w[3] for w in report.worst], np.float64))
         message.pixels, message.events, message.cause = report.pixels, report.total, cause

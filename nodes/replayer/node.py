@@ -65,10 +65,12 @@ class ReplayerNode(Node):
 
     PARAMS: ClassVar[Mapping[str, Param]] = PARAMS
     SOURCE: ClassVar[bool] = True
+    REMEDY: ClassVar[str] = "a bag has it where it was recorded with `--record-topics {topic}`"
 
     @classmethod
     def dynamic_outputs(cls, params: Mapping[str, Any]) -> dict[str, Output]:
         """Returns the ports, which depend on the bag and on what is left out. Raises BagError, ParamError."""
+        from evis.bag import BagError
         from evis.bag.reader import BagReader
         from nodes.replayer.choice import replayed
 
@@ -76,6 +78,8 @@ class ReplayerNode(Node):
         if not given["bag"]:
             raise ParamError("replayer: which bag? give bag:=FILE.mcap")
         with BagReader(given["bag"]) as reader:
+            if reader.problem and not reader.topics:
+                raise BagError(f"{reader.path} ends before its first topic ({reader.problem}); nothing can be played")
             chosen = replayed(reader.topics, given["topics"], given["exclude"], given["regenerate"], str(reader.path))
             if chosen and reader.start_ns + round(given["start"] * 1e9) > reader.end_ns:
                 length = (reader.end_ns - reader.start_ns) / 1e9

@@ -118,6 +118,8 @@ def test_the_cause_is_named() -> None:
     scene = small("fan_shadow", 32, 24)
     report, better = (audited(scene, 64, seconds=0.1, k=k).report() for k in (4, 32))
     assert "light or shadow on 'wall'" in cause_of(scene, "cam0", report)
+    assert "interpolator:=none reuses nothing" in cause_of(scene, "cam0", report)
+    assert "interpolator:=none" not in cause_of(scene, "cam0", report, "keyframe"), "it is that already"
     assert report.worst and report.vp.value > 0.5 > 2 * better.vp.value
 
 

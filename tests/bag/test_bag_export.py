@@ -332,6 +332,20 @@ def test_messages_of_another_recorder_are_named_and_not_denied(tmp_path):
         export(path, "/points", tmp_path / "a.npz")
 
 
+def test_a_topic_that_a_bag_lacks_is_told_with_how_it_gets_there(tmp_path):
+    """Whether it was not asked for, does not exist, or lay behind the tear."""
+    path = tmp_path / "a.mcap"
+    with BagWriter(path) as writer:
+        writer.write("/cam0/imu", Imu(Header(0), np.zeros(1, np.int64), np.zeros((1, 3)), np.zeros((1, 3))))
+    with pytest.raises(BagError, match=r"no topic '/cam0/depth'; it has /cam0/imu; .*--record-topics /cam0/depth$"):
+        export(path, "/cam0/depth", tmp_path / "depth")
+    with pytest.raises(BagError, match=r"no topic '/cam0/evnts'; it has /cam0/imu$"):
+        export(path, "/cam0/evnts", tmp_path / "a.npz")
+    path.write_bytes(path.read_bytes()[:60])
+    with pytest.raises(BagError, match=r"is torn \(.*\); up to there it has no topic '/cam0/imu'; it has none$"):
+        export(path, "/cam0/imu", tmp_path / "a.npz")
+
+
 def test_export_of_a_torn_bag_says_so(tmp_path, capsys):
     """What is there is written, and standard error names the tear and the remedy; of a whole bag, nothing."""
     path = bag(tmp_path / "a.mcap")

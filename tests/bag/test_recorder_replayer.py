@@ -281,6 +281,9 @@ def test_errors_of_the_replayer(tmp_path):
     record(tmp_path / "a.mcap", keyframes=1, preview_hz=0.0)
     with pytest.raises(BagError, match="holds no keyframes to regenerate from"):
         ReplayerNode.dynamic_outputs({"bag": str(tmp_path / "a.mcap"), "regenerate": True})
+    (tmp_path / "torn.mcap").write_bytes((tmp_path / "a.mcap").read_bytes()[:60])
+    with pytest.raises(BagError, match=r"torn.mcap ends before its first topic \(it ends within the record at byte"):
+        ReplayerNode.dynamic_outputs({"bag": str(tmp_path / "torn.mcap")})
     record(tmp_path / "b.mcap", keyframes=4, preview_hz=0.0)  # the last one at 0.1 s
     assert ReplayerNode.dynamic_outputs({"bag": str(tmp_path / "b.mcap"), "start": 0.1})
     with pytest.raises(ParamError, match=r"start is 0.11 s, but .*b.mcap is 0.1 s long"):

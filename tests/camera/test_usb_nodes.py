@@ -13,6 +13,8 @@ from camera_rig import Runtime, play
 from camera_rig import joined as all_events
 from usb_rig import DATA, random_recording, same
 
+import evis
+from evis.cli import main
 from evis.cli.machine import camera
 from evis.events import Events, open_recording
 from msgs.camera import EventPacket
@@ -191,6 +193,18 @@ def test_wrong_use_of_the_command():
     ):
         with pytest.raises(ValueError, match=text):
             camera.run(parser.parse_args(arguments))
+
+
+@pytest.mark.parametrize("model", ["davis346", "evk4"])
+def test_launch_sends_the_simulators_events_through_a_driver(tmp_path, model):
+    """`evis launch emulated_camera` as a user starts it: the same events, in whole us."""
+    bag = str(tmp_path / "both.mcap")
+    words = ["launch", "emulated_camera", f"emulate:={model}", "width:=64", "height:=48", "audit:=0", "--compose"]
+    assert main([*words, "--duration", "0.1", "--no-view", "--record", bag]) == 0
+    sent, got = (evis.open(bag, topic=f"/{name}/events")[:].numpy() for name in ("cam0", "usb0"))
+    assert len(sent["t"]) > 1000
+    assert all(np.array_equal(sent[name], got[name]) for name in "xyp")
+    assert np.array_equal(sent["t"] - sent["t"] % 1000, got["t"])
 
 
 def test_launch_streams_a_recording_through_the_driver(tmp_path):

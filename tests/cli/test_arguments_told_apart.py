@@ -39,6 +39,31 @@ def test_a_scene_of_ones_own_is_launched_by_its_path(tmp_path: Path, evis_here: 
     assert paths.find_launch(str(copy)) == (paths.data_folder("launch") / "simulator.yaml", {"scene": str(copy)})
 
 
+@pytest.mark.parametrize(
+    ("name", "part"),
+    [
+        ("own one/mine", "own one/mine: no such file; did you mean 'own one/mine.yaml'?"),
+        ("own one/mnie.yaml", "own one/mnie.yaml: no such file; did you mean 'own one/mine.yaml'?"),
+        ("own one", "own one: is a folder; name a file in it"),
+        ("own one/other.yaml", "own one/other.yaml: no such file"),
+    ],
+)
+def test_a_file_beside_what_was_named_is_suggested(tmp_path: Path, evis_here: Evis, name: str, part: str) -> None:
+    (tmp_path / "own one").mkdir()
+    (tmp_path / "own one" / "mine.yaml").write_text(SCENE)
+    result = evis_here("launch", name)
+    assert result.code == 2 and result.line == f"evis launch: {part}"
+
+
+def test_a_file_in_the_home_folder(tmp_path: Path, evis_here: Evis, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No shell replaces ~ behind `:=`."""
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    (tmp_path / "home").mkdir()
+    (tmp_path / "home" / "mine.yaml").write_text(SCENE)
+    made = json.loads(evis_here("launch", "simulator", "scene:=~/mine.yaml", "--explain", "--json").out)
+    assert made["nodes"]["renderer"]["params"]["scene"] == str(tmp_path / "home" / "mine.yaml")
+
+
 @pytest.mark.parametrize("command", ["launch", "graph"])
 def test_an_argument_that_neither_scene_nor_launch_file_has(tmp_path: Path, evis_here: Evis, command: str) -> None:
     """The nearest of both is named."""

@@ -11,6 +11,8 @@ import pytest
 from sequences import EVERY, written
 
 import evis
+from evis.bag import BagError
+from evis.bag.reader import BagReader
 from evis.bag.writer import BagWriter
 from evis.cli import main
 from evis.dataset.about import About
@@ -97,6 +99,19 @@ def test_what_cannot_be_written_is_said(recorded: Any, tmp_path: Path, capsys: A
     for words in (["--layout", "dsek"], ["--layout", "npz", "--topic", "/a"], ["--topic", "/a", "--env", "1"], []):
         assert main(["bag", "export", bag, *words, str(tmp_path / "o")]) == 2
         assert "--layout" in capsys.readouterr().err and not (tmp_path / "o").exists()
+
+
+def test_a_bag_that_ends_before_its_cameras_are_described_is_told_so(recorded: Any, tmp_path: Path) -> None:
+    """Its topics are there already, which stand before the first chunk of messages."""
+    with BagReader(recorded[0]) as reader:
+        first = reader.scanner.layout.chunks[0]
+    torn = tmp_path / "torn.mcap"
+    torn.write_bytes(recorded[0].read_bytes()[: first.at + 40])
+    with pytest.raises(BagError, match=r"torn.mcap ends before /cam0/info, .* \(it ends within the record at byte"):
+        export(torn, "npz", tmp_path / "out")
+    torn.write_bytes(recorded[0].read_bytes()[:60])
+    with pytest.raises(BagError, match=r"torn.mcap is torn \(it ends within the record at byte"):
+        export(torn, "npz", tmp_path / "out")
 
 
 def test_an_environment_that_is_not_there_is_refused(recorded: Any, tmp_path: Path, capsys: Any) -> None:

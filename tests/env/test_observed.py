@@ -1,5 +1,6 @@
 """Observations of the examples against the controllers' own way to find things, on events made here."""
 
+import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -76,3 +77,14 @@ def test_centroids_of_bands_fade(examples) -> None:
     column = (9 * np.exp(-1) * 10 + 18 * 20) / (9 * np.exp(-1) + 18)
     np.testing.assert_allclose(upper, [0, 2 * column / (WIDTH - 1) - 1, np.log(19)], rtol=1e-5)
     assert not lower.any()
+
+
+def test_training_without_its_packages_says_what_to_install() -> None:
+    """As `python examples/tasks/train.py` does, in one line."""
+    code = (
+        "import runpy, sys; sys.modules['torch'] = None; sys.path.insert(0, sys.argv[1]); runpy.run_path(sys.argv[2])"
+    )
+    words = [sys.executable, "-c", code, str(EXAMPLES), str(EXAMPLES / "train.py")]
+    ended = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert ended.returncode == 1 and "pip install 'evis[rl,bench]'" in ended.stderr
+    assert len(ended.stderr.splitlines()) == 1

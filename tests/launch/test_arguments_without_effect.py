@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from evis.bag.writer import BagWriter
 from evis.config.expression import names_in
 from evis.config.params import Param
 from evis.config.paths import find_launch
@@ -10,6 +11,8 @@ from evis.launch.arguments import ArgumentError
 from evis.launch.files import load
 from evis.launch.planner import Options, plan_launch
 from evis.launch.unused_arguments import check_parameters
+from msgs.camera import Keyframe
+from msgs.header import Header
 from nodes.camera.node import CameraNode
 from nodes.event_sensor.effects import without_effect
 from nodes.event_sensor.parameters import SENSOR, resolve_sensor
@@ -72,6 +75,24 @@ def test_an_option_that_no_file_hands_on_is_refused(options, what, tmp_path):
     assert str(caught.value).startswith(what) and "own.yaml gives it to no node" in str(caught.value)
     own.write_text("include: simulator\n")  # which hands both on
     plan_launch(load(own), {"scene": "spinning_disk"}, Options(view=False, **options))
+
+
+@pytest.mark.parametrize(
+    "given",
+    [{"upsampling": 4}, {"interpolator": "splat"}, {"upsampling": 1, "interpolator": "none"}, {"upsampling": 1}],
+)
+def test_frames_of_a_replay_are_made_anew_or_refused(given, tmp_path):
+    """Their arguments stand in the interpolator's condition too, which alone brings nothing about."""
+    bag = str(tmp_path / "run.mcap")
+    with BagWriter(bag) as writer:
+        writer.write("/cam0/keyframe", Keyframe(Header(0), np.zeros(1, np.int32), np.ones((1, 4, 4, 3), np.float32)))
+    with pytest.raises(ArgumentError) as caught:
+        plan("replay", bag=bag, **given)
+    name, value = next(iter(given.items()))
+    assert f"{name}:={value} has no effect" in str(caught.value) and "regenerate:=true" in str(caught.value)
+    if given.get("upsampling") == 1:
+        made = plan("replay", bag=bag, regenerate="true", **given)
+        assert made.nodes["event_sensor"].params["source"] == "keyframe"
 
 
 LAUNCH = """

@@ -217,6 +217,21 @@ def test_regeneration_takes_the_arguments_of_the_recorded_run(tmp_path: Path) ->
     assert plan("replay", **given, threshold="0.4").args["threshold"] == 0.4
 
 
+def test_what_a_method_needs_and_a_bag_lacks_is_told_with_how_to_record_it(tmp_path: Path) -> None:
+    """Keyframes are enough for `none`, not for `splat`."""
+    import numpy as np
+
+    from evis.bag.writer import BagWriter
+    from msgs.camera import Keyframe
+    from msgs.header import Header
+
+    path = tmp_path / "run.mcap"
+    with BagWriter(path) as writer:
+        writer.write("/cam0/keyframe", Keyframe(Header(0), np.zeros(1, np.int32), np.ones((1, 4, 4, 3), np.float32)))
+    with pytest.raises(LaunchError, match=r"reads /cam0/depth, which nobody .*`--record-topics /cam0/depth`"):
+        plan("replay", bag=str(path), regenerate="true", interpolator="splat", upsampling="4")
+
+
 def test_two_worlds_run_side_by_side_in_namespaces(tmp_path: Path) -> None:
     include = paths.find_launch("simulator")[0]
     path = tmp_path / "two.yaml"

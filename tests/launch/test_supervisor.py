@@ -514,3 +514,16 @@ def test_under_nohup_a_lost_terminal_ends_nothing(write: Write, runtime: Path, t
     code, out, err = launcher.end()
     assert code == 0, err
     assert last_json(out)["nodes"]["ticker"]["updates"] == 100
+
+
+def test_the_table_of_a_run_is_as_wide_as_its_longest_name() -> None:
+    """The second column of every row ends where its heading does."""
+    from evis.supervisor.report import Report, as_table
+
+    names = ["physics", "interpolator_left_front_corner_camera_of_the_robot", "x"]
+    run = {"sim_s": 1.0, "wall_s": 1.0, "rtf": 1.0, "startup_s": 0.0, "args": {}, "random": {}, "left_out": []}
+    counts = dict.fromkeys(("events", "keyframes", "frames", "drops", "dropped_events"), 0)
+    nodes = {name: {"updates": 17, "ms_per_update": 1.0, "busy_s": 0.0} for name in names}
+    head, *rows = as_table(Report({**run, **counts, "nodes": nodes})).splitlines()[-4:]
+    ends = {head.index("updates") + len("updates"), *(row.index(" 17 ") + 3 for row in rows)}
+    assert len(ends) == 1 and [row.split()[0] for row in rows] == names

@@ -189,6 +189,17 @@ def test_a_picture_that_is_drawn_after_the_end_does_not_revive_the_run(page: Any
     assert page.locator("#state").inner_text() == "run has ended"
 
 
+def test_a_long_name_leaves_what_tells_its_panels_apart(page: Any) -> None:
+    """Of a camera's name the end is cut, not that of its topic."""
+    wait_for_picture(page, "/cam0/events")
+    title = page.locator('[data-panel="/cam0/events"] .bar b')
+    assert title.text_content() == "/cam0/events" == title.get_attribute("title")
+    title.locator("span").first.evaluate("e => { e.textContent = '/' + 'long'.repeat(60) }")
+    box, panel = title.locator("span").last.bounding_box(), page.locator('[data-panel="/cam0/events"]').bounding_box()
+    assert title.locator("span").last.text_content() == "/events"
+    assert panel["x"] < box["x"] and box["x"] + box["width"] < panel["x"] + panel["width"] and box["width"] > 30
+
+
 def test_small_screen(page: Any, tmp_path: Path) -> None:
     """A telephone's width: nothing sticks out sideways."""
     page.set_viewport_size({"width": 390, "height": 800})

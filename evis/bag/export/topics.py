@@ -131,8 +131,7 @@ def _resolve(reader: BagReader, topic: str) -> tuple[str, int | None]:
             f"{reader.path}: {topic} is {kind}; no such message can be exported"
             + (events if plain_type(kind) in TYPES else "")
         )
-    known = ", ".join(sorted(reader.topics)) or "none"
-    raise BagError(f"{reader.path} has no topic '{topic}'; it has {known}")
+    raise BagError(reader.lacks(topic))
 
 
 def _check_one(reader: BagReader, topic: str, env: int | None) -> None:

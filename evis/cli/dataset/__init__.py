@@ -9,7 +9,7 @@ import argparse
 import importlib
 from typing import Any
 
-from evis.cli.events import ActionParser
+from evis.cli.parser import Parser
 
 HELP = "make data sets from a recipe, describe, check and show them"
 EXAMPLES = {
@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = "examples:\n" + "\n".join(f"  {example}" for example in EXAMPLES.values())
-    actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION", parser_class=ActionParser)
+    actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION", parser_class=Parser)
     for name, example in EXAMPLES.items():
         module = _module(name)
         action = actions.add_parser(name, help=module.HELP, description=module.HELP, epilog=f"example: {example}")

@@ -15,7 +15,6 @@ from contextlib import contextmanager
 from typing import Any
 
 from evis.cli.parser import Parser
-from evis.config.suggestions import did_you_mean
 from evis.console.printable import all_printable
 
 HELP = "describe, convert, simulate, measure and draw event recordings"
@@ -29,30 +28,11 @@ EXAMPLES = {
 }
 
 
-class ActionParser(Parser):
-    """Takes _ for - in names of options, as launch has it, and names the nearest to one that does not exist."""
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parses as argparse does; an unknown option is an error here already."""
-        spelled = None if args is None else [self._spelled(word) for word in args]
-        result, rest = super().parse_known_args(spelled, namespace)
-        for word in rest:
-            if word.startswith("--"):
-                name = word.partition("=")[0]
-                self.error(f"no option '{name}'{did_you_mean(name, self._option_string_actions)}")
-        return result, rest
-
-    def _spelled(self, word: str) -> str:
-        name, equals, value = word.partition("=")
-        hyphened = name.replace("_", "-")
-        return hyphened + equals + value if word.startswith("--") and hyphened in self._option_string_actions else word
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = "examples:\n" + "\n".join(f"  {e}" for e in EXAMPLES.values())
-    actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION", parser_class=ActionParser)
+    actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION", parser_class=Parser)
     for name, example in EXAMPLES.items():
         module = _module(name)
         text = module.HELP

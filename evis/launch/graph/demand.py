@@ -71,8 +71,9 @@ class Pruner:
         return self.demand
 
     def _unpublished(self, node: Wired, topic: str) -> LaunchError:
-        near = nearest(topic, self._publishers)
-        return LaunchError(f"{node.spec.where}: '{node.name}' reads {topic}, which nobody publishes; {near}")
+        remedies = {source.cls.REMEDY.format(topic=topic) for source in self._nodes if source.cls.REMEDY}
+        remedy = "; ".join(sorted(remedies)) or nearest(topic, self._publishers)
+        return LaunchError(f"{node.spec.where}: '{node.name}' reads {topic}, which nobody publishes; {remedy}")
 
     def _need(self, node: Wired, ports: set[str]) -> None:
         wanted = self.demand.wanted.setdefault(node.name, set())

@@ -66,8 +66,12 @@ class EmulatedCameraNode(Node):
         reading = self.driver.read_bytes(len(data), packet.t0_ns, packet.header.stamp_ns, WAIT_S)
         for name, total in {**self.driver.counters(), **self.encoder.counts}.items():
             self.count_total(name, total)
-        for port, message in packets(reading, self.driver.info(), packet.header.episode, self.wants):
+        for port, message in packets(reading, self.driver.info(), packet.header.episode, self._sends):
             self.publish(port, message)
+
+    def _sends(self, port: str) -> bool:
+        """Whether somebody wants an output; what the simulator does not feed into the device has none."""
+        return port in self.OUTPUTS and self.wants(port)
 
     def _begin(self, episode: int) -> None:
         """Times start anew: so do the camera, its encoder and its decoder."""

@@ -193,7 +193,7 @@ class App {
     for (const topic of this.graph.topics) {
       if (topic.camera !== camera) {
         camera = topic.camera;
-        nav.append(make("h2", { textContent: camera || "world" }));
+        nav.append(make("h2", { textContent: camera || "world", title: camera }));
       }
       const short = topic.name.slice(topic.name.lastIndexOf("/") + 1);
       add(topic.name, short, `${topic.name}: ${topic.help}${topic.dormant ? " (starts when opened)" : ""}`, () => this.toggle(topic.name, topic));

@@ -19,12 +19,18 @@ export function waitingText(topic) {
 /** A note of a few words under the picture. */
 const counted = (n, what) => (n ? [`${n} ${what}`] : []);
 
+/** A panel's title, of which the camera is cut where there is no room, not what tells its panels apart. */
+function named(title) {
+  const cut = Math.max(title.lastIndexOf("/"), 0);
+  return make("b", { title }, make("span", { textContent: title.slice(0, cut) }), make("span", { textContent: title.slice(cut) }));
+}
+
 export class Panel {
   /** app: {graph, changed(), close(panel), when(part), objectsOf(camera), moving}. spec: {id, topic, view, env, ...}. */
   constructor(app, spec, title) {
     this.app = app;
     this.spec = spec;
-    this.bar = make("div", { className: "bar" }, make("b", { textContent: title, title }), make("span", { className: "space" }));
+    this.bar = make("div", { className: "bar" }, named(title), make("span", { className: "space" }));
     this.body = make("div");
     this.foot = make("div", { className: "foot" });
     this.root = make("section", { className: "panel" }, this.bar, this.body, this.foot);
@@ -142,7 +148,7 @@ export class StagePanel extends Panel {
     const drawn = this.boxes.drawn;
     this.boxNote.hidden = !boxes.length;
     const kinds = [...new Map(drawn.map((b) => [b.kind, b.colour]))].sort(([a], [b]) => (a < b ? -1 : 1));
-    const words = [`${drawn.length} boxes`, ...counted(left.still, "static not shown"), ...counted(left.small, `under ${LEAST_PX} px`)];
+    const words = [`${drawn.length} ${drawn.length === 1 ? "box" : "boxes"}`, ...counted(left.still, "static not shown"), ...counted(left.small, `under ${LEAST_PX} px`)];
     this.boxNote.replaceChildren(words.join(", "), ...kinds.slice(0, MOST_KINDS).map(([kind, colour]) => chip(kind, colour)),
       ...counted(Math.max(0, kinds.length - MOST_KINDS), "more classes"));
   }
