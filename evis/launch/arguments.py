@@ -158,7 +158,6 @@ def resolve(file: str, declared: Mapping[str, Argument], given: Mapping[str, Any
     return values
 
 
-<<<<<<< HEAD
 def _later(error: Exception, name: str, declared: Mapping[str, Argument]) -> str:
     """The remedy for a default that uses an argument which it does not find."""
     if not isinstance(error, UnknownName):
@@ -168,10 +167,7 @@ def _later(error: Exception, name: str, declared: Mapping[str, Argument]) -> str
     return f"; {nearest(error.name, list(declared)[: list(declared).index(name)])}"
 
 
-def _option(name: str, value: Any) -> str:
-=======
 def option_for(name: str, value: Any) -> str:
->>>>>>> 1a85e3fe10f2f6c39a6ee27f2f61014bbf99cf7b
     """The remedy for a name that stands for an option of the command line, "" for any other."""
     if name not in OPTIONS:
         return ""

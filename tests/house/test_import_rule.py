@@ -46,7 +46,11 @@ def violations(path: Path) -> list[str]:
             "nodes": other[0] in ("msgs", "evis", "nodes"),
             "bench": other[0] != "tests",
         }[parts[0]]
-        if parts[0] in ("evis", "nodes") and other[:2] == ["evis", "cli"] and parts[1] not in ("cli", "demo", "__main__"):
+        if (
+            parts[0] in ("evis", "nodes")
+            and other[:2] == ["evis", "cli"]
+            and parts[1] not in ("cli", "demo", "__main__")
+        ):
             allowed = False
         if parts[0] == "nodes" and other[0] == "nodes" and len(other) > 1 and len(parts) > 2 and other[1] != parts[1]:
             allowed = other[1] in (CHAIN if parts[:3] == WHOLE_CHAIN else MAY_USE.get(parts[1], set()))
