@@ -25,7 +25,8 @@ class _Topic:
         self.messages = 0
         self.bytes = 0
         self.span: list[int] = []
-        self.episodes: set[int] = set()
+        self.rounds: list[list[int]] = []
+        """First and last time of each stretch, whose times begin at or before that of the one before it."""
         self.events = 0
         self.event_span: list[int] = []
         self.size = (0, 0)
@@ -35,6 +36,9 @@ class _Topic:
         self.messages += 1
         self.bytes += size
         self.span = [min([log_time, *self.span]), max([log_time, *self.span])]
+        if not self.rounds or log_time <= self.rounds[-1][0] < self.rounds[-1][1]:
+            self.rounds.append([log_time, log_time])
+        self.rounds[-1][1] = max(log_time, self.rounds[-1][1])
 
     def add_events(self, count: int, first: int, last: int) -> None:
         """Notes the first and last time in the order of the stream."""
@@ -46,8 +50,8 @@ class _Topic:
         result["bytes"] = self.bytes
         if self.span:
             result |= {"start_ns": self.span[0], "end_ns": self.span[1]}
-            seconds = (self.span[1] - self.span[0]) / 1e9
-            result["rate_hz"] = round((self.messages - 1) / seconds, 6) if seconds else 0.0
+            seconds = sum(last - first for first, last in self.rounds) / 1e9
+            result["rate_hz"] = round((self.messages - len(self.rounds)) / seconds, 6) if seconds else 0.0
         if self.part_of:
             result["part_of"] = self.part_of
         elif self.message == "EventPacket":

@@ -358,6 +358,16 @@ def test_paced_replay_keeps_the_distances_of_every_episode(tmp_path):
     assert time.monotonic() - began > 3 * (3 * 0.040) / 2 - 0.01
 
 
+def test_the_rate_of_a_topic_is_that_within_its_episodes(tmp_path):
+    """25 Hz, however often the time begins anew."""
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        for episode in range(3):
+            for k in range(4):
+                bag.write("/cam0/depth", Depth(Header(k * 40_000_000, 4 * episode + k, episode=episode), PIXEL))
+    topic = describe(tmp_path / "a.mcap")["topics"]["/cam0/depth"]
+    assert topic["messages"] == 12 and topic["rate_hz"] == pytest.approx(25.0)
+
+
 def test_a_paced_replay_tells_how_late_it_was(tmp_path):
     with BagWriter(tmp_path / "a.mcap") as bag:
         for k in range(3):
