@@ -168,7 +168,7 @@ def _later(error: Exception, name: str, declared: Mapping[str, Argument]) -> str
 
 
 def option_for(name: str, value: Any) -> str:
-    """The remedy for a name that stands for an option of the command line, "" for any other."""
+    """Gives the remedy for a name that stands for an option of the command line, "" for any other."""
     if name not in OPTIONS:
         return ""
     switches = {"view": "--no-view", "record_sync": "--record-sync"}
