@@ -159,7 +159,7 @@ def resolve(file: str, declared: Mapping[str, Argument], given: Mapping[str, Any
 
 
 def option_for(name: str, value: Any) -> str:
-    """The remedy for a name that stands for an option of the command line, "" for any other."""
+    """Returns the remedy for a name that stands for an option of the command line, "" for any other."""
     if name not in OPTIONS:
         return ""
     switches = {"view": "--no-view", "record_sync": "--record-sync"}
