@@ -81,9 +81,7 @@ def test_centroids_of_bands_fade(examples) -> None:
 
 def test_training_without_its_packages_says_what_to_install() -> None:
     """As `python examples/tasks/train.py` does, in one line."""
-    code = (
-        "import runpy, sys; sys.modules['torch'] = None; sys.path.insert(0, sys.argv[1]); runpy.run_path(sys.argv[2])"
-    )
+    code = "import runpy, sys; sys.modules['torch'] = None; sys.path[:0] = sys.argv[1:2]; runpy.run_path(sys.argv[2])"
     words = [sys.executable, "-c", code, str(EXAMPLES), str(EXAMPLES / "train.py")]
     ended = subprocess.run(words, capture_output=True, text=True, check=False)
     assert ended.returncode == 1 and "pip install 'evis[rl,bench]'" in ended.stderr
