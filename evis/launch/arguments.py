@@ -168,11 +168,7 @@ def _later(error: Exception, name: str, declared: Mapping[str, Argument]) -> str
 
 
 def option_for(name: str, value: Any) -> str:
-<<<<<<< HEAD
     """Gives the remedy for a name that stands for an option of the command line, "" for any other."""
-=======
-    """Returns the remedy for a name that stands for an option of the command line, "" for any other."""
->>>>>>> b49d786ca3388e6d2b82a412d2f96b7d8a1797f9
     if name not in OPTIONS:
         return ""
     switches = {"view": "--no-view", "record_sync": "--record-sync"}
