@@ -31,6 +31,8 @@ NEARER = wp.constant(0.1)
 """Share of its inverse distance by which a keyframe shows a surface nearer where it cannot be the same part of it."""
 UNKNOWN = wp.constant(1.0e30)
 """Stands for a change of ln I that cannot be looked up in a keyframe."""
+PAINTED = wp.constant(4.0e30)
+"""The same, of what is followed by how finely it is painted: ln I goes up and down there, but never in a step."""
 STEEPEST = wp.constant(1.0e30)
 PARTS = wp.constant(64)
 """Parts of the time from one instant to the next."""
