@@ -26,6 +26,14 @@ def stripes(count, size=2048):
     return Material("stripes", np.ones(3), picture.astype(np.float32), two_sided=True)
 
 
+def joints(count, width, size=2048):
+    """Material with so many dark lines along v, each of a width of `width` texels, one darker than the next."""
+    dark = np.linspace(0.9, 1.0, count)[np.arange(size) * count // size] * DARK
+    on = np.arange(size) * count % size < width * count
+    picture = np.broadcast_to(np.where(on, dark, BRIGHT)[:, None], (size, 3))[None].repeat(8, 0)
+    return Material("joints", np.ones(3), picture.astype(np.float32), two_sided=True)
+
+
 def drum(count, rate):
     """A drum with upright stripes that turns about its axis before a wall; the sky lights both."""
     upright = pose(z=AWAY, turn=(np.pi / 2, 0, 0))
@@ -88,6 +96,13 @@ def test_grain_is_half_a_period():
     assert (waves > 0.5 * side / 4).all() and (waves < 1.2 * side / 4).all()
 
 
+@pytest.mark.parametrize(("count", "width"), [(16, 5), (4, 30), (32, 1)])
+def test_grain_of_what_is_sparse_is_as_wide_as_things_are(count, width):
+    """Between two of the lines there is nothing for 4 to 64 times their width."""
+    side, swing = 3.0, np.log(BRIGHT / (0.9 * DARK))
+    assert np.allclose(grain(quad(side / 2), joints(count, width, 1024)), side * width / 1024 / swing, rtol=0.01)
+
+
 def test_what_is_even_has_no_grain():
     assert (grain(quad(1.0), plain(0.5)) == EVEN).all()
     faint = painted()
@@ -146,3 +161,31 @@ def test_what_shakes_before_pixels_is_sampled_where_it_turns_back():
         off.append(np.abs(np.interp(times, at[order], level[order]) - truth[:, n]).max())
     assert np.ptp(truth, axis=0).mean() > 0.15
     assert np.mean(off) < 3 * tolerance
+
+
+def test_joints_thinner_than_pixels_before_a_camera_that_turns():
+    """Joints of a third of a pixel in the middle, before a lens of 100 degrees, at whose sides a pixel is less than
+    half as wide in angle: lines between samples are near to rendering at 20 kHz, by two tolerances."""
+    depth, side, tolerance, rate, focal, width = 2.0, 12.0, 0.0125, 30.0, 20.0, 48
+    turned = pose(turn=(0.0, -rate * (START + GAP / 2) * 1e-9, 0.0))
+    path = Prescribed(turned, [Spin(np.array([0.0, 1.0, 0.0]), rate)])
+    view = camera(width, 4, focal)
+    lines = (quad(side / 2), joints(12, 5), Prescribed(pose(z=depth)))
+    scene = world([lines], view, path, sky=1.0)
+    frames, (pixels, ns, values) = refined(scene, K, TOLERANCE, tolerance=tolerance)
+    times = np.linspace(0, GAP, 201).round().astype(np.int64)
+    renderer, dense = Renderer(scene, view), []
+    for t in times + START:
+        states = closed_form(scene, np.array([t]))
+        dense.append(np.log(keyframe(renderer, states, states.pose[:, 0], int(t)).image.numpy()[0, 2]))
+    truth, row = np.array(dense), pixels // width == 2
+    off = []
+    for x in range(width):
+        mine = row & (pixels % width == x)
+        at = np.concatenate([[0], ns[mine], np.arange(1, K + 1) * GAP / K])
+        level = np.concatenate([truth[:1, x], np.log(values[mine]), np.log(frames[:, 2, x])])
+        order = np.argsort(at)
+        off.append(np.abs(np.interp(times, at[order], level[order]) - truth[:, x]))
+    assert np.ptp(truth, axis=0).mean() > 0.2
+    assert np.max(off, axis=1).mean() < 2 * tolerance
+    assert np.percentile(off, 99) < 2 * tolerance

@@ -57,7 +57,7 @@ def make_through(lens: str, channels: int, ways: int, relit: bool, painted: bool
         whole = wp.bool(False)
         tries = wp.int32(0)
         if wp.static(follow is not None):
-            if finer_than_pixels(cut, stage, spot, before):
+            if finer_than_pixels(view, stage, spot, before):
                 tries = wp.int32(2)
         while tries < 2 and not whole and new == last and (tries == 0 or spot.k + start > 0):
             which = wp.where(tries == 0, nearer, 1 - nearer)
@@ -72,7 +72,9 @@ def make_through(lens: str, channels: int, ways: int, relit: bool, painted: bool
                 if new != last:
                     begun = instances.at[new] // (cut.envs * cut.height * cut.width) % cut.slots + 1
                     seen = entry_near(cut, stage, spot, begun, start, before)
-                new = follow(cut, keys, stage, instances, spot, begun, end, seen, after, new, room, most, band, count)
+                new, rise = follow(
+                    view, cut, keys, stage, instances, spot, begun, end, seen, after, new, room, most, band, count
+                )
         return new, rise, whole
 
     @wp.func

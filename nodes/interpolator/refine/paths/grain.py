@@ -23,8 +23,8 @@ BLOCKS = 16
 def grain_of(scene: Scene, geometry: Geometry, least: float) -> np.ndarray:
     """Computes over which length float32 [T] [m] ln albedo goes up or down on each triangle, EVEN without that.
 
-    It is the swing of a texture, or of a triangle's colours, over the mean of its gradient's magnitude. least: change
-    of ln albedo that matters.
+    It is the swing of a texture, or of a triangle's colours, over the mean of its gradient's magnitude, or how wide
+    things on the texture are, if that is less. least: change of ln albedo that matters.
     """
     grain = np.full(len(geometry.triangles), EVEN, np.float32)
     corners = geometry.vertices[geometry.triangles].astype(np.float64)
@@ -52,16 +52,53 @@ def _of_texture(material: Material, least: float) -> tuple[float, float] | None:
     swing = float(log.max() - log.min())
     if swing < least:
         return None
-    return tuple(min(swing, SWING) / max(_steepest(log, axis) * log.shape[axis], 1e-12) for axis in (1, 0))
+    shown_at = [_along(lines, least) for lines in (log, log.T)]
+    along_u, along_v = (min(swing, SWING) * min(1.0 / max(steep, 1e-12), wide / swing) for steep, wide in shown_at)
+    return along_u, along_v
 
 
-def _steepest(log: np.ndarray, axis: int) -> float:
-    """Computes the mean magnitude of the difference from one texel to the next, in the block where it is greatest."""
-    change = np.abs(np.diff(log, axis=axis, append=np.take(log, [0], axis)))
-    rows, columns = (np.unique(np.arange(BLOCKS) * size // BLOCKS) for size in log.shape)
-    sums = np.add.reduceat(np.add.reduceat(change, rows, 0), columns, 1)
-    counts = np.outer(np.diff(rows, append=log.shape[0]), np.diff(columns, append=log.shape[1]))
-    return float((sums / counts).max())
+def _along(lines: np.ndarray, least: float) -> tuple[float, float]:
+    """Computes how ln albedo changes along lines, in units of their length: the mean magnitude of the gradient in the
+    block where it is greatest, and how wide things are there.
+
+    Joints between bricks are few, so that the gradient alone tells of a length much greater than their width.
+    """
+    change = np.abs(np.diff(lines, axis=1, append=lines[:, :1]))
+    rows, columns = (np.append(np.unique(np.arange(BLOCKS) * size // BLOCKS), size) for size in lines.shape)
+    sums = np.add.reduceat(np.add.reduceat(change, rows[:-1], 0), columns[:-1], 1)
+    means = sums / np.outer(np.diff(rows), np.diff(columns))
+    row, column = np.unravel_index(means.argmax(), means.shape)
+    across, along = slice(rows[row], rows[row + 1]), slice(columns[column], columns[column + 1])
+    return float(means.max()) * lines.shape[1], _width(lines[across], along, least) / lines.shape[1]
+
+
+def _width(lines: np.ndarray, along: slice, least: float) -> int:
+    """Computes how wide [texels] things are at most that make half of the change of ln albedo along part of lines.
+
+    A thing is brighter, or darker, than what is on both of its sides, by more than `least`."""
+    size = lines.shape[1]
+    total = np.abs(np.diff(lines, axis=1, append=lines[:, :1]))[:, along].sum()
+    low, high = 0, size
+    while total > 0 and high - low > 1:
+        width = (low + high) // 2
+        # An opening and a closing (Serra, Image Analysis and Mathematical Morphology, 1982) take away what is no wider.
+        wider = _extreme(_extreme(lines, width, np.minimum), width, np.maximum)
+        wider = _extreme(_extreme(np.roll(wider, width, 1), width, np.maximum), width, np.minimum)
+        wider = np.roll(wider, width, 1)
+        left = np.where(np.abs(wider - lines) > least, wider, lines)
+        remains = np.abs(np.diff(left, axis=1, append=left[:, :1]))[:, along].sum()
+        low, high = (low, width) if 2 * remains <= total else (width, high)
+    return high
+
+
+def _extreme(lines: np.ndarray, width: int, of_two: np.ufunc) -> np.ndarray:
+    """Finds the least or the greatest of each texel and as many as `width` after it, of lines that repeat."""
+    known = 1
+    while known <= width:
+        step = min(known, width + 1 - known)
+        lines = of_two(lines, np.roll(lines, -step, 1))
+        known += step
+    return lines
 
 
 def _per_unit(corners: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

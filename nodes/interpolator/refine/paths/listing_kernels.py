@@ -12,6 +12,8 @@ wp.set_module_options({"enable_backward": False})
 
 UNKNOWN = wp.constant(1.0e30)
 """Stands for a change of ln I that cannot be looked up in a keyframe."""
+PAINTED = wp.constant(4.0e30)
+"""The same, of what is followed by how finely it is painted: ln I goes up and down there, but never in a step."""
 PARTS = wp.constant(64)
 """Parts of the time from one instant to the next."""
 SHARP = wp.constant(2)
