@@ -11,6 +11,7 @@ from evis.scene.model import Waveform
 from nodes.interpolator.refine import rounds
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.refinement import Refinement
+from nodes.interpolator.refine.rounds import Rounds
 from nodes.interpolator.rigid import Rigid, RigidOptions
 
 
@@ -60,6 +61,27 @@ def test_several_windows_of_which_each_grows(kept_on_device, monkeypatch):
     _, expected = refined(scene, 4, 50_000)
     for a, b in zip(expected, found):
         np.testing.assert_array_equal(a, b)
+
+
+def test_room_for_environments_that_have_no_gap_yet(kept_on_device, monkeypatch):
+    """A quarter of what may come makes room for four times as much, and its samples stay as they are."""
+    scene, run, found = tumbling(), Rounds.run, []
+    _, expected = refined(scene, 4, 50_000)
+
+    def of_a_quarter(self, window, total, meanwhile, share):
+        assert share == 1.0
+        made, shaded = run(self, window, total, meanwhile, 0.25)
+        told = self._tally.read()
+        found.append((made, self.samples.size, int(told.lists[0].max()), self._instances.most))
+        return made, shaded
+
+    monkeypatch.setattr(Rounds, "run", of_a_quarter)
+    _, samples = refined(scene, 4, 50_000)
+    for a, b in zip(expected, samples):
+        np.testing.assert_array_equal(a, b)
+    made, room, listed, most = found[-1]
+    assert made == len(expected[0]) > 1000
+    assert room >= 4 * made and most >= 4 * listed
 
 
 @pytest.mark.gpu
