@@ -21,7 +21,7 @@ The path of the data, file by file:
    needs. Both follow a pixel over a surface by `paths/`: in a keyframe, past probes between which bodies go straight,
    or on what is painted there where no keyframe shows it. `light/` lists those that lamps and shadows ask for.
 4. Evaluation: in `evaluation/`, `sight_kernels.py` finds what a pixel sees at an instant, and `evaluator.py` computes
-   its radiance. `interval_kernels.py` halves intervals that are still not straight, whose middles are evaluated next.
+   its radiance. `halving/` halves intervals that are still not straight, whose middles are evaluated next.
 5. Lists for the sensor: in `samples/`, `further_kernels.py` sorts all samples by pixel and time. Where pixels are means
    of several, all this is done for each of these sub-pixels, and `means.py` merges what is found. What is listed lies
    in `lists.py` and is counted in `tally.py`, where the kernels that go through a list read its length: so a GPU goes

@@ -14,8 +14,11 @@ import warp as wp
 from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.cuda_graph import CudaGraphs
 from nodes.interpolator.refine.evaluation.evaluator import Evaluator, changes_of
+from nodes.interpolator.refine.evaluation.see_kernels import see
+from nodes.interpolator.refine.halving.check_kernels import make_check
+from nodes.interpolator.refine.halving.interval_kernels import make_intervals
+from nodes.interpolator.refine.halving.split_kernels import make_split
 from nodes.interpolator.refine.instants import Instants
-from nodes.interpolator.refine.interval_kernels import make_check, make_intervals, make_split, see
 from nodes.interpolator.refine.light.passing import Passing
 from nodes.interpolator.refine.paths.listing_kernels import make_instances
 from nodes.interpolator.refine.paths.motion_kernels import find_bends

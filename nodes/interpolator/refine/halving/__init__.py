@@ -1,0 +1,1 @@
+"""Halves the intervals between two samples of a pixel until ln I is straight between samples."""

@@ -1,0 +1,112 @@
+"""Holds the list of intervals between two samples of a pixel that are to be halved, and adds to it."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from evis.gpu.append_kernels import take_place
+from nodes.interpolator.refine.stage_kernels import Cut
+
+wp.set_module_options({"enable_backward": False})
+
+LENGTHS = wp.constant(1 << 15)
+"""Greater than the number of instants of a coarse interval; packs two of them into one number."""
+PAINTED_ENDS = wp.constant(1 << 30)
+"""LENGTHS squared, which is added to that number where the interval is PAINTED."""
+
+
+@cache
+def make_intervals(channels: int) -> Any:
+    """Makes the struct of a list of intervals; channels: 1 (luminance) or 3 (RGB).
+
+    at: the instant at which the interval is halved and its pixel, index into [slots, E, h, w]. ends: LENGTHS times
+    the instant of its start, counted within the coarse interval, plus that of its end, plus PAINTED_ENDS where it is
+    painted, as of Interval. start, end: ln I at its ends. before, after: z-buffer entries there.
+    """
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+
+    class Intervals:
+        at: wp.array(dtype=int)
+        ends: wp.array(dtype=int)
+        start: wp.array(dtype=pixel)
+        end: wp.array(dtype=pixel)
+        before: wp.array(dtype=wp.uint64)
+        after: wp.array(dtype=wp.uint64)
+
+    Intervals.__qualname__ = f"Intervals{channels}"
+    return wp.struct(Intervals)
+
+
+@cache
+def make_interval(channels: int) -> Any:
+    """Makes the struct of one interval; channels: 1 (luminance) or 3 (RGB).
+
+    low, high: instants of its ends, counted within the coarse interval. first, last: ln I there. before, after:
+    z-buffer entries there. rise: change of ln I looked up in a keyframe, or UNKNOWN or PAINTED. painted: whether it
+    is PAINTED.
+    """
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+
+    class Interval:
+        low: int
+        high: int
+        first: pixel
+        last: pixel
+        before: wp.uint64
+        after: wp.uint64
+        rise: pixel
+        painted: wp.bool
+
+    Interval.__qualname__ = f"Interval{channels}"
+    return wp.struct(Interval)
+
+
+@cache
+def make_put(channels: int) -> Any:
+    """Makes the function `put`; channels: 1 (luminance) or 3 (RGB)."""
+    Intervals: Any = make_intervals(channels)
+    Interval: Any = make_interval(channels)
+
+    @wp.func
+    def put(
+        cut: Cut,
+        intervals: Intervals,
+        band: int,
+        room: int,
+        at: int,
+        one: Interval,
+        found: wp.array(dtype=int),
+    ):
+        """Lists an interval, as far as there is room. at: its pixel at any slot of the coarse interval."""
+        n = take_place(found, band)
+        if n < room:
+            place = band * room + n
+            inner = cut.envs * cut.height * cut.width
+            k = at // inner // cut.slots
+            intervals.at[place] = (k * cut.slots + (one.low + one.high) // 2 - 1) * inner + at % inner
+            intervals.ends[place] = one.low * LENGTHS + one.high + wp.where(one.painted, PAINTED_ENDS, 0)
+            intervals.start[place] = one.first
+            intervals.end[place] = one.last
+            intervals.before[place] = one.before
+            intervals.after[place] = one.after
+
+    return put
+
+
+@wp.func
+def take_samples(made: wp.array(dtype=int), number: int, count: wp.array(dtype=int), most: int, band: int, thread: int):
+    """Gives where the samples of a band's part of list `number` go; thread 0 notes where those of the next list do.
+
+    made[number]: samples before this list. count, most: as of `see`.
+    """
+    known = made[number]
+    following = known
+    for k in range(count.shape[0]):
+        mine = wp.min(count[k], most)
+        if k < band:
+            known += mine
+        following += mine
+    if thread == 0:
+        made[number + 1] = following
+    return known
