@@ -1,6 +1,7 @@
 """Several gaps at once give what they give one by one, bit for bit."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -136,3 +137,24 @@ def test_gaps_that_are_known_are_prepared_once(monkeypatch):
     with pytest.raises(ValueError, match="of the same episode"):
         many.push_all(made, delivered.append)
     assert [len(some.frames) for some in delivered] == [1, 4]
+
+
+@pytest.mark.parametrize(
+    "tolerance, cuda, sizes", [(0.001, True, [1, 1, 4, 3]), (0.001, False, [1, 4, 4]), (0.0, True, [1, 4, 4])]
+)
+def test_the_first_gap_tells_a_gpu_how_much_room_the_others_take(tolerance, cuda, sizes, monkeypatch):
+    """It is made by itself where there are samples between frames, and only once."""
+    scene = load_scene("flying_shapes", SIZE)
+    made = arrivals(scene, 9, [0] * 9)
+    many = ManyGaps("rigid", K, 4, scene=scene, camera=scene.cameras[0], time_tolerance=tolerance)
+
+    def parts(keyframes):
+        return [end - start for start, end, _ in many._runs(keyframes)]
+
+    device = many._device
+    monkeypatch.setattr(many, "_device", SimpleNamespace(is_cuda=cuda))
+    assert parts(made) == sizes
+    monkeypatch.setattr(many, "_device", device)
+    many.push_all(made, lambda some: None)
+    monkeypatch.setattr(many, "_device", SimpleNamespace(is_cuda=cuda))
+    assert parts(made[1:]) == [4, 4]
