@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -127,10 +127,8 @@ def _expand_node(result: Expanded, nodes: Table, name: str, scope: Mapping[str, 
     entry.check_keys(NODE_KEYS, f"node '{name}'")
     if len(result.nodes) + len(result.absent) >= MAX_NODES:
         raise LaunchError(f"{nodes.where(name)}: more than {MAX_NODES} nodes up to here")
-    for turn, several in _turns(entry, scope):
+    for turn, several, inner in turns(entry, scope):
         suffix = "_" + "_".join(text_of(v) for v in turn.values()) if several else ""
-        inner = {**scope, **turn}
-        inner |= _looked_up(entry, inner, [text_of(value) for value in turn.values()])
         full = _named(nodes, name, name, inner, suffix)
         if not _holds(entry, inner):
             with contextlib.suppress(LaunchError):  # what it would have got may make sense only where it is there
@@ -179,18 +177,23 @@ def _params(entry: Table, scope: Mapping[str, Any], where: str) -> dict[str, Any
     return passed | {k: _fill(params, k, scope) for k in own}
 
 
-def _turns(entry: Table, scope: Mapping[str, Any]) -> list[tuple[dict[str, Any], bool]]:
-    """One dict of loop variables per turn of `foreach`, and whether there are several."""
+def turns(entry: Table, scope: Mapping[str, Any]) -> Iterator[tuple[dict[str, Any], bool, dict[str, Any]]]:
+    """Yields for each turn of a node's `foreach` its variables, whether there are several turns, and all names that
+    hold in it, those of `lookup` too. Raises LaunchError.
+    """
     loops = submap(entry, "foreach")
-    turns: list[dict[str, Any]] = [{}]
+    found: list[dict[str, Any]] = [{}]
     for variable in loops:
         items = _words(_fill(loops, variable, scope))
-        if len(turns) * len(items) > MAX_NODES:
+        if len(found) * len(items) > MAX_NODES:
             raise LaunchError(
-                f"{loops.where(variable)}: makes {len(turns) * len(items)} nodes; the most is {MAX_NODES}"
+                f"{loops.where(variable)}: makes {len(found) * len(items)} nodes; the most is {MAX_NODES}"
             )
-        turns = [{**turn, variable: item} for turn in turns for item in items]
-    return [(turn, len(turns) > 1) for turn in turns]
+        found = [{**turn, variable: item} for turn in found for item in items]
+    for turn in found:
+        inner = {**scope, **turn}
+        inner |= _looked_up(entry, inner, [text_of(value) for value in turn.values()])
+        yield turn, len(found) > 1, inner
 
 
 def _looked_up(entry: Table, scope: Mapping[str, Any], items: list[str]) -> dict[str, Any]:

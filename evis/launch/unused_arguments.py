@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
 from itertools import chain, combinations
 from typing import Any
 
-from evis.config.document import submap
+from evis.config.document import LaunchError, Table, submap
 from evis.config.expression import ExpressionError, names_in, substitute
 from evis.config.params import resolve
 from evis.launch import node_arguments
 from evis.launch.arguments import ArgumentError
 from evis.launch.catalog import load
-from evis.launch.expand import Expanded, NodeSpec
+from evis.launch.expand import Expanded, NodeSpec, turns
 from evis.launch.files import LaunchFile
 from evis.launch.graph.sharing import named_in_share
 from evis.runtime.plan import Plan
@@ -77,17 +78,21 @@ def _uses(
             yield ""
         set_here = submap(entry, "args")
         inner = [key for key in set_here if name in names_in(set_here[key])]
-        for key in [*inner, *([name] if name in child.arguments and name not in set_here else [])]:
+        for key in inner:
             yield from _uses(child, key, given, there, expanded, plan)
+        if name in child.arguments and name not in set_here:
+            # Left out, it has the default of the file that hands it on.
+            defaults = child.arguments | {name: launch.arguments[name]}
+            yield from _uses(replace(child, arguments=defaults), name, given, there, expanded, plan)
     nodes = submap(table, "nodes")
     for key in nodes:
         entry = nodes[key]
         for part in (part for part in entry if part not in BESIDE and name in names_in(entry[part])):
-            if part not in CONDITIONS or _decides(entry[part], name, given, launch, expanded):
+            if part not in CONDITIONS or _decides(entry, part, name, given, launch, expanded):
                 yield ""
         params = submap(entry, "params")
         read = [param for param in params if name in names_in(params[param])]
-        read = [param for param in read if _differs(params[param], name, launch, expanded.values)]
+        read = [param for param in read if _differs(entry, params[param], name, launch, expanded.values)]
         read += node_arguments.passed_on(entry, {name: None}, nodes.where(key))
         if not read:
             continue
@@ -99,29 +104,35 @@ def _uses(
                 yield _idle(spec, param, plan)
 
 
-def _differs(text: Any, name: str, launch: LaunchFile, values: Mapping[str, Any]) -> bool:
-    """Whether what a parameter or a condition is made from is another value with an argument than without it, as far
-    as can be told: of one that is given its default nothing can."""
+def _differs(entry: Table, text: Any, name: str, launch: LaunchFile, values: Mapping[str, Any]) -> bool:
+    """Whether what a parameter or a condition of a node's entry is made from is another value with an argument than
+    without it, in any turn of its `foreach`, as far as can be told: of one that is given its default nothing can."""
     if name not in launch.arguments or values.get(name) == launch.arguments[name].param.default:
         return True
     left_out = {**values, name: launch.arguments[name].param.default}
     try:
-        return bool(substitute(text, values) != substitute(text, left_out))
-    except ExpressionError:
-        # What is made for each camera by itself has names of its own.
+        with_it, without = (
+            [substitute(text, scope) for *_, scope in turns(entry, held)] for held in (values, left_out)
+        )
+    except (ExpressionError, LaunchError):
         return True
+    return with_it != without
 
 
-def _decides(text: Any, name: str, given: Collection[str], launch: LaunchFile, expanded: Expanded) -> bool:
-    """Whether an argument has a part in a condition: by itself or, of several that each suffice, beside the others.
+def _decides(
+    entry: Table, part: str, name: str, given: Collection[str], launch: LaunchFile, expanded: Expanded
+) -> bool:
+    """Whether an argument has a part in a condition of an entry: by itself or, of several that each suffice, beside
+    the others.
 
     Of two that each leave a node out neither does it alone, so any of the others that are given may be taken away.
     """
+    text = entry[part]
     others = [other for other in given if other != name and other in names_in(text) and other in launch.arguments]
     taken = chain.from_iterable(combinations(others, count) for count in range(len(others) + 1))
     for away in taken:
         values = expanded.values | {other: launch.arguments[other].param.default for other in away}
-        if _differs(text, name, launch, values):
+        if _differs(entry, text, name, launch, values):
             return True
     return False
 

@@ -32,6 +32,7 @@ def plan(name, held=None, **given):
         ({"interpolator": "splat", "tolerance": 0.2}, "tolerance:=0.2 has no effect: method splat shades nothing anew"),
         ({"interpolator": "splat", "time_tolerance": 1e-4}, "time_tolerance:=0.0001 has no effect: method splat"),
         ({"upsampling": 1, "time_tolerance": 1e-4}, "time_tolerance:=0.0001 has no effect: interpolator is left out"),
+        ({"upsampling": 1, "interpolator": "splat"}, "interpolator:=splat has no effect: interpolator is left out"),
         ({"path_samples": 64}, "path_samples:=64 has no effect: no light comes by paths"),
         ({"model": "evis-paper", "crossing": "linear"}, "crossing:=linear has no effect: event model evis-paper"),
         ({"model": "esim", "leak_rate": 1}, "leak_rate:=1.0 has no effect: event model esim has none; it has"),
@@ -63,6 +64,18 @@ def test_what_changes_nothing_is_refused(given, why):
 )
 def test_what_changes_something_is_taken(given):
     plan("spinning_disk", **given)
+
+
+def test_an_argument_is_held_against_the_default_of_the_file_that_hands_it_on(tmp_path):
+    """Of a file that includes the simulator without an interpolator, another method interpolates nothing."""
+    own = tmp_path / "own.yaml"
+    own.write_text("args: {upsampling: {default: 1}, interpolator: {default: none}}\ninclude: simulator\n")
+    scene = {"scene": "spinning_disk"}
+    with pytest.raises(ArgumentError, match=r"interpolator:=splat has no effect: .*interpolator is left out"):
+        plan_launch(load(own), {"interpolator": "splat", **scene}, Options(view=False))
+    made = plan_launch(load(own), {"interpolator": "rigid", "upsampling": 4, **scene}, Options(view=False))
+    assert made.nodes["interpolator"].params["upsampling"] == 4
+    plan_launch(load(own), {"upsampling": 4, **scene}, Options(view=False))  # dense rendering, at four times the rate
 
 
 @pytest.mark.parametrize("options, what", [({"duration_s": 0.5}, "--duration 0.5"), ({"record": "a.mcap"}, "--record")])
