@@ -157,9 +157,10 @@ class Calls:
     def _pace(self, host: Host) -> None:
         if host.pacer is None:
             host.pacer = Pacer()
-        late = -host.pacer.wait_s(self._stamp(host))
-        counters = self._profile.node(host.name).counters
-        counters["late_ms_max"] = max(counters["late_ms_max"], round(1e3 * late))
+        host.pacer.passed(self._stamp(host))
+        profile = self._profile.node(host.name)
+        profile.counters["late_ms_max"] = host.pacer.late_ms_max
+        profile.results["pace"] = host.pacer.result()
 
     def _end(self, host: Host) -> None:
         with Inside(self._profile, host.name):

@@ -83,11 +83,17 @@ class Sampling:
 
 
 class Pacer:
-    """Holds a source back so that stamps follow the wall clock; tells how late it is."""
+    """Holds a source back so that stamps follow the wall clock, and measures how well they did.
+
+    speed: stamps' seconds per second of the wall clock. late_ms_max: how late the latest stamp was, of all [ms].
+    """
 
     def __init__(self, speed: float = 1.0) -> None:
         self.speed = speed
+        self.late_ms_max = 0
         self._start: tuple[int, int] | None = None
+        self._before = (0.0, 0.0)
+        self._passed = (0.0, 0.0)
 
     def wait_s(self, stamp_ns: int) -> float:
         """Returns the seconds until `stamp_ns` is due; negative = late. The first call defines the origin."""
@@ -96,3 +102,22 @@ class Pacer:
             self._start = (now, stamp_ns)
         due = self._start[0] + (stamp_ns - self._start[1]) / self.speed
         return (due - now) / NS
+
+    def passed(self, stamp_ns: int) -> float:
+        """Notes that the source has come to a stamp, and returns the seconds until that is due, as `wait_s`."""
+        wait = self.wait_s(stamp_ns)
+        assert self._start is not None
+        self._passed = (stamp_ns - self._start[1]) / self.speed / NS, max(-wait, 0.0)
+        self.late_ms_max = max(self.late_ms_max, round(1e3 * self._passed[1]))
+        return wait
+
+    def restart(self) -> None:
+        """Begins with a new origin, as time does with another episode; what was measured stays."""
+        self._before = tuple(map(sum, zip(self._before, self._passed)))  # type: ignore[assignment]
+        self._start, self._passed = None, (0.0, 0.0)
+
+    def result(self) -> dict[str, float]:
+        """Returns the speed that was wanted, the one that was reached, and late_ms_max, for a run's summary."""
+        wanted, late = map(sum, zip(self._before, self._passed))
+        reached = self.speed * wanted / (wanted + late) if late else self.speed
+        return {"wanted": self.speed, "reached": round(reached, 6), "late_ms_max": self.late_ms_max}

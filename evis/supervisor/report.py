@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from evis.runtime.plan import Plan
-from evis.supervisor import audits
+from evis.supervisor import audits, paces
 
 DROP_COUNTERS = ("drops", "dropped", "lost")
 """Counters that stand for data that did not arrive."""
@@ -73,6 +73,8 @@ def summarise(
         summary["audit"] = audit
     for node in nodes.values():
         summary |= node.pop("results", {})
+    if "pace" in summary:
+        summary["pace"] = paces.judged(summary["pace"], nodes, plan)
     if plan.chosen:
         summary["chosen"] = plan.chosen
     if interrupted and plan.duration_s is not None:
@@ -95,6 +97,7 @@ def as_table(report: Report) -> str:
         f"{s['events']:,} events, {s['keyframes']:,} keyframes, {s['frames']:,} frames, "
         f"{s['drops']:,} messages and {s['dropped_events']:,} events dropped",
         *([f"interrupted: {s['interrupted']}"] if "interrupted" in s else []),
+        *paces.lines(s),
         *audits.lines(s),
         *_physics_error(s),
         *_seed_unused(s),

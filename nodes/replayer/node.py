@@ -77,6 +77,7 @@ class ReplayerNode(Node):
         given = resolve("replayer", cls.PARAMS, params)
         if not given["bag"]:
             raise ParamError("replayer: which bag? give bag:=FILE.mcap")
+        speed(given["pace"])  # wrong, it is told before anything starts
         with BagReader(given["bag"]) as reader:
             if reader.problem and not reader.topics:
                 raise BagError(f"{reader.path} ends before its first topic ({reader.problem}); nothing can be played")
@@ -92,7 +93,7 @@ class ReplayerNode(Node):
 
         factor = speed(self.params["pace"])
         self.pacer = Pacer(factor) if factor is not None else None
-        self.paced, self.late_ms = (0, 0), 0
+        self.paced = (0, 0)
         self.first_episode = self.last_episode = 0
         self.rest_until = 0.0
         self.told = False
@@ -190,12 +191,18 @@ class ReplayerNode(Node):
         if self.pacer is None:
             return 0.0
         if episode > self.paced[0] and stamp_ns < self.paced[1]:  # time begins anew: the distances are this episode's
-            self.pacer = Pacer(self.pacer.speed)
+            self.pacer.restart()
         self.paced = episode, stamp_ns
         wait = self.pacer.wait_s(stamp_ns)
-        self.late_ms = max(self.late_ms, round(-1e3 * wait))
-        self.count_total("late_ms_max", self.late_ms)
+        if wait <= MAX_SLEEP_S:  # it is sent within this step
+            self.pacer.passed(stamp_ns)
+            self.count_total("late_ms_max", self.pacer.late_ms_max)
         return wait
+
+    def finish(self) -> None:
+        """Tells how the pace was kept."""
+        if self.pacer is not None:
+            self.result("pace", self.pacer.result())
 
     def _tell_of_damage(self) -> None:
         """Says once, when the bag was read to its end, what was left out of it."""
@@ -212,7 +219,7 @@ class ReplayerNode(Node):
         self.messages = self.reader.messages(*self.part)
         self.next = self._take()
         if self.pacer is not None:
-            self.pacer = Pacer(self.pacer.speed)
+            self.pacer.restart()
         self.rest_until = time.monotonic() + REST_S
 
     def _of_this_round(self, message: Message) -> Message:

@@ -32,6 +32,7 @@ class Runtime:
         self.plan.nodes["physics"] = NodePlan("physics", "x:Y", {"omega": 60.0}, "physics")
         self.plan.topics = dict.fromkeys(["/cam0/keyframe", "/cam0/events"])  # what is published in the graph
         self.counters = defaultdict(float)
+        self.results = {}
         self.said = []
         self.published = []
         self.sequence = defaultdict(int)
@@ -41,6 +42,9 @@ class Runtime:
 
     def count(self, node, name, amount):
         self.counters[name] += amount
+
+    def result(self, node, name, value):
+        self.results[name] = value
 
     def diagnose(self, node, level, text):
         self.said.append((level, text))
@@ -383,8 +387,18 @@ def test_a_paced_replay_tells_how_late_it_was(tmp_path):
     node.runtime.publish = slowly
     while node.step({}):
         pass
+    node.finish()
     node.close()
     assert 98 <= node.runtime.counters["late_ms_max"] < 5000  # two messages of 50 ms before a stamp of 2 ms
+    pace = node.runtime.results["pace"]
+    assert pace["wanted"] == 1.0 and pace["reached"] <= 0.02 and pace["late_ms_max"] >= 98
+
+
+def test_a_pace_that_is_none_is_told_before_anything_starts(tmp_path):
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        bag.write("/cam0/depth", Depth(Header(0), PIXEL))
+    with pytest.raises(ParamError, match="pace is 'quick', must be fast, realtime or a speed"):
+        ReplayerNode.dynamic_outputs({"bag": str(tmp_path / "a.mcap"), "pace": "quick"})
 
 
 def test_again_and_again_as_further_episodes(tmp_path, monkeypatch):
