@@ -31,6 +31,8 @@ COMMANDS = {
 }
 """Name -> module below evis.cli, and one line for `evis --help`, so that it need not import them."""
 
+HELP = ("-h", "--help", "help")
+"""Words that ask for help: before a command's name for its own."""
 
 STATUSES = (
     "exit status: 0 success, 1 failure, 2 wrong usage, 130 interrupted by Ctrl-C, 141 the work is done but who was to\n"
@@ -57,7 +59,9 @@ def module_of(command: str) -> ModuleType:
 
 
 def _command(words: list[str], debug: bool) -> int:
-    if not words or words[0] in ("-h", "--help", "help"):
+    if len(words) > 1 and words[0] in HELP:
+        words = [*words[1:], "--help"]  # `evis help launch`, as `evis launch --help`
+    if not words or words[0] in HELP:
         print(_overview(), file=sys.stdout if words else sys.stderr)
         return 0 if words else 2
     if words[0] in ("-V", "--version"):
@@ -97,7 +101,8 @@ def _overview() -> str:
     lines += [f"  {name:<9} {text}" for name, (_, text) in COMMANDS.items()]
     lines += [
         "",
-        "`evis COMMAND --help` tells more. --debug shows tracebacks and every line that the processes write.",
+        "`evis COMMAND --help` (or `evis help COMMAND`) tells more.",
+        "--debug shows tracebacks and every line that the processes write.",
         STATUSES,
         "example: evis launch spinning_disk --duration 1",
     ]

@@ -75,8 +75,16 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Prints one line, and exits with status 2."""
-        print(f"{self.prog}: {printable(_in_words(message))} ({self.prog} --help tells more)", file=sys.stderr)
+        text = self._missing_action(message) or _in_words(message)
+        print(f"{self.prog}: {printable(text)} ({self.prog} --help tells more)", file=sys.stderr)
         raise SystemExit(2)
+
+    def _missing_action(self, message: str) -> str:
+        """What may follow, where a command's action is missing; "" for any other complaint."""
+        if not message.endswith("required: ACTION"):
+            return ""
+        names = next(list(action.choices or ()) for action in self._actions if action.nargs == argparse.PARSER)
+        return f"which ACTION? {', '.join(names)}"
 
 
 def _in_words(message: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
@@ -69,6 +70,36 @@ def test_links_that_lead_nowhere_are_told(tmp_path: Path) -> None:
         record(tmp_path / "lost.mcap")
     with pytest.raises(ValueError, match=r"no folder .*no/such"):
         check_writable(tmp_path / "lost.mcap", "--record")
+
+
+@pytest.mark.parametrize("name", ["run.bag", "run.DB3", "run.raw", "-"])
+def test_a_name_that_promises_another_format_is_refused(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It became an MCAP file of that name, - too, which other programs take for standard output."""
+    monkeypatch.chdir(tmp_path)
+    remedy = "run.mcap"
+    for attempt in (record, lambda path: check_writable(path, "--record")):
+        with pytest.raises(ValueError, match=remedy):
+            attempt(Path(name))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_who_may_not_write_is_told_where_and_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Root may write anywhere, so the system's answers are made up: a folder of somebody else's, a read-only disk."""
+    bag = tmp_path / "run.mcap"
+    bag.write_bytes(b"")
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path) != tmp_path)  # the file is, its folder is not
+    with pytest.raises(ValueError, match=rf"no permission to write in folder {tmp_path}; name a file in another"):
+        check_writable(bag, "--record")
+    kept = os.statvfs(tmp_path)
+    read_only = os.statvfs_result([*kept[:8], os.ST_RDONLY, kept[9]])
+    monkeypatch.setattr(os, "statvfs", lambda path: read_only)
+    with pytest.raises(ValueError, match=rf"the file system of folder {tmp_path} is read-only; name a file on another"):
+        check_writable(bag, "--record")
+    monkeypatch.setattr(os, "open", lambda *_: (_ for _ in ()).throw(OSError(errno.EROFS, "Read-only file system")))
+    with pytest.raises(BagError, match="is read-only; name a file on another one"):
+        record(tmp_path / "new.mcap")
 
 
 @pytest.mark.parametrize("name", WRITERS)

@@ -54,6 +54,17 @@ def test_every_command_has_help_with_an_example(command: str, evis: Evis) -> Non
     assert "example" in result.out and f"evis {command}" in result.out
 
 
+def test_help_before_a_command_is_its_own(capsys: pytest.CaptureFixture[str]) -> None:
+    """It was the overview."""
+    for words in (["launch"], ["bag", "play"]):
+        assert main([*words, "--help"]) == 0
+        own = capsys.readouterr().out
+        for ask in ("help", "--help"):
+            assert main([ask, *words]) == 0
+            assert capsys.readouterr().out == own
+    assert main(["help", "lunch"]) == 2 and "did you mean 'launch'" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(("command", "action"), [("topic", a) for a in ("list", "info", "echo", "hz", "bw", "delay")]
                          + [("node", "list"), ("node", "info")])  # fmt: skip
 def test_actions_have_help_with_an_example(command: str, action: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -65,6 +76,9 @@ def test_actions_have_help_with_an_example(command: str, action: str, capsys: py
     ("words", "part"),
     [
         (["lunch"], "did you mean 'launch'?"),
+        (["bag"], "which ACTION? record, play, info, recover, export"),
+        (["node"], "which ACTION? list, info"),
+        (["launch", "graph.yaml", "--record", ""], "--record is empty"),
         (["launch", "--frobnicate", "x"], "--frobnicate"),
         (["launch"], "spinning_disk"),
         (["launch", "graph.yaml", "n=3"], "key:=value"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import itertools
 import os
@@ -9,6 +10,7 @@ import stat
 from pathlib import Path
 
 from evis.bag import BagError
+from evis.bag.mcap.place import check_name, refusal
 from evis.bag.mcap.scan import Scanner
 from evis.files.named_pipe import with_reader
 from evis.files.whole_file import written_at
@@ -22,6 +24,7 @@ def claim(path: Path) -> tuple[int, Path | None]:
     it leads to is written, and put aside there. Raises BagError, also for a bag that another process still records.
     Who may read the bag is what the user's umask says.
     """
+    check_name(path)
     name, path = path, written_at(path)
     try:
         if path.is_symlink():
@@ -52,7 +55,8 @@ def claim(path: Path) -> tuple[int, Path | None]:
             raise BagError(f"cannot record to {name}: {path.parent} takes no files ({error.strerror})") from None
         raise BagError(f"cannot record to {name}: there is no directory {path.parent}; create it first") from None
     except OSError as error:
-        raise BagError(f"cannot record to {name}: {error.strerror}") from None
+        why = refusal(path.parent) if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS) else error.strerror
+        raise BagError(f"cannot record to {name}: {why}") from None
 
 
 def _check_free(path: Path) -> None:

@@ -6,6 +6,8 @@ import os
 import re
 from pathlib import Path
 
+from evis.bag import BagError
+from evis.bag.mcap.place import check_name, refusal
 from evis.config.document import LaunchError
 from evis.config.params import ParamError
 from evis.config.suggestions import closest
@@ -54,15 +56,23 @@ def _check_device(node: Wired) -> None:
 
 
 def check_writable(path: Path, where: str) -> None:
-    """Raises LaunchError unless a file can be made at `path`."""
+    """Raises LaunchError unless a bag can be made at `path`."""
     place = written_at(path)
     folder = place.parent
+    try:
+        check_name(path)
+    except BagError as error:
+        raise LaunchError(f"{where}: {error}") from None
     if path.is_dir():
         raise LaunchError(f"{where} cannot write '{path}': it is a folder; name a file such as {path / 'a.mcap'}")
     if not folder.is_dir():
         raise LaunchError(f"{where} cannot write '{path}': there is no folder '{folder}'")
-    if not os.access(place if place.exists() else folder, os.W_OK):
-        raise LaunchError(f"{where} cannot write '{path}': permission denied")
+    # An older bag is put aside in its folder; a pipe or a device is written where it is.
+    needed = [place] if place.exists() else []
+    needed += [] if place.exists() and not place.is_file() else [folder]
+    for what in needed:
+        if not os.access(what, os.W_OK):
+            raise LaunchError(f"{where} cannot write '{path}': {refusal(what)}")
 
 
 def _beside(path: Path) -> str:

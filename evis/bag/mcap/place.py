@@ -1,0 +1,36 @@
+"""Says where a bag cannot be written, before anything is opened: imported by who plans a graph, it loads no reader."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from pathlib import Path
+
+from evis.bag import BagError
+
+OTHER_FORMATS = (
+    ".bag", ".db3", ".raw", ".dat", ".es", ".aedat", ".aedat2", ".aedat4", ".h5", ".hdf5", ".npz", ".csv", ".txt",
+    ".json", ".jsonl", ".yaml",
+)  # fmt: skip
+"""Endings that say of a file that it is something else."""
+
+
+def check_name(path: Path) -> None:
+    """Raises BagError for a name that a bag should not have: of another format, or - for standard output."""
+    if str(path) == "-":
+        raise BagError("cannot record to -: a bag does not go to standard output; name a file such as run.mcap")
+    if path.suffix.lower() in OTHER_FORMATS:
+        raise BagError(
+            f"cannot record to {path}: what is written is MCAP, and {path.suffix} is the ending of another format; "
+            f"name it {path.with_suffix('.mcap')} (`evis bag export` makes other formats of it)"
+        )
+
+
+def refusal(place: Path) -> str:
+    """Says why nothing can be written at a place, a folder or a file, that the system lets nobody write, and what to
+    do."""
+    what = f"{'folder' if place.is_dir() else 'file'} {place}"
+    with contextlib.suppress(OSError):
+        if os.statvfs(place).f_flag & os.ST_RDONLY:
+            return f"the file system of {what} is read-only; name a file on another one"
+    return f"no permission to write in {what}; name a file in another folder"
