@@ -35,8 +35,9 @@ HELP = ("-h", "--help", "help")
 """Words that ask for help: before a command's name for its own."""
 
 STATUSES = (
-    "exit status: 0 success, 1 failure, 2 wrong usage, 130 interrupted by Ctrl-C, 141 the work is done but who was to\n"
-    "read standard output had gone before all was said (to `topic echo` and `camera stream` that is the end, and 0)."
+    "exit status: 0 success, 1 failure, 2 wrong usage, 130 interrupted by Ctrl-C, 143 by SIGTERM (a graph whose processes\n"
+    "have been started and `bag record` end in order, with 0), 141 the work is done but who was to read standard output\n"
+    "had gone before all was said (to `topic echo` and `camera stream` that is the end, and 0)."
 )
 
 
@@ -44,6 +45,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs one command and gives its exit status, as STATUSES says; a failure is told in one line on stderr."""
     from evis.cli.failure import guarded
 
+    interrupt.begin()
     words = list(sys.argv[1:] if argv is None else argv)
     debug = "--debug" in words
     words = [word for word in words if word != "--debug"]

@@ -10,10 +10,14 @@ from types import FrameType
 
 
 class Interrupts:
-    """Counts Ctrl-C, polite requests to end and a lost terminal (but under nohup), which raise nothing meanwhile."""
+    """Counts Ctrl-C, polite requests to end and a lost terminal (but under nohup), which raise nothing meanwhile.
 
-    def __init__(self) -> None:
+    most: how many are counted; one more raises KeyboardInterrupt, for who may hang and has nobody to end it. None: all.
+    """
+
+    def __init__(self, most: int | None = None) -> None:
         self.count = 0
+        self._most = most
 
     @contextlib.contextmanager
     def counted(self) -> Iterator[None]:
@@ -33,3 +37,5 @@ class Interrupts:
 
     def _one_more(self, number: int, frame: FrameType | None) -> None:
         self.count += 1
+        if self._most is not None and self.count > self._most:
+            raise KeyboardInterrupt(number)

@@ -20,10 +20,11 @@ seen = 0
 
 def trace(frame, event, argument):
     global seen
-    if event == "call" and sys.excepthook is not sys.__excepthook__:
+    if event == "call" and {begun}:
         seen += 1
         if seen == {moment}:
-            os.kill(os.getpid(), signal.SIGINT)
+            for name in {names}:
+                os.kill(os.getpid(), getattr(signal, name))
     return None
 
 sys.path.insert(0, {folder!r})
@@ -31,22 +32,38 @@ sys.settrace(trace)
 from evis.cli import main
 sys.exit(main())
 """
-"""The program with Ctrl-C at the so-many-th call of a function after its first lines, wherever that is."""
+"""The program with signals at the so-many-th call of a function since it has `begun`, wherever that is."""
+
+
+def explained(
+    begun: str, names: list[str], moment: int, runtime: Path, folder: Path
+) -> subprocess.CompletedProcess[str]:
+    """Runs `evis launch spinning_disk --explain`, which gets the signals of these names."""
+    root = str(Path(__file__).parents[2])
+    words = "'launch', 'spinning_disk', '--explain'"
+    code = STARTS.format(words=words, begun=begun, names=names, moment=moment, folder=root)
+    return subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=folder, env=environment(runtime),
+        timeout=LIMIT_S,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("moment", [1, 2, 3, 10, 40, 150, 400, 1000, 2500, 6000])
 def test_ctrl_c_at_the_so_many_th_call_from_the_first_line_on(
     moment: int, runtime_folder: Path, tmp_path: Path
 ) -> None:
-    root = str(Path(__file__).parents[2])
-    code = STARTS.format(words="'launch', 'spinning_disk', '--explain'", moment=moment, folder=root)
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, env=environment(runtime_folder),
-        timeout=LIMIT_S,
-    )  # fmt: skip
+    done = explained("sys.excepthook is not sys.__excepthook__", ["SIGINT"], moment, runtime_folder, tmp_path)
     assert done.returncode == 130, done.stderr
     assert done.stderr in ("evis: interrupted\n", "evis launch: interrupted\n")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("moment", [3, 40, 400, 2500])
+def test_sigterm_ends_as_ctrl_c_does(moment: int, runtime_folder: Path, tmp_path: Path) -> None:
+    """It ended the program where it was, whatever that was writing. Twice at once, as `timeout` sends it, is once."""
+    done = explained("callable(signal.getsignal(signal.SIGTERM))", ["SIGTERM"] * 2, moment, runtime_folder, tmp_path)
+    assert done.returncode == 143, done.stderr
+    assert done.stderr in ("evis: interrupted\n", "evis launch: interrupted\n")
 
 
 @pytest.mark.slow

@@ -18,6 +18,7 @@ import msgpack
 import pytest
 from command import environment
 
+from evis.bag.info import describe
 from evis.cli.graph.run import run as run_node
 from evis.cli.graph.topic_rates import TopicRates
 from evis.runtime.plan import Plan
@@ -255,6 +256,26 @@ def test_of_several_graphs_the_one_taken_is_named(
     finally:
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=LIMIT_S)
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_a_recording_that_is_asked_to_end_is_whole(
+    name: str, running: Path, runtime_folder: Path, tmp_path: Path
+) -> None:
+    """`timeout` sends SIGTERM, and that twice; it left a bag without its index."""
+    bag = tmp_path / "a.mcap"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "evis", "bag", "record", str(bag), "--topics", "/cam0/depth", "--json"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment(runtime_folder),
+    )  # fmt: skip
+    until(lambda: bag.exists() and bag.stat().st_size > 10_000)
+    for _ in range(2):
+        process.send_signal(getattr(signal, name))
+    out, err = process.communicate(timeout=LIMIT_S)
+    assert process.returncode == 0, err
+    about = describe(bag)
+    assert about["problem"] == "" and about["topics"]["/cam0/depth"]["messages"] > 0
+    assert json.loads(out)["messages"] == sum(topic["messages"] for topic in about["topics"].values())
 
 
 def test_echo_ends_with_its_reader(running: Path, runtime_folder: Path) -> None:

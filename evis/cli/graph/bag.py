@@ -16,6 +16,8 @@ from evis.cli.parser import Parser, UsageError, check_duration
 from evis.console.printable import all_printable, printable
 from evis.dataset.layouts import LAYOUTS
 
+MOST_ASKED = 3
+"""Ctrl-C and SIGTERM end a recording in order; one more ends a close that hangs, as of a pipe that nobody reads."""
 HELP = "record, play, describe, repair and export bags"
 EXAMPLES = {
     "record": "evis bag record a.mcap --duration 5 --topics '/*/keyframe,/*/depth'",
@@ -173,6 +175,7 @@ def _record(args: argparse.Namespace) -> dict[str, Any]:
     from evis.bag.attach import Taps
     from evis.bag.selection import subscribed, unpublished
     from evis.runtime.process.control import ask_for
+    from evis.supervisor.interrupts import Interrupts
     from evis.supervisor.run_directory import is_live
     from nodes.recorder.recorder import Recorder
 
@@ -193,17 +196,19 @@ def _record(args: argparse.Namespace) -> dict[str, Any]:
     recorder = Recorder(args.bag, plan, globs, args.preview_hz, args.event_encoding, args.sync)
     if recorder.writer.backup:
         print(f"evis bag record: the older {args.bag} is now {printable(recorder.writer.backup)}", file=sys.stderr)
-    for topic in topics:
-        if topic in publishers and publishers[topic].dormant:
-            ask_for(plan.directory, topic)
-    taps = Taps(plan, topics)
-    try:
-        taps.run(recorder.receive, args.duration, lambda: is_live(Path(plan.directory)))
-    except KeyboardInterrupt:
-        pass  # the usual way to end a recording
-    finally:
-        taps.close()
-        recorder.close()
+    asked = Interrupts(most=MOST_ASKED)  # an exception in the middle of a write would leave half a message
+    with asked.counted():
+        try:
+            for topic in topics:
+                if topic in publishers and publishers[topic].dormant:
+                    ask_for(plan.directory, topic)
+            taps = Taps(plan, topics)
+            try:
+                taps.run(recorder.receive, args.duration, lambda: not asked.count and is_live(Path(plan.directory)))
+            finally:
+                taps.close()
+        finally:
+            recorder.close()
     return {"out": args.bag, "topics": topics, **recorder.counters}
 
 
