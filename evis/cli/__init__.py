@@ -35,9 +35,9 @@ HELP = ("-h", "--help", "help")
 """Words that ask for help: before a command's name for its own."""
 
 STATUSES = (
-    "exit status: 0 success, 1 failure, 2 wrong usage, 130 interrupted by Ctrl-C, 143 by SIGTERM (a graph whose processes\n"
-    "have been started and `bag record` end in order, with 0), 141 the work is done but who was to read standard output\n"
-    "had gone before all was said (to `topic echo` and `camera stream` that is the end, and 0)."
+    "exit status: 0 success, 1 failure, 2 wrong usage, 130 interrupted by Ctrl-C, 143 by SIGTERM (a graph whose\n"
+    "processes have been started and `bag record` end in order, with 0), 141 the work is done but who was to read\n"
+    "standard output had gone before all was said (to `topic echo` and `camera stream` that is the end, and 0)."
 )
 
 

@@ -217,6 +217,32 @@ def test_box_is_named_under_the_pointer(show: Callable[..., Show], tmp_path: Pat
     playwright.expect(tag).to_be_hidden()
 
 
+def test_boxes_are_those_of_the_pictures_time(show: Callable[..., Show], tmp_path: Path) -> None:
+    """Labels come by a topic of their own: the newest may be of another time than the events that are shown."""
+    page = show(warehouse(tmp_path, ["boxes"]))
+    note = page.tab.locator('[data-panel="/cam0/events"] .box-note')
+    page.play(labelled, lambda: note.is_visible() and note.inner_text().startswith("2 boxes"), "boxes")
+    panel = "evis.panels.find((p) => p.spec.topic === '/cam0/events')"
+
+    def boxes_at(k: int, x0: int) -> dict[str, Message]:
+        box = np.array([[x0, 20, x0 + 40, 60]], np.float32)
+        forklift = np.array([SHELVES + 2], np.int32)
+        return {"/cam0/labels": Labels(Header(k * 33 * MS, k), box=box, box_env=np.zeros(1, np.int32), box_id=forklift)}
+
+    def drawn(expected: int) -> bool:
+        return bool(page.tab.evaluate(f"{panel}.boxes.drawn.map((b) => b.x0)") == [expected])
+
+    page.play(lambda _: {**boxes_at(100, 20), "/cam0/events": events(100)}, lambda: drawn(20), "the box of its time")
+    arrived = f"Math.round({panel}.inTime.kept.at(-1).t * 1000) === {110 * 33}"
+    page.play(lambda _: boxes_at(110, 90), lambda: page.tab.evaluate(arrived), "a later box")
+    assert drawn(20) and "the picture" not in note.inner_text()
+    page.play(lambda _: {"/cam0/events": events(111)}, lambda: drawn(90), "the box that is nearest")
+    assert "33 ms before the picture" in note.inner_text()
+    page.play(
+        lambda _: {"/cam0/events": events(1, episode=1)}, lambda: not note.is_visible(), "none of an episode before"
+    )
+
+
 def inside(inner: dict[str, float], outer: dict[str, float], slack: float = 0.5) -> None:
     """Whether a rectangle lies in another."""
     assert inner["x"] >= outer["x"] - slack and inner["y"] >= outer["y"] - slack

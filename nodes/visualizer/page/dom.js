@@ -34,6 +34,11 @@ export function seconds(t) {
   return `${t.toFixed(3)} s`;
 }
 
+/** 0.00087 -> "0.87 ms". */
+export function duration(t) {
+  return t < 0.1 ? `${(1000 * t).toPrecision(2)} ms` : `${t.toPrecision(2)} s`;
+}
+
 export function table({ title, columns, rows, more }) {
   const body = rows.map((row) =>
     make("tr", {}, ...row.map((v) => make("td", { className: typeof v === "string" ? "text" : "", textContent: typeof v === "number" ? String(v) : v }))));

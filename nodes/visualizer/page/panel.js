@@ -1,7 +1,8 @@
 // What all panels have: a title bar with their choices, a body, a foot; and the pictures' stage with its boxes.
 
 import { Boxes } from "./boxes.js";
-import { choice, make } from "./dom.js";
+import { choice, duration, make } from "./dom.js";
+import { InTime } from "./in_time.js";
 import { LEAST_PX } from "./objects.js";
 
 /** Names what a panel shows, so that a part that was on its way when the choice changed is not taken for the new one. */
@@ -80,6 +81,7 @@ export class StagePanel extends Panel {
     this.body.className = topic.sure ? "stage" : "stage idle";
     this.body.append(this.canvas);
     this.boxes = new Boxes(app.objectsOf(topic.camera), this.body, this.canvas);
+    this.inTime = new InTime();
     this.body.append(this.waiting);
     this.time = make("span");
     this.facts = make("span");
@@ -96,7 +98,6 @@ export class StagePanel extends Panel {
   }
 
   addBoxChoices() {
-    this.newest = [];
     const add = (key, text, title, onchange) => {
       const box = make("input", { type: "checkbox", checked: Boolean(this.spec[key]), onchange: () => {
         this.spec[key] = box.checked;
@@ -108,11 +109,12 @@ export class StagePanel extends Panel {
     };
     add("boxes", "boxes", "Bounding boxes of the labels, coloured by class", () => {
       this.still.hidden = !this.spec.boxes;
-      this.drawBoxes([]);
+      this.inTime.clear();
+      this.drawBoxes();
       this.app.changed();
     });
     this.still = add("still", "static", "Boxes of what has not moved too", () => {
-      this.drawBoxes(this.newest);
+      this.drawBoxes();
       this.app.remember();
     });
     this.still.hidden = !this.spec.boxes;
@@ -139,16 +141,25 @@ export class StagePanel extends Panel {
     this.time.textContent = this.app.when(part);
     this.facts.textContent = facts;
     this.note.textContent = part.note || "";
+    this.inTime.shows(part);
+    if (this.labels && this.spec.boxes) this.drawBoxes();
   }
 
-  /** boxes: [[id, colour, x0, y0, x1, y1]] in pixels, inclusive. */
-  drawBoxes(boxes) {
-    this.newest = boxes;
+  /** part: {t, episode, boxes: [[id, colour, x0, y0, x1, y1]]}, the boxes in pixels, inclusive. */
+  takeBoxes(part) {
+    this.inTime.take(part);
+    this.drawBoxes();
+  }
+
+  /** Those of the picture's time, or what is nearest to it, which is said. */
+  drawBoxes() {
+    const { boxes, later } = this.inTime.nearest();
     const left = this.boxes.draw(boxes, { still: Boolean(this.spec.still), moving: this.app.moving });
     const drawn = this.boxes.drawn;
     this.boxNote.hidden = !boxes.length;
     const kinds = [...new Map(drawn.map((b) => [b.kind, b.colour]))].sort(([a], [b]) => (a < b ? -1 : 1));
     const words = [`${drawn.length} ${drawn.length === 1 ? "box" : "boxes"}`, ...counted(left.still, "static not shown"), ...counted(left.small, `under ${LEAST_PX} px`)];
+    if (later) words.push(`${duration(Math.abs(later))} ${later > 0 ? "after" : "before"} the picture`);
     this.boxNote.replaceChildren(words.join(", "), ...kinds.slice(0, MOST_KINDS).map(([kind, colour]) => chip(kind, colour)),
       ...counted(Math.max(0, kinds.length - MOST_KINDS), "more classes"));
   }

@@ -1,6 +1,6 @@
 // Panels that show pictures: images (JPEG or PNG from the node) and events (words that are drawn here, fading with time).
 
-import { choice, make, si } from "./dom.js";
+import { choice, duration, make, si } from "./dom.js";
 import { drawRamp, drawWheel } from "./palette.js";
 import { StagePanel, chip } from "./panel.js";
 import { Surface } from "./surface.js";
@@ -19,7 +19,7 @@ export class ImagePanel extends StagePanel {
   }
 
   draw(part) {
-    if (part.kind === "table") return this.drawBoxes(part.boxes);
+    if (part.kind === "table") return this.takeBoxes(part);
     if (!part.bitmap) {
       this.waiting.hidden = false;
       this.waiting.textContent = part.note || "empty";
@@ -84,7 +84,7 @@ export class EventsPanel extends StagePanel {
   }
 
   draw(part) {
-    if (part.kind === "table") return this.drawBoxes(part.boxes);
+    if (part.kind === "table") return this.takeBoxes(part);
     const width = Math.max(part.width, 1), height = Math.max(part.height, 1);
     if (this.resize(width, height) || !this.surface) {
       this.surface = new Surface(width, height);
@@ -113,9 +113,4 @@ export class EventsPanel extends StagePanel {
     if (fade === "auto") return this.surface.expose(part.t);
     return fade === "0" ? Infinity : Number(fade);
   }
-}
-
-/** 0.00087 -> "0.87 ms". */
-function duration(t) {
-  return t < 0.1 ? `${(1000 * t).toPrecision(2)} ms` : `${t.toPrecision(2)} s`;
 }
