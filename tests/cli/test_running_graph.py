@@ -70,6 +70,10 @@ def test_topic_list_and_info(running: Path, evis_here: Evis) -> None:
         "/clock": "Clock", "/diagnostics": "Diagnostics",
     }  # fmt: skip
     info = json.loads(evis_here("topic", "info", "/cam0/depth", "--json").out)
+    (tap,) = info["taps"]
+    assert tap.startswith("ipc://") and tap.endswith("/cam0~depth.tap")
+    until(Path(tap.removeprefix("ipc://")).exists)
+    assert len(json.loads(evis_here("topic", "info", "/clock", "--json").out)["taps"]) > 1  # one of each process
     assert info["publisher"] == "ticker" and [r["node"] for r in info["readers"]] == ["relay"]
     assert "did you mean '/cam0/depth'?" in evis_here("topic", "echo", "/cam0/deth").line
 

@@ -95,6 +95,7 @@ def _info(args: argparse.Namespace, plan: Any) -> int:
         "about": row.help,
         "publisher": topic.node if topic else "every process",
         "readers": [{"node": e.node, "port": e.port, "kind": e.kind} for e in topic.edges] if topic else [],
+        "taps": _taps(args.topic, plan),
         "latched": row.latched,
         "recorded": row.recorded,
     }
@@ -104,7 +105,18 @@ def _info(args: argparse.Namespace, plan: Any) -> int:
     body = all_printable(body)
     readers = ", ".join(f"{r['node']} ({r['kind']})" for r in body["readers"]) or "none; viewers and tools may tap it"
     print(f"{body['topic']}: {body['type']}, {body['about']}\npublisher: {body['publisher']}\nreaders: {readers}")
+    print(f"taps: {', '.join(body['taps'])}")
     return 0
+
+
+def _taps(topic: str, plan: Any) -> list[str]:
+    """Addresses at which ZeroMQ gives the lossy copy of a topic: one, or of a system topic that of each process."""
+    from evis.bus import endpoints_for
+    from evis.runtime.host import system_topic
+    from msgs.topics import SYSTEM_TOPICS
+
+    names = [system_topic(topic, process) for process in sorted({n.process for n in plan.nodes.values()})]
+    return [endpoints_for(plan.directory, name).tap for name in (names if topic in SYSTEM_TOPICS else [topic])]
 
 
 def _echo(args: argparse.Namespace, plan: Any) -> int:
