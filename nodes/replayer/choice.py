@@ -37,9 +37,10 @@ def replayed(
         if any(fnmatchcase(name, g) for g in exclude) or (regenerate and camera in cameras and last in REGENERATED):
             continue
         chosen.append(name)
-    if include and not chosen:
-        known = ", ".join(sorted(topics))
-        raise BagError(f"{bag} has no topic to play that is like {', '.join(include)}; it has {known}")
+    if (include or exclude) and not chosen:
+        like = f" that is like {', '.join(include)}" if include else ""
+        unlike = f"{' and' if include else ' that is'} not like {', '.join(exclude)}" if exclude else ""
+        raise BagError(f"{bag} has no topic to play{like}{unlike}; it has {', '.join(sorted(topics))}")
     return chosen
 
 

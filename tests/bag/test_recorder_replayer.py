@@ -527,3 +527,7 @@ def test_globs_that_no_topic_is_like_are_named():
     assert replayed(topics, ["/cam0/ev*"], [], False, "a.mcap") == ["/cam0/events"]
     with pytest.raises(BagError, match=r"a.mcap has no topic to play that is like /cam1/\*; it has /cam0/events"):
         replayed(topics, ["/cam1/*"], [], False, "a.mcap")
+    with pytest.raises(BagError, match=r"a.mcap has no topic to play that is not like \*; it has /cam0/events"):
+        replayed(topics, [], ["*"], False, "a.mcap")
+    with pytest.raises(BagError, match=r"that is like /cam0/\* and not like /cam0/\*; it has"):
+        replayed(topics, ["/cam0/*"], ["/cam0/*"], False, "a.mcap")
