@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from types import FrameType
+
+ONCE_S = 0.02
+"""What asks twice within this asks once: a terminal sends Ctrl-C to a program and to who started it, which hands it on,
+and `timeout` sends SIGTERM to a program and then to its group [s]."""
 
 
 class Interrupts:
@@ -18,6 +24,7 @@ class Interrupts:
     def __init__(self, most: int | None = None) -> None:
         self.count = 0
         self._most = most
+        self._counted_at = -math.inf
 
     @contextlib.contextmanager
     def counted(self) -> Iterator[None]:
@@ -36,6 +43,9 @@ class Interrupts:
                 signal.signal(number, handler)
 
     def _one_more(self, number: int, frame: FrameType | None) -> None:
+        if time.monotonic() - self._counted_at < ONCE_S:
+            return
+        self._counted_at = time.monotonic()
         self.count += 1
         if self._most is not None and self.count > self._most:
             raise KeyboardInterrupt(number)
