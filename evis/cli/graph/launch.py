@@ -172,7 +172,7 @@ def make_plan(args: argparse.Namespace) -> Any:
     from evis.cli.graph.auto import measuring_shown, warn
     from evis.config import paths
     from evis.launch.arguments import parse_pairs
-    from evis.launch.graph.checks import check_writable
+    from evis.launch.graph.checks import check_bag
     from evis.launch.planner import Options, plan_launch
     from evis.launch.target import read_target
     from evis.simulation.auto import without_auto
@@ -194,7 +194,7 @@ def make_plan(args: argparse.Namespace) -> Any:
     if args.record == "":
         raise UsageError("--record is empty; name a file such as run.mcap, or leave it out")
     if args.record:
-        check_writable(Path(args.record), "--record")
+        check_bag(Path(args.record), "--record")
     options = Options(
         duration_s=args.duration,
         record=args.record,

@@ -17,8 +17,8 @@ from evis.launch.graph.wiring import Wired
 
 
 def check_files(node: Wired) -> None:
-    """Checks that `scene` with its `scene_args`, `file`, `bag` and `emulate` exist, and that a recorder's `path` is
-    writable.
+    """Checks that `scene` with its `scene_args`, `file`, `bag` and `emulate` exist, and that the `path` of a recorder,
+    or of another node without outputs, is writable.
 
     Raises LaunchError naming node, file and remedy, ArgumentError for what a user gave.
     """
@@ -34,7 +34,8 @@ def check_files(node: Wired) -> None:
         _check_scene(node, where)
     target = node.params.get("path")
     if isinstance(target, str) and target and not node.outputs:
-        check_writable(Path(target), where)
+        check = check_bag if node.target.endswith(":RecorderNode") else check_writable
+        check(Path(target), where)
 
 
 def _check_scene(node: Wired, where: str) -> None:
@@ -55,24 +56,29 @@ def _check_device(node: Wired) -> None:
         raise ArgumentError(f"device is '{device}', must be cpu, cuda or cuda:N")
 
 
-def check_writable(path: Path, where: str) -> None:
-    """Raises LaunchError unless a bag can be made at `path`."""
-    place = written_at(path)
-    folder = place.parent
+def check_bag(path: Path, where: str) -> None:
+    """Raises LaunchError unless a bag can be recorded at `path`."""
     try:
         check_name(path)
     except BagError as error:
         raise LaunchError(f"{where}: {error}") from None
+    check_writable(path, where)
+    place = written_at(path)
+    if place.is_file() and not os.access(place.parent, os.W_OK):  # where an older bag is put aside
+        raise LaunchError(f"{where} cannot write '{path}': {refusal(place.parent)}")
+
+
+def check_writable(path: Path, where: str) -> None:
+    """Raises LaunchError unless a file can be written at `path`."""
+    place = written_at(path)
+    folder = place.parent
     if path.is_dir():
         raise LaunchError(f"{where} cannot write '{path}': it is a folder; name a file such as {path / 'a.mcap'}")
     if not folder.is_dir():
         raise LaunchError(f"{where} cannot write '{path}': there is no folder '{folder}'")
-    # An older bag is put aside in its folder; a pipe or a device is written where it is.
-    needed = [place] if place.exists() else []
-    needed += [] if place.exists() and not place.is_file() else [folder]
-    for what in needed:
-        if not os.access(what, os.W_OK):
-            raise LaunchError(f"{where} cannot write '{path}': {refusal(what)}")
+    needed = place if place.exists() else folder
+    if not os.access(needed, os.W_OK):
+        raise LaunchError(f"{where} cannot write '{path}': {refusal(needed)}")
 
 
 def _beside(path: Path) -> str:
