@@ -161,6 +161,34 @@ def test_reset_without_a_seed_is_the_next_episode() -> None:
     assert not same(first, second) and abs(len(first) - len(second)) < 0.3 * len(first)
 
 
+NOISES: list[dict[str, Any]] = [
+    FAULTS,
+    {"leak_rate": 50.0, "leak_model": "bernoulli"},
+    {"model": "evis-paper", "shot_rate": 50.0, "leak_rate": 50.0},
+    {"timestamp_jitter_us": 20.0},
+    {"timestamp_jitter_us": 20.0, "crossing": "cubic"},
+    {"model": "v2e", "shot_rate": 50.0},
+]
+
+
+@pytest.mark.parametrize("params", NOISES)
+def test_noise_knows_the_time_since_the_episode_began_and_not_the_hour(params: dict[str, Any]) -> None:
+    frames, t, late = video()[0], stamps(), 7_000_000 * MS
+    sensor, other = (evis.EventSensor(6, 8, seed=4, **params) for _ in range(2))
+    first, moved = sensor(frames, t), other(frames, t + late)
+    assert len(first) and (np.asarray(moved.t) - late == first.t).all() and (moved.x == first.x).all()
+    other.reset()
+    assert other(frames, t + 2 * late).t.tobytes() != (first.t + 2 * late).tobytes()
+
+
+@pytest.mark.parametrize("params", NOISES)
+def test_another_episode_at_the_same_times_has_other_noise(params: dict[str, Any]) -> None:
+    sensor = evis.EventSensor(6, 8, seed=4, **params)
+    first = sensor(video()[0], stamps())
+    sensor.reset()
+    assert not same(sensor(video()[0], stamps()), first)
+
+
 def test_one_environment_begins_anew() -> None:
     """The frame after it is the reference of that one alone."""
     frames = np.ones((3, 2, 6, 8), np.float32)
