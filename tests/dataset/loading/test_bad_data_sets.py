@@ -48,6 +48,14 @@ def test_labels_of_events_that_are_not_there(tmp_path: Path) -> None:
     assert "has no labels 'events' of cam0" in refusal(data.windows, seconds=0.05, labels=["events"])
 
 
+def test_flow_that_turned_time_would_be_made_of(tmp_path: Path) -> None:
+    """Nobody asked for the label that is missed; why it is needed is told."""
+    data = evis.dataset.open(made(tmp_path, ("backward_flow, ", ""))[1])
+    text = refusal(data.windows, seconds=1 / 30, labels=["forward_flow"], augment=Augment(reverse=0.5))
+    assert "has no labels 'backward_flow'" in text
+    assert text.endswith("Where `reverse` turns time round, forward_flow is made of backward_flow")
+
+
 def test_windows_that_cannot_be(small: Made) -> None:
     data = evis.dataset.open(small[1])
     cases: list[tuple[dict[str, Any], str]] = [
