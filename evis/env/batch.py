@@ -246,7 +246,7 @@ class Batch:
 
     def __reduce__(self) -> Never:
         raise SimulationError(
-            "an environment cannot be copied or pickled; make one where it is needed, by gymnasium.make and its arguments"
+            "an environment cannot be copied or pickled; make one where it is needed, by gymnasium.make"
         )
 
 
