@@ -236,7 +236,7 @@ def _ends(value: Table, end: str, param: Param, key: str) -> tuple[float, ...]:
 
 def _splits(table: Table) -> dict[str, float]:
     splits = submap(table, "splits")
-    shares = {}
+    shares: dict[str, float] = {}
     for name in splits:
         if not name.replace("-", "_").isidentifier():
             raise LaunchError(f"{splits.where(name)}: '{name}' cannot be the name of a split, which is a folder")
