@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from made_set import made
 
@@ -36,6 +37,26 @@ def test_no_data_set(tmp_path: Path) -> None:
     (tmp_path / "s").mkdir()
     (tmp_path / "s" / "about.json").write_text("{}")
     assert "make the sequence anew" in refusal(lambda: evis.dataset.open(tmp_path / "s"))
+
+
+def test_a_recording_is_no_data_set(tmp_path: Path) -> None:
+    (tmp_path / "run.mcap").write_bytes(b"")
+    assert "run.mcap is a file, and a data set is a folder; evis.open reads" in refusal(
+        lambda: evis.dataset.open(tmp_path / "run.mcap")
+    )
+
+
+def test_sequences_that_are_not_there(small: Made) -> None:
+    data: Any = evis.dataset.open(small[1])
+    for which in (3, -4, [0, 3]):
+        with pytest.raises(IndexError, match=r"there is no sequence -?[34]; there are 3"):
+            data[which]
+    for which in ("spinning_disk_00001", 0.5, [0.5], ["a"]):
+        with pytest.raises(TypeError, match="by number, slice or a list of numbers, not by"):
+            data[which]
+    for mask in ([True, False, True], np.array([True, False, True])):
+        with pytest.raises(TypeError, match=r"not by a mask; np\.flatnonzero"):
+            data[mask]
 
 
 def test_labels_of_events_that_are_not_there(tmp_path: Path) -> None:

@@ -156,6 +156,17 @@ def test_ranks_and_epochs_that_are_not_there(small: Made, how: dict[str, Any], t
         next(windows.batches(2, **how))
 
 
+def test_sequences_that_are_chosen_one_by_one(small: Made) -> None:
+    """Their windows are those of the whole, in the order that was asked for."""
+    data = evis.dataset.open(small[1])
+    for numbers in ([2, 0], np.array([2, 0]), (n for n in (-1, 0))):
+        assert [s.name for s in data[numbers]] == [data[2].name, data[0].name]
+    whole, part = (chosen.windows(seconds=0.1, arguments=["omega"]) for chosen in (data, data[[2, 0]]))
+    assert len(part) == 4
+    for i, n in enumerate((4, 5, 0, 1)):
+        same(part[i], whole[n])
+
+
 def test_batches(small: Made) -> None:
     """Images stack; events and boxes are joined with offsets, as a batch of the representations."""
     data = evis.dataset.open(small[1])
