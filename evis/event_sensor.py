@@ -209,25 +209,29 @@ class EventSensor:
         kind = kind_of(frames)
         if kind == NUMPY:
             frames = np.asarray(frames)
-            if frames.dtype.kind != "f":
-                raise ValueError(f"{name} are {frames.dtype}; they must be linear luminance in float32")
-        axes = 4 if self.colour and not _is_colour(frames) else 3
-        batched = len(frames.shape) == axes + 1
-        if len(frames.shape) not in (axes, axes + 1) or (self.envs > 1 and not batched):
-            wanted = " or ".join(self._wanted())
-            raise ValueError(f"{name} have the shape {list(frames.shape)}; they must be {wanted}")
+        _check_type(frames, kind, name)
+        of_three = self.colour and not _is_colour(frames)
+        size = (self.height, self.width, *((3,) if of_three else ()))
+        shape = tuple(frames.shape)
+        before = shape[: max(len(shape) - len(size), 0)]
+        batched = len(before) == 2
+        enough = before[0] == self.envs if batched else (self.envs, len(before)) == (1, 1)
+        if shape[len(before) :] != size or not enough:
+            raise ValueError(f"{name} have the shape {list(shape)}; they must be {self._wanted(shape)}")
         if isinstance(frames, wp.array) and not frames.is_contiguous:
             frames = frames.contiguous()
         if not batched:
             frames = frames.reshape((1, *frames.shape))
         if kind == NUMPY:
             return kind, frames, batched
-        of_three = self.colour and not isinstance(frames, wp.array)
-        return kind, as_warp(frames, wp.vec3f if of_three else None), batched
+        return kind, as_warp(frames, wp.vec3f if of_three and not isinstance(frames, wp.array) else None), batched
 
-    def _wanted(self) -> list[str]:
+    def _wanted(self, shape: tuple[int, ...]) -> str:
+        """What the shape must be, and what else could be meant by the one that is given."""
         size = f"T, {self.height}, {self.width}{', 3' if self.colour else ''}"
-        return [f"[{self.envs}, {size}]"] + ([f"[{size}]"] if self.envs == 1 else [])
+        ways = [f"[{self.envs}, {size}]"] + ([f"[{size}]"] if self.envs == 1 else [])
+        seen = shape[-3:] == (self.height, self.width, 3) and not self.colour
+        return " or ".join(ways) + (", or in R, G and B with colour=True" if seen else "")
 
     def _read(self, count: int) -> dict[str, Any]:
         """The sensor's last events, where it has them."""
@@ -276,6 +280,19 @@ def _moved(column: Any, kind: str, device: Any) -> Any:
         return column if isinstance(column, np.ndarray) else column.numpy()
     there: Any = wp.array(column, device="cpu", copy=False) if isinstance(column, np.ndarray) else column
     return as_kind(there if there.device == device else there.to(device), kind)
+
+
+def _check_type(frames: Any, kind: str, name: str) -> None:
+    """Raises ValueError for numbers that are no luminance; numpy's of any length are converted, others lie as they
+    are."""
+    own = getattr(frames, "dtype", None)
+    if own is None:  # of what speaks DLPack alone, the sensor learns it from there
+        return
+    told = own.__name__ if isinstance(frames, wp.array) else str(own).rpartition(".")[2]
+    if told in ("float32", "vec3f") or (kind == NUMPY and own.kind == "f"):
+        return
+    remedy = "convert them" if "float" in told else "evis.media.colour.linear_from_srgb(codes / 255) makes it of 8 bits"
+    raise ValueError(f"{name} are {told}; they must be linear luminance in float32: {remedy}")
 
 
 def _is_colour(frames: Any) -> bool:

@@ -34,6 +34,15 @@ def seed_of_camera(seed: int, camera: str) -> int:
     return seed + (int(key[0]) >> 2)
 
 
+def seed_of_time(seed: int, number: int) -> int:
+    """Gives the seed of the random numbers that are keyed by time: it differs after each reset, where time is 0 again.
+
+    number: of the reset, 0 at the start of a run. The result goes up by one from environment to environment as `seed`
+    does.
+    """
+    return seed if not number else (seed + int(mix(np.array([number], np.uint64))[0])) % 2**64
+
+
 def open_uniform(bits: np.ndarray) -> np.ndarray:
     """Returns float64 in (0, 1) from the upper 53 of 64 bits."""
     return np.asarray(((bits >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53)

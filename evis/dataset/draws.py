@@ -17,6 +17,8 @@ from evis.random_numbers import GOLDEN, mix, open_uniform
 SAMPLINGS = ("random", "latin", "grid")
 """How arguments are drawn: each by itself, stratified over the sequences (Latin hypercube), or every combination."""
 SCALES = ("linear", "log")
+_PIECE = 400.0
+"""Most events that are drawn by one number: e^-400 and what the sums of it come to lie within float64."""
 
 
 def key_of(*names: Any) -> np.uint64:
@@ -33,6 +35,18 @@ def uniform(key: np.uint64, n: int) -> float:
 def whole(key: np.uint64, n: int) -> int:
     """Returns the n-th whole number of a stream, in [0, 2^31)."""
     return int(_bits(key, np.array([n], np.uint64))[0] >> np.uint64(33))
+
+
+def poisson(key: np.uint64, mean: float) -> int:
+    """Draws a number of events from Poisson's law, of which `mean` are expected.
+
+    By inversion; a large number is a sum of those of equal pieces, whose least probabilities float64 can hold.
+    """
+    pieces = max(1, math.ceil(mean / _PIECE))
+    share = mean / pieces
+    likely = math.exp(-share) * np.cumprod(np.append(1.0, share / np.arange(1, math.ceil(share + 12 * _PIECE**0.5))))
+    drawn = open_uniform(_bits(key, np.arange(pieces, dtype=np.uint64)))
+    return int(np.searchsorted(np.cumsum(likely), drawn, "right").sum())
 
 
 def _bits(key: np.uint64, n: np.ndarray) -> np.ndarray:

@@ -236,10 +236,15 @@ def _ends(value: Table, end: str, param: Param, key: str) -> tuple[float, ...]:
 
 def _splits(table: Table) -> dict[str, float]:
     splits = submap(table, "splits")
-    shares = {}
+    shares: dict[str, float] = {}
     for name in splits:
         if not name.replace("-", "_").isidentifier():
             raise LaunchError(f"{splits.where(name)}: '{name}' cannot be the name of a split, which is a folder")
+        if alike := next((other for other in shares if other.casefold() == name.casefold()), None):
+            raise LaunchError(
+                f"{splits.where(name)}: the splits {alike} and {name} are one folder where file names know no case; "
+                "give them different names"
+            )
         shares[name] = _converted(Param(float, 0.0, "", "", 0.0, 1.0), splits, name)
     if shares and abs(sum(shares.values()) - 1) > 1e-6:
         raise LaunchError(f"{table.where('splits')}: the splits are {sum(shares.values()):g} in all; they must be 1")

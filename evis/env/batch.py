@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Never
 
 import numpy as np
 from gymnasium.spaces import Dict, Space
@@ -16,7 +16,7 @@ from evis.env.state import State
 from evis.env.task import Task
 from evis.env.tasks import TASKS
 from evis.runtime.clock import keyframe_stamp
-from evis.simulation.errors import Diverged
+from evis.simulation.errors import Diverged, SimulationError
 from evis.simulation.simulation import Simulation
 from nodes.event_sensor.parameters import LOOK_AHEAD
 
@@ -243,6 +243,11 @@ class Batch:
     def close(self) -> None:
         """Ends the simulation."""
         self.simulation.close()
+
+    def __reduce__(self) -> Never:
+        raise SimulationError(
+            "an environment cannot be copied or pickled; make one where it is needed, by gymnasium.make"
+        )
 
 
 def _by_name(observation: Any) -> dict[str, Observation]:

@@ -1,4 +1,4 @@
-"""Converts colours of light: the sRGB curve both ways, and luminance by the primaries of Rec. 709. 709.
+"""Converts colours of light: the sRGB curve both ways, and luminance by the primaries of Rec. 709.
 
 Plain numbers and numpy, so that kernels take the weights as constants and nobody loads Warp for them.
 """

@@ -53,7 +53,7 @@ def controls_of(action: Any, envs: int, actuators: Actuators) -> np.ndarray:
     """
     try:
         if hasattr(action, "detach"):  # of torch, which converts neither what has a gradient nor what is on a GPU
-            action = action.detach().cpu()
+            action = action.detach().cpu().numpy()
         elif hasattr(action, "numpy"):  # of Warp
             action = action.numpy()
         if np.iscomplexobj(action):

@@ -32,6 +32,8 @@ from nodes.physics.from_outside import Actuators
 CALLER = "caller"
 """Name of the caller's node."""
 ACTION = "/action"
+OF_OUTPUTS = {LABELS: "labels.flow", "image": "image"}
+"""Arguments that are turned on by an output of steps, as the second names it."""
 
 
 @dataclass
@@ -178,6 +180,11 @@ def _checked(each: Any, envs: Any) -> list[dict[str, Any]]:
     for env, own in enumerate(made):
         if "envs" in own:
             raise SimulationError(f"environment {env} has envs of its own; each tells their number, leave it out")
+        if told := next((name for name in OF_OUTPUTS if name in own), None):
+            raise SimulationError(
+                f"environment {env} has {told} of its own; a step has the same of all environments: name it among the "
+                f"outputs, as outputs=['events', '{OF_OUTPUTS[told]}']"
+            )
         if "seed" in own:
             try:
                 own["seed"] = SEED.convert(f"environment {env}", "seed", own["seed"])

@@ -304,7 +304,10 @@ class Simulation:
 
     def _repr_html_(self) -> str:
         title = f"{self._run.graph.plan.name}, {self.stamp_ns * 1e-9:g} s"
-        return as_html(self.show(), title) if self._run.k >= 0 and not self._closed else f"<div>{title}</div>"
+        try:
+            return as_html(self.show(), title)
+        except SimulationError:  # closed, not begun, or nothing is rendered: a notebook would show a traceback
+            return f"<div>{title}</div>"
 
     # -- its end -----------------------------------------------------------------------------------------------------
 

@@ -29,16 +29,16 @@ def make_sensor(
         colour: events of R, G and B rather than of luminance.
         device: where kernels run.
         seed: of environment 0.
-        time_seed, marked: as of EventSensor.
+        time_seed: of a model whose random numbers know no episode but only a time, for who lets time begin again; None
+            = seed.
+        marked: as of EventSensor.
 
     Raises ValueError.
     """
     model = parameters["model"]
     if model.startswith("evis"):
         channels = 3 if colour else 1
-        return EventSensor(
-            *shape, envs, channels=channels, device=device, seed=seed, time_seed=time_seed, marked=marked, **parameters
-        )
+        return EventSensor(*shape, envs, channels=channels, device=device, seed=seed, marked=marked, **parameters)
     if colour or device != "cpu":
         raise ValueError(f"event model {model} takes luminance on the cpu; evis does colour and cuda")
     from nodes.event_sensor.peers import make_model

@@ -206,8 +206,7 @@ class EventSensorNode(Node):
 
     def _one(self, height: int, width: int, envs: int, p: Mapping[str, Any], seed: int, number: int) -> Any:
         """Makes a sensor, or another event model behind the same interface; arguments as of `_make`."""
-        from evis.random_numbers import seed_of_camera
-        from nodes.event_sensor.environments.reset_groups import seed_of_time
+        from evis.random_numbers import seed_of_camera, seed_of_time
         from nodes.event_sensor.make import make_sensor
 
         seed = seed_of_camera(seed, self.below(self.params["camera"]))

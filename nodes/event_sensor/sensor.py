@@ -80,10 +80,9 @@ class EventSensor:
 
     parameters: those of nodes.event_sensor.parameters.SENSOR, over those of `preset`. channels: 1 for luminance, 3 for
     colour, each channel an independent sensor. seed: environment e has the random numbers of a single sensor with seed
-    + e. time_seed: that of random numbers which know no episode but only a time, for who lets time begin again; None =
-    seed. marked: events have a column `signal` too, see above. State per pixel and channel on a CPU (on a GPU): 28 (36)
+    + e. marked: events have a column `signal` too, see above. State per pixel and channel on a CPU (on a GPU): 28 (36)
     bytes for the ideal sensor, 76 (160) with a fault, 8 (16) more with a curve, 8 (16) more where something can happen
-    without light, 4 more for a frame of look-ahead; 48 for evis-paper.
+    without light, 4 more for a frame of look-ahead; 64 for evis-paper.
 
     With look-ahead (crossing monotone or cubic) a step's events come one frame later, at the end of it by `flush`.
     """
@@ -97,7 +96,6 @@ class EventSensor:
         channels: int = 1,
         device: str = "cpu",
         seed: int = 0,
-        time_seed: int | None = None,
         preset: str = "ideal",
         marked: bool = False,
         **parameters: Any,
@@ -121,7 +119,7 @@ class EventSensor:
         self._ahead = p["model"] == "evis" and p["crossing"] in LOOK_AHEAD
         self._hermite = p["model"] == "evis" and p["crossing"] == "hermite"
         self._optics = Optics(height, width, envs, channels, p, self._hermite, self._device)
-        self._readout = self._make_readout(seed if time_seed is None else time_seed)
+        self._readout = self._make_readout(seed)
         self._nothing: wp.array = wp.zeros(0, dtype=wp.float32, device=self._device)
         self._total = np.zeros(len(COUNTERS), np.int64)
         self._side: Any = self._make_side(size)
@@ -168,10 +166,8 @@ class EventSensor:
         kept = sum(a.capacity for a in self._engine.arrays())
         return round(kept / (self.envs * self._size)) + (4 if self._ahead else 0)
 
-    @property
-    def begins_again(self) -> bool:
-        """Tells whether another episode at the same times has other random numbers."""
-        return self._readout is None
+    begins_again = True
+    """Another episode at the same times has other random numbers."""
 
     @property
     def takes_further(self) -> bool:
@@ -428,11 +424,14 @@ class EventSensor:
             # The held frame ends the old episode, whose events leave before the queue starts again.
             end = int(batch.t[0])
             old, new = parted(out, offsets, end)
-            first = self._readout.apply(*old, t_base, end, begins)
-            rest = self._readout.apply(*new, end, self._settled, later != 0)
+            self._readout.begin(begins, end, batch.episodes[0])
+            first = self._readout.apply(*old, t_base, end)
+            self._readout.begin(later != 0, int(batch.t[1]), batch.episodes[-1])
+            rest = self._readout.apply(*new, end, self._settled)
             self._left = merged(first, rest, self.envs)
         else:
-            self._left = self._readout.apply(out, offsets, t_base, self._settled, begins)
+            self._readout.begin(begins, int(batch.t[0]), batch.episodes[0])
+            self._left = self._readout.apply(out, offsets, t_base, self._settled)
         return len(self._left[0]["t"])
 
     def counts(self) -> dict[str, int]:

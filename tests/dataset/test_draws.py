@@ -158,6 +158,7 @@ def test_every_scene_has_the_shares_of_the_splits(tmp_path: Path, scenes: int) -
         ("spinning_disk", "spining_disk", "small.yaml:8: no launch file or scene 'spining_disk'"),
         ("sampling: latin", "sampling: latim", "did you mean 'latin'?"),
         ("layout: npz", "layuot: npz", "small.yaml:1: a recipe has no 'layuot'; did you mean 'layout'?"),
+        ("train: 0.6, test: 0.4", "val: 0.6, Val: 0.4", "small.yaml:5: the splits val and Val are one folder"),
         ("test: 0.4", "test: 0.5", "small.yaml:5: the splits are 1.1 in all; they must be 1"),
         ("shot_rate: 3.0", "seed: 3", "small.yaml:6: 'seed' is no argument of a recipe's scene"),
         ("sampling: latin", "sampling: grid", "small.yaml:10: a grid needs `steps:` of the range of 'omega'"),

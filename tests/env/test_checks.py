@@ -1,10 +1,15 @@
 """What Gymnasium's own checks say of the environments, and that a seed decides an episode."""
 
+import copy
+import pickle
+from collections.abc import Callable
+
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+import evis
 import evis.env
 
 
@@ -12,6 +17,15 @@ import evis.env
 def test_gymnasium_has_nothing_to_object(name: str) -> None:
     env = gymnasium.make(f"evis/{name}-v0", width=32, height=32)
     check_env(env.unwrapped)
+    env.close()
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, pickle.dumps])
+def test_an_environment_that_is_copied_says_that_it_cannot_be(copied: Callable[[gymnasium.Env], object]) -> None:
+    env = gymnasium.make("evis/CartPole-v0", render_mode="rgb_array", width=32, height=32)
+    env.reset(seed=1)
+    with pytest.raises(evis.SimulationError, match=r"an environment cannot be copied or pickled; .*gymnasium\.make"):
+        copied(env)
     env.close()
 
 

@@ -161,6 +161,34 @@ def test_reset_without_a_seed_is_the_next_episode() -> None:
     assert not same(first, second) and abs(len(first) - len(second)) < 0.3 * len(first)
 
 
+NOISES: list[dict[str, Any]] = [
+    FAULTS,
+    {"leak_rate": 50.0, "leak_model": "bernoulli"},
+    {"model": "evis-paper", "shot_rate": 50.0, "leak_rate": 50.0},
+    {"timestamp_jitter_us": 20.0},
+    {"timestamp_jitter_us": 20.0, "crossing": "cubic"},
+    {"model": "v2e", "shot_rate": 50.0},
+]
+
+
+@pytest.mark.parametrize("params", NOISES)
+def test_noise_knows_the_time_since_the_episode_began_and_not_the_hour(params: dict[str, Any]) -> None:
+    frames, t, late = video()[0], stamps(), 7_000_000 * MS
+    sensor, other = (evis.EventSensor(6, 8, seed=4, **params) for _ in range(2))
+    first, moved = sensor(frames, t), other(frames, t + late)
+    assert len(first) and (np.asarray(moved.t) - late == first.t).all() and (moved.x == first.x).all()
+    other.reset()
+    assert other(frames, t + 2 * late).t.tobytes() != (first.t + 2 * late).tobytes()
+
+
+@pytest.mark.parametrize("params", NOISES)
+def test_another_episode_at_the_same_times_has_other_noise(params: dict[str, Any]) -> None:
+    sensor = evis.EventSensor(6, 8, seed=4, **params)
+    first = sensor(video()[0], stamps())
+    sensor.reset()
+    assert not same(sensor(video()[0], stamps()), first)
+
+
 def test_one_environment_begins_anew() -> None:
     """The frame after it is the reference of that one alone."""
     frames = np.ones((3, 2, 6, 8), np.float32)
@@ -213,6 +241,7 @@ def test_what_is_not_a_number_is_counted() -> None:
     assert sensor.counts()["nonfinite"] == 1
 
 
+RGB, CODES = np.ones((13, 6, 8, 3), np.float32), np.ones((13, 6, 8), np.uint8)
 BAD: list[tuple[str, Any]] = [
     ("threshold", lambda: evis.EventSensor(6, 8, threshold=-1)),
     ("thresholds", lambda: evis.EventSensor(6, 8, thresholds=0.2)),
@@ -221,11 +250,14 @@ BAD: list[tuple[str, Any]] = [
     ("crossing=hermite needs", lambda: evis.EventSensor(6, 8, crossing="hermite", bandwidth_hz=50)),
     ("takes luminance", lambda: evis.EventSensor(6, 8, model="esim", colour=True)),
     (
-        r"\(1, 13, 6, 9\) with 13 stamps, expected \(1, 13, 6, 8\)",
+        r"have the shape \[13, 6, 9\]; they must be \[1, T, 6, 8\] or \[T, 6, 8\]$",
         lambda: evis.EventSensor(6, 8)(np.ones((13, 6, 9), "f4"), stamps()),
     ),
     (r"must be \[2, T, 6, 8\]", lambda: evis.EventSensor(6, 8, 2)(video()[0], stamps())),
-    ("uint8; they must be linear", lambda: evis.EventSensor(6, 8)(np.ones((13, 6, 8), np.uint8), stamps())),
+    (r"must be .* or \[T, 6, 8\], or in R, G and B with colour=True", lambda: evis.EventSensor(6, 8)(RGB, stamps())),
+    (r"shape \[1, 1, 13, 6, 8\]", lambda: evis.EventSensor(6, 8, 3)(np.ones((1, 1, 13, 6, 8), "f4"), stamps())),
+    (r"uint8; they must be .*linear_from_srgb\(codes / 255\)", lambda: evis.EventSensor(6, 8)(CODES, stamps())),
+    ("float64; they must be .* convert", lambda: evis.EventSensor(6, 8)(wp.ones((13, 6, 8), wp.float64), stamps())),
     ("whole nanoseconds", lambda: evis.EventSensor(6, 8)(video(), stamps() * 1e-9)),
     ("13 stamps|12 stamps", lambda: evis.EventSensor(6, 8)(video(), stamps()[:12])),
     ("height is 0; it must be a whole number, 1 to 65536", lambda: evis.EventSensor(0, 8)),

@@ -42,6 +42,8 @@ def arm() -> Iterator[evis.Simulation]:
         ("spinning_disk", {"each": {"omega": 3}}, "each is {'omega': 3}; it must be a list with a mapping for each"),
         ("spinning_disk", {"each": ["a"]}, r"each is \['a'\]; it must be a list with a mapping for each"),
         ("spinning_disk", {"outputs": None}, r"outputs is None; it must be a list of names"),
+        ("spinning_disk", {"each": [{"image": True}, {}]}, "environment 0 has image of its own; .*outputs=.*'image'"),
+        ("spinning_disk", {"each": [{}, {"labels": "flow"}]}, "environment 1 has labels of its own; .*'labels.flow'"),
         ("spinning_disk", {"each": [{}, {"envs": 3}]}, "environment 1 has envs of its own; .* leave it out"),
         ("spinning_disk", {"each": [{}, {"seed": 1.5}]}, "environment 1: seed is 1.5, must be a whole number"),
     ],

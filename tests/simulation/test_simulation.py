@@ -223,6 +223,12 @@ def test_a_picture_shows_where_events_are() -> None:
     assert page.count("<img") == 1 and "data:image/png;base64," in page
 
 
+def test_a_notebook_names_a_simulation_that_renders_nothing() -> None:
+    with evis.Simulation("spinning_disk", outputs=["state"], **SIZE) as sim:
+        sim.step()
+        assert sim._repr_html_() == "<div>spinning_disk, 0.0333333 s</div>"
+
+
 @pytest.mark.parametrize("which", [0, 1])
 def test_a_replay_has_the_environments_and_episodes_of_its_bag(which: int, tmp_path: Path) -> None:
     """One of two was reset at 0.1 s: its episode is the next one from there on, and nothing has diverged."""

@@ -39,7 +39,7 @@ class Augment:
 
     flip_x, flip_y: how likely a window is mirrored from left to right, from top to bottom. reverse: how likely its time
     runs backwards, with ON for OFF. crop: (height, width) px of a part at a random place. drop: share of events that
-    are left out. noise: events a second and pixel that are added anywhere, with the label of noise.
+    are left out. noise: events a second and pixel of a Poisson process that is added, with the label of noise.
     """
 
     flip_x: float = 0.0

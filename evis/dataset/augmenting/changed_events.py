@@ -8,7 +8,7 @@ import numpy as np
 
 from evis.dataset.augmenting.arrays import cast, module_of, order_of, uniforms
 from evis.dataset.augmenting.augmentation import Augment, Drawn
-from evis.dataset.draws import key_of
+from evis.dataset.draws import key_of, poisson
 from evis.dataset.layouts.sample import EVENTS
 
 Columns = dict[str, Any]
@@ -57,10 +57,9 @@ def _rows(columns: Columns, which: Any) -> Columns:
 
 
 def _with_noise(events: Columns, rate: float, drawn: Drawn, t0: int, t1: int, height: int, width: int) -> Columns:
-    """Adds `rate` events a second and pixel, each anywhere and at any time."""
+    """Adds a Poisson process of `rate` events a second and pixel."""
     t, module = events["t"], module_of(events["t"])
-    expected = rate * height * width * (t1 - t0) * 1e-9
-    count = int(expected + float(uniforms(key_of(drawn.key, "count"), 0, 1, t)[0]))
+    count = poisson(key_of(drawn.key, "count"), rate * height * width * (t1 - t0) * 1e-9)
     u = [uniforms(drawn.key, 1 + i, count, t) for i in range(4)]
     noise = {"t": t0 + cast(u[0] * (t1 - t0), "int64")}
     noise |= {n: cast(v * size, "int32") for n, v, size in (("x", u[1], width), ("y", u[2], height), ("p", u[3], 2))}

@@ -74,7 +74,14 @@ def label_stamps(source: Source, cut: Cut, t0: np.ndarray, t1: np.ndarray) -> tu
             continue
         for found, other, pick in ((ahead, kind, at_end), (back, counterparts.get(kind), at_start)):
             if other is not None:
-                stamps = source.stamps(other)
+                try:
+                    stamps = source.stamps(other)
+                except DatasetError as error:
+                    if other == kind:
+                        raise
+                    raise DatasetError(
+                        f"{error}. Where `reverse` turns time round, {kind} is made of {other}"
+                    ) from None
                 stamps = stamps[with_interval(other, stamps)]
                 which = pick(stamps, t0, t1)
                 own = stamps[:, 1] if len(stamps) else np.zeros(1, np.int64)

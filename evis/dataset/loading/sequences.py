@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import operator
 import os
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, overload
+
+import numpy as np
 
 from evis.config.suggestions import nearest
 from evis.dataset.about import About
@@ -33,11 +36,26 @@ class Sequences:
     @overload
     def __getitem__(self, which: int) -> Sequence: ...
     @overload
-    def __getitem__(self, which: slice) -> Sequences: ...
-    def __getitem__(self, which: int | slice) -> Sequence | Sequences:
+    def __getitem__(self, which: slice | Iterable[int]) -> Sequences: ...
+    def __getitem__(self, which: int | slice | Iterable[int]) -> Sequence | Sequences:
         if isinstance(which, slice):
             return Sequences(self.place, self._all[which])
-        return self._all[which]
+        if isinstance(which, Iterable) and not isinstance(which, str):
+            return Sequences(self.place, [self._one(number) for number in which])
+        return self._one(which)
+
+    def _one(self, which: Any) -> Sequence:
+        """The sequence of a number, from the end where it is negative. Raises TypeError, IndexError."""
+        if isinstance(which, bool | np.bool_):
+            raise TypeError("sequences are taken by their numbers, not by a mask; np.flatnonzero(mask) gives them")
+        if not hasattr(which, "__index__"):
+            raise TypeError(
+                f"sequences are taken by number, slice or a list of numbers, not by {which!r:.60}; go over them for "
+                "what else they are chosen by, as their arguments"
+            )
+        if not -len(self) <= (number := operator.index(which)) < len(self):
+            raise IndexError(f"there is no sequence {number}; there are {len(self)}")
+        return self._all[number]
 
     def __iter__(self) -> Iterator[Sequence]:
         return iter(self._all)
@@ -73,6 +91,11 @@ def open_dataset(place: str | Path) -> Sequences:
     name = str(place).rstrip("/") if is_remote(str(place)) else os.path.abspath(place)
     if not is_remote(name):
         folder = Path(name)
+        if folder.is_file():
+            raise DatasetError(
+                f"{place} is a file, and a data set is a folder; evis.open reads recordings and bags, and `evis bag "
+                f"export {place} --layout npz DIR` makes a folder of a bag"
+            )
         if not folder.is_dir():
             raise DatasetError(f"there is no folder {place}; `evis dataset make RECIPE --out {place}` makes a data set")
         if is_sequence(folder):

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 class Epoch:
     """Holds the number of the epoch in memory that workers share, also those that live on from epoch to epoch."""
 
-    def __init__(self) -> None:
-        self._number = torch.zeros((), dtype=torch.int64).share_memory_()
+    def __init__(self, number: int = 0) -> None:
+        self._number = torch.tensor(number, dtype=torch.int64).share_memory_()
 
     def set(self, epoch: int) -> None:
         """Sets the number of the epoch for all processes. Raises DatasetError."""
@@ -40,7 +40,7 @@ class WindowDataset(Dataset[dict[str, Any]]):
     """Gives windows by number, in tensors; a pure function of seed, epoch and number."""
 
     def __init__(self, windows: Windows) -> None:
-        self.windows, self._epoch = windows, Epoch()
+        self.windows, self._epoch = windows, Epoch(windows.epoch)
 
     def set_epoch(self, epoch: int) -> None:
         """Says which epoch it is, on which the augmentation depends."""
@@ -58,7 +58,7 @@ class WindowIterable(IterableDataset[dict[str, Any]]):
 
     def __init__(self, windows: Windows, shuffle: bool, rank: int | None, ranks: int | None) -> None:
         """rank, ranks: None = those of torch.distributed."""
-        self.windows, self._shuffle, self._epoch = windows, shuffle, Epoch()
+        self.windows, self._shuffle, self._epoch = windows, shuffle, Epoch(windows.epoch)
         self._rank, self._ranks = place_among(rank, ranks)
 
     def set_epoch(self, epoch: int) -> None:

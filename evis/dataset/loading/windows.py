@@ -31,7 +31,7 @@ class Windows:
 
     def __init__(self, sequences: list[Sequence], cut: Cut, place: str) -> None:
         """Lists the windows. Raises DatasetError where there is none, or labels that are asked for are not there."""
-        self.cut, self._place, self._epoch = cut, place, 0
+        self.cut, self._place, self.epoch = cut, place, 0
         self._stored = [Stored(sequence, cut.camera) for sequence in sequences]
         self._tables: list[Table] = [table_of(stored, cut) for stored in self._stored]
         self._ends = np.cumsum([len(table) for table in self._tables], dtype=np.int64)
@@ -62,7 +62,7 @@ class Windows:
         return int(self._ends[-1]) if len(self._ends) else 0
 
     def __getitem__(self, i: int) -> Sample:
-        return self.sample(i, self._epoch)
+        return self.sample(i, self.epoch)
 
     def __iter__(self) -> Iterator[Sample]:
         return (self[i] for i in range(len(self)))
@@ -73,7 +73,7 @@ class Windows:
     def set_epoch(self, epoch: int) -> None:
         """Says which epoch it is, of which order and augmentation depend. Raises DatasetError."""
         check_whole("epoch", epoch)
-        self._epoch = int(epoch)
+        self.epoch = int(epoch)
 
     def sample(self, i: int, epoch: int) -> Sample:
         """Reads the i-th window as it is in an epoch. Raises TypeError, IndexError, DatasetError."""
@@ -95,18 +95,27 @@ class Windows:
         return share(order(len(self), shuffle, self.cut.seed, epoch), rank, ranks)
 
     def batches(
-        self, size: int, *, shuffle: bool = False, epoch: int = 0, rank: int = 0, ranks: int = 1, whole: bool = False
+        self,
+        size: int,
+        *,
+        shuffle: bool = False,
+        epoch: int | None = None,
+        rank: int = 0,
+        ranks: int = 1,
+        whole: bool = False,
     ) -> Iterator[dict[str, Any]]:
         """Gives batches of numpy arrays, joined by `evis.dataset.collate`.
 
         Args:
             size: windows of a batch. whole: leave out a last one that has fewer.
             shuffle: in an order of seed and epoch; else as they are.
+            epoch: None = that of `set_epoch`.
             rank, ranks: take the part of one of several processes.
 
         Raises DatasetError.
         """
         check_size(size)
+        epoch = self.epoch if epoch is None else epoch
         numbers = self.order(shuffle, epoch, rank, ranks)
         for first in range(0, len(numbers), size):
             part = numbers[first : first + size]

@@ -51,6 +51,7 @@ class Stream:
         self._shuffle = int(shuffle)
         self._place = place or (0, 1)
         self._warm: tuple[int, Warm] | None = None
+        self._epoch = 0
         self.left_out = {"windows without a label": 0, "sequences that failed": 0}
         wanted = {*cut.labels, *cut.augment.counterparts(cut.labels).values()}
         there = {*recipe.labels, *(kind for kind, output in OUTPUTS.items() if output in recipe.outputs)}
@@ -74,7 +75,15 @@ class Stream:
         return {**self.__dict__, "_warm": None}
 
     def __iter__(self) -> Iterator[Sample]:
-        return self.samples(*self._place)
+        return self.samples(*self._place, epoch=self._epoch)
+
+    def set_epoch(self, epoch: int) -> None:
+        """Says which epoch it is, on which augmentation and the order of `shuffle` depend; the sequences are the same.
+
+        Raises DatasetError.
+        """
+        check_whole("epoch", epoch)
+        self._epoch = int(epoch)
 
     def batches(self, size: int) -> Iterator[dict[str, Any]]:
         """Gives batches of windows, joined by `evis.dataset.collate`; the last may have fewer. Raises DatasetError."""
@@ -83,17 +92,19 @@ class Stream:
         while batch := list(itertools.islice(samples, size)):
             yield collate(batch)
 
-    def samples(self, worker: int, workers: int, taken: Callable[[Any], Any] = host) -> Iterator[Sample]:
-        """Yields the windows of the sequences of one of several workers.
+    def samples(
+        self, worker: int, workers: int, taken: Callable[[Any], Any] = host, epoch: int = 0
+    ) -> Iterator[Sample]:
+        """Yields the windows of the sequences of one of several workers, as they are in an epoch.
 
         taken: makes of an array of the simulation what windows are to have.
         """
-        own = self._own(worker, workers, taken)
+        own = self._own(worker, workers, taken, epoch)
         if not self._shuffle:
             yield from own
             return
         held: list[Sample] = []
-        key = key_of(self.cut.seed, "shuffle", worker)
+        key = key_of(self.cut.seed, "shuffle", epoch, worker)
         for n, sample in enumerate(own):
             if len(held) < self._shuffle:
                 held.append(sample)
@@ -104,13 +115,13 @@ class Stream:
         for n in range(len(held)):
             yield held.pop(int(uniform(key_of(key, "rest"), n) * len(held)))
 
-    def _own(self, worker: int, workers: int, taken: Callable[[Any], Any]) -> Iterator[Sample]:
+    def _own(self, worker: int, workers: int, taken: Callable[[Any], Any], epoch: int) -> Iterator[Sample]:
         fruitless, why, fruit = 0, "", False
         for plan in itertools.islice(self._plans(), worker, None, workers):
             before = dict(self.left_out)
             windows = 0
             try:
-                for sample in self._simulated(plan, taken):
+                for sample in self._simulated(plan, taken, epoch):
                     windows += 1
                     yield sample
             except SimulationError as error:
@@ -134,7 +145,7 @@ class Stream:
         for plan in itertools.islice(plans, self._sequences):
             yield replace(plan, labels=self._labels, arguments={**plan.arguments, **device})
 
-    def _simulated(self, plan: Plan, taken: Callable[[Any], Any]) -> Iterator[Sample]:
+    def _simulated(self, plan: Plan, taken: Callable[[Any], Any], epoch: int) -> Iterator[Sample]:
         """Yields the windows of a sequence."""
         if self._warm is None or self._warm[0] != os.getpid():  # a forked worker makes its own
             self._warm = os.getpid(), Warm()
@@ -143,7 +154,7 @@ class Stream:
             with self._warm[1].play(plan) as playing:
                 live = Live(plan, playing, self.cut, taken)
                 for window in live.windows():
-                    yield contiguous(sample_of(live, self.cut, window, 0))
+                    yield contiguous(sample_of(live, self.cut, window, epoch))
                 self.left_out["windows without a label"] += live.left_out
 
     def close(self) -> None:

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from evis.random_numbers import mix
 from msgs.own_time import CONFIGURED, NUMBER, ORIGIN, SEED, STAMP, equal_runs, rows_of_shared_time
 
 if TYPE_CHECKING:
@@ -25,15 +24,6 @@ Make = Callable[[slice, int | None, int], Any]
 """(environments, seed of the first one or None = the configured one, number of the reset) -> sensor."""
 LEFT = -1
 """Number of the reset that a sensor is given for an environment that has left it."""
-
-
-def seed_of_time(seed: int, number: int) -> int:
-    """Gives the seed of the random numbers that are keyed by time: it differs after each reset, where time is 0 again.
-
-    number: of the reset, 0 at the start of a run. The result goes up by one from environment to environment as `seed`
-    does.
-    """
-    return seed if not number else (seed + int(mix(np.array([number], np.uint64))[0])) % 2**64
 
 
 @dataclass

@@ -41,11 +41,12 @@ TERMS = 12
 
 @wp.struct
 class PaperPixel:
-    """Holds the reference (NaN: none yet), the stamp of the last event, and the light that is held where a sample is
-    bad."""
+    """Holds the reference (NaN: none yet), the stamps of the last event and of the episode's first good sample, and
+    the light that is held where a sample is bad."""
 
     reference: wp.float64
     t_last: wp.int64
+    origin: wp.int64
     last: wp.float32
     fired: wp.int32
 
@@ -164,6 +165,7 @@ def sense_paper(
         if wp.isnan(pixel.reference):
             if ok:
                 pixel.reference = ln_as_prescribed(light_seen(sensor, v))
+                pixel.origin = now
                 pixel.last = v
                 count_clipped(sensor, v, counters)
         else:
@@ -185,7 +187,7 @@ def sense_paper(
             if noisy:
                 dt = wp.float64(now - start) * wp.float64(1.0e-9)
                 seen = wp.clamp(wp.float64(pixel.last) / sensor.shot_white, wp.float64(0.0), wp.float64(1.0))
-                bits = mix(stream ^ mix(wp.uint64(now)))
+                bits = mix(stream ^ mix(wp.uint64(now - pixel.origin)))
                 kind = int(0)
                 while kind < 3:
                     rate = leak

@@ -362,7 +362,10 @@ def sense_pixel(features: Features, at_once: Any = None) -> Any:
                     if not named:
                         stream = stream_here(sensor, place.env, place.inner, message.episodes, k)
                         named = True
-                    coin_at = coin_time(stream, rare[side, index].leak, step.start, step.now)
+                    origin = rare[side, index].origin
+                    if loaded:
+                        origin = state.origin  # of an episode that began in this message, too
+                    coin_at = coin_time(stream, rare[side, index].leak, step.start, step.now, origin)
                     inactive = inactive and coin_at == NEVER
             frequent, levels = passed(inactive, frequent, sample, levels)
             held = not inactive and not has_level(sensor, sample.light)

@@ -90,7 +90,7 @@ class Rare:
     base: wp.float64
     net: wp.int32
     n_off: wp.int32
-    origin: wp.int64  # where the leak's drift is zero: the last reset before the episode
+    origin: wp.int64  # the last reset before the episode, where the leak's drift is zero; with a coin its start
     dead: wp.int64  # end of the dead time
     next: wp.int64  # next candidate of the noise process
     draws: wp.int64  # its number

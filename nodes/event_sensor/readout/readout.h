@@ -64,20 +64,20 @@ static const auto serve = [](const auto& queue, int env, wp::int64 begin, wp::in
 };
 
 // Adds sigma (REACH + N) [ns] to the stamps, N standard normal and cut at +-REACH.
-static const auto delay = [](const auto& queue, int env, wp::int64 begin, wp::int64 end, const auto& t, const auto& x,
-    const auto& y, const auto& p, const auto& c, const auto& stamps) {
+static const auto delay = [](const auto& queue, wp::uint64 seed, wp::int64 origin, wp::int64 begin, wp::int64 end,
+    const auto& t, const auto& x, const auto& y, const auto& p, const auto& c, const auto& stamps) {
     const wp::int64* asks = t.data;
     const wp::uint16* xs = x.data;
     const wp::uint16* ys = y.data;
     const wp::uint8* ps = p.data;
     const wp::uint8* cs = c.shape[0] > 0 ? c.data : nullptr;
     wp::int64* leaves_at = stamps.data;
-    const wp::uint64 mine = mix(queue.seed + (wp::uint64)env) ^ STREAM;
+    const wp::uint64 mine = mix(seed) ^ STREAM;
     const double sigma = queue.sigma;
     const auto delayed = [&](wp::int64 i, wp::int64 channel) __attribute__((always_inline)) {
 #pragma clang fp contract(off)
         const wp::int64 pixel = (channel * queue.height + ys[i]) * queue.width + xs[i];
-        const wp::uint64 h = mix(mix(mine ^ (wp::uint64)(2 * pixel + ps[i])) ^ (wp::uint64)asks[i]);
+        const wp::uint64 h = mix(mix(mine ^ (wp::uint64)(2 * pixel + ps[i])) ^ (wp::uint64)(asks[i] - origin));
         // Box and Muller; the cosine of a turn is the sine of a quarter less.
         const double radius = __builtin_sqrt(-2.0 * log_of(uniform(h)));
         const double w = __builtin_fabs(uniform(mix(h)) - 0.5) - 0.25;

@@ -22,6 +22,7 @@ import math
 import numpy as np
 import warp as wp
 
+from evis.random_numbers import seed_of_time
 from nodes.event_sensor.cpu.order import sort_keys, unpack
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import Sensor
@@ -38,8 +39,9 @@ class Readout:
     """Models the readouts of E cameras of width x height pixels.
 
     readout_rate: events per second, 0 = no limit, else at least 1. timestamp_jitter_us: standard deviation [us], 0 =
-    none; environment e draws from seed + e, by pixel, polarity and time of the event alone. queue: most events that may
-    wait in one camera; further ones are dropped and counted; 0 = no limit. Raises ValueError.
+    none; environment e draws from seed + e, by pixel, polarity, the number of its episode and the event's time since
+    that began. queue: most events that may wait in one camera; further ones are dropped and counted; 0 = no limit.
+    Raises ValueError.
 
     Counters, over all environments: `delayed` events that had to wait, `delay_ns` that they waited together,
     `longest_ns` of them, `dropped` events that found the queue full, `cut` events whose episode ended before they left.
@@ -70,7 +72,6 @@ class Readout:
             "fraction": self._fraction,
             "capacity": queue,
             "sigma": 1e3 * timestamp_jitter_us,
-            "seed": seed & (2**64 - 1),
             "width": width,
             "height": height,
         }
@@ -84,7 +85,9 @@ class Readout:
         self._keys: wp.array = wp.empty(0, dtype=wp.int64, device="cpu")
         self._spare = self._keys
         self._free = np.zeros(envs, np.int64)
-        self._base = 0
+        self._base, self._seed = 0, seed
+        self._origins = np.zeros(envs, np.int64)
+        self._seeds = np.array([_seed_of(seed + env, 0) for env in range(envs)], np.uint64)
         self._held: dict[str, np.ndarray] | None = None
         self.delayed = self.delay_ns = self.longest_ns = self.dropped = self.cut = 0
 
@@ -98,21 +101,32 @@ class Readout:
         """Returns the events held for a later packet."""
         return 0 if self._held is None else len(self._held["t"])
 
+    def begin(self, fresh: np.ndarray, stamp: int, episodes: np.ndarray) -> None:
+        """Begins episodes with an empty queue and jitter of their own; what was still to leave is cut and counted.
+
+        fresh: bool [E], whose. stamp: of their first frame [ns]. episodes: int [E], their numbers.
+        """
+        if not np.any(fresh):
+            return
+        self._free[fresh] = 0
+        self._origins[fresh] = stamp
+        for env in np.flatnonzero(fresh).tolist():
+            self._seeds[env] = _seed_of(self._seed + env, int(episodes[env]))
+        if self._held is not None:
+            stale = np.asarray(fresh, bool)[self._held["env"]]
+            self.cut += int(stale.sum())
+            self._held = {name: column[~stale] for name, column in self._held.items()}
+
     def apply(
-        self,
-        columns: dict[str, np.ndarray],
-        env_offsets: np.ndarray,
-        t_base: int,
-        stamp: int,
-        fresh: np.ndarray | None = None,
+        self, columns: dict[str, np.ndarray], env_offsets: np.ndarray, t_base: int, stamp: int
     ) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """Returns the events of the packet (t_base, stamp] as they leave: columns and int64 [E + 1] offsets, sorted by
         t, y, x.
 
         columns: t int64 [n] ns, x, y uint16, p uint8 and perhaps c uint8, of one packet, by environment and, where
         it `queues`, time.
-        t_base, stamp: its interval [ns], which starts where the last one ended. fresh: bool [E], environments that
-        start again here with an empty queue. Raises ValueError for a packet too long for the queue's clock.
+        t_base, stamp: its interval [ns], which starts where the last one ended. Raises ValueError for a packet too long
+        for the queue's clock.
         """
         if (int(stamp) - int(t_base)) >> (SPAN_BITS - self._fraction):
             longest = (1 << (SPAN_BITS - self._fraction)) * 1e-9
@@ -120,7 +134,7 @@ class Readout:
                 f"a packet from {t_base} to {stamp} ns is too long for the readout, which takes {longest:.3g} s; put "
                 "frames in between, or cut the sequence where its stamps have a gap"
             )
-        self._start(t_base, fresh)
+        self._start(t_base)
         stamps = self._serve(columns, np.ascontiguousarray(env_offsets, np.int64), t_base)
         env = self._environments(np.diff(env_offsets))
         new = {**columns, "t": stamps, "env": env}
@@ -166,18 +180,11 @@ class Readout:
             return np.zeros(int(counts[0]), np.int32)
         return np.repeat(np.arange(self._envs, dtype=np.int32), counts)
 
-    def _start(self, t_base: int, fresh: np.ndarray | None) -> None:
-        """Bring the clocks to `t_base`, and empty the queues of fresh environments."""
+    def _start(self, t_base: int) -> None:
+        """Bring the clocks to `t_base`."""
         passed = min(max(t_base - self._base, 0), 1 << (SPAN_BITS - self._fraction)) << self._fraction
         self._free = np.maximum(self._free - passed, 0)
         self._base = t_base
-        if fresh is None or not np.any(fresh):
-            return
-        self._free[np.asarray(fresh, bool)] = 0
-        if self._held is not None:
-            stale = np.asarray(fresh, bool)[self._held["env"]]
-            self.cut += int(stale.sum())
-            self._held = {name: column[~stale] for name, column in self._held.items()}
 
     def _serve(self, columns: dict[str, np.ndarray], offsets: np.ndarray, t_base: int) -> np.ndarray:
         """Stamps of the new events, TURNED_AWAY for those that the full queue turned away."""
@@ -186,9 +193,8 @@ class Readout:
             return stamps
         statistics = np.zeros((self._envs, 4), np.int64)
         given = [offsets, *(np.ascontiguousarray(columns[n]) for n in ("t", "x", "y", "p")), columns.get("c", NONE)]
-        arrays: list[wp.array] = [
-            wp.array(a, copy=False, device="cpu") for a in (*given, self._free, stamps, statistics)
-        ]  # fmt: skip
+        given += [self._origins, self._seeds, self._free, stamps, statistics]
+        arrays: list[wp.array] = [wp.array(a, copy=False, device="cpu") for a in given]
         wp.launch(kernels.serve, self._envs, [self._queue, t_base, *arrays], device="cpu")
         if self._free.max() >> SPAN_BITS:
             raise ValueError("the readout's queue is longer than its clock; raise readout_rate or limit the queue")
@@ -224,3 +230,8 @@ class Readout:
         out = {name: np.empty(t.size, column.dtype) for name, column in events.items()}
         unpack(keys, self._shifts, t_base, out)
         return out, offsets
+
+
+def _seed_of(seed: int, episode: int) -> int:
+    """The seed of an environment's jitter in an episode, whose times may be those of an earlier one."""
+    return seed_of_time(seed, episode % 2**64) % 2**64

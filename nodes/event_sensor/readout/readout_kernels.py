@@ -37,7 +37,6 @@ class Queue:
     fraction: wp.int64
     capacity: wp.int64
     sigma: wp.float64
-    seed: wp.uint64
     width: wp.int64
     height: wp.int64
 
@@ -51,13 +50,16 @@ def served(
     ...
 
 
-@wp.func_native(readout("delay(queue, env, begin, end, t, x, y, p, c, stamps);"))
+@wp.func_native(readout("delay(queue, seed, origin, begin, end, t, x, y, p, c, stamps);"))
 def jittered(
-    queue: Queue, env: wp.int32, begin: wp.int64, end: wp.int64, t: wp.array(dtype=wp.int64),
+    queue: Queue, seed: wp.uint64, origin: wp.int64, begin: wp.int64, end: wp.int64, t: wp.array(dtype=wp.int64),
     x: wp.array(dtype=wp.uint16), y: wp.array(dtype=wp.uint16), p: wp.array(dtype=wp.uint8),
     c: wp.array(dtype=wp.uint8), stamps: wp.array(dtype=wp.int64),
 ):  # fmt: skip
-    """Adds sigma (REACH + N) [ns], N standard normal cut at +-REACH: never negative, of the event's fields alone."""
+    """Adds sigma (REACH + N) [ns], N standard normal cut at +-REACH: never negative, of the event's fields alone.
+
+    seed: of the environment in its episode. origin: when that began [ns].
+    """
     ...
 
 
@@ -72,6 +74,8 @@ def serve(
     y: wp.array(dtype=wp.uint16),
     p: wp.array(dtype=wp.uint8),
     c: wp.array(dtype=wp.uint8),
+    origins: wp.array(dtype=wp.int64),
+    seeds: wp.array(dtype=wp.uint64),
     # in and out: stamps are those of the events at first, TURNED_AWAY for dropped ones after
     free: wp.array(dtype=wp.int64),
     stamps: wp.array(dtype=wp.int64),
@@ -83,7 +87,7 @@ def serve(
     if queue.service > wp.int64(0):
         served(queue, env, offsets[env], offsets[env + 1], t_base, t, free, stamps, statistics)
     if queue.sigma > wp.float64(0.0):
-        jittered(queue, env, offsets[env], offsets[env + 1], t, x, y, p, c, stamps)
+        jittered(queue, seeds[env], origins[env], offsets[env], offsets[env + 1], t, x, y, p, c, stamps)
 
 
 @wp.func_native(readout("return to_keys(sensor, t_base, env, t, x, y, p, c, keys);"))

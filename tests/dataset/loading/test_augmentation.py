@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.stats
 from made_set import HEIGHT, WIDTH, same
 
 import evis
 from evis.dataset import Augment
 from evis.dataset.augmenting.arrays import uniforms
 from evis.dataset.augmenting.changed_labels import placed_labels
-from evis.dataset.draws import key_of
+from evis.dataset.draws import key_of, poisson
 from evis.dataset.loading.windows import Windows
 from evis.random_numbers import GOLDEN, mix, open_uniform
 
@@ -147,8 +148,8 @@ def test_dropped_and_added(small: Made) -> None:
     whole = {str(row) for row in rows(a)}
     assert {str(row) for row in rows(dropped)} <= whole
     noisy = windows(small, Augment(noise=40.0))[2]
-    added = len(noisy["events"]["t"]) - n
-    assert abs(added - 40 * HEIGHT * WIDTH / 30) <= 1
+    added, expected = len(noisy["events"]["t"]) - n, 40 * HEIGHT * WIDTH / 30
+    assert abs(added - expected) < 5 * np.sqrt(expected)
     assert np.count_nonzero(noisy["event_signal"] == 0) == added + np.count_nonzero(a["event_signal"] == 0)
     assert (np.diff(noisy["events"]["t"]) >= 0).all()
     e = noisy["events"]
@@ -159,6 +160,17 @@ def test_dropped_and_added(small: Made) -> None:
     assert not instance.any() and np.isnan(flow).all()
     for column, most in ((1, WIDTH), (2, HEIGHT), (3, 2)):
         assert abs(places[:, column].mean() - (most - 1) / 2) < 5 * most / np.sqrt(12 * added)
+
+
+@pytest.mark.parametrize("mean", [0.0, 0.02, 3.7, 399.9, 400.1, 5000.0])
+def test_the_number_of_added_events_is_poissons(mean: float) -> None:
+    """As scipy has the law, by Kolmogorov and Smirnov's distance: 1.95 / sqrt(n) is its 0.1 % point, less of steps."""
+    drawn = np.array([poisson(key_of("test", n), mean) for n in range(4000)])
+    below = np.searchsorted(np.sort(drawn), drawn, "right") / len(drawn)
+    assert np.abs(below - scipy.stats.poisson.cdf(drawn, mean)).max() < 1.95 / np.sqrt(len(drawn))
+    assert abs(drawn.mean() - mean) <= 5 * np.sqrt(mean / len(drawn))
+    # The variance of a sample's variance: (mu_4 - sigma^4) / n with mu_4 = mean (1 + 3 mean).
+    assert abs(drawn.var() - mean) <= 5 * np.sqrt((mean + 2 * mean**2) / len(drawn))
 
 
 def test_a_draw_is_of_seed_epoch_and_window(small: Made) -> None:

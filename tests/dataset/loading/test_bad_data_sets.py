@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from made_set import made
 
@@ -38,6 +39,26 @@ def test_no_data_set(tmp_path: Path) -> None:
     assert "make the sequence anew" in refusal(lambda: evis.dataset.open(tmp_path / "s"))
 
 
+def test_a_recording_is_no_data_set(tmp_path: Path) -> None:
+    (tmp_path / "run.mcap").write_bytes(b"")
+    assert "run.mcap is a file, and a data set is a folder; evis.open reads" in refusal(
+        lambda: evis.dataset.open(tmp_path / "run.mcap")
+    )
+
+
+def test_sequences_that_are_not_there(small: Made) -> None:
+    data: Any = evis.dataset.open(small[1])
+    for which in (3, -4, [0, 3]):
+        with pytest.raises(IndexError, match=r"there is no sequence -?[34]; there are 3"):
+            data[which]
+    for which in ("spinning_disk_00001", 0.5, [0.5], ["a"]):
+        with pytest.raises(TypeError, match="by number, slice or a list of numbers, not by"):
+            data[which]
+    for mask in ([True, False, True], np.array([True, False, True])):
+        with pytest.raises(TypeError, match=r"not by a mask; np\.flatnonzero"):
+            data[mask]
+
+
 def test_labels_of_events_that_are_not_there(tmp_path: Path) -> None:
     """They are missed when windows are asked for, as all others are, and not when the first one is read."""
     with evis.Simulation("spinning_disk", outputs=["events", "info"], width=32, height=24) as sim:
@@ -46,6 +67,14 @@ def test_labels_of_events_that_are_not_there(tmp_path: Path) -> None:
     export(tmp_path / "a.mcap", "npz", tmp_path / "s")
     data = evis.dataset.open(tmp_path / "s")
     assert "has no labels 'events' of cam0" in refusal(data.windows, seconds=0.05, labels=["events"])
+
+
+def test_flow_that_turned_time_would_be_made_of(tmp_path: Path) -> None:
+    """Nobody asked for the label that is missed; why it is needed is told."""
+    data = evis.dataset.open(made(tmp_path, ("backward_flow, ", ""))[1])
+    text = refusal(data.windows, seconds=1 / 30, labels=["forward_flow"], augment=Augment(reverse=0.5))
+    assert "has no labels 'backward_flow'" in text
+    assert text.endswith("Where `reverse` turns time round, forward_flow is made of backward_flow")
 
 
 def test_windows_that_cannot_be(small: Made) -> None:

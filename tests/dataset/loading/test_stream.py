@@ -42,6 +42,22 @@ def test_a_stream_gives_what_the_data_set_gives(small: Made, how: dict[str, Any]
         same(a, b)
 
 
+def test_an_epoch_of_a_stream_is_that_of_the_data_set(small: Made) -> None:
+    """What augmentation draws is another in another epoch, of the same sequences."""
+    how: dict[str, Any] = {"seconds": 0.1, "labels": LABELS, "augment": EVERYTHING, "seed": 5}
+    windows = evis.dataset.open(small[1]).windows(**how)
+    stream = evis.dataset.stream(small[0], sequences=2, arrays="numpy", **how)
+    first = next(iter(stream))
+    stream.set_epoch(3)
+    got = list(stream)
+    stream.close()
+    assert len(got) == 4 and not np.array_equal(got[0]["events"]["t"], first["events"]["t"])
+    for i, sample in enumerate(got):
+        same(sample, windows.sample(i, 3))
+    with pytest.raises(ValueError, match=r"epoch is 2\.5; it must be a whole number"):
+        stream.set_epoch(2.5)
+
+
 def test_images_whose_exposure_outlasts_the_window_of_their_middle(tmp_path: Path) -> None:
     """Exposures of 30 ms every 33.3 ms have their middles at 15 ms, 48.3 ms, ..., in windows that end before them."""
     changes = [("[forward_flow, backward_flow, boxes, depth, events]", "[]\noutputs: [events, image]"), (": 3", ": 1")]
@@ -140,6 +156,10 @@ def test_windows_that_wait_come_in_another_order(same_arguments: Path) -> None:
     )
     assert plain != mixed == again and sorted(mixed) == plain
     assert np.abs(np.diff([10 * s + w for s, w in mixed])).mean() > 3
+    later = evis.dataset.stream(same_arguments, shuffle=12, **how)
+    later.set_epoch(1)
+    other = [(s["sequence"], s["window"]) for s in later]
+    assert other != mixed and sorted(other) == plain
 
 
 def test_its_simulations_stay_warm(same_arguments: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -124,14 +124,20 @@ def test_a_stream_in_a_loader(small: Made, workers: int, start: str | None) -> N
     """Workers simulate sequences of their own; together they give what the data set on the disk gives."""
     data = evis.dataset.stream(small[0], sequences=3, **HOW)
     assert isinstance(data, torch.utils.data.IterableDataset)
-    loader = torch.utils.data.DataLoader(data, batch_size=None, num_workers=workers, multiprocessing_context=start)
-    found = {(int(s["sequence"]), int(s["window"])): s for s in loader}
+    loader = torch.utils.data.DataLoader(
+        data, batch_size=None, num_workers=workers, multiprocessing_context=start, persistent_workers=bool(workers)
+    )
     windows = evis.dataset.open(small[1]).windows(**HOW)
-    assert len(found) == len(windows)
-    for w in windows:
-        got = found[w["sequence"], w["window"]]
-        for name, value in w.items():
-            same(got[name].numpy() if isinstance(got[name], torch.Tensor) else got[name], value)
+    for epoch in (0, 3):  # workers that live on are told too
+        data.set_epoch(epoch)
+        found = {(int(s["sequence"]), int(s["window"])): s for s in loader}
+        assert len(found) == len(windows)
+        for w in (windows.sample(i, epoch) for i in range(len(windows))):
+            got = found[w["sequence"], w["window"]]
+            for name, value in w.items():
+                same(got[name].numpy() if isinstance(got[name], torch.Tensor) else got[name], value)
+    assert set(data.left_out) == {"windows without a label", "sequences that failed"}
+    data.close()
 
 
 def test_tensors_are_changed_as_arrays_are(small: Made) -> None:

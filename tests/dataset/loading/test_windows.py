@@ -156,6 +156,17 @@ def test_ranks_and_epochs_that_are_not_there(small: Made, how: dict[str, Any], t
         next(windows.batches(2, **how))
 
 
+def test_sequences_that_are_chosen_one_by_one(small: Made) -> None:
+    """Their windows are those of the whole, in the order that was asked for."""
+    data = evis.dataset.open(small[1])
+    for numbers in ([2, 0], np.array([2, 0]), (n for n in (-1, 0))):
+        assert [s.name for s in data[numbers]] == [data[2].name, data[0].name]
+    whole, part = (chosen.windows(seconds=0.1, arguments=["omega"]) for chosen in (data, data[[2, 0]]))
+    assert len(part) == 4
+    for i, n in enumerate((4, 5, 0, 1)):
+        same(part[i], whole[n])
+
+
 def test_batches(small: Made) -> None:
     """Images stack; events and boxes are joined with offsets, as a batch of the representations."""
     data = evis.dataset.open(small[1])
@@ -163,6 +174,9 @@ def test_batches(small: Made) -> None:
     numbers = windows.order(True, 3)
     batches = list(windows.batches(4, shuffle=True, epoch=3))
     assert [len(b["window"]) for b in batches] == [4, 4, 4, 4, 2]
+    windows.set_epoch(3)
+    for told, asked in zip(windows.batches(4, shuffle=True), batches, strict=True):
+        same(told, asked)
     batch, own = batches[1], [windows.sample(i, 3) for i in numbers[4:8]]
     assert batch["forward_flow"].shape == (4, HEIGHT, WIDTH, 2)
     assert batch["omega"].tolist() == [data[w["sequence"]].arguments["omega"] for w in own]

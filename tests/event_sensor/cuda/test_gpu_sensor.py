@@ -122,7 +122,7 @@ def test_every_sensor_has_events_that_stay_on_the_device():
 
 def test_state_bytes_are_as_the_docstring_says():
     assert EventSensor(20, 30, 2, device="cuda").state_bytes == 36
-    assert EventSensor(20, 30, 2, device="cuda", model="evis-paper").state_bytes == 48
+    assert EventSensor(20, 30, 2, device="cuda", model="evis-paper").state_bytes == 64
 
 
 def test_device_memory_of_another_type_is_refused():

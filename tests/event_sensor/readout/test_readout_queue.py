@@ -175,6 +175,18 @@ def test_the_same_seed_gives_the_same_jitter_and_environment_k_that_of_seed_plus
     assert out["t"][500:1000].tobytes() == one.tobytes() and out["t"][1000:].tobytes() == other.tobytes()
 
 
+def test_jitter_is_that_of_the_episode_and_of_the_time_since_it_began():
+    events, late = stream(500, MS), 3_000 * MS
+    moved = {**events, "t": events["t"] + late}
+    zeroth, again, moved_on, next_one = (Readout(WIDTH, HEIGHT, 1, 0, 5, seed=7) for _ in range(4))
+    for readout, stamp, number in ((again, 0, 0), (moved_on, late, 0), (next_one, 0, 1)):
+        readout.begin(np.ones(1, bool), stamp, np.array([number]))
+    expected = read(zeroth, events, [2 * MS])["t"]
+    assert (read(again, events, [2 * MS])["t"] == expected).all()
+    assert (read(moved_on, moved, [late + 2 * MS], late)["t"] - late == expected).all()
+    assert (read(next_one, events, [2 * MS])["t"] != expected).any()
+
+
 def test_environments_queue_apart():
     quick, slow = at_times(np.arange(1, 11) * 10_000), at_times(np.full(50, 1000))
     columns = {name: np.concatenate((quick[name], slow[name], quick[name])) for name in quick}
@@ -195,7 +207,8 @@ def test_a_new_episode_starts_with_an_empty_queue_and_counts_what_it_cut():
     readout.apply(columns, np.array([0, 50, 100]), 0, 101_000)
     assert readout.waiting == 2 * 39
     later = {name: np.tile(column, 2) for name, column in at_times(np.array([150_000])).items()}
-    out, offsets = readout.apply(later, np.array([0, 1, 2]), 101_000, 10 * MS, np.array([False, True]))
+    readout.begin(np.array([False, True]), 101_000, np.array([0, 1]))
+    out, offsets = readout.apply(later, np.array([0, 1, 2]), 101_000, 10 * MS)
     assert readout.counts()["cut"] == 39 and offsets.tolist() == [0, 40, 41]
     assert out["t"][40] == 150_000 and out["t"][39] == 1000 + 10_000 * 50
 

@@ -20,9 +20,9 @@ def leak_origin(stream: wp.uint64, leak: wp.float32, now: wp.int64):
 
 
 @wp.func
-def coin_time(stream: wp.uint64, leak: wp.float32, start: wp.int64, now: wp.int64):
-    """Draws when a leak that is a coin per step fires in (start, now], or NEVER."""
-    bits = mix(stream ^ mix(wp.uint64(now)))
+def coin_time(stream: wp.uint64, leak: wp.float32, start: wp.int64, now: wp.int64, origin: wp.int64):
+    """Draws when a leak that is a coin per step fires in (start, now], or NEVER. origin: when the episode began."""
+    bits = mix(stream ^ mix(wp.uint64(now - origin)))
     length = wp.float64(now - start)
     when = NEVER
     if uniform(bits) < wp.float64(leak) * length * wp.float64(1.0e-9):
