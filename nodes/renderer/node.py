@@ -13,6 +13,7 @@ from evis.config.params import Param
 from evis.gpu.in_a_row import parted
 from evis.runtime.node import Input, Node, Output
 from evis.scene.digest import appearance
+from evis.scene.first_look import first_look
 from evis.scene.model import Camera, Scene
 from evis.scene.parameters import SCENE, SEED, camera_of, ends_alone, scene_of, seeds_of, worlds_of
 from evis.scene.parts import Parts
@@ -139,6 +140,7 @@ class RendererNode(Node):
             for line in undersampled(self.scene, p["frame_rate"], *_between(p)):
                 self.warn(line)
         self._turns = Turns(self.scene, max(p["frame_rate"], _between(p)[0]))
+        self._looked = False
         self._names = [body.name for body in self.scene.bodies]
         self._begin()
         self.publish("info", self._info(Header(0)))
@@ -304,7 +306,8 @@ class RendererNode(Node):
             self.renderer.prepare(self._wanted())
 
     def _state(self, inputs: Mapping[str, Message]) -> WorldState:
-        """The state that comes; warns of what turns too fast in it. Raises ValueError for one of another scene."""
+        """The state that comes; warns of what turns too fast in it, and at the first of what is not seen as it is.
+        Raises ValueError for one of another scene."""
         state = inputs["state"]
         assert isinstance(state, WorldState)
         if state.names != self._names:
@@ -314,6 +317,10 @@ class RendererNode(Node):
             )
         for line in self._turns.too_fast(state.moving, state.moving_twist):
             self.warn(line)
+        if not self._looked:
+            self._looked = True
+            for line in first_look(self.scene, camera_of(self.scene, self.params["camera"]), state.kept_end_pose()[0]):
+                self.warn(f"scene {self.scene.name}: {line}")
         return state
 
     def _render(

@@ -1,0 +1,64 @@
+"""What is told of a scene at the first keyframe: meshes that are inside out, pictures of nothing."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from evis.scene import load_scene
+from evis.scene.first_look import first_look
+from evis.scene.mesh.inside_out import is_inside_out
+from evis.scene.model import Mesh
+
+CAMERA = "cameras: {cam0: {position: [0, -2, 0], look_at: [0, 0, 0], fov: 40 deg, near: NEAR}}\n"
+REST = "materials: {paint: {albedo: 0.5}, both: {albedo: 0.5, two_sided: true}}\nenvironment: 1\n"
+
+
+def ball(turned=False):
+    mesh = trimesh.creation.icosphere(subdivisions=1, radius=0.3)
+    return trimesh.Trimesh(mesh.vertices, mesh.faces[:, ::-1] if turned else mesh.faces, process=False)
+
+
+def look(folder, shape, camera=CAMERA, near=0.001):
+    (folder / "s.yaml").write_text(f"{camera.replace('NEAR', str(near))}{REST}bodies: {{it: {{shapes: [{shape}]}}}}\n")
+    scene = load_scene(str(folder / "s.yaml"))
+    poses = np.array([body.trajectory.pose(np.zeros(1, np.int64))[0] for body in scene.bodies])
+    return first_look(scene, scene.cameras[0], poses)
+
+
+@pytest.mark.parametrize("kind", ["stl", "obj", "glb"])
+def test_a_closed_mesh_that_is_inside_out_is_told(tmp_path, kind):
+    """Which is which is trimesh's word. Not told where both sides are drawn, nor of a room about the camera; a mirror
+    turns nothing, since the reader turns the faces back."""
+    for turned in (False, True):
+        assert (ball(turned).volume < 0) == turned
+        ball(turned).export(tmp_path / f"b.{kind}")
+        lines = look(tmp_path, f"{{shape: mesh, file: b.{kind}, material: paint}}")
+        assert len(lines) == turned and all("faces of 'it' are turned inwards" in line for line in lines)
+        assert len(look(tmp_path, f"{{shape: mesh, file: b.{kind}, material: paint, scale: [-1, 1, 1]}}")) == turned
+        assert look(tmp_path, f"{{shape: mesh, file: b.{kind}, material: both}}") == []
+        assert look(tmp_path, f"{{shape: mesh, file: b.{kind}, material: paint, scale: 20}}") == []
+
+
+def test_open_meshes_and_hollow_solids_are_not_taken_for_it():
+    half = ball(turned=True)
+    half = trimesh.Trimesh(half.vertices, half.faces[half.triangles_center[:, 2] > 0], process=False)
+    hollow = trimesh.util.concatenate([ball(), ball(turned=True).apply_scale(0.5)])
+    for mesh, expected in ((ball(turned=True), True), (half, False), (hollow, False)):
+        assert is_inside_out(Mesh(mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32))) == expected
+
+
+def test_a_picture_of_nothing_is_told(tmp_path):
+    """The ball of 0.3 m reaches to 2.3 m before the camera: with a near of 2.2 m some of it is there, with 2.4 none. A
+    camera that looks away says where the ball is in its own frame."""
+    shape = "{shape: sphere, radius: 0.3, material: paint}"
+    assert look(tmp_path, shape) == [] and look(tmp_path, shape, near=2.2) == []
+    (line,) = look(tmp_path, shape, near=2.4)
+    assert "'cam0' sees nothing at the start: 'it' is within 2.3 m of it, and near is 2.4 m" in line
+    (line,) = look(tmp_path, shape, CAMERA.replace("[0, 0, 0]", "[1, -2, 0]"))
+    assert "'it', the nearest to its picture, is 2 m left, 0 m below and 0 m ahead" in line
+    edge = CAMERA.replace("look_at: [0, 0, 0]", "look_at: [0.9, 0, 0]")  # beside the middle, in the picture still
+    assert look(tmp_path, shape, edge) == []
+    fisheye = CAMERA.replace(
+        "fov: 40 deg", "fov: 180 deg, distortion: {model: equidistant, coefficients: [0, 0, 0, 0]}"
+    )
+    assert look(tmp_path, shape, fisheye) == [] and len(look(tmp_path, shape, fisheye, near=2.4)) == 1
