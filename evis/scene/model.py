@@ -177,6 +177,21 @@ class ModelChange:
     values: tuple[float, ...]
 
 
+@dataclass(frozen=True)
+class AddedActuator:
+    """Describes an actuator that a scene adds to a joint of its model.
+
+    kind: `position`, `velocity` or `motor`. gain and damping in N m or N per unit of joint, control or speed. range: of
+    the control, None where it has none.
+    """
+
+    joint: str
+    kind: str
+    gain: float
+    damping: float
+    range: tuple[float, float] | None
+
+
 @dataclass
 class Scene:
     """Holds a whole scene. bodies[n] is entry n of WorldState; every camera has a body of its name among them."""
@@ -197,6 +212,8 @@ class Scene:
     """Dynamics: number of the model's keyframe that is the start, -1 for its reference pose."""
     changes: list[ModelChange] = field(default_factory=list)
     """Dynamics: what of the model is other than its file says."""
+    actuators: list[AddedActuator] = field(default_factory=list)
+    """Dynamics: those that the model's joints have beside the model's own."""
     timestep_ns: int = 1_000_000
     """Sub-step of /state for prescribed motion [ns]."""
     initial_spread: tuple[float, float] = (0.0, 0.0)

@@ -34,6 +34,8 @@ The file is YAML; every key is optional but `cameras` (an MJCF may do without). 
                 joints: {NAME: {position, shift, velocity, damping, stiffness, friction, armature}},
                 actuators: {NAME: {gain}}, materials: {NAME: {albedo, emission, roughness, metallic}},
                 lights: {NAME: {strength}}}; X_scale in place of X: a factor
+    actuators:  {JOINT: {kind: position (gain, damping) | velocity (gain) | motor (gain), range: [least, most]}}, which
+                hinges and slides of the model have beside its own
 
     FRAME:  position and rotation: {axis, angle} (or a list) | quaternion | look_at (with up), in the frame of `parent`;
             or view: {camera, offset, depth}, a place in a camera's image
@@ -190,7 +192,7 @@ class _Builder:
                 raise self.top.error("keyframe", str(error)) from None
             self._change_model()
             return
-        for key in ("initial_spread", "initial_joints", "keyframe", "model"):
+        for key in ("initial_spread", "initial_joints", "keyframe", "model", "actuators"):
             if self.top.has(key):
                 raise self.top.error(key, "is for scenes with an mjcf; prescribed motion starts where it says")
 
@@ -202,6 +204,10 @@ class _Builder:
 
             self.scene.changes = read_changes(section, self.model)
         self.changes = section
+        if self.top.has("actuators"):
+            from evis.scene.mjcf.added_actuators import read_actuators
+
+            self.scene.actuators = read_actuators(self.top, self.model)
 
     def _sensor(self) -> None:
         """What of the event sensor is other than its preset says: numbers, texts and flags by name."""
