@@ -15,7 +15,7 @@ from evis.runtime.node import Input, Node, Output
 from evis.scene.digest import appearance
 from evis.scene.first_look import first_look
 from evis.scene.model import Camera, Scene
-from evis.scene.parameters import SCENE, SEED, camera_of, ends_alone, scene_of, seeds_of, worlds_of
+from evis.scene.parameters import SCENE, SEED, camera_of, ends_alone, foreseen_worlds, scene_of, seeds_of, worlds_of
 from evis.scene.parts import Parts
 from evis.scene.sampling import Turns, undersampled
 from evis.scene.worlds import Group, Worlds
@@ -116,8 +116,8 @@ class RendererNode(Node):
         if params.get("scene") and params.get("frame_rate"):
             # Whoever loads the scene says what is wrong with it.
             with contextlib.suppress(ValueError, OSError):
-                scene = scene_of("renderer", params, textures=False)
-                return tuple(undersampled(scene, params["frame_rate"], *_between(params)))
+                worlds = foreseen_worlds("renderer", params)
+                return tuple(undersampled(worlds, params["frame_rate"], *_between(params)))
         return ()
 
     def computes_on(self) -> str:
@@ -137,7 +137,7 @@ class RendererNode(Node):
         self.renderer = self._renderers(worlds.groups(appearance))
         self.renderer.begin(self._wanted())
         if p["frame_rate"]:
-            for line in undersampled(self.scene, p["frame_rate"], *_between(p)):
+            for line in undersampled(worlds.scenes, p["frame_rate"], *_between(p)):
                 self.warn(line)
         self._turns = Turns(self.scene, max(p["frame_rate"], _between(p)[0]))
         self._looked = False
