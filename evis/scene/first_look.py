@@ -19,8 +19,8 @@ def first_look(scene: Scene, camera: Camera, poses: np.ndarray) -> list[str]:
     """Returns a line for each thing that a camera is shown falsely or not at all, as a scene is at its first keyframe.
 
     poses: float64 [N, 7], of the scene's bodies. Told are closed meshes that are turned inside out, unless the camera
-    is in them or their material has two sides, and pictures of nothing: all that is before the camera is nearer than
-    its `near`, or nothing is there.
+    is in them or their material has two sides, textures too fine for their coordinates, and pictures of nothing: all
+    that is before the camera is nearer than its `near`, or nothing is there.
     """
     if not scene.instances:
         return []
@@ -36,6 +36,7 @@ def first_look(scene: Scene, camera: Camera, poses: np.ndarray) -> list[str]:
             f"the faces of {_named(turned)} are turned inwards, so that from outside its far inner side is seen; turn "
             "them round in the file (Blender: Recalculate Outside), or give it a material with two_sided: true"
         )
+    lines += _too_fine(scene)
     if scene.environment_map is None:
         to_camera = se3.compose(se3.inverse(eye), places)
         lines += _nothing(scene, camera, se3.transform(to_camera[:, None], boxes))
@@ -57,6 +58,26 @@ def _turned(scene: Scene, boxes: np.ndarray, eyes: np.ndarray) -> list[str]:
         if known[key] and not within and not scene.materials[instance.material].two_sided:
             found.append(instance.name)
     return found
+
+
+def _too_fine(scene: Scene) -> list[str]:
+    """A line for textures that are repeated so often that their coordinates, of single precision, miss texels."""
+    most: dict[int, float] = {}
+    lines = {}
+    for instance in scene.instances:
+        texture, uv = scene.materials[instance.material].texture, instance.mesh.uv
+        if texture is None or uv is None:
+            continue
+        key = id(instance.mesh)
+        if key not in most:
+            most[key] = float(np.abs(uv).max())
+        texels = max(texture.shape[:2])
+        if np.spacing(np.float32(most[key])) * texels > 1.0:
+            lines[key] = (
+                f"the texture of '{instance.name}' is repeated up to {most[key]:.3g} times, where single precision "
+                f"does not tell its {texels} texels apart, so that it looks grey; {2**24 // texels} times are the most"
+            )
+    return list(lines.values())
 
 
 def _nothing(scene: Scene, camera: Camera, boxes: np.ndarray) -> list[str]:

@@ -62,3 +62,19 @@ def test_a_picture_of_nothing_is_told(tmp_path):
         "fov: 40 deg", "fov: 180 deg, distortion: {model: equidistant, coefficients: [0, 0, 0, 0]}"
     )
     assert look(tmp_path, shape, fisheye) == [] and len(look(tmp_path, shape, fisheye, near=2.4)) == 1
+
+
+@pytest.mark.parametrize("repeat, told", [(1, 0), (4e4, 0), (2e5, 1), (1e9, 1)])
+def test_a_texture_that_is_repeated_too_often_is_told(tmp_path, repeat, told):
+    """Whether two places a texel apart, at the far end of the plane, have different coordinates of 24 bits."""
+    (tmp_path / "s.yaml").write_text(
+        f"{CAMERA.replace('NEAR', '0.001')}environment: 1\n"
+        "materials: {paint: {texture: {kind: checker, size: 256}}}\n"
+        f"world: [{{shape: plane, size: [1, 1], repeat: [{repeat}, 1], material: paint}}]\n"
+    )
+    end = np.float32(repeat)
+    assert (np.float32(repeat - 1 / 256) == end) == bool(told)
+    scene = load_scene(str(tmp_path / "s.yaml"))
+    poses = np.array([body.trajectory.pose(np.zeros(1, np.int64))[0] for body in scene.bodies])
+    lines = first_look(scene, scene.cameras[0], poses)
+    assert len(lines) == told and all("'world' is repeated up to" in line and "65536 times" in line for line in lines)
