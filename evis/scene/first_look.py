@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from evis.geometry import pinhole, se3
-from evis.geometry.distortion import Lens, unproject
-from evis.scene.mesh.inside_out import is_inside_out
+from evis.geometry import se3
+from evis.scene.field_of_view import least_angle, widest_angle
+from evis.scene.mesh.closed import is_inside_out, surrounds
 from evis.scene.model import Camera, Mesh, Scene
 
 NAMED = 3
@@ -31,7 +31,8 @@ def first_look(scene: Scene, camera: Camera, poses: np.ndarray) -> list[str]:
     bodies = np.concatenate((poses, se3.IDENTITY[None]))[[instance.body for instance in scene.instances]]
     places = se3.compose(bodies, np.stack([instance.pose for instance in scene.instances]))
     lines = []
-    if turned := _turned(scene, boxes, se3.transform(se3.inverse(places), eye[:3])):
+    eyes = se3.transform(se3.inverse(places), eye[:3])
+    if turned := _turned(scene, boxes, eyes):
         lines.append(
             f"the faces of {_named(turned)} are turned inwards, so that from outside its far inner side is seen; turn "
             "them round in the file (Blender: Recalculate Outside), or give it a material with two_sided: true"
@@ -39,7 +40,7 @@ def first_look(scene: Scene, camera: Camera, poses: np.ndarray) -> list[str]:
     lines += _too_fine(scene)
     if scene.environment_map is None:
         to_camera = se3.compose(se3.inverse(eye), places)
-        lines += _nothing(scene, camera, se3.transform(to_camera[:, None], boxes))
+        lines += _nothing(scene, camera, se3.transform(to_camera[:, None], boxes), _around(scene, boxes, eyes))
     return lines
 
 
@@ -54,8 +55,7 @@ def _turned(scene: Scene, boxes: np.ndarray, eyes: np.ndarray) -> list[str]:
         key = id(instance.mesh)
         if key not in known:
             known[key] = is_inside_out(instance.mesh)
-        within = ((eye >= box[0]) & (eye <= box[-1])).all()
-        if known[key] and not within and not scene.materials[instance.material].two_sided:
+        if known[key] and not _within(eye, box) and not scene.materials[instance.material].two_sided:
             found.append(instance.name)
     return found
 
@@ -80,26 +80,46 @@ def _too_fine(scene: Scene) -> list[str]:
     return list(lines.values())
 
 
-def _nothing(scene: Scene, camera: Camera, boxes: np.ndarray) -> list[str]:
-    """A line where the picture is empty. boxes: corners about the things in the camera's frame, float64 [I, 8, 3]."""
-    off = _off(boxes)
-    ahead = np.flatnonzero(off <= _widest(camera))
+def _around(scene: Scene, boxes: np.ndarray, eyes: np.ndarray) -> list[int]:
+    """Numbers of the instances in whose solid the camera is, of which it sees nothing; arguments as of `_turned`."""
+    one_sided = [not scene.materials[instance.material].two_sided for instance in scene.instances]
+    within = [k for k, (eye, box) in enumerate(zip(eyes, boxes)) if one_sided[k] and _within(eye, box)]
+    return [k for k in within if surrounds(scene.instances[k].mesh, eyes[k])]
+
+
+def _within(point: np.ndarray, box: np.ndarray) -> bool:
+    return bool(((point >= box[0]) & (point <= box[-1])).all())
+
+
+def _nothing(scene: Scene, camera: Camera, boxes: np.ndarray, around: Sequence[int]) -> list[str]:
+    """A line where the picture is empty.
+
+    boxes: corners about the things in the camera's frame, float64 [I, 8, 3]. around: those in which the camera is.
+    """
+    middle = boxes.mean(axis=1)
+    off = least_angle(middle, np.linalg.norm(boxes - middle[:, None], axis=-1).max(axis=1))
+    ahead = np.setdiff1d(np.flatnonzero(off <= widest_angle(camera)), around)
+    blind = f"camera '{camera.name}' sees nothing at the start: "
+    if around and not len(ahead):
+        names = [scene.instances[k].name for k in around]
+        size = max(float(np.linalg.norm(np.ptp(boxes[k], axis=0))) for k in around)
+        return [
+            f"{blind}it is inside of {_named(names)}, up to {size:.3g} m large, whose faces look outwards; a file in "
+            "millimetres needs scale: 0.001, a room faces that look inwards"
+        ]
     if not len(ahead):
         k = int(off.argmin())
-        right, down, forward = boxes[k].mean(axis=0)
-        return [
-            f"camera '{camera.name}' sees nothing at the start: '{scene.instances[k].name}', the nearest to its "
-            f"picture, is {_side(right, 'right', 'left')}, {_side(down, 'below', 'above')} and "
-            f"{_side(forward, 'ahead', 'behind')}; look_at turns a camera to a point"
-        ]
+        right, down, forward = middle[k]
+        place = f"{_side(right, 'right', 'left')}, {_side(down, 'below', 'above')}, {_side(forward, 'ahead', 'behind')}"
+        nearest = f"'{scene.instances[k].name}', the nearest to its picture"
+        return [f"{blind}{nearest}, is {place}; look_at turns a camera to a point"]
     # As the raster has it: along the optical axis, and through a lens along the ray.
     reach = boxes[ahead][..., 2] if camera.distortion_model == "none" else np.linalg.norm(boxes[ahead], axis=-1)
     if reach.max() >= camera.near:
         return []
-    names = _named([scene.instances[k].name for k in ahead])
+    things = _named([scene.instances[k].name for k in ahead])
     return [
-        f"camera '{camera.name}' sees nothing at the start: {names} is within {reach.max():.3g} m of it, and near is "
-        f"{camera.near:g} m; a smaller near shows it"
+        f"{blind}{things} is within {reach.max():.3g} m of it, and near is {camera.near:g} m; a smaller near shows it"
     ]
 
 
@@ -107,31 +127,6 @@ def _box(mesh: Mesh) -> np.ndarray:
     """Corners of the box about a mesh in its frame, float64 [8, 3], from the least to the greatest."""
     sides = np.stack((mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)), axis=-1).astype(np.float64)
     return np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
-
-
-def _widest(camera: Camera) -> float:
-    """Angle [rad] about the optical axis within which the whole picture is."""
-    x, y = np.arange(-0.5, camera.width), np.arange(-0.5, camera.height)
-    sides = [np.stack(np.broadcast_arrays(x, v), axis=-1) for v in (y[0], y[-1])]
-    sides += [np.stack(np.broadcast_arrays(u, y), axis=-1) for u in (x[0], x[-1])]
-    border = np.concatenate(sides)
-    if camera.distortion_model == "none":
-        rays = pinhole.unproject(camera.k, border, np.ones(len(border)))
-        rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-    else:
-        rays = unproject(camera.k, Lens.of(camera.distortion_model, camera.distortion), border)
-    # Where a lens sees nothing there is no ray: what it sees then is not known here.
-    least = rays[:, 2].min()
-    return float(np.arccos(np.clip(least, -1.0, 1.0))) if np.isfinite(least) else np.pi
-
-
-def _off(boxes: np.ndarray) -> np.ndarray:
-    """The least angles [rad] between the optical axis and a point of the balls about boxes; 0 for a camera in one."""
-    middle = boxes.mean(axis=1)
-    radius = np.linalg.norm(boxes - middle[:, None], axis=-1).max(axis=1)
-    distance = np.maximum(np.linalg.norm(middle, axis=-1), np.finfo(np.float64).tiny)
-    angle = np.arccos(np.clip(middle[:, 2] / distance, -1.0, 1.0)) - np.arcsin(np.minimum(radius / distance, 1.0))
-    return np.where(distance <= radius, 0.0, angle)
 
 
 def _side(length: float, positive: str, negative: str) -> str:

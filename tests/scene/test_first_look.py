@@ -6,7 +6,7 @@ import trimesh
 
 from evis.scene import load_scene
 from evis.scene.first_look import first_look
-from evis.scene.mesh.inside_out import is_inside_out
+from evis.scene.mesh.closed import is_inside_out, surrounds
 from evis.scene.model import Mesh
 
 CAMERA = "cameras: {cam0: {position: [0, -2, 0], look_at: [0, 0, 0], fov: 40 deg, near: NEAR}}\n"
@@ -36,7 +36,8 @@ def test_a_closed_mesh_that_is_inside_out_is_told(tmp_path, kind):
         assert len(lines) == turned and all("faces of 'it' are turned inwards" in line for line in lines)
         assert len(look(tmp_path, f"{{shape: mesh, file: b.{kind}, material: paint, scale: [-1, 1, 1]}}")) == turned
         assert look(tmp_path, f"{{shape: mesh, file: b.{kind}, material: both}}") == []
-        assert look(tmp_path, f"{{shape: mesh, file: b.{kind}, material: paint, scale: 20}}") == []
+        within = look(tmp_path, f"{{shape: mesh, file: b.{kind}, material: paint, scale: 20}}")
+        assert not any("turned inwards" in line for line in within) and len(within) == (not turned)
 
 
 def test_open_meshes_and_hollow_solids_are_not_taken_for_it():
@@ -55,7 +56,7 @@ def test_a_picture_of_nothing_is_told(tmp_path):
     (line,) = look(tmp_path, shape, near=2.4)
     assert "'cam0' sees nothing at the start: 'it' is within 2.3 m of it, and near is 2.4 m" in line
     (line,) = look(tmp_path, shape, CAMERA.replace("[0, 0, 0]", "[1, -2, 0]"))
-    assert "'it', the nearest to its picture, is 2 m left, 0 m below and 0 m ahead" in line
+    assert "'it', the nearest to its picture, is 2 m left, 0 m below, 0 m ahead" in line
     edge = CAMERA.replace("look_at: [0, 0, 0]", "look_at: [0.9, 0, 0]")  # beside the middle, in the picture still
     assert look(tmp_path, shape, edge) == []
     fisheye = CAMERA.replace(
@@ -78,3 +79,19 @@ def test_a_texture_that_is_repeated_too_often_is_told(tmp_path, repeat, told):
     poses = np.array([body.trajectory.pose(np.zeros(1, np.int64))[0] for body in scene.bodies])
     lines = first_look(scene, scene.cameras[0], poses)
     assert len(lines) == told and all("'world' is repeated up to" in line and "65536 times" in line for line in lines)
+
+
+def test_a_camera_within_a_solid_is_told(tmp_path):
+    """As of a file in millimetres. What is inside of a ring is known in closed form, also of its hole."""
+    ball().apply_scale(1000).export(tmp_path / "b.stl")
+    (line,) = look(tmp_path, "{shape: mesh, file: b.stl, material: paint}")
+    assert "sees nothing at the start: it is inside of 'it', up to 1.04e+03 m large" in line and "scale: 0.001" in line
+    assert look(tmp_path, "{shape: mesh, file: b.stl, material: paint, scale: 0.001}") == []
+    assert look(tmp_path, "{shape: mesh, file: b.stl, material: both}") == []
+    ring = trimesh.creation.torus(1.0, 0.3)
+    mesh = Mesh(ring.vertices.astype(np.float32), ring.faces.astype(np.int32))
+    points = np.array([[0, 0, 0], [1, 0, 0], [0.75, 0.1, 0.1], [0.69, 0, 0], [1, 0, 0.31], [-0.8, 0.6, 0.2]])
+    inside = (np.hypot(points[:, 0], points[:, 1]) - 1.0) ** 2 + points[:, 2] ** 2 < 0.3**2
+    assert [surrounds(mesh, point) for point in points] == inside.tolist()
+    lid = Mesh(mesh.vertices, mesh.faces[:-1])
+    assert not surrounds(lid, points[1])

@@ -1,4 +1,4 @@
-"""Tells meshes whose faces are turned inwards."""
+"""Tells what is inside of closed meshes, and those whose faces are turned inwards."""
 
 from __future__ import annotations
 
@@ -21,6 +21,20 @@ def is_inside_out(mesh: Mesh) -> bool:
     if volume >= -1e-9 * float(np.ptp(points.reshape(-1, 3), axis=0).max()) ** 3:
         return False
     return _is_closed(mesh)
+
+
+def surrounds(mesh: Mesh, point: np.ndarray) -> bool:
+    """Tells whether a point float64 [3] of a mesh's frame is inside of it: closed, with faces that look outwards.
+
+    By its winding number, the sum of the solid angles of the triangles (A. van Oosterom, J. Strackee, The Solid Angle
+    of a Plane Triangle, 1983).
+    """
+    corners = mesh.vertices.astype(np.float64)[mesh.faces] - point
+    a, b, c = corners.transpose(1, 0, 2)
+    la, lb, lc = np.linalg.norm(corners, axis=-1).T
+    triple = np.einsum("fx,fx->f", a, np.cross(b, c))
+    below = la * lb * lc + lc * (a * b).sum(-1) + lb * (a * c).sum(-1) + la * (b * c).sum(-1)
+    return bool(np.arctan2(triple, below).sum() / (2 * np.pi) > 0.5) and _is_closed(mesh)
 
 
 def _is_closed(mesh: Mesh) -> bool:
