@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from evis.geometry import se3
+from evis.geometry.triangles import area_vectors
 from evis.scene.field_of_view import least_angle, widest_angle
 from evis.scene.mesh.closed import is_inside_out, surrounds
 from evis.scene.model import Camera, Mesh, Scene
@@ -20,7 +21,7 @@ def first_look(scene: Scene, camera: Camera, poses: np.ndarray) -> list[str]:
 
     poses: float64 [N, 7], of the scene's bodies. Told are closed meshes that are turned inside out, unless the camera
     is in them or their material has two sides, textures too fine for their coordinates, and pictures of nothing: all
-    that is before the camera is nearer than its `near`, or nothing is there.
+    that is before the camera is nearer than its `near`, or turned away from it, or nothing is there.
     """
     if not scene.instances:
         return []
@@ -40,7 +41,9 @@ def first_look(scene: Scene, camera: Camera, poses: np.ndarray) -> list[str]:
     lines += _too_fine(scene)
     if scene.environment_map is None:
         to_camera = se3.compose(se3.inverse(eye), places)
-        lines += _nothing(scene, camera, se3.transform(to_camera[:, None], boxes), _around(scene, boxes, eyes))
+        around = _around(scene, boxes, eyes)
+        if why := _nothing(scene, camera, se3.transform(to_camera[:, None], boxes), eyes, around):
+            lines.append(f"camera '{camera.name}' sees nothing at the start: {why}")
     return lines
 
 
@@ -91,36 +94,42 @@ def _within(point: np.ndarray, box: np.ndarray) -> bool:
     return bool(((point >= box[0]) & (point <= box[-1])).all())
 
 
-def _nothing(scene: Scene, camera: Camera, boxes: np.ndarray, around: Sequence[int]) -> list[str]:
-    """A line where the picture is empty.
+def _nothing(scene: Scene, camera: Camera, boxes: np.ndarray, eyes: np.ndarray, around: Sequence[int]) -> str:
+    """Why the picture is empty; "" where it is not.
 
-    boxes: corners about the things in the camera's frame, float64 [I, 8, 3]. around: those in which the camera is.
+    boxes: corners about the things in the camera's frame, float64 [I, 8, 3]. eyes: where it is in theirs, [I, 3].
+    around: those in which it is.
     """
     middle = boxes.mean(axis=1)
     off = least_angle(middle, np.linalg.norm(boxes - middle[:, None], axis=-1).max(axis=1))
     ahead = np.setdiff1d(np.flatnonzero(off <= widest_angle(camera)), around)
-    blind = f"camera '{camera.name}' sees nothing at the start: "
     if around and not len(ahead):
-        names = [scene.instances[k].name for k in around]
         size = max(float(np.linalg.norm(np.ptp(boxes[k], axis=0))) for k in around)
-        return [
-            f"{blind}it is inside of {_named(names)}, up to {size:.3g} m large, whose faces look outwards; a file in "
+        return (
+            f"it is inside of {_things(scene, around)}, up to {size:.3g} m large, whose faces look outwards; a file in "
             "millimetres needs scale: 0.001, a room faces that look inwards"
-        ]
+        )
     if not len(ahead):
         k = int(off.argmin())
         right, down, forward = middle[k]
         place = f"{_side(right, 'right', 'left')}, {_side(down, 'below', 'above')}, {_side(forward, 'ahead', 'behind')}"
-        nearest = f"'{scene.instances[k].name}', the nearest to its picture"
-        return [f"{blind}{nearest}, is {place}; look_at turns a camera to a point"]
+        return f"{_things(scene, [k])}, the nearest to its picture, is {place}; look_at turns a camera to a point"
     # As the raster has it: along the optical axis, and through a lens along the ray.
     reach = boxes[ahead][..., 2] if camera.distortion_model == "none" else np.linalg.norm(boxes[ahead], axis=-1)
-    if reach.max() >= camera.near:
-        return []
-    things = _named([scene.instances[k].name for k in ahead])
-    return [
-        f"{blind}{things} is within {reach.max():.3g} m of it, and near is {camera.near:g} m; a smaller near shows it"
-    ]
+    if reach.max() < camera.near:
+        far = f"{reach.max():.3g} m of it, and near is {camera.near:g} m"
+        return f"{_things(scene, ahead)} is within {far}; a smaller near shows it"
+    if not any(_faces(scene, k, eyes[k]) for k in ahead):
+        return f"{_things(scene, ahead)} is seen from behind or edge-on; turn it, or give it a material with two_sided: true"
+    return ""
+
+
+def _faces(scene: Scene, number: int, eye: np.ndarray) -> bool:
+    """Whether any triangle of an instance is turned to a point float64 [3] of its frame, or shows its back too."""
+    instance = scene.instances[number]
+    corners = instance.mesh.vertices.astype(np.float64)[instance.mesh.faces]
+    towards = np.einsum("fx,fx->f", area_vectors(corners), eye - corners[:, 0])
+    return scene.materials[instance.material].two_sided or bool((towards > 0.0).any())
 
 
 def _box(mesh: Mesh) -> np.ndarray:
@@ -131,6 +140,10 @@ def _box(mesh: Mesh) -> np.ndarray:
 
 def _side(length: float, positive: str, negative: str) -> str:
     return f"{abs(round(length, 6)):.3g} m {positive if length >= 0 else negative}"
+
+
+def _things(scene: Scene, numbers: Sequence[int] | np.ndarray) -> str:
+    return _named([scene.instances[k].name for k in numbers])
 
 
 def _named(names: Sequence[str]) -> str:

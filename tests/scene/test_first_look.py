@@ -68,10 +68,11 @@ def test_a_picture_of_nothing_is_told(tmp_path):
 @pytest.mark.parametrize("repeat, told", [(1, 0), (4e4, 0), (2e5, 1), (1e9, 1)])
 def test_a_texture_that_is_repeated_too_often_is_told(tmp_path, repeat, told):
     """Whether two places a texel apart, at the far end of the plane, have different coordinates of 24 bits."""
+    turn = "rotation: {axis: [1, 0, 0], angle: 90 deg}"
     (tmp_path / "s.yaml").write_text(
         f"{CAMERA.replace('NEAR', '0.001')}environment: 1\n"
         "materials: {paint: {texture: {kind: checker, size: 256}}}\n"
-        f"world: [{{shape: plane, size: [1, 1], repeat: [{repeat}, 1], material: paint}}]\n"
+        f"world: [{{shape: plane, size: [1, 1], repeat: [{repeat}, 1], material: paint, {turn}}}]\n"
     )
     end = np.float32(repeat)
     assert (np.float32(repeat - 1 / 256) == end) == bool(told)
@@ -95,3 +96,11 @@ def test_a_camera_within_a_solid_is_told(tmp_path):
     assert [surrounds(mesh, point) for point in points] == inside.tolist()
     lid = Mesh(mesh.vertices, mesh.faces[:-1])
     assert not surrounds(lid, points[1])
+
+
+def test_what_is_seen_from_behind_is_told(tmp_path):
+    """A plane faces +z: the camera is before it, behind it, or sees both sides."""
+    for angle, material, told in ((90, "paint", 0), (-90, "paint", 1), (-90, "both", 0)):
+        turn = f"rotation: {{axis: [1, 0, 0], angle: {angle} deg}}"
+        lines = look(tmp_path, f"{{shape: plane, size: [1, 1], material: {material}, {turn}}}")
+        assert len(lines) == told and all("'it' is seen from behind" in line for line in lines)
