@@ -1,4 +1,4 @@
-"""Tells what is outside of a camera's picture, by the cone about its optical axis that holds all of it."""
+"""Computes how far off its optical axis a camera sees, and things are."""
 
 from __future__ import annotations
 
@@ -33,8 +33,3 @@ def least_angle(middle: np.ndarray, radius: np.ndarray) -> np.ndarray:
     distance = np.maximum(np.linalg.norm(middle, axis=-1), np.finfo(np.float64).tiny)
     angle = np.arccos(np.clip(middle[:, 2] / distance, -1.0, 1.0)) - np.arcsin(np.minimum(radius / distance, 1.0))
     return np.where(distance <= radius, 0.0, angle)
-
-
-def outside(middle: np.ndarray, radius: np.ndarray, widest: float) -> np.ndarray:
-    """Tells which balls, as of `least_angle`, are certainly outside of a picture of this `widest_angle`, bool [n]."""
-    return np.asarray(least_angle(middle, radius) > widest)

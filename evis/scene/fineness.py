@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from evis.geometry import se3
-from evis.scene.field_of_view import outside, widest_angle
-from evis.scene.model import Mesh, Scene
+from evis.scene.field_of_view import least_angle, widest_angle
+from evis.scene.model import WORLD, Camera, Mesh, Scene
 from evis.scene.motion import Prescribed
 
 TOLERANCE = 0.1
@@ -29,7 +29,12 @@ def make_finer(
     is looked at LOOKED_AT_NS. take: is told the bytes of each new mesh. made: by the mesh and how much finer, with the
     mesh itself, shared with other worlds.
     """
-    if not any(instance.mesh.round for instance in scene.instances):
+    shapes = [instance.mesh.round for instance in scene.instances]
+    carried: dict[int, list[int]] = {}
+    for number, shape in enumerate(shapes):
+        if shape is not None:
+            carried.setdefault(scene.instances[number].body, []).append(number)
+    if not carried:
         return
     poses = _poses(scene, rest)
     eyes = [
@@ -37,30 +42,38 @@ def make_finer(
         for camera in scene.cameras
         if (eye := poses[scene.body_index(camera.name)]) is not None
     ]
-    for number, instance in enumerate(scene.instances):
-        shape = instance.mesh.round
-        if shape is None:
+    for body, numbers in carried.items():
+        at = np.broadcast_to(se3.IDENTITY, (len(LOOKED_AT_NS), 7)) if body == WORLD else poses[body]
+        if at is None:
             continue
-        body = np.broadcast_to(se3.IDENTITY, (len(LOOKED_AT_NS), 7)) if instance.body < 0 else poses[instance.body]
-        if body is None:
-            continue
-        middle = se3.transform(body, instance.pose[:3])
-        error = 0.0
+        middle = se3.transform(at[:, None], np.stack([scene.instances[k].pose[:3] for k in numbers]))
+        radius, error = (np.array([getattr(shapes[k], name) for k in numbers]) for name in ("radius", "error"))
+        worst = np.zeros(len(numbers))
         for camera, eye, widest in eyes:
-            point = se3.transform(se3.inverse(eye), middle)
-            distance = np.linalg.norm(point, axis=-1)
-            seen = (distance > shape.radius) & ~outside(point, np.full(len(point), shape.radius), widest)
-            if seen.any():
-                # Along the ray that touches a ball.
-                least = np.sqrt((distance[seen] ** 2 - shape.radius**2).min())
-                error = max(error, float(camera.k[1, 1] * shape.error / max(least, camera.near)))
-        finer = next((n for n in FINER if error <= TOLERANCE * n * n), FINER[-1])
-        if finer > 1:
-            key = id(instance.mesh), finer
-            if key not in made:
-                made[key] = instance.mesh, shape.finer(finer)
-                take(made[key][1].nbytes)
-            scene.instances[number] = replace(instance, mesh=made[key][1])
+            point = se3.transform(se3.inverse(eye)[:, None], middle)
+            worst = np.maximum(worst, _seen(camera, widest, point, radius) * error)
+        for k, pixels in zip(numbers, worst.tolist()):
+            finer = next((n for n in FINER if pixels <= TOLERANCE * n * n), FINER[-1])
+            shape, mesh = shapes[k], scene.instances[k].mesh
+            if finer > 1 and shape is not None:
+                key = id(mesh), finer
+                if key not in made:
+                    made[key] = mesh, shape.finer(finer)
+                    take(made[key][1].nbytes)
+                scene.instances[k] = replace(scene.instances[k], mesh=made[key][1])
+
+
+def _seen(camera: Camera, widest: float, middle: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """Pixels per metre [I] at the outlines of balls, the most of all times; 0 where they are never in the picture.
+
+    middle: float64 [T, I, 3] in the camera's frame. radius: [I] m. A camera within a ball sees no outline.
+    """
+    distance = np.linalg.norm(middle, axis=-1)
+    off = least_angle(middle.reshape(-1, 3), np.broadcast_to(radius, distance.shape).reshape(-1))
+    seen = (distance > radius) & (off.reshape(distance.shape) <= widest)
+    # Along the ray that touches the ball.
+    squared = np.where(seen, distance**2 - radius**2, np.inf).min(axis=0)
+    return np.asarray(camera.k[1, 1] / np.maximum(np.sqrt(squared), camera.near))
 
 
 def _poses(scene: Scene, rest: np.ndarray | None) -> list[np.ndarray | None]:

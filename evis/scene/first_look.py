@@ -120,7 +120,7 @@ def _nothing(scene: Scene, camera: Camera, boxes: np.ndarray, eyes: np.ndarray, 
         far = f"{reach.max():.3g} m of it, and near is {camera.near:g} m"
         return f"{_things(scene, ahead)} is within {far}; a smaller near shows it"
     if not any(_faces(scene, k, eyes[k]) for k in ahead):
-        return f"{_things(scene, ahead)} is seen from behind or edge-on; turn it, or give it a material with two_sided: true"
+        return f"{_things(scene, ahead)} is seen from behind or edge-on; turn it, or make its material two_sided: true"
     return ""
 
 
