@@ -61,6 +61,14 @@ def load_picture(source: Path | bytes) -> np.ndarray:
         return linear_from_codes(codes_of(picture))
 
 
+def lets_through(source: Path) -> bool:
+    """Tells whether a picture that can be read, other than EXR, has texels less than opaque."""
+    with _opened(source) as picture:
+        if "A" not in picture.getbands() and "transparency" not in picture.info:
+            return False
+        return int(picture.convert("RGBA").getchannel("A").getextrema()[0]) < 255
+
+
 def codes_of(picture: Any) -> np.ndarray:
     """Returns the values of a picture that Pillow has open and has not loaded, uint8 or uint16 [h, w, 3], all bits of
     16. Raises SceneError as `load_picture`.

@@ -11,6 +11,7 @@ import numpy as np
 from evis.config.suggestions import nearest
 from evis.geometry import se3
 from evis.scene.folders import Folders
+from evis.scene.images.pictures import lets_through
 from evis.scene.model import Instance, Material, Mesh, Scene
 from evis.scene.yaml.made_pictures import MadePictures
 from evis.scene.yaml.materials import read_material
@@ -56,6 +57,17 @@ class Seen:
             for ending, fields in self._copies(entry):
                 made = read_material(name + ending, fields, self.folders.home, self.pictures, self.textures, self.made)
                 self._add_material(made, fields)
+                self._tell_opaque(fields)
+
+    def _tell_opaque(self, fields: Fields) -> None:
+        """Tells of a picture file that lets light through, since all is drawn opaque, as of materials of mesh files."""
+        section = fields.section("texture", "texture")
+        if section is None or not self.textures or not section.has("file") or section.has("folder"):
+            return
+        path = self.folders.home / section.text("file")
+        if path.suffix.lower() != ".exr" and lets_through(path):
+            note = f"{path.name} has transparent texels, which are drawn opaque; cut the shape out as a mesh instead"
+            self.scene.left_out += [] if note in self.scene.left_out else [note]
 
     def _add_material(self, material: Material, fields: Fields) -> None:
         if material.name in self.materials:
