@@ -13,11 +13,11 @@ from evis.config.params import Param
 from evis.gpu.in_a_row import parted
 from evis.runtime.node import Input, Node, Output
 from evis.scene.digest import appearance
-from evis.scene.first_look import first_look
 from evis.scene.model import Camera, Scene
 from evis.scene.parameters import SCENE, SEED, camera_of, ends_alone, foreseen_worlds, scene_of, seeds_of, worlds_of
 from evis.scene.parts import Parts
 from evis.scene.sampling import Turns, undersampled
+from evis.scene.view.first_look import first_look
 from evis.scene.worlds import Group, Worlds
 from msgs.camera import CameraInfo, Depth, Ids, Keyframe, Motion, Normal
 from msgs.header import Header, Message

@@ -5,8 +5,8 @@ import pytest
 
 from evis.geometry import se3
 from evis.scene import load_scene
-from evis.scene.fineness import TOLERANCE
 from evis.scene.mesh import shapes, solids
+from evis.scene.view.fineness import TOLERANCE
 from nodes.renderer.renderer import Renderer
 
 DISTANCE, FOCAL = 1.6, 250.0

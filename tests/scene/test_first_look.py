@@ -5,9 +5,9 @@ import pytest
 import trimesh
 
 from evis.scene import load_scene
-from evis.scene.first_look import first_look
 from evis.scene.mesh.closed import is_inside_out, surrounds
 from evis.scene.model import Mesh
+from evis.scene.view.first_look import first_look
 
 CAMERA = "cameras: {cam0: {position: [0, -2, 0], look_at: [0, 0, 0], fov: 40 deg, near: NEAR}}\n"
 REST = "materials: {paint: {albedo: 0.5}, both: {albedo: 0.5, two_sided: true}}\nenvironment: 1\n"

@@ -73,10 +73,10 @@ from evis.geometry.distortion import Lens
 from evis.scene import motion
 from evis.scene.draws import Draws
 from evis.scene.errors import SceneError
-from evis.scene.fineness import make_finer
 from evis.scene.folders import Folders
 from evis.scene.images.sky import mean_radiance, read_environment_map
 from evis.scene.model import MODELS, WORLD, Body, Scene
+from evis.scene.view.fineness import make_finer
 from evis.scene.yaml.cameras import read_camera
 from evis.scene.yaml.copies import MAX_COPIES, copies
 from evis.scene.yaml.lights import read_light

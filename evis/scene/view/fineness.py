@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from evis.geometry import se3
-from evis.scene.field_of_view import least_angle, widest_angle
 from evis.scene.model import WORLD, Camera, Mesh, Scene
 from evis.scene.motion import Prescribed
+from evis.scene.view.field_of_view import least_angle, widest_angle
 
 TOLERANCE = 0.1
 """How far within its true place an outline may be [px]. One that is off by more makes events where a ball spins."""

@@ -8,9 +8,9 @@ import numpy as np
 
 from evis.geometry import se3
 from evis.geometry.triangles import area_vectors
-from evis.scene.field_of_view import least_angle, widest_angle
 from evis.scene.mesh.closed import is_inside_out, surrounds
 from evis.scene.model import Camera, Mesh, Scene
+from evis.scene.view.field_of_view import least_angle, widest_angle
 
 NAMED = 3
 """Things that a line names, of those that it is about."""
