@@ -9,6 +9,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from evis.events.representations.columns import check_flag
+from nodes.physics.from_outside import NO_ACTUATORS
 
 SLACK = 1e-6
 """By how much of its range a float32 may lie outside it, from rounding."""
@@ -21,7 +22,7 @@ class Actions:
         """actuators: with name, low, high. Raises ValueError for a model that has none, or none with a range."""
         check_flag("normalise", normalise)
         if not actuators:
-            raise ValueError("the scene has no actuators, so that there is nothing to act on")
+            raise ValueError(f"the scene {NO_ACTUATORS}, so that there is nothing to act on")
         self.names = [actuator.name for actuator in actuators]
         self.low, self.high = (np.array([getattr(a, end) for a in actuators], np.float64) for end in ("low", "high"))
         self.normalise = normalise

@@ -6,11 +6,35 @@ from collections.abc import Mapping
 
 import numpy as np
 
-PICTURES = ("RGB", "RGBA", "Y", "YA")
-"""As OpenEXR joins the channels of a picture, in colour or grey; Z, ids and others stand beside it."""
+COLOUR = ("R", "G", "B")
+GREY = "Y"
+"""Names of a picture's channels; Z, ids and others stand beside them."""
+KINDS = {"float16": "half", "float32": "float", "uint32": "uint"}
+NAMED = 8
+"""Channels that an error names."""
 
 
 def picture_of(channels: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """Gives the picture of half or float, [h, w] or [h, w, channels]; None where there is none."""
-    pixels = next((channels[name] for name in PICTURES if name in channels), None)
-    return None if pixels is None or pixels.dtype.kind != "f" else pixels
+    """Gives the picture of half or float among separate channels, [h, w] or [h, w, 3]; None where there is none.
+
+    R, G and B need not all be of one kind: float is taken then.
+    """
+    colours = [channels[name] for name in COLOUR if name in channels]
+    if len(colours) == len(COLOUR) and all(_fits(one) and one.shape == colours[0].shape for one in colours):
+        return np.stack(colours, axis=-1)
+    grey = channels.get(GREY)
+    return grey if grey is not None and _fits(grey) else None
+
+
+def without_picture(channels: Mapping[str, np.ndarray]) -> str:
+    """Tells that there is no picture among channels, which there are, and of which kinds."""
+    names = sorted(channels)
+    kinds = [KINDS.get(str(channels[name].dtype), str(channels[name].dtype)) for name in names]
+    listed = ", ".join(f"{name} ({kind})" for name, kind in zip(names[:NAMED], kinds))
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    layers = "; layers are not read, so save it as a single one" if any(n.endswith(".R") for n in names) else ""
+    return f"no R, G and B, and no Y, of half or float; it has {listed or 'none'}{more}{layers}"
+
+
+def _fits(channel: np.ndarray) -> bool:
+    return channel.ndim == 2 and channel.dtype.kind == "f"

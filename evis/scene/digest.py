@@ -31,7 +31,7 @@ def motion(scene: Scene) -> bytes:
     """Computes the key of how the bodies of a scene move."""
     bodies = [(b.name, b.trajectory, b.mount, b.follows) for b in scene.bodies]
     start = [scene.keyframe, scene.initial_spread, scene.initial_joints]
-    return _digest([bodies, scene.mjcf, scene.changes, scene.timestep_ns, *start])
+    return _digest([bodies, scene.mjcf, scene.changes, scene.actuators, scene.timestep_ns, *start])
 
 
 def shown(scene: Scene) -> bytes:

@@ -129,8 +129,9 @@ def may_be_driven(name_or_path: str) -> bool:
     from evis.scene.mjcf.actuated import may_be_driven as driven
 
     path = find_scene(name_or_path)
-    model = _document(path).get("mjcf")
-    return model is not None and driven(path.parent / str(model))
+    document = _document(path)
+    model = document.get("mjcf")
+    return model is not None and ("actuators" in document or driven(path.parent / str(model)))
 
 
 def sets_sensor(name_or_path: str) -> bool:

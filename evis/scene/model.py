@@ -5,6 +5,7 @@ Units are SI, angles radians, colours linear Rec. 709. A pose is float64 [7]: po
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -45,6 +46,19 @@ class Body:
     """Moved by MuJoCo's rule for a camera or light that tracks or targets a body: (`camera` or `light`, its number)."""
 
 
+@dataclass(frozen=True)
+class Roundness:
+    """Tells how a mesh departs from the curved surface that it stands for.
+
+    error: how far its outlines lie within the true ones at most [m]. finer: makes the same with n times as many sides,
+    whose error is n^2 times less. radius: of the ball about the frame's origin that holds it [m].
+    """
+
+    error: float
+    finer: Callable[[int], Mesh]
+    radius: float
+
+
 @dataclass
 class Mesh:
     """Holds triangles in the body's frame of one instance.
@@ -59,6 +73,8 @@ class Mesh:
     uv: np.ndarray | None = None
     normals: np.ndarray | None = None
     colours: np.ndarray | None = None
+    round: Roundness | None = None
+    """Where flat triangles stand for a curved surface that code can make finer."""
 
     @property
     def nbytes(self) -> int:
@@ -177,6 +193,21 @@ class ModelChange:
     values: tuple[float, ...]
 
 
+@dataclass(frozen=True)
+class AddedActuator:
+    """Describes an actuator that a scene adds to a joint of its model.
+
+    kind: `position`, `velocity` or `motor`. gain and damping in N m or N per unit of joint, control or speed. range: of
+    the control, None where it has none.
+    """
+
+    joint: str
+    kind: str
+    gain: float
+    damping: float
+    range: tuple[float, float] | None
+
+
 @dataclass
 class Scene:
     """Holds a whole scene. bodies[n] is entry n of WorldState; every camera has a body of its name among them."""
@@ -197,6 +228,8 @@ class Scene:
     """Dynamics: number of the model's keyframe that is the start, -1 for its reference pose."""
     changes: list[ModelChange] = field(default_factory=list)
     """Dynamics: what of the model is other than its file says."""
+    actuators: list[AddedActuator] = field(default_factory=list)
+    """Dynamics: those that the model's joints have beside the model's own."""
     timestep_ns: int = 1_000_000
     """Sub-step of /state for prescribed motion [ns]."""
     initial_spread: tuple[float, float] = (0.0, 0.0)

@@ -18,6 +18,9 @@ SCENE: dict[str, Param] = {
 }
 
 
+FORESEEN = 16
+"""Environments that are looked at before a run starts: to load the worlds of thousands takes as long as to run them."""
+
 SEED = Param(int, 0, "seed of what the scene draws; environment k has seed + k", "", 0, 2**63 - 1)
 """For nodes that see its values in /state or CameraInfo and load the same worlds."""
 
@@ -39,6 +42,13 @@ def worlds_of(owner: str, params: Mapping[str, Any], *, visuals: bool = True, te
     asked = [_asked(owner, of_environment(params, env)) for env in range(1 if alike else len(seeds))]
     families = [family(*one, visuals=visuals, textures=textures) for one in asked]
     return Worlds(lambda env, seed: families[0 if alike else env].world(seed), seeds)
+
+
+def foreseen_worlds(owner: str, params: Mapping[str, Any]) -> list[Scene]:
+    """Returns the worlds, without textures, of the first FORESEEN environments, for what is told before a run starts.
+    Raises as worlds_of does."""
+    few = {**params, "envs": min(int(params.get("envs") or 1), FORESEEN)}
+    return worlds_of(owner, few, textures=False).scenes
 
 
 def of_environment(params: Mapping[str, Any], env: int) -> Mapping[str, Any]:

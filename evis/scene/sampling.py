@@ -3,7 +3,8 @@ still."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,9 +28,29 @@ FINEST = 1024
 """Most parts into which the time between two frames is divided by the instants at which single pixels are looked at."""
 
 
-def undersampled(scene: Scene, frame_rate: float, pixel_rate: float = 0.0, keyframe_rate: float = 0.0) -> list[str]:
+@dataclass(frozen=True)
+class _Fast:
+    """Something that is too fast. what: it does; wanted: frames per second that would do; false: its frequency looks
+    another one."""
+
+    name: str
+    what: str
+    frame_rate: float
+    wanted: float
+    false: bool
+
+    def line(self, where: str = "") -> str:
+        loss = "show something slower or nothing" if self.false else "miss a part of its events"
+        frames = f"frames come at {self.frame_rate:g} Hz, which {loss}"
+        return f"{self.what}{where} and {frames}; {self.wanted:.4g} Hz would do (keyframe_rate x upsampling)"
+
+
+def undersampled(
+    scenes: Scene | Sequence[Scene], frame_rate: float, pixel_rate: float = 0.0, keyframe_rate: float = 0.0
+) -> list[str]:
     """Returns a line for each light and each body of prescribed motion that frames at `frame_rate` [Hz] show falsely.
 
+    scenes: one, or those of environments side by side, of which the line tells that in which it is fastest.
     pixel_rate: at which single pixels are seen between frames [Hz], 0 = frames alone. keyframe_rate: of keyframes
     then [Hz]; lights that are slow enough, FOLLOWED, and no shorter than two of the FINEST parts, are seen as they are.
 
@@ -37,23 +58,37 @@ def undersampled(scene: Scene, frame_rate: float, pixel_rate: float = 0.0, keyfr
     (Nyquist) the frequency is wrong too. So is a rotation's from a frame per half turn down. What a physics engine
     moves is not known beforehand: `Turns` looks at it.
     """
-    lines = []
+    worlds = [scenes] if isinstance(scenes, Scene) else scenes
+    fastest: dict[str, tuple[_Fast, int]] = {}
+    seen: set[int] = set()
+    for env, scene in enumerate(worlds):
+        if id(scene) not in seen:
+            seen.add(id(scene))
+            for one in _too_fast(scene, frame_rate, pixel_rate, keyframe_rate):
+                if one.name not in fastest or one.wanted > fastest[one.name][0].wanted:
+                    fastest[one.name] = one, env
+    return [one.line(f" in environment {env}" if len(seen) > 1 else "") for one, env in fastest.values()]
+
+
+def _too_fast(scene: Scene, frame_rate: float, pixel_rate: float, keyframe_rate: float) -> Iterator[_Fast]:
+    """What `undersampled` tells of one scene."""
     for light in scene.lights:
         if light.waveform is not None and light.waveform.depth:
             frequency, wanted = light.waveform.frequency, _wanted(light.waveform)
             followed = pixel_rate > frame_rate and frequency <= FOLLOWED * keyframe_rate
             followed = followed and wanted <= FINEST * frame_rate
             if frame_rate < wanted and not followed:
-                what = f"light '{light.name}' flickers at {frequency:g} Hz"
-                lines.append(_line(what, frame_rate, wanted, 2 * frequency >= frame_rate))
+                name = f"light '{light.name}'"
+                what = f"{name} flickers at {frequency:g} Hz"
+                yield _Fast(name, what, frame_rate, wanted, 2 * frequency >= frame_rate)
     rate = max(frame_rate, pixel_rate)
     for body in scene.bodies:
         if isinstance(body.trajectory, Prescribed):
             fastest = max(_half_turns(body.trajectory), default=0.0)
             if fastest >= rate:
-                what = f"body '{body.name}' makes {fastest / 2:.4g} turns or swings per second"
-                lines.append(_line(what, rate, ENOUGH * fastest / 2, True))
-    return lines
+                name = f"body '{body.name}'"
+                what = f"{name} makes {fastest / 2:.4g} turns or swings per second"
+                yield _Fast(name, what, rate, ENOUGH * fastest / 2, True)
 
 
 class Turns:
@@ -82,15 +117,10 @@ class Turns:
         for body, fastest in zip(moving.tolist(), half_turns.tolist()):
             if fastest >= self._rate and self._watched[body]:
                 self._watched[body] = False
-                what = f"body '{self._names[body]}' makes {fastest / 2:.4g} turns per second"
-                lines.append(_line(what, self._rate, ENOUGH * fastest / 2, True))
+                name = f"body '{self._names[body]}'"
+                what = f"{name} makes {fastest / 2:.4g} turns per second"
+                lines.append(_Fast(name, what, self._rate, ENOUGH * fastest / 2, True).line())
         return lines
-
-
-def _line(what: str, frame_rate: float, wanted: float, false: bool) -> str:
-    loss = "show something slower or nothing" if false else "miss a part of its events"
-    frames = f"frames come at {frame_rate:g} Hz, which {loss}"
-    return f"{what} and {frames}; {wanted:.4g} Hz would do (keyframe_rate x upsampling)"
 
 
 def _wanted(wave: Waveform) -> float:

@@ -21,6 +21,7 @@ from evis.simulation.graph import CALLER, Graph, needs_sockets
 from evis.simulation.outputs import OF_CAMERA, RequestedOutputs
 from evis.simulation.step import IMAGE, IMAGES, Step, value_of
 from evis.supervisor.run_directory import RunDirectory
+from nodes.physics.from_outside import NO_ACTUATORS
 
 MOST_KEPT = 64_000_000
 """Most bytes of actions that are kept for `replay`."""
@@ -139,7 +140,7 @@ class Run:
         """Takes controls for the time from now on. Raises SimulationError; nothing has happened then."""
         graph = self.graph
         if not graph.acts:
-            why = f"node {graph.controller} publishes its actions" if graph.controller else "it has no actuators"
+            why = f"node {graph.controller} publishes its actions" if graph.controller else f"it {NO_ACTUATORS}"
             raise SimulationError(f"{graph.plan.name} takes no action: {why}; step without one")
         controls = controls_of(action, self.envs, graph.actuators)
         rate = self.parameter("action_rate", None)

@@ -10,7 +10,7 @@ import numpy as np
 
 from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
-from evis.scene.parameters import SCENE, scene_of, seeds_of
+from evis.scene.parameters import SCENE, foreseen_worlds, seeds_of
 from evis.scene.sampling import undersampled
 from msgs.camera import Frames, Image, Keyframe
 from msgs.header import Header, Message
@@ -69,8 +69,8 @@ class FrameCameraNode(Node):
             return ()
         # Whoever shows the scene says what is wrong with it.
         with contextlib.suppress(ValueError, OSError):
-            scene = scene_of("frame camera", params, textures=False)
-            return tuple(f"images are of frames alone: {line}" for line in undersampled(scene, params["frame_rate"]))
+            worlds = foreseen_worlds("frame camera", params)
+            return tuple(f"images are of frames alone: {line}" for line in undersampled(worlds, params["frame_rate"]))
         return ()
 
     @classmethod

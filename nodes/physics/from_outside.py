@@ -8,6 +8,8 @@ import numpy as np
 
 from msgs.world import Action
 
+NO_ACTUATORS = "has no actuators (`actuators:` in a scene file gives them to joints of its MJCF or URDF)"
+
 
 @dataclass(frozen=True)
 class Actuators:

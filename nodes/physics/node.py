@@ -25,7 +25,7 @@ from msgs.own_time import CONFIGURED
 from msgs.physics_error import PhysicsError
 from msgs.world import Action, Reset, WorldState
 from nodes.physics.environments import Environments
-from nodes.physics.from_outside import check_action
+from nodes.physics.from_outside import NO_ACTUATORS, check_action
 from nodes.physics.interval import Engine, Interval
 from nodes.physics.precision.errors import Errors
 from nodes.physics.precision.notice import notice
@@ -281,7 +281,7 @@ class PhysicsNode(Node):
             return {}
         actuators = self.engine.actuators
         if not actuators.names:
-            raise ValueError(f"scene {self.scene.name} has no actuators: there is nothing to control")
+            raise ValueError(f"scene {self.scene.name} {NO_ACTUATORS}: there is nothing to control")
         low, high = actuators.low.tolist(), actuators.high.tolist()
         return {"envs": self.params["envs"], "names": list(actuators.names), "low": low, "high": high}
 

@@ -14,9 +14,10 @@ from evis.gpu.in_a_row import parted
 from evis.runtime.node import Input, Node, Output
 from evis.scene.digest import appearance
 from evis.scene.model import Camera, Scene
-from evis.scene.parameters import SCENE, SEED, camera_of, ends_alone, scene_of, seeds_of, worlds_of
+from evis.scene.parameters import SCENE, SEED, camera_of, ends_alone, foreseen_worlds, scene_of, seeds_of, worlds_of
 from evis.scene.parts import Parts
 from evis.scene.sampling import Turns, undersampled
+from evis.scene.view.first_look import first_look
 from evis.scene.worlds import Group, Worlds
 from msgs.camera import CameraInfo, Depth, Ids, Keyframe, Motion, Normal
 from msgs.header import Header, Message
@@ -115,8 +116,8 @@ class RendererNode(Node):
         if params.get("scene") and params.get("frame_rate"):
             # Whoever loads the scene says what is wrong with it.
             with contextlib.suppress(ValueError, OSError):
-                scene = scene_of("renderer", params, textures=False)
-                return tuple(undersampled(scene, params["frame_rate"], *_between(params)))
+                worlds = foreseen_worlds("renderer", params)
+                return tuple(undersampled(worlds, params["frame_rate"], *_between(params)))
         return ()
 
     def computes_on(self) -> str:
@@ -136,9 +137,10 @@ class RendererNode(Node):
         self.renderer = self._renderers(worlds.groups(appearance))
         self.renderer.begin(self._wanted())
         if p["frame_rate"]:
-            for line in undersampled(self.scene, p["frame_rate"], *_between(p)):
+            for line in undersampled(worlds.scenes, p["frame_rate"], *_between(p)):
                 self.warn(line)
         self._turns = Turns(self.scene, max(p["frame_rate"], _between(p)[0]))
+        self._looked = False
         self._names = [body.name for body in self.scene.bodies]
         self._begin()
         self.publish("info", self._info(Header(0)))
@@ -304,7 +306,8 @@ class RendererNode(Node):
             self.renderer.prepare(self._wanted())
 
     def _state(self, inputs: Mapping[str, Message]) -> WorldState:
-        """The state that comes; warns of what turns too fast in it. Raises ValueError for one of another scene."""
+        """The state that comes; warns of what turns too fast in it, and at the first of what is not seen as it is.
+        Raises ValueError for one of another scene."""
         state = inputs["state"]
         assert isinstance(state, WorldState)
         if state.names != self._names:
@@ -314,6 +317,10 @@ class RendererNode(Node):
             )
         for line in self._turns.too_fast(state.moving, state.moving_twist):
             self.warn(line)
+        if not self._looked:
+            self._looked = True
+            for line in first_look(self.scene, camera_of(self.scene, self.params["camera"]), state.kept_end_pose()[0]):
+                self.warn(f"scene {self.scene.name}: {line}")
         return state
 
     def _render(

@@ -231,5 +231,5 @@ def test_exr_without_light(tmp_path):
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, "evis/stamp_ns": "0"}
     with OpenEXR.File(header, {"Z": np.ones((2, 2), np.float32)}) as file:
         file.write(str(tmp_path / "0.exr"))
-    with pytest.raises(FramesError, match="no R, G, B or Y of half or float; it has Z"):
+    with pytest.raises(FramesError, match="no R, G and B, and no Y, of half or float; it has Z"):
         open_frames(tmp_path)

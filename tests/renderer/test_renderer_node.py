@@ -109,3 +109,17 @@ def test_what_is_not_drawn_is_told(tmp_path, monkeypatch):
     (tmp_path / "s.yaml").write_text(f"{head}world: [{{shape: mesh, file: a.obj}}]\n")
     start("depth", scene=str(tmp_path / "s.yaml"))
     assert told == ["scene s: a.obj names gone.png, which is not there; what it is for is drawn without"]
+
+
+def test_what_the_first_look_finds_is_told_once(tmp_path, monkeypatch):
+    """A camera that looks away from all there is."""
+    told = []
+    monkeypatch.setattr("nodes.renderer.node.RendererNode.warn", lambda node, text, *rest: told.append(text))
+    camera = "cameras: {cam0: {fov: 1, look_at: [0, 1, 0]}}\nenvironment: 1\nmaterials: {grey: {albedo: 0.5}}\n"
+    (tmp_path / "s.yaml").write_text(
+        f"{camera}world: [{{shape: sphere, radius: 1, position: [0, -9, 0], material: grey}}]\n"
+    )
+    node, _ = start("depth", scene=str(tmp_path / "s.yaml"))
+    for stamp in (0, 7):
+        node.update({"state": state(load_scene(str(tmp_path / "s.yaml")), 0.0, stamp=stamp)})
+    assert len(told) == 1 and "sees nothing at the start: 'world', the nearest" in told[0]

@@ -125,3 +125,33 @@ def test_what_an_engine_turns_is_noticed_once_and_what_is_prescribed_is_not():
     assert "body 'free' makes 121.2 turns per second" in line and "969.6 Hz would do" in line
     assert turns.too_fast(moving, twist) == []
     assert Turns(world, 0.0).too_fast(moving[:1], twist[:, :, :1]) == []
+
+
+def test_of_environments_the_fastest_is_named():
+    """Their lamps are drawn: the line is that of the fastest, and says which environment has it; one of a world that
+    all have says nothing of environments."""
+    waves = [Waveform("sine", frequency, 0.5) for frequency in (10.0, 50.0, 70.0, 20.0)]
+    scenes = [scene(flicker=wave) for wave in waves]
+    (line,) = undersampled(scenes, 240)
+    assert line == undersampled(scenes[2], 240)[0].replace("Hz and", "Hz in environment 2 and")
+    assert undersampled([scenes[2]] * 3, 240) == undersampled(scenes[2], 240)
+    assert undersampled(scenes[::3], 240) == []
+
+
+def test_a_lamp_that_another_environment_has_drawn_is_told_before_the_start(tmp_path):
+    """The seed draws one of two frequencies; the first environment's is slow enough."""
+    from nodes.renderer.node import RendererNode
+
+    path = tmp_path / "s.yaml"
+    flicker = "flicker: {kind: sine, frequency: {choose: [5, 500]}, depth: 0.5}"
+    path.write_text(
+        f"cameras: {{cam0: {{fov: 1}}}}\nlights: {{lamp: {{kind: directional, direction: [0, 0, 1], irradiance: 1, "
+        f"{flicker}}}}}\n"
+    )
+    drawn = [load_scene(str(path), seed=seed).lights[0].waveform.frequency for seed in range(20)]
+    first = next(seed for seed in range(19) if drawn[seed] == 5 and drawn[seed + 1] == 500)
+    defaults = {name: param.default for name, param in RendererNode.PARAMS.items()}
+    params = defaults | {"scene": str(path), "seed": first, "frame_rate": 240.0}
+    assert RendererNode.foreseen(params) == ()
+    (line,) = RendererNode.foreseen(params | {"envs": 2})
+    assert "light 'lamp' flickers at 500 Hz in environment 1" in line

@@ -82,7 +82,7 @@ def test_bad_exr_files_are_one_line(load, tmp_path):
         ("nan.exr", "has 1 texels that are not finite, the first in row 2, column 3"),
         ("inf.exr", "has 1 texels that are not finite"),
         ("dark.exr", "has radiance below 0"),
-        ("depth.exr", "has no R, G, B or Y"),
+        ("depth.exr", "has no R, G and B, and no Y, of half or float; it has Z .float."),
     ):
         with pytest.raises(SceneError, match=rf"s\.yaml:2: .*{name}.*{words}") as caught:
             load(name)

@@ -76,3 +76,29 @@ def test_the_most_that_a_picture_can_show(tmp_path):
     assert squares[odd].min() > squares[~odd].max() + 0.1
     power = np.abs(np.fft.fft2(noise - noise.mean())) ** 2
     assert power[[0, 0, 1, -1], [1, -1, 0, 0]].sum() > 0.98 * power.sum()
+
+
+@pytest.mark.parametrize("mode, told", [("RGB", 0), ("opaque", 0), ("RGBA", 1), ("LA", 1), ("P", 1)])
+def test_a_transparent_picture_is_told(tmp_path, mode, told):
+    """A hole in the middle, as an alpha channel or as an entry of the palette; an alpha of 255 throughout is none."""
+    from PIL import Image
+
+    if mode == "P":
+        picture = Image.new("P", (8, 8), 1)
+        picture.putpalette([0, 0, 0, 200, 100, 50])
+        picture.putpixel((4, 4), 0)
+        picture.save(tmp_path / "leaf.png", transparency=0)
+    else:
+        picture = Image.new("RGBA" if mode == "opaque" else mode, (8, 8))
+        hole = 255 if mode == "opaque" else 0
+        rest = (9,) * (len(picture.getbands()) - 1)
+        picture.putdata([(*rest, hole if k == 20 else 255) for k in range(64)])
+        picture.save(tmp_path / "leaf.png")
+    (tmp_path / "s.yaml").write_text(
+        "cameras: {cam0: {fov: 1}}\nenvironment: 1\nmaterials: {leaf: {texture: {kind: image, file: leaf.png}}}\n"
+        "world: [{shape: plane, size: [1, 1], material: leaf}]\n"
+    )
+    lines = load_scene(str(tmp_path / "s.yaml")).left_out
+    assert len(lines) == told and all(
+        "leaf.png has transparent texels, which are drawn opaque" in line for line in lines
+    )

@@ -12,7 +12,7 @@ from evis.files.allowance import Allowance
 from evis.files.damage import error_text
 from evis.media import exr_window
 from evis.media.colour import luminance_of
-from evis.media.exr_channels import picture_of
+from evis.media.exr_channels import picture_of, without_picture
 from evis.media.frames.folder import FolderFrames
 from evis.media.frames.source import PIXEL_BYTES, FrameOptions, FramesError
 
@@ -37,15 +37,14 @@ class ExrFrames(FolderFrames):
                 windows = [exr_window.sides(file.header(), name) for name in (exr_window.DATA, exr_window.DISPLAY)]
             # before the library asks for all of it
             Allowance(path.stat().st_size).check(max(width * height for width, height in windows) * PIXEL_BYTES)
-            with OpenEXR.File(str(path), separate_channels=False) as file:
+            with OpenEXR.File(str(path), separate_channels=True) as file:
                 header = dict(file.header())
                 channels = {name: channel.pixels for name, channel in file.channels().items()}
         except Exception as error:  # the library raises RuntimeError, TypeError and others for damaged files
             raise FramesError(f"{path}: cannot be read as EXR: {error_text(error, 150)}") from None
         pixels = picture_of(channels)
         if pixels is None:
-            there = ", ".join(sorted(channels)) or "none"
-            raise FramesError(f"{path}: no R, G, B or Y of half or float; it has {there}")
+            raise FramesError(f"{path}: {without_picture(channels)}")
         return self._image(exr_window.displayed(pixels, header)), _stamp(path, header), None
 
     def _image(self, pixels: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ from evis.files.allowance import Allowance, AllowanceError
 from evis.files.damage import error_text
 from evis.media import exr_window
 from evis.media.deep_colour import deep_colour
-from evis.media.exr_channels import picture_of
+from evis.media.exr_channels import picture_of, without_picture
 from evis.scene.errors import SceneError
 from evis.scene.images.colour import linear_from_codes
 from evis.scene.sources import note
@@ -59,6 +59,14 @@ def load_picture(source: Path | bytes) -> np.ndarray:
     """
     with _opened(source) as picture:
         return linear_from_codes(codes_of(picture))
+
+
+def lets_through(source: Path) -> bool:
+    """Tells whether a picture that can be read, other than EXR, has texels less than opaque."""
+    with _opened(source) as picture:
+        if "A" not in picture.getbands() and "transparency" not in picture.info:
+            return False
+        return int(picture.convert("RGBA").getchannel("A").getextrema()[0]) < 255
 
 
 def codes_of(picture: Any) -> np.ndarray:
@@ -110,7 +118,7 @@ def load_exr(path: Path) -> np.ndarray:
             for window in (exr_window.DATA, exr_window.DISPLAY):
                 width, height = exr_window.sides(header, window)
                 check_size(width, height, path.stat().st_size // len(headers), 4 * max(3, len(header["channels"])))
-        with OpenEXR.File(str(path)) as file:
+        with OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: channel.pixels for name, channel in file.channels().items()}
     except SceneError as error:
         raise SceneError(f"{path.name} is {error}") from None
@@ -118,7 +126,7 @@ def load_exr(path: Path) -> np.ndarray:
         raise SceneError(f"{path.name} cannot be read as EXR: {error_text(error, 150)}") from None
     pixels = picture_of(channels)
     if pixels is None:
-        raise SceneError(f"{path.name} has no R, G, B or Y of half or float; it has {', '.join(channels) or 'none'}")
+        raise SceneError(f"{path.name} has {without_picture(channels)}")
     pixels = exr_window.displayed(pixels, headers[0])
     if pixels.ndim == 2 or pixels.shape[2] < 3:
         grey = pixels if pixels.ndim == 2 else pixels[..., 0]

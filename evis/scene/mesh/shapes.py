@@ -2,16 +2,18 @@
 
 Every shape is centred on its frame; axes of revolution are z. Faces run counter-clockwise seen from outside. uv (0, 0)
 is the texture's lower left corner. Triangle counts are modest: silhouettes lie within 1 % of the radius
-of the true shape (the chord of a 24-gon, 1 - cos(pi / 24) = 0.9 %; of a cylinder's 64-gon 0.1 %).
+of the true shape (the chord of a 24-gon, 1 - cos(pi / 24) = 0.9 %; of a cylinder's 64-gon 0.1 %), unless more is asked
+for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
-from evis.scene.model import Mesh
+from evis.scene.model import Mesh, Roundness
 
 SEGMENTS = 64
 """Sides of a cylinder; the rim of a disk has twice as many."""
@@ -90,8 +92,15 @@ def grid(points: np.ndarray, uv: np.ndarray) -> Mesh:
     return _mesh(points.reshape(-1, 3), _grid_faces(*points.shape[:2]), uv.reshape(-1, 2))
 
 
-def disk(radius: float, segments: int = 2 * SEGMENTS) -> Mesh:
-    """Makes a flat disk facing +z; the texture lies over its bounding square, upright along +y."""
+def disk(radius: float, finer: int = 1) -> Mesh:
+    """Makes a flat disk of 128 x `finer` sides facing +z; the texture lies over its bounding square, upright along
+    +y.
+    """
+    segments = 2 * SEGMENTS * finer
+    return round_mesh(_disk(radius, segments), radius * sagitta(segments), partial(disk, radius), radius)
+
+
+def _disk(radius: float, segments: int) -> Mesh:
     rim = _circle(segments)
     vertices = np.concatenate((np.zeros((1, 3)), np.c_[radius * rim, np.zeros(segments)]))
     around = np.arange(segments)
@@ -104,44 +113,51 @@ def sphere(radius: float) -> Mesh:
     return ellipsoid(np.full(3, radius))
 
 
-def ellipsoid(radii: np.ndarray) -> Mesh:
-    """Makes an ellipsoid with semi-axes radii [3], smooth normals."""
-    angle = np.linspace(-np.pi / 2, np.pi / 2, 13)
+def ellipsoid(radii: np.ndarray, finer: int = 1) -> Mesh:
+    """Makes an ellipsoid with semi-axes radii [3] of 24 x `finer` sides, smooth normals."""
+    rings, sides = 12 * finer, 24 * finer
+    angle = np.linspace(-np.pi / 2, np.pi / 2, rings + 1)
     profile = np.stack((np.cos(angle), np.sin(angle)), axis=-1)
-    mesh = _revolve(profile, profile, np.linspace(0, 1, 13), 24)
+    mesh = _revolve(profile, profile, np.linspace(0, 1, rings + 1), sides)
     radii = np.asarray(radii, np.float64)
     mesh.vertices = (mesh.vertices * radii).astype(np.float32)
     assert mesh.normals is not None
     normals = mesh.normals / radii
     mesh.normals = (normals / np.linalg.norm(normals, axis=-1, keepdims=True)).astype(np.float32)
-    return mesh
+    longest = float(radii.max())
+    return round_mesh(mesh, longest * sagitta(sides), partial(ellipsoid, radii), longest)
 
 
-def cylinder(radius: float, height: float) -> Mesh:
-    """Makes a closed cylinder along z: smooth side, flat caps (each with the texture over its bounding square)."""
-    h = 0.5 * height
+def cylinder(radius: float, height: float, finer: int = 1) -> Mesh:
+    """Makes a closed cylinder along z of 64 x `finer` sides: smooth side, flat caps (each with the texture over its
+    bounding square).
+    """
+    h, segments = 0.5 * height, SEGMENTS * finer
     side = _revolve(
-        np.array([[radius, -h], [radius, h]]), np.array([[1.0, 0.0], [1.0, 0.0]]), np.array([0.0, 1.0]), SEGMENTS
+        np.array([[radius, -h], [radius, h]]), np.array([[1.0, 0.0], [1.0, 0.0]]), np.array([0.0, 1.0]), segments
     )
-    top = _flat(disk(radius, SEGMENTS))
+    top = _flat(_disk(radius, segments))
     top.vertices[:, 2] = h
-    bottom = disk(radius, SEGMENTS)
+    bottom = _disk(radius, segments)
     bottom.vertices *= np.array([1, -1, 1], np.float32)  # half a turn about x, which leaves z = 0 as it is
     bottom = _flat(bottom)
     bottom.vertices[:, 2] = -h
-    return join(side, top, bottom)
+    whole = float(np.hypot(radius, h))
+    return round_mesh(join(side, top, bottom), radius * sagitta(segments), partial(cylinder, radius, height), whole)
 
 
-def capsule(radius: float, height: float) -> Mesh:
-    """Makes a cylinder of `height` along z with a hemisphere on each end, smooth normals."""
-    low = np.linspace(-np.pi / 2, 0, 6)
-    high = np.linspace(0, np.pi / 2, 6)
+def capsule(radius: float, height: float, finer: int = 1) -> Mesh:
+    """Makes a cylinder of `height` along z of 24 x `finer` sides with a hemisphere on each end, smooth normals."""
+    rings, sides = 5 * finer, 24 * finer
+    low = np.linspace(-np.pi / 2, 0, rings + 1)
+    high = np.linspace(0, np.pi / 2, rings + 1)
     angle = np.concatenate((low, high))
     normals = np.stack((np.cos(angle), np.sin(angle)), axis=-1)
     profile = radius * normals
-    profile[:, 1] += np.where(np.arange(12) < 6, -0.5, 0.5) * height
+    profile[:, 1] += np.where(np.arange(len(angle)) <= rings, -0.5, 0.5) * height
     length = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(profile, axis=0), axis=-1))))
-    return _revolve(profile, normals, length / length[-1], 24)
+    mesh = _revolve(profile, normals, length / length[-1], sides)
+    return round_mesh(mesh, radius * sagitta(4 * rings), partial(capsule, radius, height), radius + 0.5 * height)
 
 
 def triangles(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
@@ -174,6 +190,17 @@ def join(*parts: Mesh) -> Mesh:
 
 _QUAD = np.array([[0, 1, 2], [0, 2, 3]])
 _QUAD_UV = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+
+
+def round_mesh(mesh: Mesh, error: float, make: Callable[..., Mesh], radius: float) -> Mesh:
+    """Gives a mesh what tells how to make it finer. error, radius: as of Roundness. make: takes `finer=n`."""
+    mesh.round = Roundness(float(error), lambda n: make(finer=n), float(radius))
+    return mesh
+
+
+def sagitta(sides: int) -> float:
+    """Computes how far within a circle of radius 1 the sides of a regular polygon lie."""
+    return float(1.0 - np.cos(np.pi / sides))
 
 
 def _circle(segments: int) -> np.ndarray:

@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from evis.scene.mesh.normals import crease_normals
-from evis.scene.mesh.shapes import grid
+from evis.scene.mesh.shapes import grid, round_mesh, sagitta
 from evis.scene.model import Mesh
 
 WAVES = 24
 """Waves that dent a rock."""
 
 
-def torus(radius: float, tube: float) -> Mesh:
-    """Makes a ring about z of 1152 triangles, smooth normals, the texture once around both ways.
+def torus(radius: float, tube: float, finer: int = 1) -> Mesh:
+    """Makes a ring about z of 48 x `finer` sides and 12 x `finer` around its tube, smooth normals, the texture once
+    around both ways.
 
     radius: of the circle in the tube's middle [m]. tube: radius of the tube, less than `radius`. Raises ValueError.
     """
     if not tube < radius:
         raise ValueError(f"the tube's radius is {tube:g} m; it must be less than the ring's, {radius:g} m")
-    u, v = np.meshgrid(np.linspace(0, 1, 49), np.linspace(0, 1, 13))
+    u, v = np.meshgrid(np.linspace(0, 1, 48 * finer + 1), np.linspace(0, 1, 12 * finer + 1))
     out = radius - tube * np.cos(2 * np.pi * v)
     points = np.stack((out * np.cos(2 * np.pi * u), out * np.sin(2 * np.pi * u), -tube * np.sin(2 * np.pi * v)), -1)
-    return _smooth(points, np.stack((u, v), -1))
+    error = max((radius + tube) * sagitta(48 * finer), tube * sagitta(12 * finer))
+    return round_mesh(_smooth(points, np.stack((u, v), -1)), error, partial(torus, radius, tube), radius + tube)
 
 
 def rock(radius: float, rough: float, seed: int) -> Mesh:

@@ -60,14 +60,16 @@ def read_changes(fields: Fields, model: Any) -> list[ModelChange]:
     return found
 
 
-def matched(fields: Fields, section: str, names: Sequence[str]) -> list[tuple[int, Fields]]:
-    """Finds the elements that the entries of a section stand for, with the values of each. Raises SceneError."""
+def matched(fields: Fields, section: str, names: Sequence[str], what: str = "") -> list[tuple[int, Fields]]:
+    """Finds the elements that the entries of a section stand for, with the values of each. what: they are, where the
+    section is not called so. Raises SceneError.
+    """
     found = []
     for pattern, entry in fields.sections(section, section).items():
         fits = [i for i, name in enumerate(names) if fnmatchcase(name, pattern)]
         numbers = [names.index(pattern)] if pattern in names else [i for i in fits if names[i] != "world"]
         if not numbers:
-            raise entry.error(None, f"fits none of the model's {section}; {nearest(pattern, names)}")
+            raise entry.error(None, f"fits none of the model's {what or section}; {nearest(pattern, names)}")
         within = f"{fields.within(section)}."
         found += [(i, entry.with_arguments(entry.arguments, within + names[i])) for i in numbers]
     return found

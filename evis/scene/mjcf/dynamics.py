@@ -34,6 +34,10 @@ def compile_model(scene: Scene, deepest: bool = False, step_of: Callable[[float]
     urdf = scene.mjcf.suffix.lower() == ".urdf"
     compile_it = partial(mujoco_model if urdf else compile_mjcf, scene.mjcf, folders_of(scene))
     edits: list[Edit] = [add_deepest] if deepest else []
+    if scene.actuators:
+        from evis.scene.mjcf.added_actuators import add_actuators
+
+        edits.append(partial(add_actuators, actuators=scene.actuators))
     model = compile_it(edits)
     if step_of is not None and model.actuator_delay.any():
         model = compile_it([*edits, partial(keep_delays, file=scene.mjcf.name, step=step_of(model.opt.timestep))])

@@ -8,6 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from evis.geometry import se3
 from evis.scene.model import WORLD, Body, Scene
 from evis.scene.motion import Prescribed
 
@@ -52,6 +53,16 @@ def stays(model: Any, mode: int, body: int, target: int) -> bool:
     if model.body_weldid[body] != 0 or mode == MODE.mjCAMLIGHT_TRACKCOM:
         return False
     return mode not in TARGETS or (mode == MODE.mjCAMLIGHT_TARGETBODY and model.body_weldid[target] == 0)
+
+
+def rest_poses(model: Any) -> np.ndarray:
+    """Computes the poses float64 [nbody - 1, 7] of a model's bodies, without the world, in its reference pose."""
+    data = at_rest(model)
+    return (
+        np.stack([se3.make_pose(data.xpos[i], se3.from_mujoco(data.xquat[i])) for i in range(1, model.nbody)])
+        if model.nbody > 1
+        else np.empty((0, 7))
+    )
 
 
 def at_rest(model: Any) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import mujoco
@@ -38,7 +39,7 @@ def add_geom(scene: Scene, model: Any, geom: int, textures: dict[int, np.ndarray
     if mesh is None:
         scene.left_out.append(f"geom {geom} of type {kind.name.removeprefix('mjGEOM_').lower()} is not drawn")
         return 0
-    add_coordinates(model, geom, mesh)
+    mesh = _laid(model, geom, mesh)
     owner = scene.bodies[body].name if body >= 0 else "world"
     label = kind.name.removeprefix("mjGEOM_").lower()
     alone = body >= 0 and np.count_nonzero(model.geom_bodyid == body + 1) == 1
@@ -47,6 +48,14 @@ def add_geom(scene: Scene, model: Any, geom: int, textures: dict[int, np.ndarray
     # A robot's links are told apart; what stands in the world is what it is called.
     scene.instances.append(Instance(name, body, mesh, material, pose, owner if body >= 0 else name))
     return mesh.nbytes
+
+
+def _laid(model: Any, geom: int, mesh: Mesh) -> Mesh:
+    """A mesh with texture coordinates, also when it is made finer."""
+    add_coordinates(model, geom, mesh)
+    if (shape := mesh.round) is not None:
+        mesh.round = replace(shape, finer=lambda n: _laid(model, geom, shape.finer(n)))
+    return mesh
 
 
 def _mesh(model: Any, geom: int, kind: Any) -> Mesh | None:

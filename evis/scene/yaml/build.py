@@ -34,6 +34,8 @@ The file is YAML; every key is optional but `cameras` (an MJCF may do without). 
                 joints: {NAME: {position, shift, velocity, damping, stiffness, friction, armature}},
                 actuators: {NAME: {gain}}, materials: {NAME: {albedo, emission, roughness, metallic}},
                 lights: {NAME: {strength}}}; X_scale in place of X: a factor
+    actuators:  {JOINT: {kind: position (gain, damping) | velocity (gain) | motor (gain), range: [least, most]}}, which
+                hinges and slides of the model have beside its own
 
     FRAME:  position and rotation: {axis, angle} (or a list) | quaternion | look_at (with up), in the frame of `parent`;
             or view: {camera, offset, depth}, a place in a camera's image
@@ -56,8 +58,8 @@ Paths are relative to the scene file.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -73,15 +75,15 @@ from evis.scene.draws import Draws
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
 from evis.scene.images.sky import mean_radiance, read_environment_map
-from evis.scene.model import MODELS, WORLD, Body, Instance, Material, Mesh, Scene
+from evis.scene.model import MODELS, WORLD, Body, Scene
+from evis.scene.view.fineness import make_finer
 from evis.scene.yaml.cameras import read_camera
 from evis.scene.yaml.copies import MAX_COPIES, copies
 from evis.scene.yaml.lights import read_light
 from evis.scene.yaml.made_pictures import MadePictures
-from evis.scene.yaml.materials import read_material
 from evis.scene.yaml.motion import read_motion
 from evis.scene.yaml.reader import Fields
-from evis.scene.yaml.tessellate import read_own, read_parts, read_shape
+from evis.scene.yaml.seen import Seen
 
 SUBSTEP_NS = 1_000_000
 """Sub-step of /state unless the scene says otherwise [ns]: the 1 kHz that controllers and inertial sensors use."""
@@ -127,9 +129,6 @@ class _Builder:
         self.entries = 0
         self.scene = Scene(path.stem, [], [], [], [], [], np.zeros(3, np.float32))
         self.made = made
-        self.counted: dict[int, Mesh] = {}
-        self.of_files: dict[int, int] = {}
-        """Materials of mesh files, by id; `made` keeps them."""
         self.pictures = MadePictures()
         try:
             self._read(path)
@@ -142,16 +141,15 @@ class _Builder:
         self.top.has("include")
         self.top.text("description", "")
         self._physics(path)
-        self.materials = {material.name: i for i, material in enumerate(self.scene.materials)}
-        self.labels = {instance.name for instance in self.scene.instances}
         self._frames()
         self._sensor()
         if self.visuals:
-            self._materials(self.textures)
-            self._shapes(WORLD, "world", self.top.items("world", "shape"))
+            seen = Seen(self.scene, self.folders, self.textures, self.pictures, self.made, self._copies, self._take)
+            seen.read_materials(self.top.sections("materials", "material"))
+            seen.read_shapes(WORLD, "world", self.top.items("world", "shape"))
             for name, fields in self.bodies.items():
                 shared = fields.text("semantic", "")
-                self._shapes(self.index[name], name, fields.items("shapes", "shape"), shared, self.stems[name])
+                seen.read_shapes(self.index[name], name, fields.items("shapes", "shape"), shared, self.stems[name])
             self._lights()
             self._sky()
             for fields in (*self.bodies.values(), *self.cameras.values(), self.top):
@@ -178,6 +176,7 @@ class _Builder:
             scene.folders = self.folders.beside(scene.mjcf)
             size = (int(self.arguments["width"]), int(self.arguments["height"]))
             self.model = add_model(scene, size, own_cameras="cameras" in self.top.table, visuals=self.visuals)
+            self.of_model = len(scene.instances)
             scene.initial_joints = read_starts(self.model, starts)
             try:
                 wanted = self.top.text("keyframe", "auto")
@@ -190,7 +189,7 @@ class _Builder:
                 raise self.top.error("keyframe", str(error)) from None
             self._change_model()
             return
-        for key in ("initial_spread", "initial_joints", "keyframe", "model"):
+        for key in ("initial_spread", "initial_joints", "keyframe", "model", "actuators"):
             if self.top.has(key):
                 raise self.top.error(key, "is for scenes with an mjcf; prescribed motion starts where it says")
 
@@ -202,6 +201,10 @@ class _Builder:
 
             self.scene.changes = read_changes(section, self.model)
         self.changes = section
+        if self.top.has("actuators"):
+            from evis.scene.mjcf.added_actuators import read_actuators
+
+            self.scene.actuators = read_actuators(self.top, self.model)
 
     def _sensor(self) -> None:
         """What of the event sensor is other than its preset says: numbers, texts and flags by name."""
@@ -333,103 +336,6 @@ class _Builder:
             self._place(name)
         return self.index[name]
 
-    def _materials(self, textures: bool) -> None:
-        for name, entry in self.top.sections("materials", "material").items():
-            for ending, fields in self._copies(entry):
-                made = read_material(name + ending, fields, self.folder, self.pictures, textures, self.made)
-                self._add_material(made, fields)
-
-    def _add_material(self, material: Material, fields: Fields) -> None:
-        if material.name in self.materials:
-            raise fields.error(None, f"has the name '{material.name}', which another material has already")
-        self._take(0 if material.texture is None else material.texture.nbytes, fields)
-        self.materials[material.name] = len(self.scene.materials)
-        self.scene.materials.append(material)
-
-    def _shapes(self, body: int, name: str, shapes: list[Fields], shared: str = "", stem: str = "world") -> None:
-        """The shapes of a body. shared: the body's own class; stem: its name without what copies add."""
-        entries = [entry for fields in shapes for entry in self._copies(fields)]
-        for i, (ending, fields) in enumerate(entries):
-            if fields.has("name"):
-                label = fields.text("name") + ending
-            else:
-                label = name if len(entries) == 1 else f"{name}_{i}"
-            material = self._material(fields) if fields.has("material") else None
-            pose = se3.make_pose(fields.place("position"), fields.rotation())
-            semantic = fields.text("semantic", shared or fields.text("name", stem))
-            if fields.has("file"):
-                self._file(label, body, fields, material, pose, semantic)
-            elif material is None:
-                raise fields.error(None, "needs 'material', such as grey, with materials: {grey: {albedo: 0.5}}")
-            elif (own := read_own(fields, self.folder, self.textures, self.made)) is not None:
-                self._parts(label, body, fields, material, pose, semantic, own)
-            else:
-                mesh = read_shape(fields, self.made)
-                self._add_instance(Instance(label, body, mesh, material, pose, semantic), fields)
-            fields.done()
-
-    def _material(self, fields: Fields) -> int:
-        name = fields.text("material")
-        if name not in self.materials:
-            raise fields.error("material", f"is '{name}'; {nearest(name, self.materials)}")
-        return self.materials[name]
-
-    def _add_instance(self, instance: Instance, fields: Fields) -> None:
-        if instance.name in self.labels:
-            raise fields.error("name", f"'{instance.name}' is taken already")
-        if id(instance.mesh) not in self.counted:
-            self.counted[id(instance.mesh)] = instance.mesh
-            self._take(instance.mesh.nbytes, fields)
-        self.labels.add(instance.name)
-        self.scene.instances.append(instance)
-
-    def _file(
-        self, label: str, body: int, fields: Fields, material: int | None, pose: np.ndarray, semantic: str
-    ) -> None:
-        """Every mesh of a file as an instance, with the file's materials unless the entry names one."""
-        parts = read_parts(fields, self.folders, self.textures, self.made)
-        if material is not None:
-            parts = [replace(part, material=None) for part in parts]
-        elif any(part.material is None for part in parts):
-            why = f" (it {' and '.join(parts[0].lacks)})" if parts[0].lacks else ""
-            raise fields.error("file", f"names {fields.text('file')}, which has no material{why}; add 'material'")
-        self._parts(label, body, fields, material, pose, semantic, parts)
-
-    def _parts(
-        self,
-        label: str,
-        body: int,
-        fields: Fields,
-        material: int | None,
-        pose: np.ndarray,
-        semantic: str,
-        parts: Sequence[Any],
-    ) -> None:
-        """Every part of a mesh as an instance, with its own material; those without one get `material`."""
-        for i, part in enumerate(parts):
-            chosen = material
-            if part.material is not None:
-                chosen = self._material_of(part, fields)
-            assert chosen is not None
-            name = label if len(parts) == 1 else f"{label}_{i}"
-            at = pose if part.place is None else se3.compose(pose, se3.make_pose(part.place, se3.IDENTITY[3:]))
-            self._add_instance(Instance(name, body, part.mesh, chosen, at, semantic), fields)
-
-    def _material_of(self, part: Any, fields: Fields) -> int:
-        """The material that a file gives a part; files of one name in several folders have each their own."""
-        material = part.material
-        if id(material) not in self.of_files:
-            lacks = [f"{lack}; what it is for is drawn without" for lack in part.lacks]
-            for told in (*lacks, *filter(None, [part.opaque])):
-                note = f"{part.file} {told}"
-                self.scene.left_out += [] if note in self.scene.left_out else [note]
-            name, count = material.name, 2
-            while name in self.materials:
-                name, count = f"{material.name}_{count}", count + 1
-            self._add_material(replace(material, name=name), fields)
-            self.of_files[id(material)] = self.materials[name]
-        return self.of_files[id(material)]
-
     def _lights(self) -> None:
         for base, section in self.top.sections("lights", "light").items():
             for ending, fields in self._copies(section):
@@ -462,6 +368,8 @@ class _Builder:
                 scene.notes.append("nothing gives light, so every image is black: add `lights:` or `environment:`")
         if not scene.cameras:
             raise SceneError(f"{path.name}: scene {scene.name} has no camera; add `cameras: {{cam0: {{fov: 40 deg}}}}`")
+        if self.visuals:
+            self._make_finer()
         # The only camera, or a model's first one, is found without its name; several keep those of the file.
         named = self.cameras and len(scene.cameras) > 1
         if not named and all(camera.name != "cam0" for camera in scene.cameras):
@@ -469,6 +377,18 @@ class _Builder:
             first = scene.cameras[0]
             scene.bodies[scene.body_index(first.name)].name = "cam0"
             first.name = "cam0"
+
+    def _make_finer(self) -> None:
+        """Round shapes with as many sides as are seen."""
+        take = partial(self._take, fields=self.top)
+        if self.model is None:
+            make_finer(self.scene, None, take, self.made.setdefault(make_finer, {}))
+            return
+        from evis.scene.mjcf.frames import rest_poses
+
+        make_finer(self.scene, rest_poses(self.model), take, {})
+        for instance in self.scene.instances[: self.of_model]:
+            instance.mesh.round = None  # it would keep the model
 
     def _free_cam0(self, path: Path) -> None:
         """A link of a model that is called cam0 gives way to the camera; a body of the scene file is a mistake."""

@@ -1,0 +1,1 @@
+"""Finds what cameras see of a scene before anything is drawn."""

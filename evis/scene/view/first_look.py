@@ -1,0 +1,151 @@
+"""Finds what a camera does not see, or sees falsely, at the first look at a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from evis.geometry import se3
+from evis.geometry.triangles import area_vectors
+from evis.scene.mesh.closed import is_inside_out, surrounds
+from evis.scene.model import Camera, Mesh, Scene
+from evis.scene.view.field_of_view import least_angle, widest_angle
+
+NAMED = 3
+"""Things that a line names, of those that it is about."""
+
+
+def first_look(scene: Scene, camera: Camera, poses: np.ndarray) -> list[str]:
+    """Returns a line for each thing that a camera is shown falsely or not at all, as a scene is at its first keyframe.
+
+    poses: float64 [N, 7], of the scene's bodies. Told are closed meshes that are turned inside out, unless the camera
+    is in them or their material has two sides, textures too fine for their coordinates, and pictures of nothing: all
+    that is before the camera is nearer than its `near`, or turned away from it, or nothing is there.
+    """
+    if not scene.instances:
+        return []
+    eye = poses[scene.body_index(camera.name)]
+    meshes = {id(instance.mesh): instance.mesh for instance in scene.instances}
+    box_of = {key: _box(mesh) for key, mesh in meshes.items()}
+    boxes = np.stack([box_of[id(instance.mesh)] for instance in scene.instances])
+    bodies = np.concatenate((poses, se3.IDENTITY[None]))[[instance.body for instance in scene.instances]]
+    places = se3.compose(bodies, np.stack([instance.pose for instance in scene.instances]))
+    lines = []
+    eyes = se3.transform(se3.inverse(places), eye[:3])
+    if turned := _turned(scene, boxes, eyes):
+        lines.append(
+            f"the faces of {_named(turned)} are turned inwards, so that from outside its far inner side is seen; turn "
+            "them round in the file (Blender: Recalculate Outside), or give it a material with two_sided: true"
+        )
+    lines += _too_fine(scene)
+    if scene.environment_map is None:
+        to_camera = se3.compose(se3.inverse(eye), places)
+        around = _around(scene, boxes, eyes)
+        if why := _nothing(scene, camera, se3.transform(to_camera[:, None], boxes), eyes, around):
+            lines.append(f"camera '{camera.name}' sees nothing at the start: {why}")
+    return lines
+
+
+def _turned(scene: Scene, boxes: np.ndarray, eyes: np.ndarray) -> list[str]:
+    """Names the meshes that are inside out. A room of which only the inner side is there has the camera within.
+
+    boxes: about the instances, in their frames, where the camera is at `eyes` float64 [I, 3].
+    """
+    known: dict[int, bool] = {}
+    found = []
+    for instance, box, eye in zip(scene.instances, boxes, eyes):
+        key = id(instance.mesh)
+        if key not in known:
+            known[key] = is_inside_out(instance.mesh)
+        if known[key] and not _within(eye, box) and not scene.materials[instance.material].two_sided:
+            found.append(instance.name)
+    return found
+
+
+def _too_fine(scene: Scene) -> list[str]:
+    """A line for textures that are repeated so often that their coordinates, of single precision, miss texels."""
+    most: dict[int, float] = {}
+    lines = {}
+    for instance in scene.instances:
+        texture, uv = scene.materials[instance.material].texture, instance.mesh.uv
+        if texture is None or uv is None:
+            continue
+        key = id(instance.mesh)
+        if key not in most:
+            most[key] = float(np.abs(uv).max())
+        texels = max(texture.shape[:2])
+        if np.spacing(np.float32(most[key])) * texels > 1.0:
+            lines[key] = (
+                f"the texture of '{instance.name}' is repeated up to {most[key]:.3g} times, where single precision "
+                f"does not tell its {texels} texels apart, so that it looks grey; {2**24 // texels} times are the most"
+            )
+    return list(lines.values())
+
+
+def _around(scene: Scene, boxes: np.ndarray, eyes: np.ndarray) -> list[int]:
+    """Numbers of the instances in whose solid the camera is, of which it sees nothing; arguments as of `_turned`."""
+    one_sided = [not scene.materials[instance.material].two_sided for instance in scene.instances]
+    within = [k for k, (eye, box) in enumerate(zip(eyes, boxes)) if one_sided[k] and _within(eye, box)]
+    return [k for k in within if surrounds(scene.instances[k].mesh, eyes[k])]
+
+
+def _within(point: np.ndarray, box: np.ndarray) -> bool:
+    return bool(((point >= box[0]) & (point <= box[-1])).all())
+
+
+def _nothing(scene: Scene, camera: Camera, boxes: np.ndarray, eyes: np.ndarray, around: Sequence[int]) -> str:
+    """Why the picture is empty; "" where it is not.
+
+    boxes: corners about the things in the camera's frame, float64 [I, 8, 3]. eyes: where it is in theirs, [I, 3].
+    around: those in which it is.
+    """
+    middle = boxes.mean(axis=1)
+    off = least_angle(middle, np.linalg.norm(boxes - middle[:, None], axis=-1).max(axis=1))
+    ahead = np.setdiff1d(np.flatnonzero(off <= widest_angle(camera)), around)
+    if around and not len(ahead):
+        size = max(float(np.linalg.norm(np.ptp(boxes[k], axis=0))) for k in around)
+        return (
+            f"it is inside of {_things(scene, around)}, up to {size:.3g} m large, whose faces look outwards; a file in "
+            "millimetres needs scale: 0.001, a room faces that look inwards"
+        )
+    if not len(ahead):
+        k = int(off.argmin())
+        right, down, forward = middle[k]
+        place = f"{_side(right, 'right', 'left')}, {_side(down, 'below', 'above')}, {_side(forward, 'ahead', 'behind')}"
+        return f"{_things(scene, [k])}, the nearest to its picture, is {place}; look_at turns a camera to a point"
+    # As the raster has it: along the optical axis, and through a lens along the ray.
+    reach = boxes[ahead][..., 2] if camera.distortion_model == "none" else np.linalg.norm(boxes[ahead], axis=-1)
+    if reach.max() < camera.near:
+        far = f"{reach.max():.3g} m of it, and near is {camera.near:g} m"
+        return f"{_things(scene, ahead)} is within {far}; a smaller near shows it"
+    if not any(_faces(scene, k, eyes[k]) for k in ahead):
+        return f"{_things(scene, ahead)} is seen from behind or edge-on; turn it, or make its material two_sided: true"
+    return ""
+
+
+def _faces(scene: Scene, number: int, eye: np.ndarray) -> bool:
+    """Whether any triangle of an instance is turned to a point float64 [3] of its frame, or shows its back too."""
+    instance = scene.instances[number]
+    corners = instance.mesh.vertices.astype(np.float64)[instance.mesh.faces]
+    towards = np.einsum("fx,fx->f", area_vectors(corners), eye - corners[:, 0])
+    return scene.materials[instance.material].two_sided or bool((towards > 0.0).any())
+
+
+def _box(mesh: Mesh) -> np.ndarray:
+    """Corners of the box about a mesh in its frame, float64 [8, 3], from the least to the greatest."""
+    sides = np.stack((mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)), axis=-1).astype(np.float64)
+    return np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def _side(length: float, positive: str, negative: str) -> str:
+    return f"{abs(round(length, 6)):.3g} m {positive if length >= 0 else negative}"
+
+
+def _things(scene: Scene, numbers: Sequence[int] | np.ndarray) -> str:
+    return _named([scene.instances[k].name for k in numbers])
+
+
+def _named(names: Sequence[str]) -> str:
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return ", ".join(f"'{name}'" for name in names[:NAMED]) + more
