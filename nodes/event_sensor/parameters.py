@@ -104,6 +104,12 @@ def resolve_sensor(owner: str, preset: str, given: Mapping[str, Any]) -> dict[st
     resolved = resolve(owner, _declared(chosen.get("model")), chosen)
     if 0 < (rate := resolved["readout_rate"]) < 1:
         raise ParamError(f"{owner}: readout_rate is {rate:g} 1/s; it is 0 (no limit) or at least 1 event per second")
+    floor, least = resolved["threshold_floor"], min(thresholds_of(resolved))
+    if resolved["threshold_mismatch"] > 0 and floor > least:
+        raise ParamError(
+            f"{owner}: with threshold_mismatch no pixel's threshold is below threshold_floor, {floor:g}, but the "
+            f"threshold is {least:g}; give a threshold_floor below it, or threshold_mismatch 0"
+        )
     return {name: value for name, value in resolved.items() if name in SENSOR or name in chosen}
 
 

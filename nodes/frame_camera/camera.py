@@ -42,7 +42,10 @@ class FrameCamera:
         self, settings: Settings, seeds: Sequence[int], shape: tuple[int, int, int], device: str = "cpu",
         defocus_px: float = 0.0, name: str = "cam0",
     ) -> None:  # fmt: skip
-        """seeds: one of each environment. shape: height, width and channels of the frames. name: of the camera."""
+        """seeds: one of each environment. shape: height, width and channels of the frames. name: of the camera.
+
+        Raises ValueError for a rolling shutter that needs more than the time between two images.
+        """
         self._settings, self._seeds, self._shape, self._name = settings, tuple(seeds), shape, name
         envs = len(seeds)
         self._device = wp.get_device(device)

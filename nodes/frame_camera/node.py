@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -19,6 +20,7 @@ from nodes.frame_camera.parameters import AUTO, NODE, PRESET, settings_of
 
 if TYPE_CHECKING:
     from nodes.frame_camera.camera import FrameCamera
+    from nodes.frame_camera.parameters import Settings
 
 
 class FrameCameraNode(Node):
@@ -95,7 +97,9 @@ class FrameCameraNode(Node):
         for line in self.foreseen(self.params):
             self.warn(line)
         self._forget()
-        tiny = self._made(1, (2, 2, 3 if self.params["colour"] else 1))
+        # How long its rows take to read out says nothing of those of the frames.
+        still = replace(self._settings, line_delay_ns=0)
+        tiny = self._made(still, 1, (2, 2, 3 if self.params["colour"] else 1))
         end = self._settings.phase_ns + 2 * self._settings.longest
         for stamp, anew in ((0, True), (end, False)):
             images = np.ones((1, 1, 2, 2, 3 if self.params["colour"] else 1), np.float32)
@@ -106,12 +110,12 @@ class FrameCameraNode(Node):
         self._last: Header | None = None
         self._episodes = np.zeros(0, np.int32)
 
-    def _made(self, envs: int, shape: tuple[int, int, int]) -> FrameCamera:
+    def _made(self, settings: Settings, envs: int, shape: tuple[int, int, int]) -> FrameCamera:
         from nodes.frame_camera.camera import FrameCamera
 
         p = self.params
         seeds = seeds_of({**p, "envs": envs})
-        return FrameCamera(self._settings, seeds, shape, p["device"], p["defocus_px"] or 0.0, self.below(p["camera"]))
+        return FrameCamera(settings, seeds, shape, p["device"], p["defocus_px"] or 0.0, self.below(p["camera"]))
 
     def rewind(self, params: Mapping[str, Any]) -> bool:
         """Begins anew; only the seed may differ."""
@@ -134,7 +138,8 @@ class FrameCameraNode(Node):
             own_t = rows[:, [STAMP]] if message.own is not None else np.broadcast_to(t, (envs, len(t)))
         if self._camera is None:
             height, width = image.shape[2:4]
-            self._camera = self._made(envs, (int(height), int(width), 3 if self.params["colour"] else 1))
+            shape = (int(height), int(width), 3 if self.params["colour"] else 1)
+            self._camera = self._made(self._settings, envs, shape)
         anew = episodes != self._episodes if len(self._episodes) else np.ones(envs, bool)
         anew |= self._interrupted(message.header)
         self._episodes, self._last = episodes, message.header

@@ -74,7 +74,19 @@ class Timetable:
 
 
 def slots_for(settings: Settings, rows: int) -> int:
-    """Counts the images that can be exposed at one time: with a rolling shutter the first rows begin again early."""
+    """Counts the images that can be exposed at one time: with a rolling shutter the first rows begin again early.
+
+    Raises ValueError for a rolling shutter that is still at the rows of one image when the next is due: a sensor reads
+    out one row at a time.
+    """
+    readout, period = settings.line_delay_ns * rows, int(NS / rate(settings.rate_hz))
+    if readout > period:
+        raise ValueError(
+            f"rolling_shutter_us is {settings.line_delay_ns * 1e-3:.9g} us, which for {rows} rows is "
+            f"{readout * 1e-6:.9g} ms; images at image_rate {settings.rate_hz:g} Hz are {period * 1e-6:.9g} ms apart, "
+            f"and rows are read out one after another: give {period // rows * 1e-3:.9g} us at most, or a lower "
+            "image_rate"
+        )
     span = (settings.exposure_ns or settings.longest) + settings.line_delay_ns * (rows - 1)
     return -(-span * rate(settings.rate_hz) // NS) + 1
 

@@ -122,6 +122,10 @@ def test_imx636_rate_limit_and_trigger():
     assert (r[0x6008], r[0x600C], r[0x6000], r[0x6004] & 1, r[0x6028] & 1) == (200, 4000, 0x155401, 1, 1)
     assert r[0x6800] == r[0x6800 + 4 * 229] == 0x0808_0808 and r[0x6400 + 4 * 255] == 511 << 16 | 510
     assert r[0x7004] >> 10 & 1
+    assert configured("evk4", event_rate_limit=5000.0)[0x600C] == 1
+    for name in ("evk4", "evk3_gen41"):
+        with pytest.raises(ValueError, match=r"event_rate_limit is 4999 1/s; .* give 5000 or more, or 0 for all"):
+            configured(name, event_rate_limit=4999.0)
     off = configured("evk4")
     assert 0x600C not in off and not off[0x7004] >> 10 & 1
 

@@ -27,6 +27,14 @@ def test_a_threshold_that_is_given_is_that_of_both_sides(mine):
     assert (values["threshold_on"], values["threshold_off"]) == (0.4, None)
 
 
+@pytest.mark.parametrize("given", [{"threshold": 0.005}, {"threshold_off": 0.009}, {"threshold_floor": 0.3}])
+def test_a_threshold_below_what_mismatch_leaves_is_refused(given):
+    """Every pixel would have the floor, 0.01, in its place."""
+    with pytest.raises(ParamError, match=r"sensor: .* threshold_floor, 0\.\d+, but the threshold is 0\.\d+; give"):
+        resolve_sensor("sensor", "dvs128", given)
+    assert resolve_sensor("sensor", "dvs128", {**given, "threshold_mismatch": 0.0})
+
+
 def test_errors_name_the_file(mine, tmp_path):
     with pytest.raises(ParamError, match=r"there is no file .*none\.yaml"):
         resolve_sensor("sensor", str(tmp_path / "none.yaml"), {})

@@ -96,6 +96,15 @@ def test_rolling_exposures_that_overlap_are_kept_apart():
         np.testing.assert_allclose(shot.pixels[:, 0, 0], np.minimum(PER_MS * 9.0 * 0.01 * middle, FULL), atol=0.6)
 
 
+def test_a_readout_longer_than_the_period_is_refused():
+    """One row at a time: 6 rows of 1.7 ms do not fit into 10 ms, of which 6 rows have 1.6666 ms each."""
+    light = lambda t: np.ones((6, 2))
+    with pytest.raises(ValueError, match=r"rolling_shutter_us is 1700 us, which for 6 rows is 10.2 ms; .* 1666.666 us"):
+        film(light, 10, 5, 3, image_rate=100, exposure_ms=2.0, rolling_shutter_us=1700.0)
+    shots, _ = film(light, 30, 5, 3, image_rate=100, exposure_ms=2.0, rolling_shutter_us=1666.666)
+    assert len(shots) == 2
+
+
 def test_weights_against_a_numerical_integral():
     """Random frames and times; the oracle integrates the broken line on a fine grid, in float64."""
     rng = np.random.default_rng(5)

@@ -85,8 +85,16 @@ def common(registers: Registers, settings: Imx636Settings | Gen41Settings) -> No
 
 
 def rate_control(registers: Registers, events_per_s: float) -> None:
-    """Sets the event rate controller to at most so many events in each 200 us; the sensor drops what is above."""
-    target = max(1, math.floor(events_per_s * ERC_PERIOD_US / 1e6))
+    """Sets the event rate controller to at most so many events in each 200 us; the sensor drops what is above.
+
+    Raises ValueError for less than an event in each of them.
+    """
+    target = math.floor(events_per_s * ERC_PERIOD_US / 1e6)
+    if target < 1:
+        raise ValueError(
+            f"event_rate_limit is {events_per_s:g} 1/s; the sensor counts events in each {ERC_PERIOD_US} us, so give "
+            f"{1_000_000 // ERC_PERIOD_US} or more, or 0 for all"
+        )
     registers.write(0x6000, 0x155400)
     registers.write(0x6008, ERC_PERIOD_US)
     registers.write(0x600C, min(target, (1 << 22) - 1))

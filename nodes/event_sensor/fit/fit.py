@@ -11,9 +11,18 @@ from typing import Any
 import numpy as np
 
 from nodes.event_sensor.fit.clip import Clip, Light, simulate, simulate_motion
-from nodes.event_sensor.fit.motion import UNKNOWN, MotionFit, fit_blur, fit_motion, least_interval_us
+from nodes.event_sensor.fit.motion import (
+    LEAST_CONTRAST,
+    MOST_CONTRAST,
+    UNKNOWN,
+    MotionFit,
+    fit_blur,
+    fit_motion,
+    least_interval_us,
+)  # fmt: skip
 from nodes.event_sensor.fit.statistics import CHANCE, SCALES, TEXTS
 from nodes.event_sensor.fit.still import STILL_STEP_NS, NoiseFit, fit_noise, still_part
+from nodes.event_sensor.parameters import FLOOR
 from nodes.event_sensor.presets import radiance_of
 
 CONTRAST = 2.1
@@ -59,8 +68,23 @@ class Fit:
 
 
 def light_of(contrast: float = CONTRAST, lux: float = LUX) -> Light:
-    """Returns the light that is assumed: white paper in so many lux."""
-    return Light(radiance_of(lux), contrast)
+    """Returns the light that is assumed: white paper in so many lux.
+
+    Raises ValueError for a contrast before which no threshold of a sensor can be searched, and for a black that no
+    sensor sees.
+    """
+    if not LEAST_CONTRAST <= contrast <= MOST_CONTRAST:
+        raise ValueError(
+            f"a contrast of {contrast:g} is a white exp({contrast:g}) times as bright as the black; it is "
+            f"{LEAST_CONTRAST:g} to {MOST_CONTRAST:g}, being ln(white / black)"
+        )
+    light = Light(radiance_of(lux), contrast)
+    if (black := light.white * math.exp(-contrast)) < FLOOR:
+        raise ValueError(
+            f"in {lux:g} lux the black has a radiance of {black:.2g} W/(sr m^2), below the least that sensors tell "
+            f"apart, {FLOOR:.2g}; give the light on the scene in lux"
+        )
+    return light
 
 
 def fit_sensor(

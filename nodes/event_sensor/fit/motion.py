@@ -12,12 +12,17 @@ import numpy as np
 from nodes.event_sensor.fit.clip import SOME_PIXELS, Clip, Light, simulate_motion
 from nodes.event_sensor.fit.search import STEP, least_squares
 from nodes.event_sensor.fit.statistics import BLUR, CHANCE, SCALES, differences
+from nodes.event_sensor.parameters import SENSOR
 
 UNKNOWN = ("threshold_on", "threshold_off", "bandwidth_hz", "threshold_mismatch")
 """Fitted as logarithms; thresholds relative to the contrast, the mismatch relative to the thresholds."""
 START = (0.14, 0.16, 60.0, 0.08)
 LOW = (0.02, 0.02, 3.0, 0.005)
 HIGH = (0.8, 0.8, 20_000.0, 0.4)
+LEAST_THRESHOLD = 1.01 * SENSOR["threshold_floor"].default
+MOST_MISMATCH: float = SENSOR["threshold_mismatch"].maximum or math.inf
+LEAST_CONTRAST, MOST_CONTRAST = 0.05, 12.0
+"""Between these a sensor with mismatch can have thresholds of LOW to HIGH, or some of them, and a STEP beyond."""
 BLUR_STARTS, BLUR_LOW, BLUR_HIGH = (0.4, 2.0), 0.15, 8.0
 """A blurred edge looks much like a slow photoreceptor: the search begins at a sharp and at a soft scene."""
 EXPONENT_LOW, EXPONENT_HIGH = 0.0, 1.2
@@ -66,7 +71,7 @@ def fit_motion(
         return float(values[shared - 1]) * most_us if dead_us is None else dead_us
 
     def residuals_of(which: int, values: np.ndarray) -> np.ndarray:
-        sensor = _sensor(values, light, dead_time(values), exponent)
+        sensor = sensor_of(values, light, dead_time(values), exponent)
         blur, most = math.exp(values[shared + which]), MORE_PIXELS if dead else SOME_PIXELS
         made = simulate_motion(clips[which], light, blur, {**sensor, **noise}, most=most)
         return differences(made, clips[which].real)
@@ -96,9 +101,7 @@ def fit_motion(
         law = min(max(like.sensor.get("bandwidth_exponent", 0.0), 0.1), 0.9)
         start = np.concatenate([like.values[: len(UNKNOWN)], [law] * laws, [DEAD_START] * dead])
         starts = [np.concatenate([start, np.log(like.blur)])]
-    ends = np.full(len(clips), math.log(BLUR_LOW)), np.full(len(clips), math.log(BLUR_HIGH))
-    low = np.concatenate([np.log(LOW), [EXPONENT_LOW] * laws, [DEAD_LOW] * dead, ends[0]])
-    high = np.concatenate([np.log(HIGH), [EXPONENT_HIGH] * laws, [1.0] * dead, ends[1]])
+    low, high = bounds(light, len(clips), laws, dead)
     found = least_squares(residuals, starts, low, high, slopes)
     spread = found.deviations(CHANCE)
     deviation = dict(zip(UNKNOWN, map(float, spread)))
@@ -108,7 +111,7 @@ def fit_motion(
         deviation["refractory_us"] = float(spread[shared - 1] / found.values[shared - 1])
     blur = tuple(float(b) for b in np.exp(found.values[shared:]))
     cost = found.cost / len(found.residuals)
-    sensor = _sensor(found.values, light, dead_time(found.values), exponent)
+    sensor = sensor_of(found.values, light, dead_time(found.values), exponent)
     return MotionFit(sensor, deviation, blur, cost, found.values)
 
 
@@ -128,14 +131,25 @@ def fit_blur(clip: Clip, light: Light, sensor: dict[str, Any]) -> float:
     return math.exp(float(found.values[0]))
 
 
-def _sensor(values: np.ndarray, light: Light, dead_us: float, exponent: float | None) -> dict[str, float]:
+def bounds(light: Light, clips: int, laws: int = 0, dead: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Gives the least and most of the unknowns: of UNKNOWN, of the corner's law and the dead time where they are
+    fitted (`laws`, `dead`: 1 or 0), and of the blur of each clip."""
+    least = np.maximum(LOW, [LEAST_THRESHOLD / light.contrast] * 2 + [0.0] * 2)
+    low = np.concatenate([np.log(least), [EXPONENT_LOW] * laws, [DEAD_LOW] * dead, [math.log(BLUR_LOW)] * clips])
+    high = np.concatenate([np.log(HIGH), [EXPONENT_HIGH] * laws, [1.0] * dead, [math.log(BLUR_HIGH)] * clips])
+    return low, high
+
+
+def sensor_of(values: np.ndarray, light: Light, dead_us: float, exponent: float | None) -> dict[str, float]:
+    """Gives the parameters of the sensor that unknowns stand for, in the order of UNKNOWN and, where `exponent` is
+    None, that of the corner's law."""
     on, off, corner, mismatch = (math.exp(v) for v in values[: len(UNKNOWN)])
     sensor = {
         "threshold_on": on * light.contrast,
         "threshold_off": off * light.contrast,
         "bandwidth_hz": corner,
         "refractory_us": dead_us,
-        "threshold_mismatch": mismatch * light.contrast * math.sqrt(on * off),
+        "threshold_mismatch": min(mismatch * light.contrast * math.sqrt(on * off), MOST_MISMATCH),
     }
     law = float(values[len(UNKNOWN)]) if exponent is None else exponent
     if law:

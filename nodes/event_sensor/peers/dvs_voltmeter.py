@@ -8,7 +8,8 @@ Gaussian, or Levy without drift; sampled as Michael, Schucany, Haas, "Generating
 with multiple roots", 1976), until the frame ends; what was reached of the last passage by then stays as a residual.
 
 Limits that are the model's: the drift is the midpoint rule of d ln L, so that a jump gives 2 k1 events at most; the
-time is drawn as if the other threshold did not exist; the residual is the straight line to a passage that never was.
+time is drawn as if the other threshold did not exist; the residual is the straight line to a passage that never was;
+its numbers were fitted to video of 0 to 255 DN, and light beyond shot_white goes on to leak in proportion (k5).
 Departures: stamps are whole ns; a passage against the drift takes the law of one along it (which is its law given that
 it happens at all) where the public program draws from a truncated normal; without drift the threshold is drawn by the
 two distances where the program takes 1/2; sigma = 0 is allowed and gives straight lines.

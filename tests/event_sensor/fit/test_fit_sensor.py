@@ -8,8 +8,11 @@ import wheel_film as film
 
 from nodes.event_sensor.fit.clip import read_clip
 from nodes.event_sensor.fit.fit import fit_sensor, light_of, relative_deviations
+from nodes.event_sensor.fit.motion import LEAST_CONTRAST, MOST_CONTRAST, bounds, sensor_of
 from nodes.event_sensor.fit.report import report
+from nodes.event_sensor.fit.search import STEP
 from nodes.event_sensor.fit.wheel import NoWheel, find_wheel
+from nodes.event_sensor.parameters import resolve_sensor
 
 TRUE = {
     "threshold_on": 0.26, "threshold_off": 0.31, "threshold_mismatch": 0.02, "bandwidth_hz": 50.0,
@@ -99,3 +102,13 @@ def test_what_is_no_wheel_is_refused_in_one_line():
         find_wheel(*(events[c] for c in "txyp"))
     with pytest.raises(NoWheel, match="too few"):
         find_wheel(t[:10], x[:10], y[:10], x[:10])
+
+
+@pytest.mark.parametrize("contrast", [LEAST_CONTRAST, 0.4, MOST_CONTRAST])
+def test_every_sensor_that_is_searched_is_one(contrast):
+    """At both ends of what is searched, and a step beyond where slopes are taken."""
+    light = light_of(contrast, 5e4)
+    low, high = bounds(light, 0)
+    for values in (low, high, high + STEP):
+        sensor = sensor_of(values, light, 100.0, 0.0)
+        assert resolve_sensor("fit", "ideal", sensor)["threshold_on"] == sensor["threshold_on"]
