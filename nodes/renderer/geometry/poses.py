@@ -109,6 +109,10 @@ class InstancePoses:
         turn, place = self._all
         return place[:, self._on] + (turn[:, self._on] @ self._rest[1][..., None])[..., 0]
 
+    def of_first(self) -> InstancePoses:
+        """Gives those of the first environment alone."""
+        return InstancePoses(self.bodies[:1], self._index, self._on, self._rest)
+
     def body(self, index: int) -> tuple[np.ndarray, np.ndarray]:
         """Gives the rotation [E, 3, 3] and translation [E, 3] of a body (-1 = world) to the camera."""
         to_camera = np.swapaxes(self.camera, -1, -2)

@@ -127,6 +127,8 @@ class Occluders:
 
     def _build_still(self, frames: InstancePoses) -> None:
         """The tree of still instances in the world's axes, about their middle."""
+        # They are at the same places in all environments, of which there may be hundreds.
+        frames = frames.of_first()
         rotation, translation = frames.body(-1)
         to_world = np.swapaxes(rotation[0], -1, -2)
         turn = to_world @ frames.rotation[0, self._still]

@@ -8,7 +8,7 @@ import warp as wp
 from nodes.interpolator.refine.halving.beside_kernels import make_beside, make_is_painted
 from nodes.interpolator.refine.halving.interval_kernels import make_interval, make_intervals, make_put, take_samples
 from nodes.interpolator.refine.paths.listing_kernels import PARTS, TOLD, UNKNOWN, make_instances
-from nodes.interpolator.refine.stage_kernels import Cut, Stage
+from nodes.interpolator.refine.stage_kernels import FEW_REGISTERS, Cut, Stage
 from nodes.interpolator.rigid.look_up.log_kernels import apart
 from nodes.interpolator.rigid.plan_kernels import joined
 
@@ -40,7 +40,7 @@ def make_check(channels: int) -> wp.Kernel:
             return apart(actual, pixel(0.0)) > cut.jump
         return apart(one.rise, actual) > cut.bend
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FEW_REGISTERS)
     def check(
         # in
         cut: Cut,
