@@ -14,6 +14,11 @@ from nodes.physics.precision.reach import Reach
 from nodes.physics.precision.sub_steps import FINEST
 from nodes.physics.stiffness import FOLLOWED, Mode, geom_name, integrator_of, modes, thicknesses
 
+SHOWN = 1.0
+"""omega*dt up to which poses between two steps follow an oscillation, to 0.3 % of it."""
+SHORTEST = 1e-7
+"""Shortest timestep that the node takes [s]."""
+
 
 class Limits:
     """Holds what states of a model are measured by."""
@@ -31,13 +36,24 @@ class Limits:
         self.thickness = float(self.thicknesses[self.thin]) if len(self.thicknesses) else np.inf
 
     def risks(self) -> list[str]:
-        """Finds what in the model the integrator cannot follow at this timestep, before the first step."""
-        dt = self.finest
-        return [
+        """Finds what in the model the integrator cannot follow at this timestep, or the poses of whole steps cannot,
+        before the first step."""
+        dt, whole, found = self.finest, self.model.opt.timestep, modes(self.model)
+        said = [
             f"{_growth(mode, dt)}; expect it to diverge, or {_remedy(mode, dt, self.tolerant)}"
-            for mode in modes(self.model)
+            for mode in found
             if mode.grows(dt)
         ]
+        if self.tolerant:
+            said += [
+                f"{mode.source} swings by {mode.rate * whole:.3g} rad in a step of {whole:g} s, which "
+                "physics_tolerance follows, but poses are published once a step, and between steps bodies are up to "
+                f"{_between_steps(mode.rate * whole):.2g} of the swing off; "
+                f"timestep:={max(_rounded_down(0.5 / mode.rate), SHORTEST):g} shows it"
+                for mode in found
+                if mode.oscillates and not mode.contact and mode.rate * whole > SHOWN
+            ]
+        return said
 
 
 class Watchdog:
@@ -221,6 +237,14 @@ def _remedy(mode: Mode, dt: float, tolerant: bool) -> str:
     erased = "which erases its oscillation" if mode.oscillates else "which erases what is faster than a step"
     longest = _rounded_down(mode.longest_step(dt))
     return f'{exact}stable, but not exact, are a timestep below {longest:g} s and integrator="discrete", {erased}'
+
+
+def _between_steps(turn: float) -> float:
+    """How far, of its amplitude, the cubic through both ends of a step of `turn` rad may be from x = cos.
+
+    In its middle it is at (x0 + x1) / 2 + dt (v0 - v1) / 8, the truth at a peak there at 1.
+    """
+    return abs(1 - np.cos(0.5 * turn) - turn / 4 * np.sin(0.5 * turn)) if turn < np.pi else 1 + turn / 4
 
 
 def _rounded_down(value: float) -> float:

@@ -1,5 +1,6 @@
 """Joints at hard limits, welds and speeds beyond the limit: what is said of them names them, and helps."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ HARD = {
     "the limit of tendon 'cord'": (RAIL.format(""), f"{CORD}</fixed></tendon>"),
     "equality 'glue'": (
         "<body name='mass'><freejoint/><geom size='.1' mass='1'/></body>",
-        "<equality><weld name='glue' body1='mass' solref='-1e7 -6e3'/></equality>",
+        "<equality><weld name='glue' body1='mass' solref='-1e7 -7e3'/></equality>",
     ),
 }
 
@@ -76,3 +77,25 @@ def test_the_step_that_is_said_is_never_that_which_is_too_long(tmp_path):
     scene = load_scene(model(tmp_path, RAIL.format("stiffness='4.01e6'"), g=0.0), visuals=False)
     ((_, text),) = MujocoEngine(scene)._warnings
     assert "omega*dt = 2.0025 and Euler is stable below 2;" in text and "timestep below 0.00099 s" in text
+
+
+@pytest.mark.parametrize("omega, warned", [(900.0, False), (2000.0, True), (31623.0, True)])
+def test_what_swings_within_a_step_is_told_and_shorter_steps_show_it(tmp_path, omega, warned):
+    """A tolerance is kept at the steps; a keyframe between two of them is off by more the faster a spring swings."""
+    scene = load_scene(model(tmp_path, RAIL.format(f"stiffness='{omega**2}' springref='.01'"), g=0.0), visuals=False)
+
+    def off(**given) -> tuple[float, list[str]]:
+        engine = MujocoEngine(scene, tolerance=Tolerance(1e-4, 1e-4), **given)
+        said = [text for _, text in engine._warnings]
+        t = np.array([round(k * 333_333.3) for k in range(1, 31)])
+        z = np.array([engine.advance(stamp).end_pose[0, 0, 2] for stamp in t])
+        return np.abs(z - 0.01 * (1 - np.cos(omega * t * 1e-9))).max(), said
+
+    worst, said = off()
+    assert len(said) == warned and (worst > 1e-4) == warned
+    if warned:
+        assert "the spring of joint 'rail' swings by" in said[0]
+        share, step = (float(re.search(pattern, said[0])[1]) for pattern in (r"up to (\S+) of", r"timestep:=(\S+) "))
+        assert 0.2 * share < worst / 0.01 < 1.05 * share
+        worst, said = off(timestep=step)
+        assert said == [] and worst < 1e-4
