@@ -6,6 +6,7 @@ line where it goes beyond a limit, before anything of it is built.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -129,8 +130,12 @@ def submap(table: Table, key: str) -> Table:
     return value
 
 
+_POWER_OF_TEN = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+")
+"""Numbers in YAML 1.2 that YAML 1.1 takes for text unless they have both a point and a sign: 1e6, 1.0e6, 1e-3."""
+
+
 class _Scalars(yaml.constructor.SafeConstructor, yaml.resolver.Resolver):
-    """What a plain word means in YAML 1.1."""
+    """What a plain word means in YAML 1.1, and numbers in YAML 1.2."""
 
     def __init__(self) -> None:
         yaml.constructor.SafeConstructor.__init__(self)
@@ -141,6 +146,8 @@ class _Scalars(yaml.constructor.SafeConstructor, yaml.resolver.Resolver):
         tag = event.tag
         if tag in (None, "!"):
             tag = self.resolve(yaml.ScalarNode, event.value, event.implicit)
+            if event.implicit[0] and _POWER_OF_TEN.fullmatch(event.value):
+                return float(event.value)
         value = self.construct_object(yaml.ScalarNode(tag, event.value, event.start_mark, event.end_mark))
         self.constructed_objects.clear()
         return value if isinstance(value, (str, int, float, bool, type(None))) else str(event.value)

@@ -71,7 +71,9 @@ class PhysicsNode(Node):
         "contacts": Param(bool, False, "publish contacts and their forces"),
         "joints": Param(bool, False, "publish joint positions and velocities (MuJoCo's qpos and qvel) in /state"),
         "accelerations": Param(bool, False, "publish accelerations of the bodies"),
-        "speed_limit": Param(float, 1000.0, "speed of a body beyond which the simulation has diverged", "m/s", 1e-3),
+        "speed_limit": Param(
+            float, 1000.0, "speed of a body beyond which the simulation has diverged", "m/s", 1e-3, 1e9
+        ),
     }  # fmt: skip
     INPUTS: ClassVar[Mapping[str, Input]] = {
         "action": Input("/action", join=False, delayed=True, outside=True),
@@ -101,7 +103,7 @@ class PhysicsNode(Node):
         with contextlib.suppress(OSError, ValueError):  # who loads it says so
             if scene and not is_dynamic(scene):
                 why = f"all motion of scene {scene} is in closed form, and exact"
-                return {"physics_tolerance": why, "timestep": why, "engine": why}
+                return {"physics_tolerance": why, "timestep": why, "engine": why, "speed_limit": why}
         return {}
 
     @classmethod

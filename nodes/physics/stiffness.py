@@ -29,12 +29,12 @@ def integrator_of(model: Any) -> str:
 
 @dataclass(frozen=True)
 class Mode:
-    """Describes one joint, tendon or contact by itself: x'' = -stiffness x - (implicit + explicit) x'.
+    """Describes one joint, tendon, limit, equality or contact by itself: x'' = -stiffness x - (implicit + explicit) x'.
 
     source: what it belongs to. stiffness [1/s^2]; implicit, explicit: damping [1/s] that the integrator takes at the
     end and at the beginning of its step. MuJoCo takes that of joints at the end with Euler, that of actuators too with
     `implicit` and `implicitfast`, none with RK4; springs always at the beginning, but with `discrete`.
-    contact: it acts while things touch.
+    contact: it acts while things touch, or a joint or tendon is at its limit.
     """
 
     source: str
@@ -82,8 +82,10 @@ class Mode:
 
 
 def modes(model: Any) -> list[Mode]:
-    """Finds the joints and tendons with springs, dampers and servos, and contacts with a direct solref."""
-    return [*_joints(model), *_tendons(model), *_contacts(model)]
+    """Finds the joints and tendons with springs, dampers and servos, and contacts, limits and equalities with a direct
+    solref.
+    """
+    return [*_joints(model), *_tendons(model), *_direct(model)]
 
 
 def _joints(model: Any) -> Iterator[Mode]:
@@ -128,10 +130,9 @@ def _tendons(model: Any) -> Iterator[Mode]:
         parts = {"spring": np.sqrt(spring * mobility), "damping": damping * mobility}
         parts["servo"] = max(np.sqrt(stiffness * mobility), drag * mobility)
         if any(parts.values()):
-            name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_TENDON, tendon) or f"tendon{tendon}"
             drags = (damping + drag) * mobility
             yield Mode(
-                f"the {max(parts, key=lambda part: parts[part])} of tendon '{name}'",
+                f"the {max(parts, key=lambda part: parts[part])} of {_tendon(model, tendon)}",
                 integrator,
                 (spring + stiffness) * mobility,
                 drags if late else 0.0,
@@ -152,18 +153,21 @@ def _servos(model: Any, transmission: mujoco.mjtTrn) -> dict[int, tuple[float, f
     return found
 
 
-def _contacts(model: Any) -> Iterator[Mode]:
-    for geom in np.flatnonzero(model.geom_solref[:, 0] < 0).tolist():
-        # solref = (-stiffness, -damping): the reference acceleration is -damping v - stiffness r, of the step's start.
-        stiffness, damping = (-float(value) for value in model.geom_solref[geom])
-        yield Mode(
-            f"the direct solref of {geom_name(model, geom)}",
-            integrator_of(model),
-            stiffness,
-            0.0,
-            damping,
-            contact=True,
-        )
+def _direct(model: Any) -> Iterator[Mode]:
+    """Constraints whose solref = (-stiffness, -damping): their reference acceleration is -damping v - stiffness r, of
+    the step's start."""
+    found: list[tuple[str, np.ndarray, bool]] = [
+        (geom_name(model, geom), model.geom_solref[geom], True) for geom in range(model.ngeom)
+    ]
+    limits = np.flatnonzero(model.jnt_limited).tolist()
+    found += [(f"the limit of {_joint(model, joint)}", model.jnt_solref[joint], True) for joint in limits]
+    limits = np.flatnonzero(model.tendon_limited).tolist()
+    found += [(f"the limit of {_tendon(model, tendon)}", model.tendon_solref_lim[tendon], True) for tendon in limits]
+    found += [(_equality(model, n), model.eq_solref[n], False) for n in np.flatnonzero(model.eq_active0).tolist()]
+    for source, solref, contact in found:
+        if solref[0] < 0:
+            stiffness, damping = (-float(value) for value in solref)
+            yield Mode(f"the direct solref of {source}", integrator_of(model), stiffness, 0.0, damping, contact)
 
 
 def thicknesses(model: Any) -> np.ndarray:
@@ -201,6 +205,15 @@ def geom_name(model: Any, geom: int) -> str:
 
 def _joint(model: Any, joint: int) -> str:
     return f"joint '{mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, joint) or f'joint{joint}'}'"
+
+
+def _tendon(model: Any, tendon: int) -> str:
+    return f"tendon '{mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_TENDON, tendon) or f'tendon{tendon}'}'"
+
+
+def _equality(model: Any, number: int) -> str:
+    name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_EQUALITY, number) or f"equality{number}"
+    return f"equality '{name}'"
 
 
 def _spectral_radius(matrix: np.ndarray) -> float:

@@ -14,6 +14,11 @@ from nodes.physics.precision.reach import Reach
 from nodes.physics.precision.sub_steps import FINEST
 from nodes.physics.stiffness import FOLLOWED, Mode, geom_name, integrator_of, modes, thicknesses
 
+SHOWN = 1.0
+"""omega*dt up to which poses between two steps follow an oscillation, to 0.3 % of it."""
+SHORTEST = 1e-7
+"""Shortest timestep that the node takes [s]."""
+
 
 class Limits:
     """Holds what states of a model are measured by."""
@@ -21,6 +26,8 @@ class Limits:
     def __init__(self, model: Any, speed_limit: float, finest: float) -> None:
         """speed_limit: of a body [m/s]. finest: shortest step that the engine may take [s]."""
         self.model, self.speed_limit, self.finest = model, speed_limit, finest
+        self.tolerant = finest < model.opt.timestep
+        """Whether steps are taken in parts already, so that a tolerance is nothing to advise."""
         self.reach = Reach(model)
         self.thicknesses = thicknesses(model)
         if int(np.count_nonzero(model.geom_contype | model.geom_conaffinity)) < 2:
@@ -29,13 +36,24 @@ class Limits:
         self.thickness = float(self.thicknesses[self.thin]) if len(self.thicknesses) else np.inf
 
     def risks(self) -> list[str]:
-        """Finds what in the model the integrator cannot follow at this timestep, before the first step."""
-        dt = self.finest
-        return [
-            f"{_growth(mode, dt)}; expect it to diverge, or {_remedy(mode, dt)}"
-            for mode in modes(self.model)
+        """Finds what in the model the integrator cannot follow at this timestep, or the poses of whole steps cannot,
+        before the first step."""
+        dt, whole, found = self.finest, self.model.opt.timestep, modes(self.model)
+        said = [
+            f"{_growth(mode, dt)}; expect it to diverge, or {_remedy(mode, dt, self.tolerant)}"
+            for mode in found
             if mode.grows(dt)
         ]
+        if self.tolerant:
+            said += [
+                f"{mode.source} swings by {mode.rate * whole:.3g} rad in a step of {whole:g} s, which "
+                "physics_tolerance follows, but poses are published once a step, and between steps bodies are up to "
+                f"{_between_steps(mode.rate * whole):.2g} of the swing off; "
+                f"timestep:={max(_rounded_down(0.5 / mode.rate), SHORTEST):g} shows it"
+                for mode in found
+                if mode.oscillates and not mode.contact and mode.rate * whole > SHOWN
+            ]
+        return said
 
 
 class Watchdog:
@@ -108,7 +126,8 @@ class Watchdog:
             speed = float(np.sqrt(square[body]))
             return (
                 body + 1,
-                f"its speed is {speed:.4g} m/s, the limit is {self._limits.speed_limit:g} m/s (speed_limit)",
+                f"its speed is {speed:.4g} m/s, the limit is {self._limits.speed_limit:g} m/s (what is meant to be "
+                "faster is given speed_limit:=N)",
             )
         return None
 
@@ -177,17 +196,18 @@ class Watchdog:
 
     def _cause(self, body: int) -> str:
         """The stiffest thing of the model against what the integrator can follow."""
-        dt, name = self.model.opt.timestep, integrator_of(self.model)
+        dt, name, tolerant = self._limits.finest, integrator_of(self.model), self._limits.tolerant
         found = modes(self.model)
         growing = [mode for mode in found if mode.grows(dt)]
         if growing:
             worst = min(growing, key=lambda mode: mode.longest_step(dt))
-            return f"{_growth(worst, dt)}; {_remedy(worst, dt)}"
+            return f"{_growth(worst, dt)}; {_remedy(worst, dt, tolerant)}"
         spin = float(self._spins[body])
         if spin * dt > FOLLOWED:
+            exact = "" if tolerant else "use physics_tolerance:=0.001,0.001, which follows it; "
             return (
-                f"it turned {spin * dt:.3g} rad in one step of {dt:g} s; use physics_tolerance:=0.001,0.001, which "
-                f"follows it; stable, but not exact, is a timestep below {0.1 * FOLLOWED / spin:.2g} s"
+                f"it turned {spin * dt:.3g} rad in one step of {dt:g} s; {exact}"
+                f"stable, but not exact, is a timestep below {0.1 * FOLLOWED / spin:.2g} s"
             )
         fastest = max(found, key=lambda mode: mode.rate, default=None)
         if fastest is not None and fastest.rate * dt > 1.0:
@@ -195,23 +215,42 @@ class Watchdog:
                 f"{fastest.source} has omega*dt = {fastest.rate * dt:.3g}, which {name} follows roughly at best; "
                 f"use a timestep below {FOLLOWED / fastest.rate:.2g} s"
             )
-        return "strong forces or deep penetration; a shorter timestep tells whether the step is to blame or the model"
+        return (
+            "strong forces, deep penetration or a long fall; a shorter timestep tells whether the step is to blame or "
+            "the model"
+        )
 
 
 def _growth(mode: Mode, dt: float) -> str:
-    limit = mode.rate * mode.longest_step(dt)
-    return f"{mode.source} has omega*dt = {mode.rate * dt:.3g} and {mode.integrator} is stable below {limit:.3g}"
+    step, limit = mode.rate * dt, mode.rate * mode.longest_step(dt)
+    digits = 3 if f"{step:.3g}" != f"{limit:.3g}" else 6
+    return f"{mode.source} has omega*dt = {step:.{digits}g} and {mode.integrator} is stable below {limit:.{digits}g}"
 
 
-def _remedy(mode: Mode, dt: float) -> str:
-    """What follows the motion, what keeps it stable, and what that costs."""
-    exact = "" if mode.grows(dt / 2**FINEST) else "use physics_tolerance:=0.001,0.001, which follows it; "
+def _remedy(mode: Mode, dt: float, tolerant: bool) -> str:
+    """What follows the motion, what keeps it stable, and what that costs. tolerant: a tolerance is there already."""
+    followed = not tolerant and not mode.grows(dt / 2**FINEST)
+    exact = "use physics_tolerance:=0.001,0.001, which follows it; " if followed else ""
     if mode.contact:  # a bounce of few steps gains or loses energy, however stable they are
         close = f"a timestep below {FOLLOWED / mode.rate:.2g} s does so nearly"
         return f'{exact}{close}; integrator="discrete" is stable, and erases its bounce'
     erased = "which erases its oscillation" if mode.oscillates else "which erases what is faster than a step"
-    longest = mode.longest_step(dt)
-    return f'{exact}stable, but not exact, are a timestep below {longest:.2g} s and integrator="discrete", {erased}'
+    longest = _rounded_down(mode.longest_step(dt))
+    return f'{exact}stable, but not exact, are a timestep below {longest:g} s and integrator="discrete", {erased}'
+
+
+def _between_steps(turn: float) -> float:
+    """How far, of its amplitude, the cubic through both ends of a step of `turn` rad may be from x = cos.
+
+    In its middle it is at (x0 + x1) / 2 + dt (v0 - v1) / 8, the truth at a peak there at 1.
+    """
+    return abs(1 - np.cos(0.5 * turn) - turn / 4 * np.sin(0.5 * turn)) if turn < np.pi else 1 + turn / 4
+
+
+def _rounded_down(value: float) -> float:
+    """Two digits of a bound above 0: rounded up it would be none, at worst the step that is too long."""
+    unit = 10.0 ** (np.floor(np.log10(max(value, 1e-300))) - 1)
+    return float(f"{np.floor(value / unit + 1e-6) * unit:.1e}")
 
 
 def _time_constant(solref: np.ndarray, dt: float) -> float:

@@ -27,6 +27,18 @@ def test_a_threshold_that_is_given_is_that_of_both_sides(mine):
     assert (values["threshold_on"], values["threshold_off"]) == (0.4, None)
 
 
+@pytest.mark.parametrize("model, refused", [("evis", True), ("evis-paper", True), ("esim", False)])
+def test_a_dark_level_that_the_least_light_hides_is_refused(model, refused):
+    """With 1e-9 a step from 0 to 1 has ln(1e9) / 0.2 = 103 events; as 2^-24 took its place it had 83."""
+    if not refused:
+        assert resolve_sensor("sensor", "ideal", {"model": model, "dark_level": 1e-9})["dark_level"] == 1e-9
+        return
+    with pytest.raises(ParamError, match=r"sensor: dark_level is 1e-09, below 5\.96e-08 W.* give 0 or more"):
+        resolve_sensor("sensor", "ideal", {"model": model, "dark_level": 1e-9})
+    for dark in (0.0, 6e-8):
+        assert resolve_sensor("sensor", "ideal", {"model": model, "dark_level": dark})["dark_level"] == dark
+
+
 @pytest.mark.parametrize("given", [{"threshold": 0.005}, {"threshold_off": 0.009}, {"threshold_floor": 0.3}])
 def test_a_threshold_below_what_mismatch_leaves_is_refused(given):
     """Every pixel would have the floor, 0.01, in its place."""

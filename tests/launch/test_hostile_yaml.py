@@ -84,6 +84,15 @@ def test_plain_words_mean_what_they_meant() -> None:
     }  # fmt: skip
 
 
+def test_powers_of_ten_are_numbers_as_in_yaml_1_2() -> None:
+    """PyYAML takes them for text but for 1.0e+6; what is quoted or goes on stays text."""
+    text = "{a: 1e6, b: 1.0e6, c: -1e-3, d: .5E2, e: +2.e1, q: '1e6', n: e6, m: 1e6 mm, x: !!str 1e6, l: [3e0]}"
+    assert parse(text, "x") == {
+        "a": 1e6, "b": 1e6, "c": -1e-3, "d": 50.0, "e": 20.0, "q": "1e6", "n": "e6", "m": "1e6 mm", "x": "1e6",
+        "l": [3.0],
+    }  # fmt: skip
+
+
 def test_a_long_file_is_refused_before_it_is_read(tmp_path: Path) -> None:
     path = tmp_path / "long.yaml"
     with path.open("wb") as file:

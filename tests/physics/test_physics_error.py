@@ -64,6 +64,21 @@ def told(errors: Errors):
     return worst
 
 
+@pytest.mark.parametrize("rate", [20, 30, 250, 400, 1000])
+def test_the_error_of_rk4_is_told_at_any_keyframe_rate(tmp_path, rate):
+    """100 rad/s for a second against the closed form: few steps at a time are followed in shorter ones."""
+    (tmp_path / "m.xml").write_text(
+        "<mujoco><option timestep='.001' integrator='RK4' gravity='0 0 0'/>"
+        f"<worldbody>{SPRING.format(1e4)}</worldbody></mujoco>"
+    )
+    errors = Errors()
+    engine = MujocoEngine(load_scene(str(tmp_path / "m.xml"), visuals=False), errors=errors)
+    t = np.array([round(k * 1e9 / rate) for k in range(1, rate + 1)])
+    x = np.array([engine.advance(stamp).end_pose[0, 0, 0] for stamp in t])
+    true = np.abs(x - 0.01 * (1 - np.cos(100 * t * 1e-9))).max()
+    assert told(errors).position == pytest.approx(true, rel=0.2)
+
+
 @pytest.mark.parametrize("integrator", ["Euler", "implicit", "implicitfast", "discrete"])
 def test_free_fall_is_told_to_be_off_by_what_euler_makes_of_it(tmp_path, integrator):
     """g dt t / 2, by hand."""

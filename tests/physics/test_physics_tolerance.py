@@ -89,5 +89,6 @@ def test_wrong_tolerances_say_what_is_right():
 
 
 def test_what_is_prescribed_needs_none():
-    assert PhysicsNode.without_effect({"scene": "spinning_disk"}).keys() == {"physics_tolerance", "timestep", "engine"}
+    needless = PhysicsNode.without_effect({"scene": "spinning_disk"}).keys()
+    assert needless == {"physics_tolerance", "timestep", "engine", "speed_limit"}
     assert PhysicsNode.without_effect({"scene": "cart_pole"}) == {}

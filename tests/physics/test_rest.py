@@ -54,6 +54,23 @@ def test_a_box_that_lies_still_takes_no_steps(tmp_path, monkeypatch, integrator)
     np.testing.assert_allclose(interval.end_pose[0, 0, :3], data.xpos[1], atol=1e-9)
 
 
+@pytest.mark.parametrize("rate", [0.1, 1.0, 1.9, 2.5])
+def test_it_rests_however_far_keyframes_are_apart(tmp_path, monkeypatch, rate):
+    """Two keyframes after it was still at the latest; what falls by a hair is not put to rest."""
+    engine, count = engine_of(tmp_path, GROUND + BOX.format(0.1)), steps_of(monkeypatch)
+    still = int(2 * rate) + 3
+    for k in range(1, still + 1):
+        engine.advance(round(k * 1e9 / rate))
+    before = count[0]
+    engine.advance(round((still + 1) * 1e9 / rate))
+    assert before > 0 and count[0] == before
+    pole = engine_of(tmp_path, POLE)
+    pole.data[0].qpos[0] = 1e-13
+    mujoco.mj_forward(pole.model, pole.data[0])
+    poses = [pole.advance(round(k * 1e9 / rate)).pose[0, :, 0] for k in range(1, int(20 * rate) + 2)]
+    assert max(np.abs(pose - poses[0][0]).max() for pose in poses) > 0.5
+
+
 def test_a_change_of_the_controls_wakes_it(tmp_path):
     """Not the same controls once more. What follows is as if it had not rested: v = F / c (1 - e^(-c t / m))."""
     engine = engine_of(tmp_path, CART, "<actuator><motor joint='rail'/></actuator>")

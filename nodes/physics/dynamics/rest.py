@@ -37,7 +37,8 @@ class Rest:
             return
         self._since = start_ns if self._since < 0 else self._since
         self._seen.append((end_ns, fastest))
-        while self._seen and self._seen[0][0] < end_ns - WINDOW_NS:
+        # An interval may be longer than all that time: that before it is what the last one is compared with.
+        while len(self._seen) > 2 and self._seen[0][0] < end_ns - WINDOW_NS:
             self._seen.popleft()
         if end_ns - self._since >= WINDOW_NS:
             halfway = end_ns - WINDOW_NS // 2

@@ -67,6 +67,8 @@ class Shadow:
         mujoco.mj_copyData(self._data, self._model, data)
         self._behind = 0
         """Steps of the environment that are still to be followed, 0 or 1."""
+        self._long, self._short = 0, 0
+        """How many steps were followed in steps of the full length, and in steps of two, where fewer were to follow."""
         self._halved, self._smooth = self._too_long, True
         self._off = np.inf
         self._past: deque[Past] = deque(maxlen=KEPT)
@@ -107,6 +109,7 @@ class Shadow:
             self._step(long, self._length * dt)
             self._step(rest // 2, 2 * dt)
             self._behind = rest % 2
+            self._long, self._short = self._long + long * self._length, self._short + rest - self._behind
         if not self._sound():
             self._halve(data)
         else:
@@ -172,7 +175,12 @@ class Shadow:
 
     def _scale(self) -> float:
         """The error over the difference to longer steps. Where constraints come and go it is taken whole."""
-        return 1 / (self._length ** self._order() - 1) if self._smooth else 1.0
+        if not self._smooth:
+            return 1.0
+        long, short = (length ** self._order() - 1 for length in (self._length, 2))
+        # At many keyframes a second few steps come at once, and those of two make less of a difference.
+        total = self._long + self._short
+        return total / (self._long * long + self._short * short) if total else 1 / long
 
     def _apart(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Estimates the errors of bodies at these poses: position [m] and rotation [rad]."""
