@@ -20,10 +20,15 @@ STEP_NS = 250_000
 CHUNK = 64
 SOME_PIXELS = 700
 """So many of the wheel's pixels are simulated while the parameters are searched."""
+MANY_PIXELS = 4000
+"""So many for what is reported, and where the dead time is searched."""
 LEAST_SHARE = 2e-5
 """Of all intervals: those that may be shorter than the least, which one error of the camera would set otherwise."""
-BEFORE_NS, AFTER_NS = 5_000_000, 60_000_000
-"""What is simulated and counted beside the motion."""
+BEFORE_NS = 5_000_000
+"""What is simulated before the motion."""
+UNSURE_NS = 20_000_000
+"""What is not counted after the motion's start, which is known to a window of angles: what the border passed in that
+window has had its events by then. Nor is anything counted behind the last angle, where a wheel may go on slowly."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +88,7 @@ def read_clip(name: str, t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndar
         t, x, y, p = t[order], x[order], y[order], p[order]
     clip = Clip(name, t, x, y, p, find_wheel(t, x, y, p))
     wheel = clip.wheel
-    first, last = np.searchsorted(t, [wheel.start_ns - BEFORE_NS, wheel.end_ns + AFTER_NS])
+    first, last = np.searchsorted(t, counted(wheel))
     column, row = x[first:last].astype(np.int64) - wheel.box[0], y[first:last].astype(np.int64) - wheel.box[1]
     on_wheel = wheel.mask[row, column]
     pixel = (row * wheel.box[2] + column)[on_wheel]
@@ -95,10 +100,20 @@ def read_clip(name: str, t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndar
     found = bursts_of(t[first:last][on_wheel], pixel, p[first:last][on_wheel])
     clip.middle_speed = float(np.median(clip.speed_at(found.start, *place(found))))
     clip.real = statistics(
-        t[first:last][on_wheel], pixel, p[first:last][on_wheel], int(wheel.mask.sum()), wheel.turns,
+        t[first:last][on_wheel], pixel, p[first:last][on_wheel], int(wheel.mask.sum()), turns(wheel),
         lambda found: clip.slow(found, *place(found)),
     )  # fmt: skip
     return clip
+
+
+def counted(wheel: Wheel) -> tuple[int, int]:
+    """Gives the times [ns] from which and before which events of the motion count."""
+    return wheel.start_ns + UNSURE_NS, wheel.end_ns
+
+
+def turns(wheel: Wheel) -> float:
+    """Computes the turns of the wheel while its events count."""
+    return float(abs(np.diff(np.interp(counted(wheel), wheel.at, wheel.angle))[0]) / (2 * np.pi))
 
 
 def luminance(clip: Clip, light: Light, blur_px: float, t: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -133,10 +148,12 @@ def simulate_motion(
 ) -> dict[str, float]:
     """Computes the statistics that a sensor of these parameters has of the motion in a clip."""
     x, y = some_pixels(clip, most)
-    times = np.arange(clip.wheel.start_ns - BEFORE_NS, clip.wheel.end_ns + AFTER_NS, STEP_NS, dtype=np.int64)
+    times = np.arange(clip.wheel.start_ns - BEFORE_NS, clip.wheel.end_ns + STEP_NS, STEP_NS, dtype=np.int64)
     t, pixel, p = simulate(clip, light, blur_px, sensor, times, x, y, seed)
+    first, last = np.searchsorted(t, counted(clip.wheel))
+    t, pixel, p = t[first:last], pixel[first:last], p[first:last]
     return statistics(
-        t, pixel, p, len(x), clip.wheel.turns, lambda found: clip.slow(found, x[found.pixel], y[found.pixel])
+        t, pixel, p, len(x), turns(clip.wheel), lambda found: clip.slow(found, x[found.pixel], y[found.pixel])
     )
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from nodes.event_sensor.fit.clip import Clip, Light, simulate, simulate_motion
+from nodes.event_sensor.fit.clip import MANY_PIXELS, Clip, Light, simulate, simulate_motion
 from nodes.event_sensor.fit.motion import (
     LEAST_CONTRAST,
     MOST_CONTRAST,
@@ -35,8 +35,6 @@ CONTRAST_SOURCE = (
 )
 LUX = 500.0
 """Illuminance that is assumed of the wheel, of offices and laboratories in EN 12464-1."""
-MANY_PIXELS = 4000
-"""So many are simulated for what is reported."""
 
 
 @dataclass(frozen=True)
@@ -99,11 +97,18 @@ def fit_sensor(
     likely = min(fits.values(), key=lambda fit: fit.cost)
     power = fits["power"] = fit_motion(clips, light, noise.sensor, None, likely, least, say)
     motion = power if _has_power(power) else fits["constant"]
-    exponent = None if _has_power(power) else 0.0
-    shorter = fit_motion(clips, light, noise.sensor, exponent, motion, None, say)
-    if exponent is None and not _has_power(shorter):
-        shorter = fit_motion(clips, light, noise.sensor, 0.0, fits["constant"], None, say)
-    motion = _with_dead_time(motion, shorter, len(SCALES) * len(clips))
+
+    def precise(dead_us: float | None) -> MotionFit:
+        law = None if _has_power(motion) else 0.0
+        fit = fit_motion(clips, light, noise.sensor, law, motion, dead_us, say, precise=True)
+        if law is None and not _has_power(fit):  # it was chance of the few pixels before
+            fit = fit_motion(clips, light, noise.sensor, 0.0, fits["constant"], dead_us, say, precise=True)
+        return fit
+
+    shorter = precise(None)
+    # What the model does not describe within chance does not tell of the dead time: it would make up for other faults.
+    if shorter.cost <= CHANCE**2:
+        motion = _with_dead_time(precise(least), shorter, len(SCALES) * len(clips))
     laws = {name: one.cost for name, one in fits.items()}
     values = {**motion.sensor, **noise.sensor}
     compared = []
@@ -118,18 +123,15 @@ def fit_sensor(
 
 def _has_power(fit: MotionFit) -> bool:
     """Tells whether the power is told from 0; one that is not is none."""
-    return fit.sensor.get("bandwidth_exponent", 0.0) > 2 * fit.deviation["bandwidth_exponent"]
+    return fit.sensor.get("bandwidth_exponent", 0.0) > 2 * fit.deviation.get("bandwidth_exponent", 0.0)
 
 
 def _with_dead_time(motion: MotionFit, shorter: MotionFit, differences: int) -> MotionFit:
     """Chooses between a dead time that is the least interval and one that was fitted, by so many differences.
 
     Where edges are slow the least interval is longer than the dead time, and thresholds that are too low make up for
-    what the simulation then loses. But a recording that the model does not describe within chance does not tell of the
-    dead time: a fitted one would make up for what else is wrong.
+    what the simulation then loses. Both fits are precise ones: costs of other pixels differ by chance.
     """
-    if shorter.cost > CHANCE**2:
-        return motion
     if (motion.cost - shorter.cost) * differences > (2 * CHANCE) ** 2:  # told by two standard deviations
         return shorter
     # Either may be right, so values are as uncertain as the two differ.

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from nodes.event_sensor.fit.clip import SOME_PIXELS, Clip, Light, simulate_motion
+from nodes.event_sensor.fit.clip import MANY_PIXELS, SOME_PIXELS, Clip, Light, simulate_motion
 from nodes.event_sensor.fit.search import STEP, least_squares
 from nodes.event_sensor.fit.statistics import BLUR, CHANCE, SCALES, differences
 from nodes.event_sensor.parameters import SENSOR
@@ -29,10 +29,11 @@ EXPONENT_LOW, EXPONENT_HIGH = 0.0, 1.2
 DEAD_START, DEAD_LOW = 0.6, 0.01
 """Of the dead time, as a share of the least interval between events, which it cannot exceed."""
 WIDE_STEP = 0.1
-"""Of an unknown, to both sides, for the slopes where the dead time is one of them: thresholds and corner make up for it
+"""Of an unknown, to both sides, for the slopes of a precise fit: thresholds and corner make up for the dead time
 nearly, and slopes over STEP are too noisy to follow that valley, or to tell how long it is."""
-MORE_PIXELS = 1500
-"""So many are simulated then, for the same reason."""
+SLOPE_PIXELS = 1500
+"""So many are simulated for these slopes. The misfit takes MANY_PIXELS: along the valley, that of 1500 differs by
+chance as much as by the dead time."""
 
 
 @dataclass(frozen=True)
@@ -56,12 +57,13 @@ def fit_motion(
     like: MotionFit | None = None,
     dead_us: float | None = None,
     say: Callable[[str], None] = lambda text: None,
+    precise: bool = False,
 ) -> MotionFit:
     """Fits a sensor to the motion of all clips together, and a blur to each.
 
     noise: parameters that are known. exponent: of the corner's law, corner ~ I^exponent up to the scene's white; None:
     it is fitted too. like: another fit, from which the search begins. dead_us: the dead time; None: it is fitted too,
-    up to the least interval.
+    up to the least interval. precise: by so many pixels that costs tell dead times apart.
     """
     laws, dead = int(exponent is None), int(dead_us is None)
     shared = len(UNKNOWN) + laws + dead
@@ -70,15 +72,16 @@ def fit_motion(
     def dead_time(values: np.ndarray) -> float:
         return float(values[shared - 1]) * most_us if dead_us is None else dead_us
 
-    def residuals_of(which: int, values: np.ndarray) -> np.ndarray:
-        sensor = sensor_of(values, light, dead_time(values), exponent)
-        blur, most = math.exp(values[shared + which]), MORE_PIXELS if dead else SOME_PIXELS
+    most = MANY_PIXELS if precise else SOME_PIXELS
+
+    def residuals_of(which: int, values: np.ndarray, most: int) -> np.ndarray:
+        sensor, blur = sensor_of(values, light, dead_time(values), exponent), math.exp(values[shared + which])
         made = simulate_motion(clips[which], light, blur, {**sensor, **noise}, most=most)
         return differences(made, clips[which].real)
 
     def residuals(values: np.ndarray) -> np.ndarray:
         say(f"threshold {light.contrast * math.exp(values[0]):.3f}, corner {math.exp(values[2]):.3g} Hz")
-        return np.concatenate([residuals_of(k, values) for k in range(len(clips))])
+        return np.concatenate([residuals_of(k, values, most) for k in range(len(clips))])
 
     def slopes(at: np.ndarray, here: np.ndarray) -> np.ndarray:
         rows, out = len(SCALES), np.zeros((len(here), len(at)))
@@ -86,13 +89,14 @@ def fit_motion(
             part = slice(k * rows, (k + 1) * rows)
             for i in (*range(shared), shared + k):
                 there = at.copy()
-                if dead:
+                if precise:
                     before = at.copy()
                     there[i], before[i] = min(at[i] + WIDE_STEP, high[i]), max(at[i] - WIDE_STEP, low[i])
-                    out[part, i] = (residuals_of(k, there) - residuals_of(k, before)) / (there[i] - before[i])
+                    change = residuals_of(k, there, SLOPE_PIXELS) - residuals_of(k, before, SLOPE_PIXELS)
+                    out[part, i] = change / (there[i] - before[i])
                 else:
                     there[i] += STEP
-                    out[part, i] = (residuals_of(k, there) - here[part]) / STEP
+                    out[part, i] = (residuals_of(k, there, most) - here[part]) / STEP
         return out
 
     start = np.concatenate([np.log(START), [0.1] * laws, [DEAD_START] * dead])

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from evis.events.measure.bursts import bursts_of
-from nodes.event_sensor.fit.clip import AFTER_NS, BEFORE_NS, STEP_NS, Light, simulate, some_pixels
+from nodes.event_sensor.fit.clip import BEFORE_NS, STEP_NS, Light, simulate, some_pixels
 from nodes.event_sensor.fit.fit import Compared, Fit
 from nodes.event_sensor.fit.statistics import TEXTS
 
@@ -42,7 +42,7 @@ def _events(one: Compared, fit: Fit, light: Light) -> tuple[tuple[Any, ...], tup
     """(t, pixel, p) of the same pixels, recorded and simulated."""
     clip, wheel = one.clip, one.clip.wheel
     x, y = some_pixels(clip, SOME)
-    start, end = wheel.start_ns - BEFORE_NS, wheel.end_ns + AFTER_NS
+    start, end = wheel.start_ns - BEFORE_NS, wheel.end_ns
     index = np.full((wheel.box[3], wheel.box[2]), -1)
     index[(y - wheel.box[1]).astype(int), (x - wheel.box[0]).astype(int)] = np.arange(len(x))
     first, last = np.searchsorted(clip.t, [start, end])

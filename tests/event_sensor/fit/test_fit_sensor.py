@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import wheel_film as film
 
-from nodes.event_sensor.fit.clip import read_clip
+from nodes.event_sensor.fit.clip import MANY_PIXELS, read_clip, simulate_motion
 from nodes.event_sensor.fit.fit import fit_sensor, light_of, relative_deviations
 from nodes.event_sensor.fit.motion import LEAST_CONTRAST, MOST_CONTRAST, bounds, sensor_of
 from nodes.event_sensor.fit.report import report
@@ -17,6 +17,10 @@ from nodes.event_sensor.parameters import resolve_sensor
 TRUE = {
     "threshold_on": 0.26, "threshold_off": 0.31, "threshold_mismatch": 0.02, "bandwidth_hz": 50.0,
     "refractory_us": 400.0, "leak_rate": 0.1, "shot_rate": 2.0, "shot_white": 1.0,
+}  # fmt: skip
+FEW_EVENTS = {
+    "threshold_on": 0.40, "threshold_off": 0.45, "threshold_mismatch": 0.02, "bandwidth_hz": 200.0,
+    "refractory_us": 10.0,
 }  # fmt: skip
 
 
@@ -73,6 +77,27 @@ def test_a_dead_time_below_the_least_interval_is_found():
         assert abs(got[name] / true[name] - 1) < min(0.08, 3 * spread[name]), name
         assert spread[name] < 0.1
     assert abs(got["refractory_us"] - true["refractory_us"]) < 60
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("true", "seed"), [(TRUE, 5), (TRUE, 6), (FEW_EVENTS, 2), (FEW_EVENTS, 3), (FEW_EVENTS, 4)])
+def test_a_sensor_is_found_from_any_seed(true, seed):
+    """One has edges that hardly tell its dead time, the other few events, of which a part in a hundred counts."""
+    fit = fit_sensor([read_clip("film", *film.record(**true, seed=seed))], [], light_of(film.CONTRAST))
+    got, spread = fit.values, fit.motion.deviation
+    for name, most in (("threshold_on", 0.08), ("threshold_off", 0.08), ("bandwidth_hz", 0.07)):
+        assert abs(got[name] / true[name] - 1) < min(most, 3 * spread[name]), name
+        assert spread[name] < 0.1
+    assert "bandwidth_exponent" not in got
+
+
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_recording_and_simulation_count_the_same_part_of_the_motion(seed):
+    """What the border passes before the first angle that is known, or after the last, is counted on neither side."""
+    clip = read_clip("film", *film.record(**FEW_EVENTS, seed=seed))
+    made = simulate_motion(clip, light_of(film.CONTRAST), 0.6, FEW_EVENTS, most=MANY_PIXELS)
+    for name in ("on_per_turn", "off_per_turn"):
+        assert abs(made[name] / clip.real[name] - 1) < 0.004, name
 
 
 @pytest.mark.slow
