@@ -12,7 +12,7 @@ from evis.config.suggestions import nearest
 from evis.runtime.node import Input, Node, Output
 from evis.scene.model import Scene
 from evis.scene.parameters import SCENE, SEED, camera_of, seeds_of, worlds_of
-from msgs.camera import CameraInfo, Depth, Ids, Labels
+from msgs.camera import INTERVAL_FLOWS, CameraInfo, Depth, Ids, Labels
 from msgs.header import Header, Message
 from msgs.world import WorldState
 from nodes.labeler.box_groups import OF, groups
@@ -37,7 +37,7 @@ NEEDS = {
     "events": {"state", "events", "signal"},
 }
 """Inputs that each kind of label is made of."""
-GEOMETRIC = ("events", "forward_flow", "backward_flow", "boxes3d")
+GEOMETRIC = ("events", *INTERVAL_FLOWS, "boxes3d")
 """Labels for which the scene is loaded: they look at its meshes, at instants that no image shows."""
 DEFAULT = ("flow", "depth", "segmentation", "boxes")
 """Labels for a reader who did not say which."""
@@ -96,7 +96,7 @@ class LabelerNode(Node):
         """Names the parameters of flow over an interval, and of boxes, where no such label is asked for."""
         asked = set(kinds(params.get("labels")))
         idle: dict[str, str] = {}
-        if not {"forward_flow", "backward_flow"} & asked:
+        if asked.isdisjoint(INTERVAL_FLOWS):
             why = "no label is a flow over an interval (labels:=forward_flow)"
             idle |= dict.fromkeys(("flow_from", "flow_to"), why)
         if "boxes" not in asked:

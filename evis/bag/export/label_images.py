@@ -10,11 +10,10 @@ import numpy as np
 
 from evis.bag import BagError, environments
 from evis.bag.export import exr
-from msgs.camera import Depth, Ids, Labels, Motion
+from msgs.camera import FLOWS, Depth, Ids, Labels, Motion
 from msgs.header import Message
 
 KINDS = ("Depth", "Ids", "Motion", "Labels")
-FLOWS = ("flow", "forward_flow", "backward_flow")
 _IDS = {"segmentation": "id", "semantic": "class", "forward_valid": "forward_valid", "backward_valid": "backward_valid"}
 
 

@@ -12,7 +12,7 @@ from evis.events.measure.distance import EventStream, victor_purpura
 from evis.runtime.clock import NS
 from nodes.event_sensor.sensor import EventSensor
 from nodes.interpolator.auto.setting import LIGHT, Grid, Setting, Way, make_interpolator, make_renderer
-from nodes.interpolator.auto.world import World
+from nodes.interpolator.auto.world import STEP_NS, World
 from nodes.interpolator.keyframe import States
 from nodes.interpolator.methods import reads
 
@@ -20,7 +20,6 @@ MARGIN = 12
 """Pixels about the cut-out that keyframes have, so that what enters is known as it is inside the whole image."""
 ORIGIN = NS
 """Start of the windows' common time [ns], late enough that there is time before it."""
-SUBSTEP_NS = 1_000_000
 
 
 class Window:
@@ -81,7 +80,7 @@ class Window:
     def _states(self, grid: Grid, first: int, last: int) -> States:
         """Gives the states from one step to another, about every millisecond."""
         start, end = (grid.stamp(ORIGIN, step) for step in (first, last))
-        t = np.linspace(start, end, 2 + (end - start) // SUBSTEP_NS).round().astype(np.int64)
+        t = np.linspace(start, end, 2 + (end - start) // STEP_NS).round().astype(np.int64)
         return States(t, *self._world.states_at(np.maximum(t - ORIGIN + self._start, 0)))
 
 
@@ -101,7 +100,7 @@ class Windows:
         for step in range(4):
             began = self._setting.clock()
             for window in self._windows:
-                window.frame(step * SUBSTEP_NS, ORIGIN)
+                window.frame(step * STEP_NS, ORIGIN)
             took.append(self._setting.clock() - began)
         return min(took[2:])
 
