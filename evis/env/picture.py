@@ -13,6 +13,15 @@ from evis.media.pictures.event_pictures import ON_BLACK
 LEAST_PX = 256
 """Small images are enlarged by a whole number to at least this many rows."""
 EXPOSURE = 0.5
+RENDER_MODE = "rgb_array"
+"""The one of Gymnasium's modes that there is."""
+
+
+def is_drawn(render_mode: str | None) -> bool:
+    """Tells whether an environment of this render_mode paints pictures. Raises ValueError for one that is not there."""
+    if render_mode not in (None, RENDER_MODE):
+        raise ValueError(f"render_mode is {render_mode!r}; it must be {RENDER_MODE} or None")
+    return render_mode is not None
 
 
 class Painter:
