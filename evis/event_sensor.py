@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 
 from evis.gpu.exchange import NUMPY, as_kind, as_warp, kind_of
-from evis.gpu.host_array import host_array
+from evis.gpu.host_copies import host_array
 from nodes.event_sensor.input.further import Further
 from nodes.event_sensor.make import make_sensor
 from nodes.event_sensor.parameters import LARGEST_SIDE, frames_only, resolve_sensor

@@ -14,7 +14,7 @@ from gymnasium.spaces import Box
 
 from evis.events import representations
 from evis.events.representations.columns import POLARITIES, check_choice, check_flag
-from evis.gpu.host_array import host_array
+from evis.gpu.host_copies import host_array
 from evis.media.colour import luminance_of, srgb_from_linear
 
 

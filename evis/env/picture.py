@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from evis.env.observations import display
-from evis.gpu.host_array import host_array
+from evis.gpu.host_copies import host_array
 from evis.media.pictures.event_pictures import ON_BLACK
 
 LEAST_PX = 256

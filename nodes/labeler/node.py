@@ -9,7 +9,7 @@ import numpy as np
 
 from evis.config.params import Param
 from evis.config.suggestions import nearest
-from evis.gpu.host_array import host_array
+from evis.gpu.host_copies import host_array
 from evis.runtime.node import Input, Node, Output
 from evis.scene.model import Scene
 from evis.scene.parameters import SCENE, SEED, camera_of, seeds_of, worlds_of

@@ -10,7 +10,7 @@ import numpy as np
 
 from evis.dataset.layouts import LayoutError
 from evis.events.arrays import Events
-from evis.gpu.host_array import host_array
+from evis.gpu.host_copies import host_array
 from evis.simulation.step import CameraOutputs, Step
 from msgs.camera import Image, Labels
 

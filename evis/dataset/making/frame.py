@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from evis.bag.preview import tone_map
-from evis.gpu.host_array import host_array
+from evis.gpu.host_copies import host_array
 from evis.simulation.picture import as_png
 
 FRAME = "frame.png"

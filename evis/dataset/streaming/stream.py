@@ -23,7 +23,7 @@ from evis.dataset.making.warm import Warm
 from evis.dataset.recipe import Plan, Recipe
 from evis.dataset.recipe_file import read_recipe
 from evis.dataset.streaming.live import Live
-from evis.gpu.host_array import host_array
+from evis.gpu.host_copies import host_array
 from evis.simulation.errors import SimulationError, SimulationWarning
 
 TORCH = "evis.dataset.streaming.torch_stream"

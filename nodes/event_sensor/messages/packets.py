@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from evis.gpu.host_array import host_array
+from evis.gpu.host_copies import host_array
 from evis.gpu.in_a_row import parted
 from msgs.camera import EventPacket, EventSignal
 from msgs.header import Header, Message

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evis.gpu.host_array import host_array
+from evis.gpu.host_copies import host_array
 from evis.runtime.clock import NS
 from nodes.event_sensor.sensor import EventSensor
 from nodes.interpolator.auto.setting import (
