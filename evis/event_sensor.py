@@ -12,6 +12,7 @@ import numpy as np
 import warp as wp
 
 from evis.gpu.exchange import NUMPY, as_kind, as_warp, kind_of
+from evis.gpu.host_copies import host_array
 from nodes.event_sensor.input.further import Further
 from nodes.event_sensor.make import make_sensor
 from nodes.event_sensor.parameters import LARGEST_SIDE, frames_only, resolve_sensor
@@ -277,7 +278,7 @@ def _columns(made: Any) -> dict[str, Any]:
 
 def _moved(column: Any, kind: str, device: Any) -> Any:
     if kind == NUMPY:
-        return column if isinstance(column, np.ndarray) else column.numpy()
+        return host_array(column)
     there: Any = wp.array(column, device="cpu", copy=False) if isinstance(column, np.ndarray) else column
     return as_kind(there if there.device == device else there.to(device), kind)
 

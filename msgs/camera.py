@@ -14,6 +14,11 @@ from msgs.fields import MessageError, array, array_specs
 from msgs.header import Header, Message
 from msgs.own_time import own_rows
 
+INTERVAL_FLOWS = ("forward_flow", "backward_flow")
+"""Labels that say where points get to over an interval [px]."""
+FLOWS = ("flow", *INTERVAL_FLOWS)
+"""Labels of optical flow; `flow` is a velocity [px/s]."""
+
 
 @dataclass
 class CameraInfo(Message):

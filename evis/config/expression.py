@@ -17,14 +17,12 @@ from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Any
 
+from evis.config.document import MAX_DEPTH, MAX_TEXT
+
 MAX_LENGTH = 500
 """Longest expression [characters]."""
-MAX_TEXT = 10_000
-"""Longest text that `${...}` are filled into [characters]."""
 MAX_ITEMS = 10_000
 """Most values in the lists that one value of a file gets by `${...}`, those in lists of lists counted too."""
-MAX_DEPTH = 32
-"""Most levels of lists within each other."""
 MAX_NESTING = 100
 """Most operators within each other, far from the depth at which Python itself gives up: near it nothing else in the
 process can run either, so that what is freed by chance meanwhile would be told as an error of its own."""

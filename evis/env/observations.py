@@ -14,6 +14,7 @@ from gymnasium.spaces import Box
 
 from evis.events import representations
 from evis.events.representations.columns import POLARITIES, check_choice, check_flag
+from evis.gpu.host_copies import host_array
 from evis.media.colour import luminance_of, srgb_from_linear
 
 
@@ -79,11 +80,6 @@ class Observation:
         Rows of environments that are not `moment.fresh` are not used; what is kept of them has to stay as it is.
         """
         raise NotImplementedError
-
-
-def host(array: Any) -> np.ndarray:
-    """Returns an array as numpy's, wherever it is."""
-    return array if isinstance(array, np.ndarray) else array.numpy()
 
 
 Block = int | tuple[int, int]
@@ -153,7 +149,7 @@ class VoxelGrid(Observation):
             moment.camera(self.camera).events, self.bins, window=(moment.start_ns, moment.stamp_ns),
             polarity=self.polarity, normalise=self.normalise,
         )  # fmt: skip
-        return pooled(host(made.values), self.pool)
+        return pooled(host_array(made.values), self.pool)
 
 
 @dataclass
@@ -177,7 +173,7 @@ class CountImage(Observation):
     def values(self, moment: Moment) -> np.ndarray:
         """Implements Observation.values."""
         made = representations.count_image(moment.camera(self.camera).events, polarity=self.polarity)
-        return pooled(host(made.values).astype(np.float32), self.pool).reshape(-1, *self._shape)
+        return pooled(host_array(made.values).astype(np.float32), self.pool).reshape(-1, *self._shape)
 
 
 @dataclass
@@ -205,7 +201,7 @@ class TimeSurface(Observation):
     def values(self, moment: Moment) -> np.ndarray:
         """Implements Observation.values."""
         made = self._surface.update(moment.camera(self.camera).events, at=moment.stamp_ns)
-        return pooled(host(made.values), self.pool) / np.float32(np.prod(_sides(self.pool)))
+        return pooled(host_array(made.values), self.pool) / np.float32(np.prod(_sides(self.pool)))
 
 
 @dataclass
@@ -229,7 +225,7 @@ class RawEvents(Observation):
     def values(self, moment: Moment) -> np.ndarray:
         """Implements Observation.values."""
         events = moment.camera(self.camera).events
-        t, x, y, p, offsets = (host(a) for a in (events.t, events.x, events.y, events.p, events.env_offsets))
+        t, x, y, p, offsets = (host_array(a) for a in (events.t, events.x, events.y, events.p, events.env_offsets))
         result = np.full((len(offsets) - 1, self.most, 4), -1, np.int64)
         for env, end in enumerate(offsets[1:]):
             first = max(offsets[env], end - self.most)
@@ -261,7 +257,7 @@ class Frames(Observation):
 
     def values(self, moment: Moment) -> np.ndarray:
         """Implements Observation.values."""
-        light = host(moment.camera(self.camera).keyframe)
+        light = host_array(moment.camera(self.camera).keyframe)
         if self.grey:
             light = (light if light.ndim == 3 else luminance_of(light))[..., None]
         return display(light, self.exposure)

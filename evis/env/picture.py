@@ -6,12 +6,22 @@ from typing import Any
 
 import numpy as np
 
-from evis.env.observations import display, host
+from evis.env.observations import display
+from evis.gpu.host_copies import host_array
 from evis.media.pictures.event_pictures import ON_BLACK
 
 LEAST_PX = 256
 """Small images are enlarged by a whole number to at least this many rows."""
 EXPOSURE = 0.5
+RENDER_MODE = "rgb_array"
+"""The one of Gymnasium's modes that there is."""
+
+
+def is_drawn(render_mode: str | None) -> bool:
+    """Tells whether an environment of this render_mode paints pictures. Raises ValueError for one that is not there."""
+    if render_mode not in (None, RENDER_MODE):
+        raise ValueError(f"render_mode is {render_mode!r}; it must be {RENDER_MODE} or None")
+    return render_mode is not None
 
 
 class Painter:
@@ -30,11 +40,11 @@ class Painter:
         if env not in self._steps:
             raise ValueError("there is nothing to render before reset")
         step = self._steps[env]
-        light = host(step.keyframe)[env]
+        light = host_array(step.keyframe)[env]
         image = display(light if light.ndim == 3 else np.repeat(light[..., None], 3, axis=-1), EXPOSURE)
         events = step.events
         if events is not None:
-            x, y, p, offsets = (host(a) for a in (events.x, events.y, events.p, events.env_offsets))
+            x, y, p, offsets = (host_array(a) for a in (events.x, events.y, events.p, events.env_offsets))
             own = slice(int(offsets[env]), int(offsets[env + 1]))
             image[y[own], x[own]] = np.where(p[own, None] > 0, ON_BLACK.on, ON_BLACK.off)
         scale = -(-LEAST_PX // image.shape[0])

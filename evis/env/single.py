@@ -9,6 +9,7 @@ import numpy as np
 
 from evis.client.resets import seeds_of
 from evis.env.batch import Batch, row
+from evis.env.picture import RENDER_MODE, is_drawn
 from evis.env.task import Task
 from evis.simulation.simulation import Simulation
 
@@ -16,17 +17,16 @@ from evis.simulation.simulation import Simulation
 class EventEnv(gymnasium.Env):
     """Steps a simulation with an event camera, a keyframe at a time."""
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}
+    metadata: dict[str, Any] = {"render_modes": [RENDER_MODE]}
 
     def __init__(self, task: str | Task, *, render_mode: str | None = None, **options: Any) -> None:
         """Starts the simulation. options: as `evis.env.batch.Batch` takes them, and arguments of the launch file and
         the scene. Raises ValueError.
         """
-        if render_mode not in (None, "rgb_array"):
-            raise ValueError(f"render_mode is {render_mode!r}; it must be rgb_array or None")
-        self._batch = Batch(task, 1, picture=render_mode is not None, **options)
+        drawn = is_drawn(render_mode)
+        self._batch = Batch(task, 1, picture=drawn, **options)
         self.render_mode = render_mode
-        self.metadata = {"render_modes": ["rgb_array"], "render_fps": self._batch.rate}
+        self.metadata = {"render_modes": [RENDER_MODE], "render_fps": self._batch.rate}
         self.observation_space = self._batch.observation_space
         self.action_space = self._batch.action_space
         self._begun = False

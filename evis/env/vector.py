@@ -12,6 +12,7 @@ from gymnasium.vector.utils import batch_space
 
 from evis.client.resets import seeds_of
 from evis.env.batch import Batch, Observed, row
+from evis.env.picture import RENDER_MODE, is_drawn
 from evis.env.task import Task
 from evis.simulation.simulation import Simulation
 
@@ -24,7 +25,7 @@ class EventVectorEnv(VectorEnv):
     DISABLED: `reset(options={"reset_mask": mask})`.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}
+    metadata: dict[str, Any] = {"render_modes": [RENDER_MODE]}
 
     def __init__(
         self,
@@ -38,17 +39,16 @@ class EventVectorEnv(VectorEnv):
         """Starts the simulation. options: as `evis.env.batch.Batch` takes them, and arguments of the launch file and
         the scene. Raises ValueError.
         """
-        if render_mode not in (None, "rgb_array"):
-            raise ValueError(f"render_mode is {render_mode!r}; it must be rgb_array or None")
+        drawn = is_drawn(render_mode)
         modes = [mode.value for mode in AutoresetMode]
         if autoreset_mode not in (*AutoresetMode, *modes):
             raise ValueError(f"autoreset_mode is {autoreset_mode!r}; it must be {', '.join(modes[:-1])} or {modes[-1]}")
         self.autoreset_mode = AutoresetMode(autoreset_mode)
-        self._batch = Batch(task, num_envs, picture=render_mode is not None, **options)
+        self._batch = Batch(task, num_envs, picture=drawn, **options)
         self.num_envs = num_envs
         self.render_mode = render_mode
         rate = self._batch.rate
-        self.metadata = {"render_modes": ["rgb_array"], "render_fps": rate, "autoreset_mode": self.autoreset_mode}
+        self.metadata = {"render_modes": [RENDER_MODE], "render_fps": rate, "autoreset_mode": self.autoreset_mode}
         self.single_observation_space = self._batch.observation_space
         self.single_action_space = self._batch.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)

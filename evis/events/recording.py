@@ -18,7 +18,7 @@ from evis.config.suggestions import did_you_mean
 from evis.events.arrays import Events
 from evis.files.damage import faults_as
 from evis.files.named_pipe import with_reader
-from evis.files.whole_file import written_at
+from evis.files.whole_file import missing_folder, written_at
 
 _FILES = "evis.events.files"
 LATE_NS = 1_000_000_000
@@ -191,8 +191,8 @@ class Writer(abc.ABC):
         self._place = written_at(self.path)
         self.partial = self._place.with_name(f".{self._place.name}.{os.getpid()}.part")
         self._settled = False
-        if not self._place.parent.is_dir():
-            raise RecordingError(f"{self.path}: the folder {self._place.parent} does not exist; make it first")
+        if missing := missing_folder(self.path):
+            raise RecordingError(missing)
 
     @abc.abstractmethod
     def write(self, events: Events) -> None:

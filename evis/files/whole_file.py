@@ -15,6 +15,12 @@ def written_at(path: Path) -> Path:
     return Path(os.path.realpath(path)) if path.is_symlink() else path
 
 
+def missing_folder(out: str | os.PathLike[str]) -> str:
+    """Says that the folder of a file to write is not there, and what to do; "" where it is."""
+    folder = written_at(Path(out)).absolute().parent
+    return "" if folder.is_dir() else f"{out}: the folder {folder} does not exist; make it first"
+
+
 @contextlib.contextmanager
 def whole_file(out: str | os.PathLike[str]) -> Iterator[Path]:
     """Gives a path to write to, beside `out` and with its ending, that becomes `out` when the block ends well.

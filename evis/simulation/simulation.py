@@ -176,7 +176,7 @@ class Simulation:
         except ValueError as error:
             raise SimulationError(str(error)) from None
         if (wrong := chosen[chosen >= self.envs]).size:
-            raise SimulationError(f"there is no environment {wrong[0]}; there are {self.envs}, 0 to {self.envs - 1}")
+            self._check_environment(int(wrong[0]))
         if not chosen.size or len(np.unique(chosen)) < len(chosen):
             raise SimulationError("reset takes each environment once, and at least one; without envs it resets all")
         if seeds is not None and len(seeds) != len(chosen):

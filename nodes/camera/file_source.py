@@ -10,10 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from evis.events import Recording, open_recording
+from evis.runtime.clock import NS
 from nodes.camera.interface.driver import LONG_GAP, DeviceInfo, Driver, Reading
 from nodes.camera.interface.settings import Configuration, setting
-
-NS = 1_000_000_000
 
 
 @dataclass

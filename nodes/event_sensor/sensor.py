@@ -27,7 +27,6 @@ time, photoreceptor and readout move its events and make none. Marks change no e
 
 from __future__ import annotations
 
-import math
 from functools import partial
 from typing import Any
 
@@ -39,9 +38,11 @@ from nodes.event_sensor.cpu.listing import Listing
 from nodes.event_sensor.engines.engine import make_engine, sensor_struct, unlit_rate
 from nodes.event_sensor.input.arrays import on_device, shape_of
 from nodes.event_sensor.input.batch import Batch, SampleLists, Size
-from nodes.event_sensor.input.further import LONGEST, checked, problem
+from nodes.event_sensor.input.further import LONGEST, problem
 from nodes.event_sensor.input.further import Further as Further
 from nodes.event_sensor.input.look_ahead import LookAhead
+from nodes.event_sensor.input.sample_lists import SampleInput
+from nodes.event_sensor.input.timeline import Timeline
 from nodes.event_sensor.messages.limit import check_noise
 from nodes.event_sensor.model.features import marks
 from nodes.event_sensor.model.keys import KeyLayout
@@ -51,15 +52,12 @@ from nodes.event_sensor.parameters import FLOOR as FLOOR
 from nodes.event_sensor.parameters import LARGEST_SIDE, LOOK_AHEAD, frames_only, resolve_sensor, thresholds_of
 from nodes.event_sensor.readout.device_events import CALLS, DeviceEvents, Pending, Ready
 from nodes.event_sensor.readout.packet import Events as Events
-from nodes.event_sensor.readout.packet import merged, parted
+from nodes.event_sensor.readout.packet import merged
 
 wp.config.log_level = wp.LOG_WARNING
 
 Frames = np.ndarray | wp.array | Any
 """Images in memory: numpy, Warp, or anything with __cuda_array_interface__."""
-
-LATEST = 5 * 10**18
-"""Stamps lie within this of 0 [ns], 158 years, so that waiting times can be added to them."""
 
 
 def _resolved(preset: str, given: dict[str, Any]) -> dict[str, Any]:
@@ -124,11 +122,9 @@ class EventSensor:
         self._total = np.zeros(len(COUNTERS), np.int64)
         self._side: Any = self._make_side(size)
         self._pipelined = self._device.is_cuda and self._side.pipelined and self._optics.clear and not self._readout
-        self._told: list[wp.array] = []
-        """Where a GPU says what it has found of further samples."""
-        self._episodes: np.ndarray | None = None
-        self._going_on = np.zeros(envs, bool)
-        self._last_stamp = self._settled = self._settled_before = 0
+        self._further = SampleInput(size, self._device, frames_only(self.parameters), CALLS)
+        self._timeline = Timeline(size)
+        self._settled = self._settled_before = 0
         self._waiting = LookAhead(envs, self._size, self._device)
         self._left: tuple[dict[str, np.ndarray], np.ndarray] | None = None
 
@@ -291,60 +287,36 @@ class EventSensor:
         waits: for what is found of further samples; else they are not read where they are wrong."""
         t = np.ascontiguousarray(t, dtype=np.int64)
         episodes = np.asarray(episodes, dtype=np.int32)
-        fresh = self._fresh(shape_of(luminance), t, episodes)
-        again = fresh is not self._going_on and bool(fresh.all())
+        timeline = self._timeline
+        fresh = timeline.fresh(shape_of(luminance), t, episodes)
+        again = fresh is not timeline.going_on and bool(fresh.all())
         if self._hermite and (dlog_dt is None or shape_of(dlog_dt) != shape_of(luminance)):
             raise ValueError("crossing=hermite needs dlog_dt of the luminance's shape; without it take crossing=cubic")
-        if self._waiting.held is not None and again and t[0] <= self._last_stamp:
+        if self._waiting.held is not None and again and t[0] <= timeline.last_stamp:
             raise ValueError(f"time goes back to {t[0]} ns; flush() first gives the events that are held back")
         begun = self._waiting.held is not None or not again
         t_base = self._settled if begun else int(t[0])
         self._layout.check_span(t_base, t)
         check_noise(self._unlit, f"{self.envs} x {self._size}", t_base, t)
-        lists = self._lists(further, t, t_base, fresh, waits)
+        lists = None if further is None else self._further.take(further, t, t_base, fresh, waits)
         images, slopes = on_device(luminance, self._device), self._nothing
+        since = int(t[0]) if again else timeline.last_stamp
         if further is not None and self._optics.traces:
-            images, lists = self._optics.traced(images, lists, t, int(t[0]) if again else self._last_stamp, fresh)
+            images, lists = self._optics.traced(images, lists, t, since, fresh)
         elif not self._optics.clear:
             sharp = images
-            images = self._optics.seen(sharp, t, int(t[0]) if again else self._last_stamp, fresh)
+            images = self._optics.seen(sharp, t, since, fresh)
         if self._hermite:
             slopes = on_device(dlog_dt, self._device)
             if not self._optics.clear:
                 slopes = self._optics.slopes(slopes, sharp, images)
         if not begun:
             self._settled_before = t_base
-        if self._episodes is None or fresh is not self._going_on:
-            self._episodes = episodes.copy()
-        episodes, self._last_stamp = self._episodes, int(t[-1])
+        episodes = timeline.follow(fresh, t, episodes)
         if not self._ahead:
             return self._batch(images, slopes, t, len(t), t_base, [fresh], [episodes], lists), fresh
         images, t, begins, of = self._waiting.join(images, t, fresh, episodes)
         return self._batch(images, slopes, t, len(t) - 1, t_base, begins, of), begins[0]
-
-    def _lists(
-        self, further: Further | None, t: np.ndarray, t_base: int, fresh: np.ndarray, waits: bool
-    ) -> SampleLists | None:
-        """Checks the further samples of a message; None without any."""
-        if further is None:
-            return None
-        why = frames_only(self.parameters)
-        if why:
-            raise ValueError(f"event sensor got further samples between the frames, but {why}")
-        told = None
-        if self._device.is_cuda:
-            if not self._told:
-                self._told = [wp.zeros(1, dtype=wp.int64, device="cpu", pinned=True) for _ in range(CALLS + 1)]
-            # In turns, for as many calls may be under way.
-            self._told.append(told := self._told.pop(0))
-        lists = checked(further.on(self._shape, self._device), self._shape, t, t_base, fresh, told)
-        if not waits:
-            return lists
-        if self._device.is_cuda:
-            wp.synchronize_stream(self._device.stream)
-        if wrong := problem(lists, self._shape):
-            raise ValueError(wrong)
-        return lists if lists.offset.size else None
 
     def finish(self) -> int:
         """Takes no more frames; returns how many events were held back. `advance` may go on afterwards."""
@@ -364,27 +336,6 @@ class EventSensor:
             if rest is not None:
                 self._left = merged(self._left, rest, self.envs)
         return len(self._side) if self._left is None else len(self._left[0]["t"])
-
-    def _fresh(self, shape: tuple[int, ...], t: np.ndarray, episodes: np.ndarray) -> np.ndarray:
-        expected = (self.envs, len(t), self.height, self.width) + ((3,) if self.channels == 3 else ())
-        if shape != expected or len(t) == 0:
-            raise ValueError(f"event sensor got luminance {tuple(shape)} with {len(t)} stamps, expected {expected}")
-        if math.prod(shape) >= 1 << 31:
-            raise ValueError(f"event sensor got {tuple(shape)} samples in one message, 2^31 are too many")
-        if episodes.shape != (self.envs,):
-            raise ValueError(f"event sensor got episodes of shape {episodes.shape}, expected ({self.envs},)")
-        if len(t) > 1 and (t[1:] <= t[:-1]).any():
-            raise ValueError("event sensor got stamps that do not ascend")
-        if not (-LATEST <= t[0] and t[-1] <= LATEST):
-            raise ValueError(f"event sensor got stamps from {t[0]} to {t[-1]} ns; they must lie within +-{LATEST} ns")
-        if self._episodes is None:
-            return np.ones(self.envs, bool)
-        # Mostly no episode begins: no arithmetic for that.
-        same = episodes.tobytes() == self._episodes.tobytes()
-        fresh = self._going_on if same else episodes != self._episodes
-        if (same or not fresh.all()) and t[0] <= self._last_stamp:
-            raise ValueError(f"event sensor got a frame at {t[0]} ns after one at {self._last_stamp} ns of the episode")
-        return fresh
 
     def _batch(
         self,
@@ -418,20 +369,7 @@ class EventSensor:
             return len(self._side)
         out: dict[str, np.ndarray] = {n: np.empty(len(self._side), d) for n, d in self.columns().items()}
         self._read_side(out)
-        offsets, t_base = self._side.env_offsets(), batch.t_base
-        later = np.asarray(batch.begin, np.int64) >> 1
-        if batch.count > 1 and later.any():
-            # The held frame ends the old episode, whose events leave before the queue starts again.
-            end = int(batch.t[0])
-            old, new = parted(out, offsets, end)
-            self._readout.begin(begins, end, batch.episodes[0])
-            first = self._readout.apply(*old, t_base, end)
-            self._readout.begin(later != 0, int(batch.t[1]), batch.episodes[-1])
-            rest = self._readout.apply(*new, end, self._settled)
-            self._left = merged(first, rest, self.envs)
-        else:
-            self._readout.begin(begins, int(batch.t[0]), batch.episodes[0])
-            self._left = self._readout.apply(out, offsets, t_base, self._settled)
+        self._left = self._readout.apply_batch(out, self._side.env_offsets(), batch, begins, self._settled)
         return len(self._left[0]["t"])
 
     def counts(self) -> dict[str, int]:

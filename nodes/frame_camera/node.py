@@ -183,13 +183,12 @@ class FrameCameraNode(Node):
                 want, have = ("rgb", "luminance") if colour else ("luminance", "rgb")
                 raise ValueError(f"{self.name}: frames carry {have}, images need {want}; set colour alike on both")
             return image, message.t
-        from nodes.interpolator.luminance import luminance_of, rgb_of
+        from nodes.interpolator.luminance import as_frame
 
         if colour and message.radiance is None:
             raise ValueError(f"{self.name}: keyframes carry luminance, colour needs their radiance (keyframes:=rgb)")
-        made, m = (rgb_of if colour else luminance_of)(message.image, self._device), message.margin
-        inner = made[:, m : made.shape[1] - m, m : made.shape[2] - m].contiguous()
-        return inner.reshape((inner.shape[0], 1, *inner.shape[1:])), np.array([message.header.stamp_ns])
+        frame = as_frame(message.image, message.margin, colour, self._device)
+        return frame, np.array([message.header.stamp_ns])
 
 
 RANDOM = {"photon_noise": "photon noise of images", "read_noise": "read noise of images"}

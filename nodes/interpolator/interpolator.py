@@ -16,7 +16,7 @@ from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Camera, Scene
 from nodes.interpolator import image_kernels
 from nodes.interpolator import warm_up as made_up
-from nodes.interpolator.keyframe import KeyframeView, Method, Report, States, own_subframes
+from nodes.interpolator.keyframe import KeyframeView, Method, Report, States, check_follows, own_subframes
 from nodes.interpolator.luminance import luminance_of, rgb_of, scalars
 from nodes.interpolator.methods import METHODS, Gap
 from nodes.interpolator.passthrough import crop
@@ -203,10 +203,7 @@ class Interpolator:
         """Finds the times int64 [K] ns of the frames up to a keyframe. Raises ValueError where it comes too late."""
         if held.all():
             return np.array([view.stamp_ns])
-        if view.stamp_ns <= self._stamp:
-            raise ValueError(
-                f"keyframe at {view.stamp_ns} ns came after the one at {self._stamp} ns of the same episode"
-            )
+        check_follows(self._stamp, view.stamp_ns)
         return subframe_stamps(self._stamp, view.stamp_ns, self.upsampling)
 
     def _frames_shape(self, k: int, samples: int) -> tuple[int, ...]:

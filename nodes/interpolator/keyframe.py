@@ -189,3 +189,9 @@ class Method(Protocol):
 
         held: bool [E], environments that begin a new episode with b; all their frames are b.
         """
+
+
+def check_follows(before_ns: int, after_ns: int) -> None:
+    """Raises ValueError where a keyframe is not later than the one before it, in the same episode."""
+    if after_ns <= before_ns:
+        raise ValueError(f"keyframe at {after_ns} ns came after the one at {before_ns} ns of the same episode")

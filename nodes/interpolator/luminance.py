@@ -30,6 +30,13 @@ def rgb_of(radiance: np.ndarray | wp.array, device: Any = "cpu") -> wp.array:
     return pixels.view(wp.vec3).reshape(pixels.shape[:-1])
 
 
+def as_frame(image: np.ndarray | wp.array, margin: int, colour: bool, device: Any) -> wp.array:
+    """Gives keyframes [E, H, W(, 3)] as frames without their margin, luminance or vec3 [E, 1, h, w], on the device."""
+    made = (rgb_of if colour else luminance_of)(image, device)
+    inner = made[:, margin : made.shape[1] - margin, margin : made.shape[2] - margin].contiguous()
+    return inner.reshape((inner.shape[0], 1, *inner.shape[1:]))
+
+
 def _single(pixels: wp.array) -> wp.array:
     """The same in float32; a copy only where it is not."""
     if pixels.dtype is wp.float32:

@@ -14,7 +14,7 @@ from evis.gpu.in_a_row import joined, parted
 from evis.runtime.clock import subframe_stamps
 from nodes.interpolator import warm_up as made_up
 from nodes.interpolator.interpolator import Allocate, Image, Interpolator, new_frames
-from nodes.interpolator.keyframe import KeyframeView, Report, Span, States, StatesInARow
+from nodes.interpolator.keyframe import KeyframeView, Report, Span, States, StatesInARow, check_follows
 from nodes.interpolator.rigid import Rigid
 from nodes.interpolator.samples import Further, Parting
 
@@ -192,8 +192,7 @@ class ManyGaps(Interpolator):
         last, spare, gap = self._last, row.spare, row.gap
         assert last is not None
         for before, after in pairwise(row.stamps):
-            if after <= before:
-                raise ValueError(f"keyframe at {after} ns came after the one at {before} ns of the same episode")
+            check_follows(before, after)
         a = KeyframeView(last.image, states=gap.a, stamp_ns=row.stamps[0], own=gap.starts)
         if self._row is not None and self._row[1] is last:
             a.after = self._row[0]

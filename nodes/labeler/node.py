@@ -9,10 +9,11 @@ import numpy as np
 
 from evis.config.params import Param
 from evis.config.suggestions import nearest
+from evis.gpu.host_copies import host_array
 from evis.runtime.node import Input, Node, Output
 from evis.scene.model import Scene
 from evis.scene.parameters import SCENE, SEED, camera_of, seeds_of, worlds_of
-from msgs.camera import CameraInfo, Depth, Ids, Labels
+from msgs.camera import INTERVAL_FLOWS, CameraInfo, Depth, Ids, Labels
 from msgs.header import Header, Message
 from msgs.world import WorldState
 from nodes.labeler.box_groups import OF, groups
@@ -37,7 +38,7 @@ NEEDS = {
     "events": {"state", "events", "signal"},
 }
 """Inputs that each kind of label is made of."""
-GEOMETRIC = ("events", "forward_flow", "backward_flow", "boxes3d")
+GEOMETRIC = ("events", *INTERVAL_FLOWS, "boxes3d")
 """Labels for which the scene is loaded: they look at its meshes, at instants that no image shows."""
 DEFAULT = ("flow", "depth", "segmentation", "boxes")
 """Labels for a reader who did not say which."""
@@ -96,7 +97,7 @@ class LabelerNode(Node):
         """Names the parameters of flow over an interval, and of boxes, where no such label is asked for."""
         asked = set(kinds(params.get("labels")))
         idle: dict[str, str] = {}
-        if not {"forward_flow", "backward_flow"} & asked:
+        if asked.isdisjoint(INTERVAL_FLOWS):
             why = "no label is a flow over an interval (labels:=forward_flow)"
             idle |= dict.fromkeys(("flow_from", "flow_to"), why)
         if "boxes" not in asked:
@@ -197,7 +198,7 @@ class LabelerNode(Node):
         i = self._image(ids.ids, ids.margin) if ids is not None else None
         self._images(out, state, z, i)
         if "boxes" in self.kinds and i is not None:
-            seen = _on_host(i)
+            seen = host_array(i)
             out.box, out.box_env, out.box_id = self.pure.boxes(self._boxed(seen) if _some_boxes(self.params) else seen)
         if state is not None:
             self._bodies(out, state)
@@ -251,7 +252,7 @@ class LabelerNode(Node):
             if on_gpu is None:
                 wanted["semantic"] = (ids.shape, np.int32)
             else:
-                out.semantic = np.take(self._classes(), _on_host(ids))
+                out.semantic = np.take(self._classes(), host_array(ids))
         arrays = self._room(wanted, on_gpu)
         for name, image in (("depth", depth), ("segmentation", ids)):
             if name in arrays and on_gpu is None:
@@ -358,11 +359,6 @@ class LabelerNode(Node):
             flow, valid = self.geometry.flow(self.now, state, start, end)
             setattr(out, f"{name}_flow", flow)
             setattr(out, f"{name}_valid", valid)
-
-
-def _on_host(image: Any) -> np.ndarray:
-    """An image in numpy; waits for the GPU that it is on."""
-    return image if isinstance(image, np.ndarray) else np.asarray(image.numpy())
 
 
 def _some_boxes(params: Mapping[str, Any]) -> bool:

@@ -7,17 +7,9 @@ in the meshes' own frames, where float32 resolves them best.
 import warp as wp
 
 from nodes.labeler.motion_kernels import Motion, fraction, gap_at, pose_of, state_of
+from nodes.renderer.shadows.ray_kernels import LIFT, MOST_BACKS, REACH
 
 wp.set_module_options({"enable_backward": False})
-
-FAR = wp.constant(1.0e9)
-"""Length of a ray [m]."""
-
-MOST_BACKS = wp.constant(64)
-"""Backs of surfaces, which are not seen, that a ray goes through at most."""
-
-LIFT = wp.constant(4.0e-6)
-"""How far beyond a back a ray goes on, of its length and the mesh's size: tens of float32 roundings."""
 
 
 @wp.struct
@@ -119,7 +111,7 @@ def first_surfaces(
     ahead = wp.transform_vector(eye, d)
     begin = beginning(surfaces, d)
     start = wp.transform_get_translation(eye) + begin * ahead
-    reach = FAR
+    reach = wp.float32(REACH)
     for i in range(surfaces.mesh.shape[0]):
         if surfaces.mesh[i] != wp.uint64(0):
             frame = wp.transform_multiply(pose_of(motion, env, surfaces.body[i], gap, u), surfaces.offset[i])

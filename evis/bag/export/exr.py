@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,20 @@ HALF_MAX = 65504.0
 """Largest finite half; OpenEXR makes infinity of what is larger, without a word."""
 
 
+def cropped(array: Any, margin: int, env: int = 0) -> np.ndarray:
+    """Copies the image of an environment without its margin: [E, H, W, ...] -> [H - 2 margin, W - 2 margin, ...].
+
+    The writer ignores strides and copies raw memory: a view would come out wrong or crash.
+    """
+    image = np.asarray(array)[env]
+    return np.ascontiguousarray(image[margin : image.shape[0] - margin, margin : image.shape[1] - margin])
+
+
+def vectors(name: str, image: np.ndarray) -> dict[str, np.ndarray]:
+    """Parts vectors [H, W, 2] into the channels NAME.x and NAME.y."""
+    return {f"{name}.{axis}": np.ascontiguousarray(image[..., k]) for k, axis in enumerate("xy")}
+
+
 def channels(group: dict[type[Message], Message], env: int, half: bool) -> tuple[dict[str, np.ndarray], int]:
     """Returns (channel -> array [H,W(,3)] without margin, radiance values clamped to the range of half).
 
@@ -21,14 +36,9 @@ def channels(group: dict[type[Message], Message], env: int, half: bool) -> tuple
     float32; id uint32.
     """
 
-    def cropped(array: np.ndarray, margin: int) -> np.ndarray:
-        # the writer ignores strides and copies raw memory: a view would come out wrong or crash
-        image = np.asarray(array)[env]
-        return np.ascontiguousarray(image[margin : image.shape[0] - margin, margin : image.shape[1] - margin])
-
     keyframe = group[Keyframe]
     assert isinstance(keyframe, Keyframe)
-    light = cropped(keyframe.image, keyframe.margin)
+    light = cropped(keyframe.image, keyframe.margin, env)
     clamped = 0
     if half and light.dtype != np.float16:
         clamped = int((np.abs(light) > HALF_MAX).sum())
@@ -36,13 +46,11 @@ def channels(group: dict[type[Message], Message], env: int, half: bool) -> tuple
     result = {"Y" if keyframe.radiance is None else "RGB": light}
     depth, motion, ids = group.get(Depth), group.get(Motion), group.get(Ids)
     if isinstance(depth, Depth):
-        result["Z"] = cropped(depth.depth, depth.margin)
+        result["Z"] = cropped(depth.depth, depth.margin, env)
     if isinstance(motion, Motion):
-        moved = cropped(motion.motion, motion.margin)
-        result["motion.x"] = np.ascontiguousarray(moved[..., 0])
-        result["motion.y"] = np.ascontiguousarray(moved[..., 1])
+        result |= vectors("motion", cropped(motion.motion, motion.margin, env))
     if isinstance(ids, Ids):
-        result["id"] = cropped(ids.ids, ids.margin).astype(np.uint32)
+        result["id"] = cropped(ids.ids, ids.margin, env).astype(np.uint32)
     return result, clamped
 
 

@@ -10,11 +10,10 @@ import numpy as np
 
 from evis.bag import BagError, environments
 from evis.bag.export import exr
-from msgs.camera import Depth, Ids, Labels, Motion
+from msgs.camera import FLOWS, Depth, Ids, Labels, Motion
 from msgs.header import Message
 
 KINDS = ("Depth", "Ids", "Motion", "Labels")
-FLOWS = ("flow", "forward_flow", "backward_flow")
 _IDS = {"segmentation": "id", "semantic": "class", "forward_valid": "forward_valid", "backward_valid": "backward_valid"}
 
 
@@ -47,28 +46,18 @@ def images(message: Message, topic: str) -> dict[str, np.ndarray]:
     environments.check_one(topic, environments.count(message))
     found: dict[str, np.ndarray] = {}
     if isinstance(message, Depth):
-        found["Z"] = _cropped(message.depth, message.margin)
+        found["Z"] = exr.cropped(message.depth, message.margin)
     elif isinstance(message, Ids):
-        found["id"] = _cropped(message.ids, message.margin).astype(np.uint32)
+        found["id"] = exr.cropped(message.ids, message.margin).astype(np.uint32)
     elif isinstance(message, Motion):
-        found |= _vectors("motion", _cropped(message.motion, message.margin))
+        found |= exr.vectors("motion", exr.cropped(message.motion, message.margin))
     elif isinstance(message, Labels):
         if message.depth is not None:
-            found["Z"] = _cropped(message.depth, 0)
+            found["Z"] = exr.cropped(message.depth, 0)
         for name, channel in _IDS.items():
             if (array := getattr(message, name)) is not None:
-                found[channel] = _cropped(array, 0).astype(np.uint32)
+                found[channel] = exr.cropped(array, 0).astype(np.uint32)
         for name in FLOWS:
             if (array := getattr(message, name)) is not None:
-                found |= _vectors(name, _cropped(array, 0))
+                found |= exr.vectors(name, exr.cropped(array, 0))
     return found
-
-
-def _cropped(array: Any, margin: int) -> np.ndarray:
-    """The one environment's image; a copy, as the writer of EXR ignores strides."""
-    image = np.asarray(array)[0]
-    return np.ascontiguousarray(image[margin : image.shape[0] - margin, margin : image.shape[1] - margin])
-
-
-def _vectors(name: str, array: np.ndarray) -> dict[str, np.ndarray]:
-    return {f"{name}.{axis}": np.ascontiguousarray(array[..., k]) for k, axis in enumerate("xy")}

@@ -10,10 +10,11 @@ import numpy as np
 
 from evis.bag import BagError
 from evis.bag.export.flow_codes import flow_to_codes
-from evis.bag.export.label_images import FLOWS, images
-from evis.bag.export.png import TIMES, encoded
+from evis.bag.export.label_images import images
+from evis.bag.export.png import encoded
 from evis.files.whole_file import whole_file
-from msgs.camera import Labels
+from evis.media.frames.folder import TIMES
+from msgs.camera import FLOWS, Labels
 from msgs.header import Message
 
 MILLIMETRES = 1000.0

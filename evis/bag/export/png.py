@@ -12,10 +12,10 @@ import numpy as np
 
 from evis.bag import BagError
 from evis.files.whole_file import whole_file
+from evis.media.frames.folder import TIMES
 from msgs.camera import Image
 from msgs.header import Message
 
-TIMES = "times.txt"
 _GREY, _COLOUR = 0, 2
 _SUB = 1
 """The filter of rows: differences to the pixel before. They pack better than pixels, and several times faster."""

@@ -17,7 +17,7 @@ from evis.bag.export import exr, frames, label_images, label_pngs, labels, png, 
 from evis.bag.reader import BagReader
 from evis.bag.ros import jsonform
 from evis.events.files.rosbag.messages import TYPES, plain_type
-from evis.files.whole_file import whole_file
+from evis.files.whole_file import missing_folder, whole_file
 from msgs.camera import Keyframe
 from msgs.fields import array_specs
 from msgs.header import Message
@@ -49,8 +49,8 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False, 
     PNG files of another export that the folder still holds. Raises BagError.
     """
     out = Path(out)
-    if out.suffix and not out.parent.is_dir():
-        raise BagError(f"{out}: the folder {out.parent} does not exist; make it first")
+    if out.suffix and (missing := missing_folder(out)):
+        raise BagError(missing)
     with BagReader(bag) as reader:
         name, env = _resolve(reader, topic)
         kind = reader.topics[name]

@@ -8,6 +8,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from evis.files.folder_sync import sync_folder
+
 SYNC_PERIOD_S = 1.0
 
 
@@ -29,7 +31,7 @@ class Syncer:
         self._descriptor, self._written, self._failed = descriptor, written, failed
         self._ending = threading.Event()
         self.sync()
-        _sync_folder(path.resolve().parent)
+        sync_folder(path.resolve().parent)
         self._thread = threading.Thread(target=self._run, name="bag-sync", daemon=True)
         self._thread.start()
 
@@ -58,11 +60,3 @@ class Syncer:
         """Ends the thread, after the call that it is in."""
         self._ending.set()
         self._thread.join()
-
-
-def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

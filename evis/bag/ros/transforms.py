@@ -15,10 +15,10 @@ import numpy as np
 
 from evis.bag import BagError
 from evis.bag.ros.cdr import ENCAPSULATION, RANGE, CdrWriter
+from evis.runtime.clock import NS
 
 POSE_BYTES = 56
 _POSE = np.arange(POSE_BYTES // 8)
-SECOND = 1_000_000_000
 
 
 def _transform(writer: CdrWriter, frame_id: str, child: str) -> None:
@@ -60,7 +60,7 @@ def pack(frame_id: str, groups: Sequence[Group]) -> bytes:
     names, t, pose = groups[0]
     first = _first(frame_id, names[0]).buffer
     first[4:8] = struct.pack("<I", sum(pose.shape[0] * pose.shape[1] for _, _, pose in groups))
-    first[8:16] = np.array([t[0] // SECOND, t[0] % SECOND], "<u4").tobytes()
+    first[8:16] = np.array([t[0] // NS, t[0] % NS], "<u4").tobytes()
     first[-POSE_BYTES:] = pose[0, 0].astype("<f8").tobytes()
     return bytes(first) + blocks[0][_skipped(frame_id, names) :].tobytes() + b"".join(b.tobytes() for b in blocks[1:])
 
@@ -74,7 +74,7 @@ def _block(frame_id: str, names: tuple[str, ...], t: np.ndarray, pose: np.ndarra
     """The transforms of one group, from a multiple of 8 on, uint8."""
     words, stamps, poses = _template(frame_id, names)
     data = np.tile(words, (len(pose), 1))
-    times = np.stack([t // SECOND, t % SECOND], axis=1)
+    times = np.stack([t // NS, t % NS], axis=1)
     if times.min() < 0 or times.max() >= 1 << 31:
         raise BagError(f"stamp {int(t.min())} ns cannot be recorded: {RANGE}")
     data[:, stamps] = np.ascontiguousarray(times, "<u4").view("<u8")

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
+
+from evis.files.whole_file import missing_folder
 
 
 def check(path: str) -> None:
     """Raises ValueError before the work where it could not be drawn after it."""
     if not path.lower().endswith(".png"):
         raise ValueError(f"{path}: --png writes a .png file")
-    if not Path(path).absolute().parent.is_dir():
-        raise ValueError(f"{path}: the folder {Path(path).absolute().parent} does not exist; make it first")
+    if missing := missing_folder(path):
+        raise ValueError(missing)
     try:
         import matplotlib  # noqa: F401
     except ImportError:

@@ -43,6 +43,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Reads, simulates and writes block by block."""
     from evis.cli.events.coding import Coding
     from evis.events import open_writer
+    from evis.gpu.devices import device_named
     from evis.media.frames.source import FrameOptions
     from nodes.event_sensor.parameters import thresholds_of
     from nodes.event_sensor.simulate import Simulation
@@ -59,7 +60,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         tone = options.make_tone()
     except ValueError as error:
         raise UsageError(f"--{error}") from None
-    _start_warp(args.device)
+    device_named(args.device)  # before any work, as a device may not be there
     try:
         simulation = Simulation(preset=args.preset, seed=args.seed, device=args.device, **sensor_values(args))
         check_sensor_options(args, simulation.parameters)
@@ -102,18 +103,6 @@ def _part(path: str, options: FrameOptions, chosen: Selection) -> FrameSource:
     except ValueError as error:
         source.close()
         raise ValueError(f"{path}: {error}") from None
-
-
-def _start_warp(device: str) -> None:
-    """Start the kernel library. Raises ValueError where the device is not there."""
-    import warp as wp
-
-    from evis.warp_start import start_warp
-
-    start_warp()
-    known = [str(d) for d in wp.get_devices()]
-    if device not in known and not (device == "cuda" and wp.is_cuda_available()):
-        raise ValueError(f"there is no device '{device}' here; there is {', '.join(known)}")
 
 
 def _frames(

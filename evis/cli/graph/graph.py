@@ -10,6 +10,7 @@ from typing import Any
 from evis.cli.graph.attach import add_run_option, find_run
 from evis.cli.parser import Parser, UsageError
 from evis.console.printable import printable_lines
+from evis.files.whole_file import missing_folder
 
 HELP = "draw a running graph, or the one that a launch file would make"
 EXAMPLE = "example: evis graph spinning_disk --png disk.png"
@@ -34,8 +35,8 @@ def run(args: argparse.Namespace) -> int:
         out = Path(args.png)
         if out.suffix.lower() != ".png":
             raise UsageError(f"{out}: --png writes a .png file")
-        if not out.absolute().parent.is_dir():
-            raise ValueError(f"{out}: the folder {out.absolute().parent} does not exist; make it first")
+        if missing := missing_folder(out):
+            raise ValueError(missing)
     if args.run and args.target is not None:
         raise UsageError("--run is for running graphs, it does not go with a launch file or scene")
     plan = find_run(args.run) if args.target is None else _planned(args)

@@ -9,6 +9,7 @@ import numpy as np
 from evis.dataset.augmenting.arrays import cast, module_of
 from evis.dataset.augmenting.augmentation import Drawn
 from evis.dataset.augmenting.changed_events import mirrored
+from msgs.camera import FLOWS
 
 IMAGES = frozenset(
     (
@@ -17,7 +18,7 @@ IMAGES = frozenset(
     )
 )  # fmt: skip
 """Labels with a value for each pixel, [H, W, ...]."""
-VECTORS = frozenset(("flow", "forward_flow", "backward_flow"))
+VECTORS = frozenset(FLOWS)
 RATES = frozenset(("flow", "velocity", "qvel"))
 """Labels that change their sign where time runs backwards."""
 _HALF = 0.5

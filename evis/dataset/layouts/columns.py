@@ -18,6 +18,7 @@ from evis.dataset.layouts.millisecond_index import NAME, MillisecondIndex
 from evis.dataset.layouts.reader import EventArrays, SequenceReader, spans, within
 from evis.dataset.layouts.sample import DENSE, EVENTS, TABLES, Sample
 from evis.dataset.layouts.writer import SequenceWriter
+from msgs.camera import INTERVAL_FLOWS
 
 EVENT_TYPES: Mapping[str, Any] = {"t": np.int64, "x": np.uint16, "y": np.uint16, "p": np.uint8}
 
@@ -96,7 +97,7 @@ class ColumnsReader(SequenceReader):
         return EventArrays(*(np.asarray(self._column(camera, f"events/{name}")[first:end]) for name in EVENT_TYPES))
 
     def _intervals(self, kind: str, camera: str) -> np.ndarray:
-        flow = kind in ("forward_flow", "backward_flow")
+        flow = kind in INTERVAL_FLOWS
         flow_t = np.asarray(self._column(camera, f"{kind}/flow_t")[:]) if flow else None
         return spans(np.asarray(self._column(camera, f"{kind}/t")[:]), flow_t)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from evis.dataset.layouts import LayoutError
 from evis.events.arrays import Events
+from evis.gpu.host_copies import host_array
 from evis.simulation.step import CameraOutputs, Step
 from msgs.camera import Image, Labels
 
@@ -61,12 +62,7 @@ class Sample:
                 yield kind, {name: self.labels[name] for name in names}
 
 
-def host(array: Any) -> Any:
-    """Returns an array of numpy, wherever the given one is."""
-    return array if isinstance(array, np.ndarray) else np.asarray(array.numpy())
-
-
-def samples(step: Step, taken: Callable[[Any], Any] = host) -> Iterator[tuple[str, Sample]]:
+def samples(step: Step, taken: Callable[[Any], Any] = host_array) -> Iterator[tuple[str, Sample]]:
     """Yields (camera, what the step has of it). Raises LayoutError for several environments, and undecoded events.
 
     taken: makes of an array, numpy's or Warp's, what the sample is to have.

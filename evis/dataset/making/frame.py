@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from evis.bag.preview import tone_map
+from evis.gpu.host_copies import host_array
 from evis.simulation.picture import as_png
 
 FRAME = "frame.png"
@@ -16,8 +17,7 @@ FRAME = "frame.png"
 
 def write_frame(folder: Path, keyframe: Any) -> None:
     """Writes linear light, [1, H, W, 3] or [1, H, W], numpy's or Warp's, as a PNG."""
-    image = keyframe if isinstance(keyframe, np.ndarray) else keyframe.numpy()
-    light = image[0].astype(np.float32)
+    light = host_array(keyframe)[0].astype(np.float32)
     if light.ndim == 2:
         light = np.repeat(light[..., None], 3, axis=2)
     (folder / FRAME).write_bytes(as_png(tone_map(light)))

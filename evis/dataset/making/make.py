@@ -11,14 +11,13 @@ from dataclasses import dataclass, field
 from evis.dataset.errors import DatasetError
 from evis.dataset.layouts import writer_of
 from evis.dataset.making.batches import batches
-from evis.dataset.making.store import Store, is_remote, store_of
+from evis.dataset.making.store import INDEX_FORMAT, Store, is_remote, store_of
 from evis.dataset.making.tasks import Answer, Workers
 from evis.dataset.recipe import Plan, Recipe
 from evis.simulation.errors import SimulationError
 from evis.simulation.graph import Planner
 from evis.simulation.outputs import parse
 
-FORMAT = 1
 RETRIES = 2
 """How often a sequence that failed is tried again."""
 INDEX_EVERY_S = 5.0
@@ -190,7 +189,7 @@ class _Run:
         recipe = self._recipe
         self._store.write_index(
             {
-                "format": FORMAT,
+                "format": INDEX_FORMAT,
                 "recipe": {"name": recipe.name, **recipe.text},
                 "recipe_digest": recipe.digest,
                 **({"recipe_files": recipe.files} if recipe.files else {}),

@@ -17,9 +17,12 @@ from typing import Any
 
 from evis.dataset.errors import DatasetError
 from evis.dataset.making.finished import ENTRY, Entry
+from evis.files.folder_sync import sync_folder
 from evis.files.whole_file import whole_file
 
 INDEX = "dataset.json"
+INDEX_FORMAT = 1
+"""Number of the form that it has, which readers ask for."""
 PART = ".part"
 """Ending of the folder of a sequence that is being written."""
 
@@ -85,14 +88,14 @@ class LocalStore(Store):
             file.flush()
             os.fsync(file.fileno())
         for place in [*(p for p in folder.rglob("*") if p.is_dir()), folder]:
-            _sync(place)
+            sync_folder(place)
         try:
             folder.rename(final)
         except OSError as error:
             # A worker that was given up as dead may finish all the same, with the same bytes.
             if error.errno not in (errno.ENOTEMPTY, errno.EEXIST) or not (final / ENTRY).is_file():
                 raise
-        _sync(final.parent)
+        sync_folder(final.parent)
 
     def entries(self) -> list[dict[str, Any]]:
         """Implements `Store.entries`."""
@@ -240,11 +243,3 @@ def _parsed(text: str, name: str) -> dict[str, Any]:
     except ValueError:
         pass
     raise DatasetError(f"{name} is damaged; remove it, and make the data set with --resume")
-
-
-def _sync(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

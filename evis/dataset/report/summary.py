@@ -6,7 +6,7 @@ from collections import Counter
 from typing import Any
 
 from evis.dataset.errors import DatasetError
-from evis.dataset.making.store import Store, store_of
+from evis.dataset.making.store import INDEX_FORMAT, Store, store_of
 
 
 def opened(out: str) -> tuple[Store, dict[str, Any]]:
@@ -15,8 +15,8 @@ def opened(out: str) -> tuple[Store, dict[str, Any]]:
     index = store.index()
     if index is None:
         raise DatasetError(f"{out} holds no data set; `evis dataset make RECIPE --out {out}` makes one")
-    if index.get("format") != 1:
-        raise DatasetError(f"{out}: dataset.json has the format {index.get('format')}; this evis reads 1")
+    if index.get("format") != INDEX_FORMAT:
+        raise DatasetError(f"{out}: dataset.json has the format {index.get('format')}; this evis reads {INDEX_FORMAT}")
     return store, index
 
 

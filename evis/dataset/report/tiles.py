@@ -13,11 +13,11 @@ from evis.dataset.layouts import reader_of
 from evis.dataset.making.frame import FRAME
 from evis.media.pictures.event_pictures import faded_events
 from evis.runtime.clock import keyframe_count, keyframe_stamp
+from msgs.camera import FLOWS
 from nodes.visualizer.colour import Smoothed, depth_colours, flow_colours, id_colour, id_colours
 
 TAU_NS = 10_000_000
 """Events fade over this time."""
-FLOWS = ("flow", "forward_flow", "backward_flow")
 IDS = ("segmentation", "semantic")
 
 

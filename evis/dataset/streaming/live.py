@@ -19,11 +19,11 @@ from evis.dataset.recipe import Plan
 from evis.dataset.streaming.rows import Rows
 from evis.events.arrays import Events
 from evis.simulation.step import Step
+from msgs.camera import INTERVAL_FLOWS
 from nodes.event_sensor.parameters import LOOK_AHEAD
 
 _US = 1000
 """Labels are chosen by whole us, so that a label that ends within the same us belongs to the window too."""
-_FLOWS = ("forward_flow", "backward_flow")
 
 
 class Live:
@@ -100,7 +100,7 @@ class Live:
         for piece in self._pieces:
             if kind == "image" and piece.image is not None:
                 found.append([piece.image.header.stamp_ns] * 2)
-            elif kind in _FLOWS and kind in piece.labels:
+            elif kind in INTERVAL_FLOWS and kind in piece.labels:
                 found.append(np.asarray(piece.labels["flow_t"]).tolist())
             elif _first(kind) in piece.labels:
                 found.append([piece.stamp_ns] * 2)
@@ -169,4 +169,4 @@ def _first(kind: str) -> str:
 
 
 def _end(piece: Piece, kind: str) -> int:
-    return int(piece.labels["flow_t"][1]) if kind in _FLOWS else piece.stamp_ns
+    return int(piece.labels["flow_t"][1]) if kind in INTERVAL_FLOWS else piece.stamp_ns

@@ -13,7 +13,6 @@ from typing import Any
 from evis.config.suggestions import nearest
 from evis.dataset.draws import key_of, uniform
 from evis.dataset.errors import DatasetError
-from evis.dataset.layouts.sample import host
 from evis.dataset.loading.collate import check_size, collate
 from evis.dataset.loading.cut import Cut, check_whole
 from evis.dataset.loading.order import given_place
@@ -24,6 +23,7 @@ from evis.dataset.making.warm import Warm
 from evis.dataset.recipe import Plan, Recipe
 from evis.dataset.recipe_file import read_recipe
 from evis.dataset.streaming.live import Live
+from evis.gpu.host_copies import host_array
 from evis.simulation.errors import SimulationError, SimulationWarning
 
 TORCH = "evis.dataset.streaming.torch_stream"
@@ -93,7 +93,7 @@ class Stream:
             yield collate(batch)
 
     def samples(
-        self, worker: int, workers: int, taken: Callable[[Any], Any] = host, epoch: int = 0
+        self, worker: int, workers: int, taken: Callable[[Any], Any] = host_array, epoch: int = 0
     ) -> Iterator[Sample]:
         """Yields the windows of the sequences of one of several workers, as they are in an epoch.
 

@@ -13,6 +13,7 @@ from evis.files.damage import faults_as
 from evis.media.frames.source import FrameOptions, FramesError, ImageSource, NamedImage
 
 TIMES = "times.txt"
+"""Lists the images of a folder, a line `name t_ns` for each."""
 
 
 class FolderFrames(ImageSource):

@@ -101,3 +101,20 @@ def _check_name(fields: Fields, name: str) -> None:
         raise fields.error(name, "is no name for a variable; use letters, digits and _")
     if name in fields.arguments:
         raise fields.error(name, "is the name of an argument already; choose another")
+
+
+class Copies:
+    """Makes what the entries of one scene stand for; copies within copies are counted together."""
+
+    def __init__(self) -> None:
+        self._made = 0
+
+    def of(self, entry: Fields) -> list[tuple[str, Fields]]:
+        """Lists what an entry stands for, as `copies` does. Raises SceneError for more than MAX_COPIES in the scene."""
+        made = copies(entry)
+        self._made += len(made)
+        if self._made > MAX_COPIES:
+            raise entry.error(
+                "copies", f"makes more than {MAX_COPIES} bodies, shapes, lights and cameras in this scene"
+            )
+        return made

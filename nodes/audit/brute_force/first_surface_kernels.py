@@ -15,15 +15,9 @@ from nodes.renderer.raster.depth_kernels import MISS, entry_of, face_from
 from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.raster.surface_kernels import listed_pixel
 from nodes.renderer.raster.triangle_kernels import corners_of
-from nodes.renderer.shadows.ray_kernels import LIFT, Casters
+from nodes.renderer.shadows.ray_kernels import LIFT, MOST_BACKS, REACH, Casters
 
 wp.set_module_options({"enable_backward": False})
-
-FAR = wp.constant(1.0e9)
-"""Length of a ray [m]."""
-
-MOST_BACKS = wp.constant(64)
-"""Backs of surfaces, which are not seen, that a ray goes through at most."""
 
 
 @cache
@@ -63,7 +57,7 @@ def make_first_surface(trees: bool) -> wp.Kernel:
             origin = view.near * d
             turn = int(0)
             while turn < MOST_BACKS:
-                hit = first_hit(casters, env, -1, origin, direction, FAR)
+                hit = first_hit(casters, env, -1, origin, direction, REACH)
                 turn += 1
                 i = hit.instance
                 if i < 0:

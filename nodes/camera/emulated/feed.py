@@ -11,11 +11,11 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from evis.events import Events, open_recording
+from evis.runtime.clock import NS
 from nodes.camera.emulated.reencode import UNORDERED, Reencoder
 from nodes.camera.emulated.windows import plain_windows, sorted_windows
 from nodes.camera.usb.models import Model
 
-NS = 1_000_000_000
 WINDOW_NS = 1_000_000
 """A camera at real pace hands over what one window of device time holds [ns]."""
 LATEST_START_NS = 3600 * NS

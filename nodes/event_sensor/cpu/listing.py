@@ -12,6 +12,7 @@ from evis.gpu.building import LAUNCH_BLOCK
 from nodes.event_sensor.cpu import order_kernels
 from nodes.event_sensor.cpu.order import env_offsets, sort_keys, unpack
 from nodes.event_sensor.cpu.simd_kernels import SPARE
+from nodes.event_sensor.messages.limit import check_events
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS, Sensor
 
@@ -75,8 +76,7 @@ class Listing:
             if not left and count <= self._capacity:
                 self._engine.swap()
                 return found[:-1]
-            if max(count, left and 2 * self._capacity) >= 1 << 31:
-                raise ValueError(f"{count} events in one message; raise the contrast threshold or keyframe_rate")
+            check_events(max(count, left and 2 * self._capacity))
             keys = self._keys
             self._grow(2 * self._capacity if left else count + count // 4)
             if left:

@@ -12,6 +12,7 @@ import warp as wp
 
 from nodes.event_sensor.cuda import call_kernels
 from nodes.event_sensor.cuda.order import Order
+from nodes.event_sensor.messages.limit import check_events
 from nodes.event_sensor.model.key_kernels import Columns
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS, Sensor
@@ -175,8 +176,7 @@ class Pipeline:
 
     def grow(self, capacity: int) -> None:
         """Makes room for so many events in a call. Events given out keep the arrays that they have."""
-        if capacity >= 1 << 31:
-            raise ValueError(f"{capacity} events in one message; raise the contrast threshold or keyframe_rate")
+        check_events(capacity)
         self._sensor.capacity = wp.int64(capacity)
         self._order.reserve(capacity)
         for slot in self._slots:

@@ -47,7 +47,7 @@ class Images:
 
         message: one of them. image: theirs, [E, H, W(, 3)].
         """
-        from nodes.interpolator.luminance import luminance_of, rgb_of
+        from nodes.interpolator.luminance import as_frame, luminance_of
 
         m, colour = message.margin, self._colour
         if colour and image.ndim == 3 and message.radiance is None:
@@ -55,9 +55,7 @@ class Images:
         if self._device.is_cpu:
             image = image if colour else luminance_of(image).numpy()
             return image[:, None, m : image.shape[1] - m, m : image.shape[2] - m]
-        made = (rgb_of if colour else luminance_of)(image, self._device)
-        inner = made[:, m : made.shape[1] - m, m : made.shape[2] - m].contiguous()
-        return inner.reshape((inner.shape[0], 1, *inner.shape[1:]))
+        return as_frame(image, m, colour, self._device)
 
     def _of_frames(self, message: Frames | Samples) -> Any:
         image = message.rgb if self._colour else message.luminance

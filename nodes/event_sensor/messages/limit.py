@@ -11,6 +11,12 @@ MOST_NOISE = 1 << 27
 REMEDY = "put frames between the two, cut the sequence there"
 
 
+def check_events(count: int) -> None:
+    """Raises ValueError where a message has more events than their sorting can number."""
+    if count >= 1 << 31:
+        raise ValueError(f"{count} events in one message; raise the contrast threshold or keyframe_rate")
+
+
 def longest_step(t_base: int, t: np.ndarray) -> str:
     """Returns where the longest step of a message is, in words. t_base: stamp before the frames at t [ns]."""
     stamps = [t_base, *t.tolist()]

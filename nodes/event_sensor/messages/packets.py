@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from evis.gpu.host_copies import host_array
 from evis.gpu.in_a_row import parted
 from msgs.camera import EventPacket, EventSignal
 from msgs.header import Header, Message
@@ -60,8 +61,7 @@ class Packets:
         signal = columns.pop("signal", None)
         self._node.publish("events", self._packet(header, offsets, columns, t0_ns))
         if signal is not None:
-            signal = signal if isinstance(signal, np.ndarray) else signal.numpy()
-            self._node.publish("signal", EventSignal(copy_of(header), offsets, signal))
+            self._node.publish("signal", EventSignal(copy_of(header), offsets, host_array(signal)))
 
     def of_columns(self, header: Header, columns: Mapping[str, np.ndarray], offsets: np.ndarray, t0_ns: int) -> None:
         """Publishes events that are on the host, copied to the sensor's device where that is a GPU.

@@ -24,9 +24,11 @@ import warp as wp
 
 from evis.random_numbers import seed_of_time
 from nodes.event_sensor.cpu.order import sort_keys, unpack
+from nodes.event_sensor.input.batch import Batch
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import Sensor
 from nodes.event_sensor.readout import readout_kernels as kernels
+from nodes.event_sensor.readout.packet import merged, parted
 
 SPAN_BITS = 62
 """The queue's clock counts up to 2^62 units after a packet's start."""
@@ -144,6 +146,25 @@ class Readout:
             new = {name: np.concatenate((self._held[name], column)) for name, column in new.items()}
         ordered, offsets = self._sorted(new, t_base)
         return self._left_by(ordered, offsets, stamp)
+
+    def apply_batch(
+        self, columns: dict[str, np.ndarray], env_offsets: np.ndarray, batch: Batch, begins: np.ndarray, stamp: int
+    ) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """Returns the events of a batch as they leave, as `apply` does, after the episodes that it begins have begun.
+
+        columns, env_offsets: as of `apply`. begins: bool [E], environments whose episode the first frame begins. stamp:
+        up to which events are [ns].
+        """
+        end = int(batch.t[0])
+        self.begin(begins, end, batch.episodes[0])
+        later = np.asarray(batch.begin, np.int64) >> 1
+        if batch.count <= 1 or not later.any():
+            return self.apply(columns, env_offsets, batch.t_base, stamp)
+        # The held frame ends the old episode, whose events leave before the queue starts again.
+        old, new = parted(columns, env_offsets, end)
+        first = self.apply(*old, batch.t_base, end)
+        self.begin(later != 0, int(batch.t[1]), batch.episodes[-1])
+        return merged(first, self.apply(*new, end, stamp), self._envs)
 
     def flush(self) -> tuple[dict[str, np.ndarray], np.ndarray] | None:
         """Returns the events still held, at the end of a stream, as `apply` gives them; None when there are none."""

@@ -12,13 +12,13 @@ from evis.runtime.clock import keyframe_count, keyframe_stamp
 from nodes.event_sensor.sensor import EventSensor
 from nodes.interpolator.auto.setting import (
     LIGHT,
+    Renderers,
     Setting,
     Way,
     copied,
     draw,
     frames_for,
     make_interpolator,
-    make_renderer,
 )
 from nodes.interpolator.auto.world import World
 from nodes.interpolator.interpolator import Interpolator
@@ -46,7 +46,8 @@ class Chain:
         self._setting = setting
         self._envs = setting.envs if setting.on_gpu else 1
         self._world = world
-        self._renderers: dict[bool, Any] = {}
+        how = {"margin": setting.margin, "device": setting.device, "threads": setting.threads}
+        self._renderers = Renderers(setting, setting.camera, envs=self._envs, **how)
         self._interpolators: dict[tuple[str, int], Interpolator] = {}
         self._episode = 0
 
@@ -83,8 +84,8 @@ class Chain:
         method, (rate, k) = way[0], self._rate(way)
         if self._world is None:
             self._world = World(s.scene, s.duration_ns, s.seed)
-        samples = s.camera.supersampling if method == "rigid" else 1
-        renderer, interpolator = self._renderer(method, samples > 1), self._interpolator(method, k, samples)
+        samples = s.samples(method)
+        renderer, interpolator = self._renderers.before(method), self._interpolator(method, k, samples)
         first = keyframe_count(self._world.end_ns, rate) - 2 - gaps
         stamps = [keyframe_stamp(first + n, rate) for n in range(gaps + 2)]
         self._episode += 1
@@ -136,10 +137,3 @@ class Chain:
         """Gives keyframes per second and K; dense rendering has a keyframe for every frame."""
         method, rate, k = way
         return (rate * k, 1) if method == "none" else (rate, k)
-
-    def _renderer(self, method: str, apart: bool) -> Any:
-        s = self._setting
-        if apart not in self._renderers:
-            how = {"envs": self._envs, "margin": s.margin, "device": s.device, "threads": s.threads}
-            self._renderers[apart] = make_renderer(s, s.camera, method, **how)
-        return self._renderers[apart]

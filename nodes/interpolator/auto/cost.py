@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import warp as wp
 
+from evis.gpu.host_copies import host_array
 from evis.runtime.clock import NS
 from nodes.event_sensor.sensor import EventSensor
 from nodes.interpolator.auto.setting import (
     LIGHT,
+    Renderers,
     Setting,
     Way,
     copied,
     draw,
     frames_for,
     make_interpolator,
-    make_renderer,
 )
 from nodes.interpolator.auto.world import World
 from nodes.interpolator.interpolator import Interpolator
@@ -69,7 +68,8 @@ class FullSize:
         self._slow = False
         # The first times a GPU loads kernels and records what it does.
         self._more = 4 if s.on_gpu else 0
-        self._renderers: dict[bool, Any] = {}
+        how = {"margin": s.margin, "device": s.device, "threads": s.threads}
+        self._renderers = Renderers(s, s.camera, envs=self._envs, **how)
         self._methods: dict[str, list[Interpolator]] = {}
         self._shares: dict[str, float] = {}
         """By method: the cost of a gap that does not grow with K, in units of a frame's cost."""
@@ -92,7 +92,7 @@ class FullSize:
             if method == "rigid" and s.camera.supersampling == 1:
                 self.keyframe[method] = self.keyframe["none"]
                 continue
-            outputs, renderer = self._outputs(method), self._renderer(method)
+            outputs, renderer = self._outputs(method), self._renderers.before(method)
             renderer.prepare(outputs)
             took: list[float] = []
             for start in self._starts if method == "none" else self._starts[:1]:
@@ -102,7 +102,7 @@ class FullSize:
                     images = draw(s, renderer, self._poses(stamp), LAST if times else None, outputs, stamp)
                     times.append(s.clock() - began)
                     if method == "none" and len(times) < 3:
-                        frames.append(on_host(images[LIGHT])[inner].copy())
+                        frames.append(host_array(images[LIGHT])[inner].copy())
                     self._slow |= len(times) > 1 and times[1] > SLOW_S
                 # The first drawing places what stands still.
                 took.append(min(times[1:]))
@@ -229,24 +229,12 @@ class FullSize:
     def _outputs(self, method: str) -> set[str]:
         return {LIGHT} | (reads(method) & {"depth", "motion"})
 
-    def _renderer(self, method: str) -> Any:
-        s = self._setting
-        apart = self._samples(method) > 1
-        if apart not in self._renderers:
-            how = {"envs": self._envs, "margin": s.margin, "device": s.device, "threads": s.threads}
-            self._renderers[apart] = make_renderer(s, s.camera, method, **how)
-        return self._renderers[apart]
-
     def _interpolator(self, method: str, k: int) -> Interpolator:
         """Gives an interpolator that is warmed up: what is built in the first gap is not counted as cost of a run."""
         interpolator = make_interpolator(self._setting, self._shifted, self._setting.camera, method, k)
-        camera, n, m = self._setting.camera, self._samples(method), self._setting.margin
+        camera, n, m = self._setting.camera, self._setting.samples(method), self._setting.margin
         interpolator.warm_up_for(self._envs, (camera.height + 2 * m) * n, (camera.width + 2 * m) * n, m * n)
         return interpolator
-
-    def _samples(self, method: str) -> int:
-        """Gives the samples per pixel and axis that keyframes have when the method gets them."""
-        return self._setting.camera.supersampling if method == "rigid" else 1
 
     def _gap(self, method: str, interpolator: Interpolator, rate: float) -> float:
         """Measures the time of a gap [s]: the lesser of forth and back, averaged over the windows."""
@@ -270,7 +258,7 @@ class FullSize:
             episode: number of the episode that they form.
         """
         s, took = self._setting, []
-        outputs, renderer = self._outputs(method), self._renderer(method)
+        outputs, renderer = self._outputs(method), self._renderers.before(method)
         for n, now in enumerate(times):
             before = times[max(n - 1, 0)]
             images = copied(s, draw(s, renderer, self._poses(now), self._poses(before), outputs, now))
@@ -278,7 +266,7 @@ class FullSize:
             began = s.clock()
             interpolator.push(
                 n * gap, np.full(self._envs, episode, np.int32), images[LIGHT], images.get("depth"),
-                images.get("motion"), s.margin * self._samples(method), frames_for(s), states,
+                images.get("motion"), s.margin * self._setting.samples(method), frames_for(s), states,
             )  # fmt: skip
             if n:
                 took.append(s.clock() - began)
@@ -298,11 +286,6 @@ class FullSize:
 
     def _poses(self, stamp: int) -> np.ndarray:
         return np.repeat(self._world.poses(min(stamp, self._world.end_ns)), self._envs, 0)
-
-
-def on_host(image: Any) -> np.ndarray:
-    """Gives an image as a numpy array."""
-    return image.numpy() if isinstance(image, wp.array) else image
 
 
 def _middle(values: np.ndarray) -> int:

@@ -11,8 +11,8 @@ import numpy as np
 from evis.events.measure.distance import EventStream, victor_purpura
 from evis.runtime.clock import NS
 from nodes.event_sensor.sensor import EventSensor
-from nodes.interpolator.auto.setting import LIGHT, Grid, Setting, Way, make_interpolator, make_renderer
-from nodes.interpolator.auto.world import World
+from nodes.interpolator.auto.setting import LIGHT, Grid, Renderers, Setting, Way, make_interpolator
+from nodes.interpolator.auto.world import STEP_NS, World
 from nodes.interpolator.keyframe import States
 from nodes.interpolator.methods import reads
 
@@ -20,7 +20,6 @@ MARGIN = 12
 """Pixels about the cut-out that keyframes have, so that what enters is known as it is inside the whole image."""
 ORIGIN = NS
 """Start of the windows' common time [ns], late enough that there is time before it."""
-SUBSTEP_NS = 1_000_000
 
 
 class Window:
@@ -38,8 +37,7 @@ class Window:
         k[1, 2] -= top
         self._camera = replace(s.camera, width=width, height=height, k=k)
         self._setting, self._world, self._start = s, world, start
-        self._how: dict[str, Any] = {"device": s.device, "threads": s.threads, "margin": MARGIN}
-        self._renderers: dict[bool, Any] = {}
+        self._renderers = Renderers(s, self._camera, device=s.device, threads=s.threads, margin=MARGIN)
 
     def frame(self, step_ns: int, stamp: int) -> np.ndarray:
         """Renders the cut-out [1, h, w] at step_ns after the start. stamp: in the windows' common time [ns]."""
@@ -51,7 +49,7 @@ class Window:
         s, apart = self._setting, round(grid.base / rate)
         interpolator = make_interpolator(s, s.scene, self._camera, method, k)
         outputs = {LIGHT} | (reads(method) & {"depth", "motion"})
-        margin = MARGIN * (s.camera.supersampling if method == "rigid" else 1)
+        margin = MARGIN * s.samples(method)
         frames: dict[int, np.ndarray] = {}
         for step in range(0, grid.gap + 1, apart):
             stamp, before = grid.stamp(ORIGIN, step), step - apart
@@ -68,11 +66,7 @@ class Window:
 
     def _render(self, method: str, poses: np.ndarray, before: Any, outputs: set[str], stamp: int) -> dict[str, Any]:
         """Renders images, margin included."""
-        s = self._setting
-        apart = method == "rigid" and s.camera.supersampling > 1
-        if apart not in self._renderers:
-            self._renderers[apart] = make_renderer(s, self._camera, method, **self._how)
-        return self._renderers[apart].render(poses, before, outputs, {}, stamp)
+        return self._renderers.before(method).render(poses, before, outputs, {}, stamp)
 
     def _poses(self, time: int) -> np.ndarray:
         """Gives poses float64 [1, N, 7] at a time of the world [ns], clamped to its first and last moment."""
@@ -81,7 +75,7 @@ class Window:
     def _states(self, grid: Grid, first: int, last: int) -> States:
         """Gives the states from one step to another, about every millisecond."""
         start, end = (grid.stamp(ORIGIN, step) for step in (first, last))
-        t = np.linspace(start, end, 2 + (end - start) // SUBSTEP_NS).round().astype(np.int64)
+        t = np.linspace(start, end, 2 + (end - start) // STEP_NS).round().astype(np.int64)
         return States(t, *self._world.states_at(np.maximum(t - ORIGIN + self._start, 0)))
 
 
@@ -101,7 +95,7 @@ class Windows:
         for step in range(4):
             began = self._setting.clock()
             for window in self._windows:
-                window.frame(step * SUBSTEP_NS, ORIGIN)
+                window.frame(step * STEP_NS, ORIGIN)
             took.append(self._setting.clock() - began)
         return min(took[2:])
 

@@ -6,7 +6,7 @@ The choice is made of arguments, so that the plan, the bag and the result hold i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,7 +20,7 @@ from nodes.event_sensor.parameters import frames_only
 from nodes.event_sensor.scene_parameters import resolve_with_scene
 from nodes.interpolator.auto import cache
 from nodes.interpolator.auto.choice import Choice, frames_beside_samples
-from nodes.interpolator.auto.probe import probe
+from nodes.interpolator.auto.probe import Say, probe
 from nodes.interpolator.auto.setting import Setting
 from nodes.interpolator.auto.trial import Measured, settle
 from nodes.interpolator.frames_alone import by_frames_alone
@@ -32,10 +32,6 @@ WARP = ("tolerance",)
 """The interpolator's parameters that count."""
 LONGEST_S = 2.0
 """How much of a run's beginning is looked at [s]; of one without an end, 1 s."""
-
-
-Say = Callable[[str], None]
-"""Is called with a line about what is being measured, for a terminal."""
 
 
 def replace_auto(

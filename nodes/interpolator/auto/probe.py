@@ -44,6 +44,7 @@ ORDER = (
 FIRST = {"splat": BASE_RATE, "rigid": 2 * BASE_RATE}
 """Frames per second, about, up to which a method is looked at before more are: they rarely help splat."""
 Say = Callable[[str], None]
+"""Is called with a line about what is being measured, for a terminal."""
 
 
 def probe(setting: Setting, say: Say = lambda line: None) -> Measured:

@@ -63,6 +63,10 @@ class Setting:
         """Gives the methods to be measured: dense rendering always, for errors are against it."""
         return ("none", *(method for method in self.methods if method != "none"))
 
+    def samples(self, method: str) -> int:
+        """Gives the samples per pixel and axis that keyframes have when the method gets them."""
+        return self.camera.supersampling if method == "rigid" else 1
+
     @property
     def on_gpu(self) -> bool:
         """Tells whether images stay on a GPU."""
@@ -148,6 +152,22 @@ def make_renderer(s: Setting, camera: Camera, method: str, **how: Any) -> Render
         apart = method == "rigid"
         return SupersampledRenderer(s.scene, camera, camera.supersampling, **how, **s.light, apart=apart)
     return Renderer(s.scene, camera, **how, **s.light)
+
+
+class Renderers:
+    """Makes the renderers before methods when they are first asked for, and keeps them."""
+
+    def __init__(self, s: Setting, camera: Camera, **how: Any) -> None:
+        """how: further arguments of Renderer."""
+        self._setting, self._camera, self._how = s, camera, how
+        self._made: dict[bool, Renderer | SupersampledRenderer] = {}
+
+    def before(self, method: str) -> Any:
+        """Gives the renderer before a method; one that hands on samples is another than one that averages them."""
+        apart = self._setting.samples(method) > 1
+        if apart not in self._made:
+            self._made[apart] = make_renderer(self._setting, self._camera, method, **self._how)
+        return self._made[apart]
 
 
 def draw(s: Setting, renderer: Any, poses: np.ndarray, before: Any, outputs: set[str], stamp: int) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from typing import Any
 import warp as wp
 
 from nodes.interpolator.refine.evaluation.sight_kernels import Targets
+from nodes.interpolator.refine.frame_kernels import light_at_start
 from nodes.interpolator.rigid.plan_kernels import joined
 from nodes.renderer.raster.depth_kernels import triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
@@ -118,9 +119,7 @@ def frame_before(
     cut: Cut, image: wp.array3d(dtype=Any), frames: wp.array3d(dtype=Any), env: int, k: int, y: int, x: int
 ):
     """Reads a pixel of the frame at which coarse interval k begins; image: of keyframe A, at which the first does."""
-    if k == 0:
-        return image[env, y + cut.margin, x + cut.margin]
-    return frames[env * cut.coarse + k - 1, y, x]
+    return light_at_start(image, frames, cut.coarse, cut.margin, env, k, y, x)
 
 
 @wp.func

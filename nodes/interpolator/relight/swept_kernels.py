@@ -5,14 +5,11 @@ import warp as wp
 
 from nodes.interpolator.relight.boxes_kernels import bit, crossed, nearby, way_to
 from nodes.interpolator.relight.change_kernels import AROUND, LEAST_COSINE, LIT_ANEW, SHADED, Change
-from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.depth_kernels import MISS, NO_ENTRY, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
 from nodes.renderer.shadows.ray_kernels import box_met, inverse_of
 
 wp.set_module_options({"enable_backward": False})
-
-NEVER = wp.constant(wp.uint64(0))
-"""A z-buffer entry that is never written: depth 0."""
 
 
 @wp.kernel
@@ -131,7 +128,7 @@ def disquiet(
     # in and out
     quiet: wp.array3d(dtype=wp.uint64),
 ):
-    """Writes NEVER over entries [E, H, W] of pixels whose light something that moves may cross in the gap.
+    """Writes NO_ENTRY over entries [E, H, W] of pixels whose light something that moves may cross in the gap.
 
     Keyframe B is in the first slot. pieces: body and patch of each triangle.
     """
@@ -139,7 +136,7 @@ def disquiet(
     for x in range(part * span, wp.min(part * span + span, quiet.shape[2])):
         entry = quiet[env, y, x]
         t = triangle_of(entry)
-        if entry != NEVER and t != MISS:
+        if entry != NO_ENTRY and t != MISS:
             flag = change.flags[env, pieces[t][0]]
             touched = (flag & LIT_ANEW) != 0
             position = depth_of(entry) * pixel_ray(view, x, y)
@@ -149,4 +146,4 @@ def disquiet(
             if (flag & SHADED) != 0 and not touched:
                 touched = crossed(change.swept, env, eye, env, change.instance[t], position)
             if touched:
-                quiet[env, y, x] = NEVER
+                quiet[env, y, x] = NO_ENTRY

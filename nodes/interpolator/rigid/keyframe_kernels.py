@@ -8,7 +8,7 @@ import warp as wp
 
 from nodes.interpolator.rigid.look_up.log_kernels import apart, fused_luminance, log_type
 from nodes.interpolator.rigid.patch_kernels import patch_of
-from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.depth_kernels import MISS, NO_ENTRY, depth_of, triangle_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -248,9 +248,6 @@ def find_support(
         support[env, y, x] = code
 
 
-NEVER = wp.constant(wp.uint64(0))
-"""A z-buffer entry that is never written: depth 0."""
-
 HELD = wp.constant(2)
 
 
@@ -278,7 +275,7 @@ def find_quiet(
     # out
     quiet: wp.array3d(dtype=wp.uint64),
 ):
-    """Computes the z-buffer entry with which a pixel shows what it does in both keyframes, or NEVER where that has
+    """Computes the z-buffer entry with which a pixel shows what it does in both keyframes, or NO_ENTRY where that has
     changed.
 
     still [E, N + 2]: 1 for bodies, the world and the sky that do not move against the camera at any sub-frame of the
@@ -288,7 +285,7 @@ def find_quiet(
     sky = still.shape[1] - 1
     for x in range(part * span, wp.min(part * span + span, packed_b.shape[2])):
         hit = packed_b[env, y, x]
-        entry = NEVER
+        entry = NO_ENTRY
         if still[env, sky] == HELD:
             entry = hit
         elif hit == packed_a[env, y, x] and equal(image_a[env, y, x], image_b[env, y, x]):

@@ -21,14 +21,12 @@ from evis.scene.model import Scene, Trajectory
 from evis.scene.motion import Prescribed
 from nodes.interpolator.keyframe import States
 from nodes.interpolator.rigid.prescribed import PrescribedPoses
-from nodes.renderer.geometry.poses import of_bodies
+from nodes.renderer.geometry.poses import POSE_BYTES, of_bodies
 
 AHEAD = 1 << 17
 """Bytes of poses that are computed ahead at once, at most, where FEWEST gaps have fewer."""
 FEWEST = 2
 """Gaps that are computed ahead: products of so few matrices as one has are rounded otherwise than those of many."""
-POSE = 56
-"""Bytes of a pose."""
 APART = 16
 """Fewest environments that are worth a thread."""
 
@@ -113,7 +111,7 @@ class Placement:
         start, count = int(stamps[-1]), len(stamps)
         # The gap began where its first frame is a K-th of it after.
         length = round((start - int(stamps[0])) * count / (count - 1))
-        one = len(self._prescribed) * len(self._together) * (count - 1) * POSE
+        one = len(self._prescribed) * len(self._together) * (count - 1) * POSE_BYTES
         (following,) = _sub_frames(_next_gaps(start, length, 1)[:1], count)
         if following.tobytes() in self._ahead.get(count, {}):
             return

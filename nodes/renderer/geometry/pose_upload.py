@@ -9,12 +9,10 @@ import numpy as np
 import warp as wp
 
 from nodes.renderer.geometry.pose_kernels import move_bodies
+from nodes.renderer.geometry.poses import POSE_BYTES
 
 PIECE = 1 << 19
 """Bytes that are copied to a GPU at once; what is no more is read by the GPU from where the host wrote it."""
-
-POSE = 56
-"""Bytes of a pose."""
 
 SPARSE_FROM = 1 << 18
 """Bytes of an instant from which on it pays to send only the bodies that may move."""
@@ -37,7 +35,7 @@ class PoseUpload:
     def __init__(self, envs: int, bodies: int, movers: np.ndarray, device: Any, sparse: bool | None = None) -> None:
         """sparse: None = where it pays."""
         self._device, shape = device, (envs, bodies)
-        pays = envs * bodies * POSE >= SPARSE_FROM and len(movers) * SPARSE <= bodies
+        pays = envs * bodies * POSE_BYTES >= SPARSE_FROM and len(movers) * SPARSE <= bodies
         self.sparse = pays if sparse is None else sparse
         self.sent = movers if self.sparse else np.arange(bodies)
         """Bodies int64 [M] whose poses `advance` takes."""
@@ -56,7 +54,7 @@ class PoseUpload:
         """Whether `before` is `now` but for what is sent."""
         sent = (envs, len(self.sent))
         self._which: wp.array = wp.array(self.sent, dtype=wp.int32, device=device)
-        self._read = self._buffers(sent, READ) if envs * len(self.sent) * POSE <= PIECE else []
+        self._read = self._buffers(sent, READ) if envs * len(self.sent) * POSE_BYTES <= PIECE else []
         self._copied = cycle(self._buffers(sent, 0 if self._read else 4))
         self._landing = wp.zeros((0, 0) if self._read else sent, dtype=wp.transformd, device=device)
         self._fresh = [numbers(buffer, device) for buffer, _, _ in self._read] or [numbers(self._landing, device)]

@@ -10,6 +10,9 @@ import numpy as np
 
 from evis.geometry import se3
 
+POSE_BYTES = 7 * np.dtype(np.float64).itemsize
+"""Size of a pose (p, q) on the host and on devices."""
+
 
 def check_poses(poses: np.ndarray, envs: int, names: list[str]) -> np.ndarray:
     """Gives `poses` as float64 [E, N, 7]. Raises ValueError naming the body and environment of the first bad one."""

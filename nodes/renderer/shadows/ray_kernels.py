@@ -21,6 +21,12 @@ PLANAR = wp.constant(2)
 LIFT = wp.constant(4.0e-6)
 """Start of a shadow ray above its surface, of the distance plus the instance's size: tens of float32 roundings."""
 
+REACH = wp.constant(1.0e9)
+"""Length of a ray that looks for the first surface [m]."""
+
+MOST_BACKS = wp.constant(64)
+"""Backs of surfaces, which are not seen, that such a ray goes through at most."""
+
 ROUNDING = wp.constant(1.0e-6)
 """Of positions, of their distance: some tens of float32 roundings."""
 

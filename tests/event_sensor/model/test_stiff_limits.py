@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from nodes.event_sensor.sensor import LATEST, EventSensor
+from nodes.event_sensor.input.timeline import LATEST
+from nodes.event_sensor.sensor import EventSensor
 
 MS = 1_000_000
 ONE = np.zeros(1, np.int32)

@@ -18,9 +18,9 @@ from evis.dataset.layouts.reader import ANEW, EventArrays, SequenceReader, frame
 from evis.dataset.layouts.stereo_sides import SIDES, sides
 from evis.files.damage import error_text
 from evis.media.frames.images import codes
+from msgs.camera import INTERVAL_FLOWS
 
 _LAST_US = (1 << 32) - 1
-_FLOWS = ("forward_flow", "backward_flow")
 
 
 class DsecReader(SequenceReader):
@@ -76,7 +76,7 @@ class DsecReader(SequenceReader):
         return EventArrays(_ns(dataset(file, "events/t")[first:end], int(dataset(file, "t_offset")[()])), *found)
 
     def _intervals(self, kind: str, camera: str) -> np.ndarray:
-        if kind in _FLOWS:
+        if kind in INTERVAL_FLOWS:
             return np.sort(self._times_of(f"flow/{kind.removesuffix('_flow')}_timestamps.txt", 2), 1)
         if kind == "disparity":
             return spans(self._times_of("disparity/timestamps.txt", 1)[:, 0], None)
@@ -89,7 +89,7 @@ class DsecReader(SequenceReader):
         if kind == "boxes":
             rows = np.load(self.directory / "object_detections" / side / "tracks.npy", mmap_mode="r")
             return boxes_of(rows[within(rows["t"].astype(np.int64) * 1000, t0, t1)])
-        if kind in _FLOWS:
+        if kind in INTERVAL_FLOWS:
             way = kind.removesuffix("_flow")
             times = self._times_of(f"flow/{way}_timestamps.txt", 2)
             part, images = self._images(f"flow/{way}", times.max(1), t0, t1)

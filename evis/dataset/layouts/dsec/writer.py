@@ -26,11 +26,11 @@ from evis.dataset.layouts.sample import Sample
 from evis.dataset.layouts.stereo_sides import SIDES, sides
 from evis.dataset.layouts.writer import SequenceWriter
 from evis.files.hdf5_writing import NewFile
-from msgs.camera import Image
+from msgs.camera import INTERVAL_FLOWS, Image
 
 FLOW_HEAD = "# from_timestamp_us, to_timestamp_us\n"
 EXPOSURE_HEAD = "# exposure_start_timestamp_us, exposure_end_timestamp_us\n"
-_HELD = {"forward_flow", "backward_flow", "boxes", "depth"}
+_HELD = {*INTERVAL_FLOWS, "boxes", "depth"}
 
 
 class DsecWriter(SequenceWriter):
@@ -70,7 +70,7 @@ class DsecWriter(SequenceWriter):
         self._files[camera].add(sample.events)
         first = camera == next(iter(self.about.cameras))
         for kind, arrays in sample.kinds():
-            if kind in ("forward_flow", "backward_flow") and first:
+            if kind in INTERVAL_FLOWS and first:
                 self._flow(kind.removesuffix("_flow"), camera, arrays)
             elif kind == "boxes":
                 self._boxes(camera, sample.stamp_ns, arrays["box"], arrays["box_id"])

@@ -16,7 +16,7 @@ from evis.events.files.hdf5 import ecf
 from evis.events.files.hdf5.cut import Parts, common, rows_there
 from evis.events.files.hdf5.ecf_layout import FILTER
 from evis.events.files.hdf5.table import Table, member
-from evis.events.files.numpy_files.npy import NAMES, is_whole, seconds_in_ns
+from evis.events.files.numpy_files.npy import LOOK, NAMES, NS_FROM, is_whole, seconds_in_ns
 from evis.events.files.reading.decompress import DamagedError
 from evis.events.recording import RecordingError, RecordingInfo
 from evis.files.allowance import Allowance
@@ -24,10 +24,6 @@ from evis.files.allowance import Allowance
 _MAX_CHUNK = 1 << 26
 _MOST_EVENTS_A_BYTE = 4096
 _MOST_OBJECTS, _DEEPEST = 10_000, 8
-_LOOK = 4096
-"""First times by which their unit is told."""
-_NS_FROM = 10**17
-"""Whole times from here on can be no us: 3000 years."""
 
 
 @dataclass
@@ -215,14 +211,14 @@ class _Times:
 
     def __init__(self, table: Table, name: str, info: RecordingInfo, offset_us: int = 0) -> None:
         self._offset_us = offset_us
-        n = min(table.shape[0], _LOOK)
+        n = min(table.shape[0], LOOK)
         if info.truncated:
             parts = rows_there(table, info.size_bytes, 0, n)
             n = parts[0][1] if parts and parts[0][0] == 0 else 0
         values = table[:n][name] if table.dtype.names else table[:n]
         self._seconds = values.dtype.kind == "f" and not is_whole(values)
         most = float(np.abs(values.astype(np.float64)).max(initial=0.0))
-        self._unit = 1 if name == "t_ns" or most >= _NS_FROM else 1000
+        self._unit = 1 if name == "t_ns" or most >= NS_FROM else 1000
 
     def in_ns(self, values: np.ndarray) -> np.ndarray:
         if self._seconds:

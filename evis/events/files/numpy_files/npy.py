@@ -33,11 +33,12 @@ NAMES = {
 """What the fields of records, or arrays of an archive, are called."""
 _ORDERS = ("txyp", "xypt", "xytp")
 _BLOCK = 1 << 18
-_LOOK = 4096
+LOOK = 4096
+"""First times by which their unit is told."""
+NS_FROM = 10**17
+"""Whole times from here on can be no us: 3000 years."""
 _LONGEST_HEADER = 10_000
 """Bytes; NumPy itself takes no longer one."""
-_NS_FROM = 1e17
-"""Whole times from here on can be no us: 3000 years."""
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
@@ -84,7 +85,7 @@ class NpyRecording(BlockRecording):
             if self._fortran and table:
                 raise RecordingError(f"{path}: cut, and its columns follow one another, so that no event is whole")
             self._n = there
-        sample = self._rows(0, min(self._n, _LOOK))
+        sample = self._rows(0, min(self._n, LOOK))
         self._columns = columns if not table else {name: str(i) for i, name in enumerate(self._order(sample))}
         self._find_unit(sample)
         if not take_size(self.info, options):
@@ -125,7 +126,7 @@ class NpyRecording(BlockRecording):
     def _find_unit(self, rows: np.ndarray) -> None:
         t, name = self._column(rows, "t"), self._columns["t"]
         whole = t.dtype.kind in "iu" or (t == np.floor(t)).all()
-        ns = name == "t_ns" or (whole and len(t) and float(np.abs(t.astype(np.float64)).max()) >= _NS_FROM)
+        ns = name == "t_ns" or (whole and len(t) and float(np.abs(t.astype(np.float64)).max()) >= NS_FROM)
         self._unit = 1_000_000_000 if not whole else 1 if ns else 1000
         self.info.encoding = f"t in {({1: 'ns', 1000: 'us', 10**9: 's'})[self._unit]}"
         if name not in ("t_ns", "t_us"):

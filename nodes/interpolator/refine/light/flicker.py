@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.runtime.clock import NS
 from evis.scene.model import Waveform
 from evis.scene.sampling import FOLLOWED
 from nodes.interpolator.refine.light.flicker_kernels import Marks
@@ -16,7 +17,6 @@ from nodes.interpolator.refine.paths.listing_kernels import PARTS, SHARP
 from nodes.interpolator.refine.samples.lists import SPARE
 from nodes.renderer.lights.lights import waveform_strength, waveform_strengths
 
-NS = 1_000_000_000
 ROUNDED = 1e-6
 """Part by which gaps of one rate may differ, for their ends are rounded to nanoseconds."""
 LEAST_STRENGTH = 0.01

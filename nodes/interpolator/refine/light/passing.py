@@ -15,7 +15,7 @@ from evis.gpu.exchange import cpu_array
 from nodes.interpolator.refine.evaluation.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.light.chords import Chords
-from nodes.interpolator.refine.light.facets import Facets
+from nodes.interpolator.refine.light.facets import BOXES, FEWEST, Facets
 from nodes.interpolator.refine.light.outlines import finest_halves
 from nodes.interpolator.refine.light.passing_kernels import make_find_passing
 from nodes.interpolator.refine.probing.visit_kernels import find_briefest, find_turns
@@ -45,8 +45,6 @@ PER_FACET, FEW = 32, 1.5
 with fewer it is not looked for."""
 SOFT = 4
 """Looks in that time under a light with an area, where a shadow is at its darkest for a part of it alone."""
-BOXES, FEWEST = 1 << 9, 8
-"""Boxes of an environment whose speeds are worked out, at most, unless they are of so few times in a gap."""
 
 
 class Passing:

@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from nodes.interpolator.refine.frame_kernels import light_at_start
 from nodes.interpolator.rigid.keyframe_kernels import log_of
 
 wp.set_module_options({"enable_backward": False})
@@ -84,25 +85,60 @@ def within(value: wp.vec3, low: wp.vec3, high: wp.vec3):  # noqa: F811 - overloa
     return within(value[0], low[0], high[0]) and within(value[1], low[1], high[1]) and within(value[2], low[2], high[2])
 
 
-@cache
-def make_merge(channels: int) -> wp.Kernel:
-    """Makes the kernel `merge`, of a thread per pixel. channels: 1 (luminance) or 3 (RGB)."""
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+@wp.struct
+class Block:
+    """Names the sub-pixels of a pixel, and the coarse interval k that they are looked at in.
 
-    @wp.func
-    def frame_before(
-        division: Division,
-        image: wp.array3d(dtype=pixel),
-        frames: wp.array3d(dtype=pixel),
-        env: int,
-        k: int,
-        y: int,
-        x: int,
-    ):
-        """Gives a sub-pixel's light at the start of coarse interval k, which is keyframe A or a frame."""
-        if k == 0:
-            return image[env, y + division.margin, x + division.margin]
-        return frames[env * division.coarse + k - 1, y, x]
+    env: environment. y, x: of the first sub-pixel in a frame. p: its number among all. row: sub-pixels in a row of a
+    frame. t_a, t_b: ends of the coarse interval [ns from the gap's start].
+    """
+
+    env: int
+    y: int
+    x: int
+    p: int
+    row: int
+    k: int
+    t_a: int
+    t_b: int
+
+
+@wp.func
+def block_of(division: Division, q: int):
+    """Gives the Block of pixel q."""
+    n = division.fineness
+    block = Block()
+    block.env = q // (division.height * division.width)
+    block.y = q // division.width % division.height * n
+    block.x = q % division.width * n
+    block.row = division.width * n
+    block.p = (block.env * division.height * n + block.y) * block.row + block.x
+    return block
+
+
+@wp.func
+def pass_samples(
+    division: Division,
+    block: Block,
+    end: int,
+    first: wp.array(dtype=int),
+    offset: wp.array(dtype=int),
+    cursor: wp.array(dtype=int),
+):
+    """Moves the cursors of all sub-pixels on, past their samples up to `end`."""
+    for j in range(division.fineness):
+        for i in range(division.fineness):
+            p = block.p + j * block.row + i
+            at = cursor[p]
+            while at < first[p + 1] and offset[at] <= end:
+                at += 1
+            cursor[p] = at
+
+
+@cache
+def make_line_of(channels: int) -> wp.Function:
+    """Makes the function `line_of`. channels: as of make_merge."""
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
 
     @wp.func
     def line_of(
@@ -129,6 +165,94 @@ def make_merge(channels: int) -> wp.Kernel:
                 end = offset[at]
                 b = value[at]
         return start, a, end, b
+
+    return line_of
+
+
+@cache
+def make_slopes(channels: int) -> wp.Function:
+    """Makes the function `slopes`. channels: as of make_merge."""
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    line_of = make_line_of(channels)
+
+    @wp.func
+    def slopes(
+        division: Division,
+        block: Block,
+        image: wp.array3d(dtype=pixel),
+        frames: wp.array3d(dtype=pixel),
+        first: wp.array(dtype=int),
+        offset: wp.array(dtype=int),
+        value: wp.array(dtype=pixel),
+        cursor: wp.array(dtype=int),
+    ):
+        """Gives the least and the greatest slope of the lines that sub-pixels are on [1/ns], and when the first of
+        these ends [ns]."""
+        n = division.fineness
+        now = block.env * division.coarse + block.k
+        least = pixel(UNBOUNDED)
+        most = pixel(-UNBOUNDED)
+        end = wp.int32(block.t_b)
+        for j in range(n):
+            for i in range(n):
+                p = block.p + j * block.row + i
+                y = block.y + j
+                x = block.x + i
+                a = light_at_start(image, frames, division.coarse, division.margin, block.env, block.k, y, x)
+                b = frames[now, y, x]
+                start_t, start, end_t, stop = line_of(p, cursor[p], block.t_a, block.t_b, a, b, first, offset, value)
+                slope = rise(start, stop) / float(end_t - start_t)
+                least = wp.min(least, slope)
+                most = wp.max(most, slope)
+                end = wp.min(end, end_t)
+        return least, most, end
+
+    return slopes
+
+
+@cache
+def make_mean_at(channels: int) -> wp.Function:
+    """Makes the function `mean_at`. channels: as of make_merge."""
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    line_of = make_line_of(channels)
+
+    @wp.func
+    def mean_at(
+        division: Division,
+        block: Block,
+        when: int,
+        image: wp.array3d(dtype=pixel),
+        frames: wp.array3d(dtype=pixel),
+        first: wp.array(dtype=int),
+        offset: wp.array(dtype=int),
+        value: wp.array(dtype=pixel),
+        cursor: wp.array(dtype=int),
+    ):
+        """Computes the mean of the sub-pixels' lines at a time [ns]."""
+        n = division.fineness
+        now = block.env * division.coarse + block.k
+        total = pixel(0.0)
+        for j in range(n):
+            for i in range(n):
+                p = block.p + j * block.row + i
+                y = block.y + j
+                x = block.x + i
+                a = light_at_start(image, frames, division.coarse, division.margin, block.env, block.k, y, x)
+                b = frames[now, y, x]
+                start_t, start, end_t, stop = line_of(p, cursor[p], block.t_a, block.t_b, a, b, first, offset, value)
+                total += between(start, stop, float(when - start_t) / float(end_t - start_t))
+        return total / float(n * n)
+
+    return mean_at
+
+
+@cache
+def make_merge(channels: int) -> wp.Kernel:
+    """Makes the kernel `merge`, of a thread per pixel. channels: 1 (luminance) or 3 (RGB)."""
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+
+    slopes = make_slopes(channels)
+    mean_at = make_mean_at(channels)
 
     @wp.kernel(module="unique", enable_backward=False)
     def merge(
@@ -159,51 +283,37 @@ def make_merge(channels: int) -> wp.Kernel:
         frames: [E K, h, w]. first, offset, value: samples of the sub-pixels. cursor: next sample of each.
         """
         q = q0 + wp.tid()
-        n = division.fineness
-        env = q // (division.height * division.width)
-        y0 = q // division.width % division.height * n
-        x0 = q % division.width * n
-        if held[env] == 1:
+        block = block_of(division, q)
+        if held[block.env] == 1:
             return
-        row = division.width * n
-        p0 = (env * division.height * n + y0) * row + x0
+        n = division.fineness
         for j in range(n):
             for i in range(n):
-                cursor[p0 + j * row + i] = first[p0 + j * row + i]
+                cursor[block.p + j * block.row + i] = first[block.p + j * block.row + i]
         made = wp.int32(0)
         for k in range(division.coarse):
-            t_a = wp.int32(0)
+            block.k = k
+            block.t_a = 0
             if k > 0:
-                t_a = since[env, k * division.each - 1]
-            t_b = since[env, (k + 1) * division.each - 1]
-            now = env * division.coarse + k
+                block.t_a = since[block.env, k * division.each - 1]
+            block.t_b = since[block.env, (k + 1) * division.each - 1]
             total = pixel(0.0)
             for j in range(n):
                 for i in range(n):
-                    total += frame_before(division, image, frames, env, k, y0 + j, x0 + i)
+                    total += light_at_start(
+                        image, frames, division.coarse, division.margin, block.env, k, block.y + j, block.x + i
+                    )
             # Samples since the last one that stays are left out while a line from it keeps near all of them: its slope
             # must be within what each of them allows.
-            anchor_t = wp.int32(t_a)
+            anchor_t = wp.int32(block.t_a)
             anchor = log_of(total / float(n * n))
             low = pixel(-UNBOUNDED)
             high = pixel(UNBOUNDED)
             waiting_t = wp.int32(-1)
             waiting = pixel(0.0)
-            t = wp.int32(t_a)
-            while t < t_b:
-                end = wp.int32(t_b)
-                least = pixel(UNBOUNDED)
-                most = pixel(-UNBOUNDED)
-                for j in range(n):
-                    for i in range(n):
-                        p = p0 + j * row + i
-                        a = frame_before(division, image, frames, env, k, y0 + j, x0 + i)
-                        b = frames[now, y0 + j, x0 + i]
-                        start_t, start, end_t, stop = line_of(p, cursor[p], t_a, t_b, a, b, first, offset, value)
-                        slope = rise(start, stop) / float(end_t - start_t)
-                        least = wp.min(least, slope)
-                        most = wp.max(most, slope)
-                        end = wp.min(end, end_t)
+            t = wp.int32(block.t_a)
+            while t < block.t_b:
+                least, most, end = slopes(division, block, image, frames, first, offset, value, cursor)
                 apart = greatest(most - least) * float(end - t)
                 pieces = wp.int32(1)
                 if wp.isfinite(apart):
@@ -211,15 +321,7 @@ def make_merge(channels: int) -> wp.Kernel:
                     pieces = wp.max(wp.min(wanted, (end - t) // division.finest), 1)
                 for piece in range(1, pieces + 1):
                     when = t + wp.int32(wp.int64(end - t) * wp.int64(piece) // wp.int64(pieces))
-                    total = pixel(0.0)
-                    for j in range(n):
-                        for i in range(n):
-                            p = p0 + j * row + i
-                            a = frame_before(division, image, frames, env, k, y0 + j, x0 + i)
-                            b = frames[now, y0 + j, x0 + i]
-                            start_t, start, end_t, stop = line_of(p, cursor[p], t_a, t_b, a, b, first, offset, value)
-                            total += between(start, stop, float(when - start_t) / float(end_t - start_t))
-                    mean = total / float(n * n)
+                    mean = mean_at(division, block, when, image, frames, first, offset, value, cursor)
                     slope = (log_of(mean) - anchor) / float(when - anchor_t)
                     if waiting_t >= 0 and not within(slope, low, high):
                         if writes == 1:
@@ -236,13 +338,7 @@ def make_merge(channels: int) -> wp.Kernel:
                     high = wp.min(high, slope + room)
                     waiting_t = when
                     waiting = mean
-                for j in range(n):
-                    for i in range(n):
-                        p = p0 + j * row + i
-                        at = cursor[p]
-                        while at < first[p + 1] and offset[at] <= end:
-                            at += 1
-                        cursor[p] = at
+                pass_samples(division, block, end, first, offset, cursor)
                 t = end
         if writes == 0:
             places[q + 1] = made
