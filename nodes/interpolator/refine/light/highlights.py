@@ -57,4 +57,4 @@ class Highlights:
         first = np.linspace(0, last, min(last + 1, LOOKED_AT)).astype(np.int64)
         before, after = (poses.moved[first + k][:, :, self._mover, 3:] for k in (0, 1))
         turned = se3.angle(se3.multiply(se3.conjugate(before), after))
-        return (turned > self._wide).any(axis=(0, 2))
+        return np.asarray((turned > self._wide).any(axis=(0, 2)))
