@@ -187,6 +187,7 @@ class InterpolatorNode(Node):
         Only `rigid` makes more than one; none does for a reader of what single gaps count.
         """
         from nodes.interpolator.refine.instants import wanted_slots
+        from nodes.interpolator.refine.light.highlights import tolerance_for
         from nodes.renderer.at_once import at_once, refined_at_once
 
         p = self.params
@@ -197,7 +198,10 @@ class InterpolatorNode(Node):
         if not self._sampled:
             return gaps
         length = 1e9 / (p["keyframe_rate"] or USUAL_RATE)
-        slots = wanted_slots(round(length), p["upsampling"], 1e9 * p["time_tolerance"])
+        scenes = self.worlds.scenes if self.worlds else []
+        tolerance = 1e9 * p["time_tolerance"]
+        tolerance = min((tolerance_for(scene, tolerance) for scene in scenes), default=tolerance)
+        slots = wanted_slots(round(length), p["upsampling"], tolerance)
         return refined_at_once(gaps, p["batch"], p["device"], pixels * max(slots, 1))
 
     def _counts_are_read(self) -> bool:

@@ -18,6 +18,7 @@ from nodes.interpolator.keyframe import KeyframeView, Span
 from nodes.interpolator.refine.evaluation.evaluator import Evaluator, make_look_up_kernels
 from nodes.interpolator.refine.instants import Instants, instants_of, least_parts
 from nodes.interpolator.refine.light.flicker import Flicker
+from nodes.interpolator.refine.light.highlights import Highlights, tolerance_for
 from nodes.interpolator.refine.light.passing import Passing
 from nodes.interpolator.refine.probing.probes import Ahead, Probes
 from nodes.interpolator.refine.rounds import Kernels, Rounds, Window
@@ -69,10 +70,12 @@ class Refinement:
     def __init__(self, rigid: Rigid, tolerance_ns: float, threads: int, light_samples: int, fineness: int = 1) -> None:
         """tolerance_ns: greatest error wanted in the time of a threshold crossing [ns]. fineness: sub-pixels per pixel
         and axis, whose mean the pixel is."""
-        self._rigid, self._tolerance_ns = rigid, tolerance_ns
+        self._rigid = rigid
         self._threads, self._light_samples = threads, light_samples
         layout = rigid.layout
         v = rigid.visibility
+        self._tolerance_ns = tolerance_for(v.scene, tolerance_ns)
+        self._highlights = Highlights(v.scene, rigid.placement.movers)
         # Gaps in a row are divided as each by itself would be.
         self._gaps = layout.envs if rigid.in_a_row else 1
         self._device, self._pixels = v.device, layout.envs // self._gaps * v.shape[1] * v.shape[2]
@@ -141,7 +144,7 @@ class Refinement:
         stamps, poses = motion.stamps, motion.poses
         evaluator.begin(stamps, gap, poses)
         self._probes.draw(motion.probes, instants, poses, gap)
-        self.unseen = self._probes.unseen | motion.unseen
+        self.unseen = self._probes.unseen | motion.unseen | (self._highlights.unseen(poses) & ~held)
         self._held.assign(held.astype(np.int32))
         self._parts.assign(motion.parts.astype(np.int32))
         self._flicker.find(gap.starts, stamps, instants.coarse)
@@ -236,7 +239,7 @@ class Refinement:
         stage.turn, stage.shift = evaluator.moved
         stage.packed, stage.targets = self._rigid.visibility.packed, evaluator.targets
         stage.probed, stage.probes = self._probes.packed, self._probes.each
-        stage.parts = self._parts
+        stage.parts, stage.alpha = self._parts, evaluator.change.alpha
         return stage
 
     def _sorted(self, samples: list[wp.array], total: int, since: wp.array) -> Further:

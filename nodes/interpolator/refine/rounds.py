@@ -73,7 +73,11 @@ class Kernels:
         how = (lens, layout.channels, layout.ways, layout.relight, painted, changes)
         ends = make_find_ends(layout.channels, not layout.flicker)
         return cls(
-            make_find_plain(*how), ends, make_find_runs(*how), make_check(layout.channels), make_split(layout.channels)
+            make_find_plain(*how),
+            ends,
+            make_find_runs(*how),
+            make_check(layout.channels, changes.view),
+            make_split(layout.channels),
         )
 
     def to_build(self, trees: bool) -> list[tuple[wp.Kernel, int]]:

@@ -72,8 +72,8 @@ class Stage:
 
     turn, shift: [2 R, N + 2], motion of the bodies since A, then since B. packed: [rows, H, W], z-buffers of B and of
     sub-frames 1 .. K - 1. probed, probes: `packed` and `each` of Probes. bends: as of find_bends. parts: of each
-    environment [2, E], see Cut: for shadows and beams, and for facets. passing: as of find_passing. targets: what rays
-    can meet.
+    environment [2, E], see Cut: for shadows and beams, and for facets. passing: as of find_passing. alpha: of each
+    instance's material, -1 for a plain one. targets: what rays can meet.
     """
 
     turn: wp.array2d(dtype=wp.mat33)
@@ -84,6 +84,7 @@ class Stage:
     bends: wp.array3d(dtype=wp.vec2)
     parts: wp.array2d(dtype=int)
     passing: wp.array3d(dtype=wp.uint64)
+    alpha: wp.array(dtype=float)
     targets: Targets
 
 

@@ -10,30 +10,40 @@ from nodes.interpolator.refine.paths.listing_kernels import FRAME_AFTER, FRAME_B
 from nodes.interpolator.refine.stage_kernels import Cut, Stage, entry_after, entry_before, frame_after, frame_before
 from nodes.interpolator.rigid.keyframe_kernels import log_of
 from nodes.interpolator.rigid.look_up.log_kernels import apart, light
+from nodes.renderer.raster.depth_kernels import MISS, triangle_of
 
 wp.set_module_options({"enable_backward": False})
 
 
 @cache
-def make_is_painted(channels: int) -> Any:
-    """Makes the function `is_painted`; channels: 1 (luminance) or 3 (RGB)."""
+def make_is_painted(channels: int, glossy: bool) -> Any:
+    """Makes the function `is_painted`; arguments as of make_beside."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
 
     @wp.func
-    def is_painted(rise: pixel):
-        """Tells whether a rise is PAINTED."""
+    def is_painted(stage: Stage, rise: pixel, hit: wp.uint64):
+        """Tells whether light goes up and down in an interval that ends with a z-buffer entry, and never in a step:
+        the rise is PAINTED, or a highlight may pass."""
+        if wp.static(glossy):
+            t = triangle_of(hit)
+            if t != MISS:
+                if stage.alpha[stage.targets.instance[t]] >= 0.0:
+                    return True
         return apart(rise, pixel(0.0)) >= PAINTED
 
     return is_painted
 
 
 @cache
-def make_beside(channels: int) -> tuple[Any, Any, Any]:
-    """Makes the functions `value_of`, `interval_to` and `interval_after`; channels: 1 (luminance) or 3 (RGB)."""
+def make_beside(channels: int, glossy: bool) -> tuple[Any, Any, Any]:
+    """Makes the functions `value_of`, `interval_to` and `interval_after`.
+
+    channels: 1 (luminance) or 3 (RGB). glossy: whether highlights may pass over surfaces.
+    """
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
     Interval: Any = make_interval(channels)
     Instances: Any = make_instances(channels)
-    is_painted = make_is_painted(channels)
+    is_painted = make_is_painted(channels, glossy)
 
     @wp.func
     def value_of(
@@ -86,7 +96,7 @@ def make_beside(channels: int) -> tuple[Any, Any, Any]:
         one.last = log_of(value_of(cut, j, image, frames, instances, radiance))
         one.after = hits[j]
         one.rise = instances.rise[j]
-        one.painted = is_painted(one.rise)
+        one.painted = is_painted(stage, one.rise, one.after)
         if p >= 0:
             one.low = instances.at[p] // inner % cut.slots + 1
             one.first = log_of(radiance[p])
@@ -124,7 +134,7 @@ def make_beside(channels: int) -> tuple[Any, Any, Any]:
             one.before = hits[j]
             one.after = entry_after(cut, stage, env, k, y, x)
             one.rise = instances.tail[j]
-            one.painted = is_painted(one.rise)
+            one.painted = is_painted(stage, one.rise, one.before)
         return one
 
     return value_of, interval_to, interval_after

@@ -16,14 +16,14 @@ wp.set_module_options({"enable_backward": False})
 
 
 @cache
-def make_check(channels: int) -> wp.Kernel:
-    """Makes the kernel `check`, which follows the first list of samples; channels: 1 (luminance) or 3 (RGB)."""
+def make_check(channels: int, glossy: bool) -> wp.Kernel:
+    """Makes the kernel `check`, which follows the first list of samples; arguments as of make_beside."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
     Intervals: Any = make_intervals(channels)
     Interval: Any = make_interval(channels)
     Instances: Any = make_instances(channels)
-    put, is_painted = make_put(channels), make_is_painted(channels)
-    value_of, interval_to, interval_after = make_beside(channels)
+    put, is_painted = make_put(channels), make_is_painted(channels, glossy)
+    value_of, interval_to, interval_after = make_beside(channels, glossy)
 
     @wp.func
     def one_surface(stage: Stage, one: Interval):
@@ -97,7 +97,7 @@ def make_check(channels: int) -> wp.Kernel:
                 wrong_after = suspect(cut, stage, after)
                 p = instances.previous[j]
                 if p >= 0:
-                    if here.painted or is_painted(instances.rise[p]):
+                    if here.painted or is_painted(stage, instances.rise[p], hits[p]):
                         there = interval_to(cut, p, image, start, frames, stage, instances, hits, radiance)
                         wrong_before = suspect(cut, stage, there)
                         if wrong and not wrong_before and there.painted and one_surface(stage, there):

@@ -91,7 +91,7 @@ def make_split(channels: int) -> wp.Kernel:
                     from_here = log_m
                     to_there = log_b
                 if end > start + 1:
-                    # Before and behind a peak what is painted has the same light.
+                    # Before and behind a peak what is painted, or glossy, has the same light.
                     taken = bent and (painted or apart(from_here, to_there) > cut.jump)
                     if taken or not joined(ahead, behind, pieces):
                         half = Interval()
