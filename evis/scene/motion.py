@@ -218,6 +218,10 @@ class Prescribed:
         """Returns True when the pose never changes."""
         return self._static
 
+    def never_turns(self) -> bool:
+        """Returns True when the orientation never changes."""
+        return not self.turns and (self.parent is None or self.parent.never_turns())
+
     @property
     def depth(self) -> int:
         """Counts the parents above this motion, one on the other: 0 without one."""

@@ -8,7 +8,7 @@ from refine_rig import refined
 from rigid_rig import FOCAL, GAP, HEIGHT, START, WIDTH, closed_form, keyframe, plain, pose, quad, world
 
 from evis.scene.model import Light
-from evis.scene.motion import Prescribed, Spin
+from evis.scene.motion import Linear, Prescribed, Spin
 from nodes.interpolator.refine.instants import instants_of
 from nodes.interpolator.refine.light.highlights import HALF, tolerance_for
 from nodes.interpolator.refine.method import Refined
@@ -23,10 +23,12 @@ ROUGH, RATE = 0.1, 40.0
 
 
 def mirror(rate=RATE, roughness=ROUGH, lights=1):
-    """A square of rough metal that turns about an upright axis, facing the camera at the middle of the gap."""
+    """A square of rough metal that turns about an upright axis, facing the camera at the middle of the gap; with a rate
+    of 0 it shifts instead."""
     metal = dataclasses.replace(plain(0.8), metallic=1.0, roughness=roughness)
     middle = (START + GAP / 2) * 1e-9
-    facing = Prescribed(pose(z=AWAY, turn=(0, -rate * middle, 0)), [Spin(np.array([0.0, 1.0, 0.0]), rate)])
+    motion = Spin(np.array([0.0, 1.0, 0.0]), rate) if rate else Linear(np.array([0.5, 0.0, 0.0]))
+    facing = Prescribed(pose(z=AWAY, turn=(0, -rate * middle, 0)), [motion])
     lamp = Light("lamp", "point", np.full(3, 40.0), LAMP, shadows=False)
     return world([(quad(1.2), metal, facing)], lights=[lamp] * lights)
 
@@ -66,9 +68,9 @@ def test_a_sample_is_within_half_of_the_width_of_every_highlight():
 
 @pytest.mark.parametrize(
     ("scene", "closer"),
-    [(mirror(roughness=0.1), True), (mirror(roughness=0.4), False), (mirror(lights=0), False)],
+    [(mirror(roughness=0.1), True), (mirror(roughness=0.4), False), (mirror(lights=0), False), (mirror(rate=0), False)],
 )
-def test_only_sharp_highlights_of_lamps_bring_instants_closer(scene, closer):
+def test_only_sharp_highlights_of_lamps_on_what_turns_bring_instants_closer(scene, closer):
     wanted = tolerance_for(scene, TOLERANCE)
     assert (wanted < TOLERANCE) == closer
     assert tolerance_for(scene, 50_000) == 50_000

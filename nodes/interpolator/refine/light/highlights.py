@@ -6,7 +6,7 @@ import numpy as np
 
 from evis.geometry import se3
 from evis.runtime.clock import NS
-from evis.scene.model import Scene
+from evis.scene.model import WORLD, Scene
 from nodes.interpolator.rigid.slots import Poses
 from nodes.renderer.materials.ggx import alpha_of
 
@@ -25,13 +25,22 @@ LOOKED_AT = 64
 
 
 def tolerance_for(scene: Scene, tolerance_ns: float) -> float:
-    """Gives the tolerance of time [ns] that the instants of a scene are chosen by: less than `tolerance_ns` where its
-    sharpest highlights ask for that. What a highlight does between two instants is lost, however roughly the time of a
-    crossing is wanted."""
-    alphas = [alpha for i in scene.instances if (alpha := alpha_of(scene.materials[i.material])) >= 0]
+    """Gives the tolerance of time [ns] that the instants of a scene are chosen by: less than `tolerance_ns` where the
+    sharpest highlights on what may turn ask for that. What a highlight does between two instants is lost, however
+    roughly the time of a crossing is wanted."""
+    alphas = [alpha_of(scene.materials[i.material]) for i in scene.instances if _may_turn(scene, i.body)]
+    alphas = [alpha for alpha in alphas if alpha >= 0]
     if not alphas or not (scene.lights or scene.environment_map is not None):
         return tolerance_ns
     return min(tolerance_ns, max(min(alphas) / TURNED * NS, CLOSEST_NS) / 2)
+
+
+def _may_turn(scene: Scene, number: int) -> bool:
+    """Tells whether a body may turn: what stays as it is, or only shifts, has highlights that pass slowly."""
+    if number == WORLD:
+        return False
+    body = scene.bodies[number]
+    return body.trajectory is None or not body.trajectory.never_turns()
 
 
 class Highlights:
