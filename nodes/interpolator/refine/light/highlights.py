@@ -7,6 +7,7 @@ import numpy as np
 from evis.geometry import se3
 from evis.runtime.clock import NS
 from evis.scene.model import WORLD, Scene
+from evis.scene.motion import Prescribed
 from nodes.interpolator.rigid.slots import Poses
 from nodes.renderer.materials.ggx import alpha_of
 
@@ -39,8 +40,8 @@ def _may_turn(scene: Scene, number: int) -> bool:
     """Tells whether a body may turn: what stays as it is, or only shifts, has highlights that pass slowly."""
     if number == WORLD:
         return False
-    body = scene.bodies[number]
-    return body.trajectory is None or not body.trajectory.never_turns()
+    path = scene.bodies[number].trajectory
+    return not (isinstance(path, Prescribed) and path.never_turns())
 
 
 class Highlights:
