@@ -275,6 +275,11 @@ class Prescribed:
         return np.repeat(self._still[None], count, axis=0)
 
 
+def may_turn(trajectory: object) -> bool:
+    """Returns False for what a trajectory never turns; True for None, which the physics engine moves."""
+    return not (isinstance(trajectory, Prescribed) and trajectory.never_turns())
+
+
 def with_parents(paths: Iterable[Prescribed]) -> list[Prescribed]:
     """Lists the paths and all that carries them, each once."""
     found: dict[int, Prescribed] = {}

@@ -7,7 +7,7 @@ import numpy as np
 from evis.geometry import se3
 from evis.runtime.clock import NS
 from evis.scene.model import WORLD, Scene
-from evis.scene.motion import Prescribed
+from evis.scene.motion import may_turn
 from nodes.interpolator.rigid.slots import Poses
 from nodes.renderer.materials.ggx import alpha_of
 
@@ -29,19 +29,13 @@ def tolerance_for(scene: Scene, tolerance_ns: float) -> float:
     """Gives the tolerance of time [ns] that the instants of a scene are chosen by: less than `tolerance_ns` where the
     sharpest highlights on what may turn ask for that. What a highlight does between two instants is lost, however
     roughly the time of a crossing is wanted."""
-    alphas = [alpha_of(scene.materials[i.material]) for i in scene.instances if _may_turn(scene, i.body)]
+    # What stays as it is, or only shifts, has highlights that pass slowly.
+    turning = [i for i in scene.instances if i.body != WORLD and may_turn(scene.bodies[i.body].trajectory)]
+    alphas = [alpha_of(scene.materials[i.material]) for i in turning]
     alphas = [alpha for alpha in alphas if alpha >= 0]
     if not alphas or not (scene.lights or scene.environment_map is not None):
         return tolerance_ns
     return min(tolerance_ns, max(min(alphas) / TURNED * NS, CLOSEST_NS) / 2)
-
-
-def _may_turn(scene: Scene, number: int) -> bool:
-    """Tells whether a body may turn: what stays as it is, or only shifts, has highlights that pass slowly."""
-    if number == WORLD:
-        return False
-    path = scene.bodies[number].trajectory
-    return not (isinstance(path, Prescribed) and path.never_turns())
 
 
 class Highlights:
