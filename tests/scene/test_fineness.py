@@ -24,11 +24,11 @@ def scene_of(folder, radius, shape="sphere, radius: ", extra=""):
 
 
 @pytest.mark.parametrize("radius", [0.1, 0.25, 0.5])
-@pytest.mark.parametrize(("extra", "tolerance"), [(f"{SPIN},", TURNING), ("", STEADY)])
-def test_a_balls_outline_is_right_however_it_is_turned(tmp_path, radius, extra, tolerance):
+@pytest.mark.parametrize(("extra", "most"), [(f"{SPIN},", 1.05 * TURNING), ("", 2.05 * STEADY)])
+def test_a_balls_outline_is_right_however_it_is_turned(tmp_path, radius, extra, most):
     """A pixel shows the ball if its ray passes the middle within the radius. Where the picture says otherwise, the
-    ray's miss is a tenth of a pixel at most, or half of one if it never turns; 24 sides were 0.7 px off for the
-    largest, of 80 px."""
+    ray's miss is a tenth of a pixel at most, or half of one if it never turns, twice that on the diagonals of faces,
+    which are longer by root 2; 24 sides were 0.7 px off for the largest, of 80 px, and 1.4 on diagonals."""
     scene = scene_of(tmp_path, radius, extra=extra)
     camera = scene.cameras[0]
     renderer = Renderer(scene, camera, 1)
@@ -43,7 +43,7 @@ def test_a_balls_outline_is_right_however_it_is_turned(tmp_path, radius, extra, 
         out = {"ids": np.zeros(*renderer.array_shape("ids"))}
         renderer.render(poses[None], None, {"ids": "ids"}, out, 0)
         wrong = (out["ids"][0] != 0) != (passing < radius)
-        assert np.abs(passing[wrong] - radius).max(initial=0.0) < 1.05 * tolerance * pixel
+        assert np.abs(passing[wrong] - radius).max(initial=0.0) < most * pixel
 
 
 def test_small_and_distant_ones_stay_as_they_are_and_motion_counts(tmp_path):
@@ -54,11 +54,11 @@ def test_small_and_distant_ones_stay_as_they_are_and_motion_counts(tmp_path):
     def count(radius, motion=SPIN, place="position: [0, 0, 0]"):
         return len(scene_of(tmp_path, radius, extra=f"{place}, {motion},").instances[0].mesh.faces)
 
-    shift = "{kind: linear, velocity: [0, -0.7, 0]}"
+    shift, slow = ("{kind: linear, velocity: [0, %s, 0]}" % v for v in (-0.7, -0.1))
     assert count(0.05) == 528 and count(0.1) == 2208 and count(0.5) == 9024
     assert count(0.05, motion=f"motion: [{shift}, {SPIN.removeprefix('motion: ')}]") > 528
     assert count(0.5, place="position: [0, -4, 0]") == 528
-    assert count(0.05, motion=f"motion: {shift}") == 528 and count(0.5, motion=f"motion: {shift}") > 2000
+    assert count(0.1, motion=f"motion: {slow}") == 528 and count(0.5, motion=f"motion: {slow}") > 2000
 
 
 @pytest.mark.parametrize(
