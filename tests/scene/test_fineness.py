@@ -54,7 +54,7 @@ def test_small_and_distant_ones_stay_as_they_are_and_motion_counts(tmp_path):
     def count(radius, motion=SPIN, place="position: [0, 0, 0]"):
         return len(scene_of(tmp_path, radius, extra=f"{place}, {motion},").instances[0].mesh.faces)
 
-    shift, slow = ("{kind: linear, velocity: [0, %s, 0]}" % v for v in (-0.7, -0.1))
+    shift, slow = (f"{{kind: linear, velocity: [0, {v}, 0]}}" for v in (-0.7, -0.1))
     assert count(0.05) == 528 and count(0.1) == 2208 and count(0.5) == 9024
     assert count(0.05, motion=f"motion: [{shift}, {SPIN.removeprefix('motion: ')}]") > 528
     assert count(0.5, place="position: [0, -4, 0]") == 528

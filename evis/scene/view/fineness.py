@@ -13,9 +13,9 @@ from evis.scene.motion import Prescribed, may_turn
 from evis.scene.view.field_of_view import least_angle, widest_angle
 
 TURNING, STEADY = 0.1, 0.5
-"""How far within its true place a side of an outline may be [px], of what turns and of what does not. A ball that spins makes
-events by the corners of an outline that is off by more; what stands or shifts is only seen so much too small, and with
-0.1 tunnel_exit at 640x480 has four times as many triangles, and half the real-time factor on a GPU."""
+"""How far within its true place a side of an outline may be [px], of what turns and of what does not. A ball that spins
+makes events by the corners of an outline that is off by more; what stands or shifts is only seen so much too small,
+and with 0.1 tunnel_exit at 640x480 has four times as many triangles, and half the real-time factor on a GPU."""
 FINER = (1, 2, 4, 8)
 """By how much the sides of a shape are multiplied; a mesh of 8 has 64 times as many triangles."""
 LOOKED_AT_NS = np.arange(0, 2_000_000_001, 250_000_000)
