@@ -68,7 +68,10 @@ def row(scene: str, way: Way, world: World, truth: EventStream, duration_ns: int
     """Measures one way: spike-train error at 1/ms, events, and CPU time per gap of 32 ms."""
     warp = {"time_tolerance": way.tolerance} if way.method == "rigid" else {}
     count = runs if way.method == "rigid" else 1
-    made = [simulate(world, way.method, way.rate, way.upsampling, duration_ns, warp=warp) for _ in range(count)]
+    made = [
+        simulate(world, way.method, way.rate, way.upsampling, duration_ns, warp=warp, rehearsed=True)
+        for _ in range(count)
+    ]
     run: Run = min(made, key=seconds)
     events = run.streams["linear"]
     parts = {"render": run.render_s, "interpolate": run.interpolate_s, "sense": run.sense_s["linear"]}
