@@ -17,7 +17,7 @@ from evis.scene.model import Camera, Scene
 from evis.scene.parameters import SCENE, SEED, camera_of, ends_alone, foreseen_worlds, scene_of, seeds_of, worlds_of
 from evis.scene.parts import Parts
 from evis.scene.sampling import Turns, undersampled
-from evis.scene.view.first_look import first_look
+from evis.scene.view.first_look import FirstLook
 from evis.scene.worlds import Group, Worlds
 from msgs.camera import CameraInfo, Depth, Ids, Keyframe, Motion, Normal
 from msgs.header import Header, Message
@@ -140,7 +140,7 @@ class RendererNode(Node):
             for line in undersampled(worlds.scenes, p["frame_rate"], *_between(p)):
                 self.warn(line)
         self._turns = Turns(self.scene, max(p["frame_rate"], _between(p)[0]))
-        self._looked = False
+        self._first_look: FirstLook | None = FirstLook(self.scene)
         self._names = [body.name for body in self.scene.bodies]
         self._begin()
         self.publish("info", self._info(Header(0)))
@@ -317,10 +317,11 @@ class RendererNode(Node):
             )
         for line in self._turns.too_fast(state.moving, state.moving_twist):
             self.warn(line)
-        if not self._looked:
-            self._looked = True
-            for line in first_look(self.scene, camera_of(self.scene, self.params["camera"]), state.kept_end_pose()[0]):
+        if self._first_look is not None:
+            camera = camera_of(self.scene, self.params["camera"])
+            for line in self._first_look.lines(camera, state.kept_end_pose()[0]):
                 self.warn(f"scene {self.scene.name}: {line}")
+            self._first_look = None
         return state
 
     def _render(

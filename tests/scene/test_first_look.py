@@ -7,7 +7,7 @@ import trimesh
 from evis.scene import load_scene
 from evis.scene.mesh.closed import is_inside_out, surrounds
 from evis.scene.model import Mesh
-from evis.scene.view.first_look import first_look
+from evis.scene.view.first_look import FirstLook
 
 CAMERA = "cameras: {cam0: {position: [0, -2, 0], look_at: [0, 0, 0], fov: 40 deg, near: NEAR}}\n"
 REST = "materials: {paint: {albedo: 0.5}, both: {albedo: 0.5, two_sided: true}}\nenvironment: 1\n"
@@ -22,7 +22,7 @@ def look(folder, shape, camera=CAMERA, near=0.001):
     (folder / "s.yaml").write_text(f"{camera.replace('NEAR', str(near))}{REST}bodies: {{it: {{shapes: [{shape}]}}}}\n")
     scene = load_scene(str(folder / "s.yaml"))
     poses = np.array([body.trajectory.pose(np.zeros(1, np.int64))[0] for body in scene.bodies])
-    return first_look(scene, scene.cameras[0], poses)
+    return FirstLook(scene).lines(scene.cameras[0], poses)
 
 
 @pytest.mark.parametrize("kind", ["stl", "obj", "glb"])
@@ -78,7 +78,7 @@ def test_a_texture_that_is_repeated_too_often_is_told(tmp_path, repeat, told):
     assert (np.float32(repeat - 1 / 256) == end) == bool(told)
     scene = load_scene(str(tmp_path / "s.yaml"))
     poses = np.array([body.trajectory.pose(np.zeros(1, np.int64))[0] for body in scene.bodies])
-    lines = first_look(scene, scene.cameras[0], poses)
+    lines = FirstLook(scene).lines(scene.cameras[0], poses)
     assert len(lines) == told and all("'world' is repeated up to" in line and "65536 times" in line for line in lines)
 
 

@@ -16,51 +16,57 @@ NAMED = 3
 """Things that a line names, of those that it is about."""
 
 
-def first_look(scene: Scene, camera: Camera, poses: np.ndarray) -> list[str]:
-    """Returns a line for each thing that a camera is shown falsely or not at all, as a scene is at its first keyframe.
+class FirstLook:
+    """Finds what a camera is shown falsely or not at all, of a scene as it is at its first keyframe.
 
-    poses: float64 [N, 7], of the scene's bodies. Told are closed meshes that are turned inside out, unless the camera
-    is in them or their material has two sides, textures too fine for their coordinates, and pictures of nothing: all
-    that is before the camera is nearer than its `near`, or turned away from it, or nothing is there.
+    Told are closed meshes that are turned inside out, unless the camera is in them or their material has two sides,
+    textures too fine for their coordinates, and pictures of nothing: all that is before the camera is nearer than its
+    `near`, or turned away from it, or nothing is there.
     """
-    if not scene.instances:
-        return []
-    eye = poses[scene.body_index(camera.name)]
-    meshes = {id(instance.mesh): instance.mesh for instance in scene.instances}
-    box_of = {key: _box(mesh) for key, mesh in meshes.items()}
-    boxes = np.stack([box_of[id(instance.mesh)] for instance in scene.instances])
-    bodies = np.concatenate((poses, se3.IDENTITY[None]))[[instance.body for instance in scene.instances]]
-    places = se3.compose(bodies, np.stack([instance.pose for instance in scene.instances]))
-    lines = []
-    eyes = se3.transform(se3.inverse(places), eye[:3])
-    if turned := _turned(scene, boxes, eyes):
-        lines.append(
-            f"the faces of {_named(turned)} are turned inwards, so that from outside its far inner side is seen; turn "
-            "them round in the file (Blender: Recalculate Outside), or give it a material with two_sided: true"
-        )
-    lines += _too_fine(scene)
-    if scene.environment_map is None:
-        to_camera = se3.compose(se3.inverse(eye), places)
-        around = _around(scene, boxes, eyes)
-        if why := _nothing(scene, camera, se3.transform(to_camera[:, None], boxes), eyes, around):
-            lines.append(f"camera '{camera.name}' sees nothing at the start: {why}")
-    return lines
 
+    def __init__(self, scene: Scene) -> None:
+        """Works out what the meshes alone tell, before there is a keyframe that would wait for it."""
+        self._scene = scene
+        meshes = {id(instance.mesh): instance.mesh for instance in scene.instances}
+        box_of = {key: _box(mesh) for key, mesh in meshes.items()}
+        turned_in = {key: is_inside_out(mesh) for key, mesh in meshes.items()}
+        keys = [id(instance.mesh) for instance in scene.instances]
+        self._boxes = np.array([box_of[key] for key in keys]).reshape(-1, 8, 3)
+        self._one_sided = np.array([not scene.materials[i.material].two_sided for i in scene.instances], bool)
+        self._turned_in = np.array([turned_in[key] for key in keys], bool) & self._one_sided
+        self._places = np.array([instance.pose for instance in scene.instances]).reshape(-1, 7)
+        self._bodies = [instance.body for instance in scene.instances]
+        self._too_fine = _too_fine(scene)
 
-def _turned(scene: Scene, boxes: np.ndarray, eyes: np.ndarray) -> list[str]:
-    """Names the meshes that are inside out. A room of which only the inner side is there has the camera within.
-
-    boxes: about the instances, in their frames, where the camera is at `eyes` float64 [I, 3].
-    """
-    known: dict[int, bool] = {}
-    found = []
-    for instance, box, eye in zip(scene.instances, boxes, eyes):
-        key = id(instance.mesh)
-        if key not in known:
-            known[key] = is_inside_out(instance.mesh)
-        if known[key] and not _within(eye, box) and not scene.materials[instance.material].two_sided:
-            found.append(instance.name)
-    return found
+    def lines(self, camera: Camera, poses: np.ndarray) -> list[str]:
+        """Returns a line for each such thing. poses: float64 [N, 7], of the scene's bodies."""
+        scene, boxes = self._scene, self._boxes
+        if not scene.instances:
+            return []
+        eye = poses[scene.body_index(camera.name)]
+        places = se3.compose(np.concatenate((poses, se3.IDENTITY[None]))[self._bodies], self._places)
+        # Where the camera is in the frames of the instances.
+        eyes = se3.transform(se3.inverse(places), eye[:3])
+        within = ((eyes >= boxes[:, 0]) & (eyes <= boxes[:, -1])).all(axis=-1)
+        lines = []
+        # A room of which only the inner side is there has the camera within.
+        if turned := [scene.instances[k].name for k in np.flatnonzero(self._turned_in & ~within)]:
+            lines.append(
+                f"the faces of {_named(turned)} are turned inwards, so that from outside its far inner side is seen; "
+                "turn them round in the file (Blender: Recalculate Outside), or give it a material with "
+                "two_sided: true"
+            )
+        lines += self._too_fine
+        if scene.environment_map is None:
+            around = [
+                k
+                for k in np.flatnonzero(within & self._one_sided).tolist()
+                if surrounds(scene.instances[k].mesh, eyes[k])
+            ]
+            to_camera = se3.compose(se3.inverse(eye), places)
+            if why := _nothing(scene, camera, se3.transform(to_camera[:, None], boxes), eyes, around):
+                lines.append(f"camera '{camera.name}' sees nothing at the start: {why}")
+        return lines
 
 
 def _too_fine(scene: Scene) -> list[str]:
@@ -83,22 +89,11 @@ def _too_fine(scene: Scene) -> list[str]:
     return list(lines.values())
 
 
-def _around(scene: Scene, boxes: np.ndarray, eyes: np.ndarray) -> list[int]:
-    """Numbers of the instances in whose solid the camera is, of which it sees nothing; arguments as of `_turned`."""
-    one_sided = [not scene.materials[instance.material].two_sided for instance in scene.instances]
-    within = [k for k, (eye, box) in enumerate(zip(eyes, boxes)) if one_sided[k] and _within(eye, box)]
-    return [k for k in within if surrounds(scene.instances[k].mesh, eyes[k])]
-
-
-def _within(point: np.ndarray, box: np.ndarray) -> bool:
-    return bool(((point >= box[0]) & (point <= box[-1])).all())
-
-
 def _nothing(scene: Scene, camera: Camera, boxes: np.ndarray, eyes: np.ndarray, around: Sequence[int]) -> str:
     """Why the picture is empty; "" where it is not.
 
     boxes: corners about the things in the camera's frame, float64 [I, 8, 3]. eyes: where it is in theirs, [I, 3].
-    around: those in which it is.
+    around: numbers of those in whose solid it is, of which it sees nothing.
     """
     middle = boxes.mean(axis=1)
     off = least_angle(middle, np.linalg.norm(boxes - middle[:, None], axis=-1).max(axis=1))
