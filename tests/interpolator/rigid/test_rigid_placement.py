@@ -12,7 +12,8 @@ from evis.scene.motion import Linear, Path, Prescribed, Sinusoid, Spin, Swing, T
 from evis.scene.spline import Spline
 from msgs.world import moving_bodies
 from nodes.interpolator.keyframe import States
-from nodes.interpolator.rigid.placement import AHEAD, POSE, Placement
+from nodes.interpolator.rigid.placement import AHEAD, Placement
+from nodes.renderer.geometry.poses import POSE_BYTES
 
 T = np.array([1_000_000_000, 1_005_000_000, 1_010_000_000])
 
@@ -81,7 +82,7 @@ def test_gaps_that_follow_at_an_even_rate_are_expected_many_at_a_time(count):
         following = subframe_stamps(keyframe_stamp(k + 1, 30.0), keyframe_stamp(k + 2, 30.0), count)
         assert following[:-1].tobytes() in placement._ahead[count]
     sizes = [len(stamps) // (count - 1) for stamps in computed]
-    most = max(AHEAD // (23 * (count - 1) * POSE), 2)
+    most = max(AHEAD // (23 * (count - 1) * POSE_BYTES), 2)
     # They are as many as there is room for, or have not grown to that.
     assert sizes[:3] == [min(n, most) for n in (2, 4, 8)] and max(sizes) <= most
     assert len(np.unique(np.concatenate(computed))) == sum(map(len, computed))
