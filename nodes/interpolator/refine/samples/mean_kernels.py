@@ -142,26 +142,33 @@ def make_line_of(channels: int) -> wp.Function:
 
     @wp.func
     def line_of(
-        p: int,
-        at: int,
-        t_a: int,
-        t_b: int,
-        a: pixel,
-        b: pixel,
+        division: Division,
+        block: Block,
+        j: int,
+        i: int,
+        image: wp.array3d(dtype=pixel),
+        frames: wp.array3d(dtype=pixel),
         first: wp.array(dtype=int),
         offset: wp.array(dtype=int),
         value: wp.array(dtype=pixel),
+        cursor: wp.array(dtype=int),
     ):
-        """Gives the ends (time, light) of the line that sub-pixel p is on, whose next sample is `at`: samples of its
-        own, or the frames a and b at t_a and t_b."""
-        start = t_a
-        end = t_b
+        """Gives the ends (time, light) of the line that the sub-pixel in row j and column i of a block is on: samples
+        of its own, or frames."""
+        p = block.p + j * block.row + i
+        y = block.y + j
+        x = block.x + i
+        at = cursor[p]
+        a = light_at_start(image, frames, division.coarse, division.margin, block.env, block.k, y, x)
+        b = frames[block.env * division.coarse + block.k, y, x]
+        start = block.t_a
+        end = block.t_b
         if at > first[p]:
-            if offset[at - 1] > t_a:
+            if offset[at - 1] > block.t_a:
                 start = offset[at - 1]
                 a = value[at - 1]
         if at < first[p + 1]:
-            if offset[at] < t_b:
+            if offset[at] < block.t_b:
                 end = offset[at]
                 b = value[at]
         return start, a, end, b
@@ -189,18 +196,14 @@ def make_slopes(channels: int) -> wp.Function:
         """Gives the least and the greatest slope of the lines that sub-pixels are on [1/ns], and when the first of
         these ends [ns]."""
         n = division.fineness
-        now = block.env * division.coarse + block.k
         least = pixel(UNBOUNDED)
         most = pixel(-UNBOUNDED)
         end = wp.int32(block.t_b)
         for j in range(n):
             for i in range(n):
-                p = block.p + j * block.row + i
-                y = block.y + j
-                x = block.x + i
-                a = light_at_start(image, frames, division.coarse, division.margin, block.env, block.k, y, x)
-                b = frames[now, y, x]
-                start_t, start, end_t, stop = line_of(p, cursor[p], block.t_a, block.t_b, a, b, first, offset, value)
+                start_t, start, end_t, stop = line_of(
+                    division, block, j, i, image, frames, first, offset, value, cursor
+                )
                 slope = rise(start, stop) / float(end_t - start_t)
                 least = wp.min(least, slope)
                 most = wp.max(most, slope)
@@ -230,16 +233,12 @@ def make_mean_at(channels: int) -> wp.Function:
     ):
         """Computes the mean of the sub-pixels' lines at a time [ns]."""
         n = division.fineness
-        now = block.env * division.coarse + block.k
         total = pixel(0.0)
         for j in range(n):
             for i in range(n):
-                p = block.p + j * block.row + i
-                y = block.y + j
-                x = block.x + i
-                a = light_at_start(image, frames, division.coarse, division.margin, block.env, block.k, y, x)
-                b = frames[now, y, x]
-                start_t, start, end_t, stop = line_of(p, cursor[p], block.t_a, block.t_b, a, b, first, offset, value)
+                start_t, start, end_t, stop = line_of(
+                    division, block, j, i, image, frames, first, offset, value, cursor
+                )
                 total += between(start, stop, float(when - start_t) / float(end_t - start_t))
         return total / float(n * n)
 
