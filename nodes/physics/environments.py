@@ -53,10 +53,11 @@ class Environments:
         """Tells whether all began together at stamp 0, with the seeds of the run."""
         return len(self._groups) == 1 and not self._groups[0].first and self._configured
 
-    def advance(self, k: int, controls: np.ndarray | None = None) -> Interval:
+    def advance(self, k: int, controls: np.ndarray | None = None, ahead: bool = False) -> Interval:
         """Gives the states up to keyframe k: the next one, or that at which environments begin.
 
-        controls: float64 [E, nu], None = as before. Raises ValueError for others.
+        controls: float64 [E, nu], None = as before. Raises ValueError for others. ahead: whether the steps to the
+        keyframe after it begin, while others work on this one; results of later calls are as if nothing had been begun.
         """
         before, self._now = self._now, k
         if controls is not None and len(self._groups) > 1:
@@ -67,18 +68,22 @@ class Environments:
             if prepares(group.engine):
                 own = None if controls is None else controls if self.together else controls[group.envs]
                 group.engine.prepare(stamp, own)
+        alone = len(self._groups) == 1 and bool(going)
         for group, stamp in zip(going, stamps):
-            group.interval = group.engine.advance(stamp)
+            if ahead and alone and prepares(group.engine):
+                following = keyframe_stamp(k + 1 - group.first, self._rate)
+                group.interval = group.engine.advance(stamp, then_ns=following)
+            else:
+                group.interval = group.engine.advance(stamp)
         for group in self._groups:
             if k == group.first:
                 group.interval = group.engine.start()
+        if ahead and not alone:
+            self._foresee(k + 1)
         return self._joined(keyframe_stamp(before, self._rate))
 
-    def foresee(self, k: int) -> None:
-        """Begins the steps that lead to keyframe k, the next one, while others work on the present one.
-
-        Results of later calls are as if nothing had been begun.
-        """
+    def _foresee(self, k: int) -> None:
+        """Begins the steps that lead to keyframe k, the next one, of all groups in one batch."""
         engines = [(group.engine, keyframe_stamp(k - group.first, self._rate)) for group in self._groups]
         ahead = [(engine, stamp) for engine, stamp in engines if prepares(engine)]
         for engine, stamp in ahead:

@@ -245,7 +245,7 @@ class MujocoEngine:
             self._controls = controls.copy()
         self._prepared = to_ns
         grid = range(self._course.grid, to_ns, self.step_ns)
-        if self._batch is not None and len(grid):
+        if self._batch is not None and grid:
             self.data.request([k for k in self._awake() if k not in self._foreseen], grid)
 
     def foresee(self, to_ns: int) -> None:
@@ -261,8 +261,8 @@ class MujocoEngine:
 
     # Of what diverges the faults of an interval tell; that its squares overflow is nothing to warn of besides.
     @np.errstate(over="ignore", invalid="ignore")
-    def advance(self, to_ns: int, controls: np.ndarray | None = None) -> Interval:
-        """Moves on to stamp `to_ns` [ns] under controls [E, nu].
+    def advance(self, to_ns: int, controls: np.ndarray | None = None, then_ns: int | None = None) -> Interval:
+        """Moves on to stamp `to_ns` [ns] under controls [E, nu]; the steps to `then_ns` begin as of `Preparing`.
 
         Raises ValueError for controls of a wrong shape or not finite.
         """
@@ -271,11 +271,14 @@ class MujocoEngine:
         ahead, self._prepared, self._foreseen = self._foreseen, -1, set()
         if self.envs > len(self._left) and not self._awake():
             return self._told(self._course.rest(to_ns))
-        grid = self._course.grid
         for parts in self._sub_steps or ():
             parts.taken.clear()
-        interval = self._step_to(to_ns, ahead)
-        self._measure((self._course.grid - grid) // self.step_ns, interval)
+        # Contacts and accelerations are those of each environment's MjData, which the batch brings up to date.
+        looked_at = self._contacts or self._accelerations
+        interval = self._step_to(to_ns, ahead, None if looked_at else then_ns)
+        if looked_at and then_ns is not None:
+            self.foresee(then_ns)
+            self.begin()
         return interval
 
     def _awake(self) -> list[int]:
@@ -293,21 +296,35 @@ class MujocoEngine:
                 fallen += [k] if rest.now else []
         if fallen:
             self._course.put_to_rest(fallen)
+            if begun := self._foreseen & {*fallen}:
+                self.data.cancel(sorted(begun))
+                self._foreseen = self._foreseen - begun
 
-    def _measure(self, steps: int, interval: Interval) -> None:
-        """Has the shadow follow the steps just taken."""
+    def _measure(self, data: Any, steps: int, begins: bool) -> None:
+        """Has the shadow follow the steps just taken, to the state of `data`; begins: whether it is of a new episode."""
         env, bodies = self._shadowed, self.model.nbody - 1
         if self._shadow is None or env in self._left or self._rests[env].now:
             return
-        if any(env == faulty for faulty, _ in interval.faults):
-            self._shadow.begin(self.data[env])
+        if begins:
+            self._shadow.begin(data)
         else:
             before, now = (state["pose"][env, :bodies] for state in (self._course.before, self._course.now))
             parts = self._sub_steps[env].taken if self._sub_steps is not None else None
-            self._shadow.follow(self.data[env], steps, before, now, self._constrained, parts)
+            self._shadow.follow(data, steps, before, now, self._constrained, parts)
 
-    def _step_to(self, to_ns: int, ahead: Set[int]) -> Interval:
-        """Advances to a stamp by steps of the environments that do not rest. ahead: whose were foreseen."""
+    def _go_on(self, to_ns: int) -> None:
+        """Begins the steps from where those of the open interval end to a stamp."""
+        grid, awake, self._prepared = range(self._course.next_grid, to_ns, self.step_ns), self._awake(), to_ns
+        if self._batch is not None and grid and awake:
+            self.data.request(awake, grid)
+            self._foreseen = set(awake)
+            self._batch.begin()
+
+    def _step_to(self, to_ns: int, ahead: Set[int], then_ns: int | None) -> Interval:
+        """Advances to a stamp by steps of the environments that do not rest.
+
+        ahead: whose steps were foreseen. then_ns: to which the next ones begin meanwhile, None = they do not.
+        """
         course, awake, begun = self._course, self._awake(), self._course.stamp
         grid = course.open(to_ns)
         course.hold([k for k in range(self.envs) if k in self._left or self._rests[k].now] if len(grid) else [])
@@ -326,10 +343,15 @@ class MujocoEngine:
                 self._watch.dogs[k].passed((grid[-1] + self.step_ns) * 1e-9)
             for k in sorted(faults):
                 course.restart(k, self._restart(k))
+        # After this the batch may be ahead.
+        shadowed = None if self._shadow is None else self.data[self._shadowed]
+        if then_ns is not None:
+            self._go_on(then_ns)
         interval = course.close()
         interval.faults = sorted(faults.items())
         interval.again = self.checked - checked if self._warp else 0
         self._watch_rest(begun)
+        self._measure(shadowed, len(grid), self._shadowed in faults)
         return self._told(interval)
 
     def _together(self, awake: list[int], grid: range) -> list[int]:

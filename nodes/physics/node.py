@@ -315,13 +315,12 @@ class PhysicsNode(Node):
                 self.first = self.k
                 self.episode += int(self.k > 0 and len(envs) == 1)
         self._asked = []
-        interval = self.environments.advance(self.k, controls)
-        self._faults(interval, stamp)
         if controls is not None:
             self._driven |= self._held is not None and not np.array_equal(controls, self._held)
             self._held = controls
-        if not self._driven and self.k + 1 != self.count_all:
-            self.environments.foresee(self.k + 1)
+        ahead = not self._driven and self.k + 1 != self.count_all
+        interval = self.environments.advance(self.k, controls, ahead)
+        self._faults(interval, stamp)
         self._publish(stamp, interval)
         self.k += 1
         return self.count_all is None or self.k < self.count_all

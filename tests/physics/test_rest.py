@@ -6,6 +6,7 @@ import pytest
 from evis.scene import load_scene
 
 mujoco = pytest.importorskip("mujoco")
+from nodes.physics.environments import Environments  # noqa: E402
 from nodes.physics.mujoco_engine import MujocoEngine  # noqa: E402
 from nodes.physics.separate import SeparateEngines  # noqa: E402
 
@@ -172,3 +173,37 @@ def test_what_is_prescribed_beside_it_goes_on(tmp_path):
         interval = engine.advance(round(k * 1e9 / 30))
     assert engine._rests[0].now and len(interval.t) == 35
     assert [engine.scene.bodies[n].name for n in interval.moving] == ["rotor"]
+
+
+@pytest.mark.parametrize("contacts", [False, True])
+def test_rest_while_steps_are_taken_ahead(tmp_path, contacts):
+    """Environments come to rest when their next steps have begun; an action wakes one, a reset another: the bytes of a run
+    without steps ahead, and of each environment by itself."""
+    motor = "<actuator><motor joint='rail'/></actuator>"
+
+    def worlds_of(envs, seed):
+        world = GROUND + BOX.format(0.3) + CART.replace("0 0 .1'>", "-1 0 .1'>")
+        made = engine_of(tmp_path, world, motor, seed=seed, envs=envs, joints=True, contacts=contacts, threads=2)
+        return Environments(made, envs, 10.0)
+
+    ahead, plain, alone = worlds_of(3, 5), worlds_of(3, 5), [worlds_of(1, 5 + k) for k in range(3)]
+    for worlds in (ahead, plain, *alone):
+        worlds.advance(0)
+    rested = []
+    for n in range(1, 101):
+        controls = np.array([[0.0], [4.0], [0.0]]) if n in (50, 51) else np.zeros((3, 1)) if n == 52 else None
+        if n == 70:
+            for worlds in (ahead, plain):
+                worlds.restart([2], [-1], [1], n - 1)
+            alone[2].restart([0], [-1], [1], n - 1)
+        found = [worlds.advance(n, controls, worlds is ahead) for worlds in (ahead, plain)]
+        singly = [one.advance(n, None if controls is None else controls[k : k + 1]) for k, one in enumerate(alone)]
+        for name in ("end_pose", "pose", "twist", "qpos", "qvel"):
+            a, b = (getattr(interval, name) for interval in found)
+            assert np.array_equal(a, b), (n, name)
+            # One that rests by itself has no sub-steps, which others here may have.
+            last = slice(None) if name == "end_pose" else -1
+            for k, interval in enumerate(singly):
+                assert np.array_equal(a[k][last], getattr(interval, name)[0][last]), (n, name, k)
+        rested.append([not np.abs(found[0].twist[k]).any() for k in range(3)])
+    assert all(rested[48]) and rested[50] == [True, False, True] and not rested[70][2]

@@ -116,6 +116,11 @@ class Course:
             values[env] = state[name][0]
         self.fastest[env] = np.abs(state["twist"]).max(initial=0.0)
 
+    @property
+    def next_grid(self) -> int:
+        """Gives the time [ns] of the grid point up to which the open interval's steps go."""
+        return self.grid + self._steps * self._step_ns
+
     def close(self) -> Interval:
         """Gives the interval, of which all environments were written."""
         envs = len(self.poses)
@@ -124,7 +129,7 @@ class Course:
         each = map if self._pool is None or len(parts) == 1 else self._pool.map
         # Most bodies are elsewhere at the end.
         moved = np.logical_or.reduce([*each(self._finish, parts)])
-        self.stamp, self.grid = self._to, self.grid + self._steps * self._step_ns
+        self.stamp, self.grid = self._to, self.next_grid
         poses, twists = self.poses, self.twists
         still = np.flatnonzero(~moved)
         if len(still):

@@ -16,11 +16,12 @@ from nodes.physics.precision.tolerance import Tolerance
 class BatchStepper(Protocol):
     """Takes the steps of environments that were requested in one batch; row: number of an environment in it."""
 
-    def request(self, row: int, data: Any, grid: range) -> None:
-        """Requests steps of an environment, one from each time of `grid` [ns].
+    def put(self, row: int, data: Any) -> None:
+        """Sets the state of an environment to that of an MjData."""
 
-        data: MjData with the state from which they are taken, None = that after its last steps.
-        """
+    def request(self, rows: Sequence[int], grid: range) -> None:
+        """Requests steps of environments, one from each time of `grid` [ns], from the state that was put, or from that
+        after their last steps."""
 
     def control(self, rows: Sequence[int], values: np.ndarray) -> None:
         """Sets the controls [n, nu] of environments whose next steps are taken from the state after their last ones,
@@ -31,7 +32,7 @@ class BatchStepper(Protocol):
 
     def cancel(self, rows: Sequence[int]) -> None:
         """Puts environments to where they were when their steps were requested, for whoever asked for the result has
-        no use for it."""
+        no use for it; does not wait for steps that have begun."""
 
     def result(self, rows: Sequence[int]) -> SteppedStates:
         """Gives the states of environments after the requested steps, as many of each, in the order of `rows`."""

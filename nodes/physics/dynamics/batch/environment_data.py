@@ -81,13 +81,18 @@ class EnvironmentData:
     def request(self, envs: Iterable[int], grid: range) -> None:
         """Requests steps of environments of the batch, one from each time of `grid` [ns]."""
         assert self._batch is not None
+        rows = []
         for env in envs:
             own = self._all[env]
-            self._batch.request(own.row, self[env] if own.given else None, grid)
-            own.given = False
+            rows.append(own.row)
+            if own.given:
+                self._batch.put(own.row, self[env])
+                own.given = False
+        if rows:
+            self._batch.request(rows, grid)
 
     def cancel(self, envs: Iterable[int]) -> None:
-        """Takes back the steps that were requested of environments, also where they were taken."""
+        """Takes back the steps that were requested of environments, also where they were taken or have begun."""
         assert self._batch is not None
         self._batch.cancel([self._all[env].row for env in envs])
 

@@ -102,17 +102,22 @@ class MujocoThreads:
         self._beside = ThreadPoolExecutor(1, "ahead", stand_back)
         self._ahead: Future[None] | None = None
         """The steps that are taken while others work."""
+        self._cancelled: list[int] = []
+        """Environments whose steps are to be taken back once those that have begun are done."""
 
-    def request(self, row: int, data: Any, grid: range) -> None:
-        """Implements `BatchStepper.request`."""
+    def put(self, row: int, data: Any) -> None:
+        """Implements `BatchStepper.put`."""
         batch = self._made()
-        self._forget([row])
-        self._asked[row] = grid
-        if data is not None:
-            if self._sleeps and not np.array_equal(data.tree_asleep, self._asleep[row]):
-                self._wake([row])
-            mujoco.mj_getState(self._model, data, batch.state[row], STATE)
-            batch.warning[row, :, 0], batch.warning[row, :, 1] = data.warning.lastinfo, data.warning.number
+        if self._sleeps and not np.array_equal(data.tree_asleep, self._asleep[row]):
+            self._wake([row])
+        mujoco.mj_getState(self._model, data, batch.state[row], STATE)
+        batch.warning[row, :, 0], batch.warning[row, :, 1] = data.warning.lastinfo, data.warning.number
+
+    def request(self, rows: Sequence[int], grid: range) -> None:
+        """Implements `BatchStepper.request`."""
+        self._made()
+        self._forget(rows)
+        self._asked |= dict.fromkeys(rows, grid)
 
     def control(self, rows: Sequence[int], values: np.ndarray) -> None:
         """Implements `BatchStepper.control`."""
@@ -127,12 +132,18 @@ class MujocoThreads:
 
     def cancel(self, rows: Sequence[int]) -> None:
         """Implements `BatchStepper.cancel`."""
-        batch = self._made()
-        for row in rows:
+        self._cancelled += rows
+        if self._ahead is None:
+            self._take_back()
+
+    def _take_back(self) -> None:
+        """Puts environments whose steps were cancelled to where they were before these."""
+        cancelled, self._cancelled = self._cancelled, []
+        for row in cancelled:
             if self._asked.pop(row, None) is None:
                 self._wake([row])
-                batch.state[row], batch.warning[row] = self._before[row], self._warned[row]
-        self._forget(rows)
+                self._made().state[row], self._made().warning[row] = self._before[row], self._warned[row]
+        self._forget(cancelled)
 
     def result(self, rows: Sequence[int]) -> SteppedStates:
         """Implements `BatchStepper.result`; the requested steps are taken at the first call, unless they have begun."""
@@ -237,6 +248,7 @@ class MujocoThreads:
         if self._ahead is not None:
             ahead, self._ahead = self._ahead, None
             ahead.result()
+            self._take_back()
         if self._batch is None:
             # MuJoCo's threads have the priority of the one that makes them.
             self._batch = self._beside.submit(Batch, self._model, self._count, self._threads, persistent=True).result()

@@ -83,13 +83,15 @@ class WarpWorlds:
         except (ValueError, RuntimeError, MemoryError) as error:
             raise Unsupported(f"{count} of its worlds cannot be stepped: {' '.join(str(error).split())}") from None
 
-    def request(self, row: int, data: Any, grid: range) -> None:
+    def put(self, row: int, data: Any) -> None:
+        """Implements `BatchStepper.put`."""
+        self._warned[row] = data.warning.number
+        for name, values in self._staged.items():
+            values[row] = getattr(data, name)
+
+    def request(self, rows: Sequence[int], grid: range) -> None:
         """Implements `BatchStepper.request`."""
-        self._asked[row] = grid
-        if data is not None:
-            self._warned[row] = data.warning.number
-            for name, values in self._staged.items():
-                values[row] = getattr(data, name)
+        self._asked |= dict.fromkeys(rows, grid)
 
     def control(self, rows: Sequence[int], values: np.ndarray) -> None:
         """Implements `BatchStepper.control`."""
