@@ -120,8 +120,10 @@ class Preparing(Engine, Protocol):
     """Defines an engine that steps its environments in one batch with those of other engines."""
 
     def advance(self, to_ns: int, controls: np.ndarray | None = None, then_ns: int | None = None) -> Interval:
-        """Moves on as of Engine. then_ns: stamp [ns] to which the steps after it begin, as of `foresee` and `begin`, once
-        nothing of this interval needs the batch any more; None = none do. No other engine may share the batch then.
+        """Moves on as of Engine.
+
+        then_ns: stamp [ns] to which the steps after it begin, as of `foresee` and `begin`, once nothing of this one
+        needs the batch any more; None = none do. No other engine may share the batch then.
         """
 
     def prepare(self, to_ns: int, controls: np.ndarray | None = None) -> None:

@@ -301,7 +301,7 @@ class MujocoEngine:
                 self._foreseen = self._foreseen - begun
 
     def _measure(self, data: Any, steps: int, begins: bool) -> None:
-        """Has the shadow follow the steps just taken, to the state of `data`; begins: whether it is of a new episode."""
+        """Has the shadow follow the steps just taken, to the state of `data`; begins: whether an episode does."""
         env, bodies = self._shadowed, self.model.nbody - 1
         if self._shadow is None or env in self._left or self._rests[env].now:
             return

@@ -177,8 +177,9 @@ def test_what_is_prescribed_beside_it_goes_on(tmp_path):
 
 @pytest.mark.parametrize("contacts", [False, True])
 def test_rest_while_steps_are_taken_ahead(tmp_path, contacts):
-    """Environments come to rest when their next steps have begun; an action wakes one, a reset another: the bytes of a run
-    without steps ahead, and of each environment by itself."""
+    """Environments come to rest when their next steps have begun; an action wakes one, a reset another.
+
+    The bytes are those of a run without steps ahead, and of each environment by itself."""
     motor = "<actuator><motor joint='rail'/></actuator>"
 
     def worlds_of(envs, seed):
