@@ -43,7 +43,10 @@ class SeparateEngines:
         """Does nothing, for `foresee` asks for no steps here."""
 
     def advance(self, to_ns: int, controls: np.ndarray | None = None, then_ns: int | None = None) -> Interval:
-        """Gives the states up to a stamp; nothing begins ahead, as of `foresee`. Raises ValueError for controls of a wrong shape or not finite."""
+        """Gives the states up to a stamp; nothing begins ahead, as of `foresee`.
+
+        Raises ValueError for controls of a wrong shape or not finite.
+        """
         if controls is not None:
             self.prepare(to_ns, controls)
         return merged([engine.advance(to_ns) for engine in self.engines])
