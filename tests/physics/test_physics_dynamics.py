@@ -7,7 +7,8 @@ from evis.geometry import interpolate, se3
 from evis.scene import SceneError, load_scene
 
 mujoco = pytest.importorskip("mujoco")
-from nodes.physics.mujoco_engine import MujocoEngine, step_length  # noqa: E402
+from nodes.physics.dynamics.stepped_model import step_length  # noqa: E402
+from nodes.physics.mujoco_engine import MujocoEngine  # noqa: E402
 from nodes.physics.precision.errors import Errors  # noqa: E402
 from nodes.physics.precision.tolerance import Tolerance  # noqa: E402
 
