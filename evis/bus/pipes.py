@@ -22,6 +22,8 @@ from msgs.codec import Buffer
 PAGE = 4096
 """What a pipe is measured in [bytes]; a write that does not fit into the last page begins a new one."""
 PAGES_PER_MESSAGE = 8
+LARGEST = 1 << 20
+"""What any user may make a pipe hold, unless the system's pipe-max-size was changed [bytes]."""
 LONGEST = 1 << 20
 """Longest record [bytes]; no pipe holds more."""
 _HEAD = struct.Struct("<II")
@@ -88,7 +90,7 @@ class MessageInbox(Inbox):
     def __init__(self, window: int) -> None:
         super().__init__()
         with contextlib.suppress(OSError):  # a user has so many pages in pipes; with fewer, less fits a record
-            fcntl.fcntl(self._write, fcntl.F_SETPIPE_SZ, (PAGES_PER_MESSAGE * window + 1) * PAGE)
+            fcntl.fcntl(self._write, fcntl.F_SETPIPE_SZ, min((PAGES_PER_MESSAGE * window + 1) * PAGE, LARGEST))
 
     def take(self) -> list[bytes] | None:
         """Returns the frames of the next message, none at all for one that is ELSEWHERE; None when nothing has come.

@@ -31,8 +31,9 @@ from msgs.camera import Image, Keyframe
 from msgs.fields import by_environment
 from msgs.topics import SYSTEM_TOPICS, find_topic
 
-WINDOW_AT_ONCE = 18
-"""Messages of a topic that may be under way where several keyframes are made at once: all of them and two more."""
+WINDOW_AT_ONCE = 34
+"""Messages of a topic that may be under way where several keyframes are made at once: all of them, at most as many as
+nodes/renderer/at_once.py says, and two more."""
 
 
 @dataclass(frozen=True)
