@@ -57,7 +57,7 @@ class EventSensorNode(Node):
         "envs": Param(
             int,
             1,
-            "parallel environments; environment k has the random numbers of a single one with seed + k",
+            "parallel environments; environment k has the random numbers of seed + k",
             "",
             1,
             65536,
