@@ -293,7 +293,6 @@ def test_nodes_beside_an_include_know_what_it_has_found(write: Write) -> None:
 
 
 def test_a_loop_over_nothing_is_told(write: Write) -> None:
-    text = (
-        "nodes:\n  t: {type: 'graph_nodes:Ticker', foreach: {c: []}}\n  u: {type: 'graph_nodes:Ticker', keep: [events]}\n"
-    )
+    other = "  u: {type: 'graph_nodes:Ticker', keep: ['*']}\n"
+    text = "nodes:\n  t: {type: 'graph_nodes:Ticker', foreach: {c: []}}\n" + other
     assert {item.what: item.why for item in plan(write(text)).left_out}["t"] == "its `foreach` has nothing to go over"
