@@ -1,9 +1,10 @@
-"""Every option of the command line and every argument of the launch files is named in README or docs."""
+"""README and docs name every option of the command line, argument of a launch file, and key of a scene and a recipe."""
 
 from __future__ import annotations
 
 import argparse
 import re
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,7 +13,9 @@ import pytest
 from evis.cli import COMMANDS, module_of
 from evis.cli.parser import Parser
 from evis.config import paths
+from evis.dataset import recipe_file
 from evis.launch.files import load
+from evis.scene.yaml import build
 from nodes.event_sensor.parameters import SENSOR
 
 ROOT = Path(__file__).parents[2]
@@ -46,3 +49,18 @@ def test_every_option_is_told(command: str) -> None:
 def test_every_argument_is_told(name: str) -> None:
     """All but `scene_args`, in whose place the scene's own arguments are given."""
     assert [key for key in load(paths.find_launch(name)[0]).arguments if key != "scene_args" and not _named(key)] == []
+
+
+def test_the_keys_of_a_scene_are_those_of_its_reader() -> None:
+    """Which has them in its docstring, indented."""
+    page = (ROOT / "docs" / "scenes.md").read_text().partition("## All keys")[2]
+    shown = re.findall(r"^```\n(.*?)^```", page, re.M | re.S)[0]
+    known = "\n".join(line for line in str(build.__doc__).splitlines() if line.startswith("    ") or not line)
+    assert shown.strip() == textwrap.dedent(known).strip()
+
+
+def test_every_key_of_a_recipe_is_told() -> None:
+    page = (ROOT / "docs" / "dataset.md").read_text()
+    assert [
+        key for key in (*recipe_file.KEYS, *recipe_file.OTHERS) if not re.search(rf"`{key}`|^{key}:", page, re.M)
+    ] == []
