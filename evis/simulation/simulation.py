@@ -202,7 +202,8 @@ class Simulation:
                 time up to the next keyframe; not given = as before, at first the model's own.
 
         Raises SimulationError for an action of a wrong shape, not finite or out of range (nothing has happened then),
-        and for a node that failed (`reset` begins anew); Diverged where an environment has diverged, and begins its next episode.
+        and for a node that failed (`reset` begins anew); Diverged where an environment has diverged, and begins its
+        next episode.
         """
         self._check_going()
         if self._run.k < 0:
