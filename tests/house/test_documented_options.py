@@ -45,6 +45,16 @@ def test_every_option_is_told(command: str) -> None:
     assert [option for option in _options(parser) if option not in known and not _named(option)] == []
 
 
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_and_action_is_told(command: str) -> None:
+    module = module_of(command)
+    parser = Parser(f"evis {command}", module.HELP, "", [])
+    module.add_arguments(parser)
+    assert re.search(rf"(?<!\w)evis {command}\b", TEXT)
+    actions = [word for a in parser._actions if isinstance(a, argparse._SubParsersAction) for word in a.choices]
+    assert [word for word in actions if not re.search(rf"(`|evis {command} ){word}\b", TEXT)] == []
+
+
 @pytest.mark.parametrize("name", paths.names("launch"))
 def test_every_argument_is_told(name: str) -> None:
     """All but `scene_args`, in whose place the scene's own arguments are given."""
