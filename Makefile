@@ -32,7 +32,7 @@ COMPUTE := $(addprefix tests/,simulation dataset launch/test_keyframes_at_once.p
   event_sensor events frame_camera geometry house imu interpolator labeler measure media msgs physics renderer resets scene)
 WAIT := $(addprefix tests/,visualizer client camera bag cli runtime/test_building.py runtime/test_neighbours.py \
   launch/test_early_start.py launch/test_explained_warnings.py launch/test_secrets.py launch/test_hostile_yaml.py \
-  launch/test_shipped_launch_files.py launch/test_arguments_without_effect.py)
+  launch/test_shipped_launch_files.py launch/test_arguments_without_effect.py launch/test_documented_launch_files.py)
 
 # Tests start hundreds of processes: what one has compiled of our sources is there for the next, whatever the shell says.
 test: export PYTHONDONTWRITEBYTECODE =

@@ -173,8 +173,9 @@ def page(report: dict[str, Any]) -> str:
 
 
 OMISSIONS = (
-    "Between keyframes the rigid interpolator shades anew where a bound on the change of light asks for it, and no "
-    "finer than the frames. The splat interpolators know no more of the motion than the keyframes' own vectors tell.",
+    "Between keyframes the rigid interpolator shades anew where a bound on the change of light asks for it, no finer "
+    "than the frames unless time_tolerance has single pixels evaluated between them. The splat interpolators know no "
+    "more of the motion than the keyframes' own vectors tell.",
     "The USB drivers have been run against emulated devices and on recorded streams, not on cameras.",
     "Light is direct unless bounces or sky_occlusion ask for paths: no reflections between surfaces, no shadow from "
     "the sky, no emissive surface as a light.",

@@ -146,7 +146,7 @@ class EventSensor:
         return self._given(self._read(count), self._sensor.env_offsets(), kind, device)
 
     def flush(self) -> SensorEvents:
-        """Gives what look-ahead and the readout still hold back, at the end of a stream, as numpy arrays."""
+        """Returns the events that look-ahead and readout hold back, at the end of a stream, as numpy arrays."""
         if self._sensor is None:
             raise ValueError(f"{_OWNER}: there is nothing to flush; it has had no frame")
         if self._is_peer:

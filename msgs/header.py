@@ -57,8 +57,10 @@ class Message:
         self.check_values()
 
     def check_values(self) -> None:
-        """Raises MessageError where arrays contradict each other, as far as that is quick to see, for every message
-        that is sent is checked; nothing is, unless a subclass knows better."""
+        """Raises MessageError where arrays contradict each other.
+
+        It is called for every message that is sent, so it must be quick. Message itself checks nothing.
+        """
 
     def keep(self) -> None:
         """Keeps the arrays valid after `update` returns, until `release`: the slot they lie in is not written again."""

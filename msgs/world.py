@@ -103,7 +103,10 @@ class WorldState(Message):
         return cls(header, t, end, moving, pose[:, :, moving], twist[:, :, moving], episodes, **others)
 
     def kept_end_pose(self) -> np.ndarray:
-        """Copies `end_pose`, for who keeps it and does not write to it: environments that share memory do so there."""
+        """Copies `end_pose`, for a reader that keeps it and never writes to it.
+
+        Where all environments share memory, so do they in the copy.
+        """
         if self.end_pose.strides[0]:
             return np.array(self.end_pose)
         return np.broadcast_to(np.array(self.end_pose[:1]), self.end_pose.shape)

@@ -1,4 +1,4 @@
-"""Holds a running graph from another program: its topics as iterators, its actions, its resets.
+"""Connects a program to a running graph: its topics as iterators, its actions, its resets.
 
 with evis.connect() as run:
     for packet in run.topic("/cam0/events"):

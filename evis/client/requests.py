@@ -1,4 +1,4 @@
-"""Gives messages to the nodes of a running graph from another program, and hears what becomes of them."""
+"""Sends messages from another program to the nodes of a running graph, and receives their answers."""
 
 from __future__ import annotations
 

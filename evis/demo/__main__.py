@@ -97,7 +97,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"evis.demo: {printable(error)}", file=sys.stderr)
         return 1
     if os.environ.get("VIEW", "") in ("", "0"):
-        print("\nVIEW=1 make demo shows it live in a browser.")
+        print("\n`evis launch spinning_disk`, or `VIEW=1 make demo` in a checkout, shows it live in a browser.")
         return 0
     print("\nthe disk goes on until Ctrl-C; open the address below in a browser", flush=True)
     try:

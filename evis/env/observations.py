@@ -20,7 +20,7 @@ from evis.media.colour import luminance_of, srgb_from_linear
 
 @dataclass(frozen=True)
 class Setting:
-    """Tells an observation what it observes. names: of the bodies. joints: numbers of positions and velocities.
+    """Describes what an observation is made from. names: of the bodies. joints: numbers of positions and velocities.
 
     action: the space of an action.
     """

@@ -7,13 +7,18 @@ from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from stable_baselines3.common.vec_env import VecEnv
+
+try:
+    from stable_baselines3.common.vec_env import VecEnv
+except ModuleNotFoundError as error:
+    need = "evis.env.stable_baselines needs Stable-Baselines3 and PyTorch: pip install 'evis[rl]'"
+    raise ModuleNotFoundError(need, name=error.name) from None
 
 from evis.env.vector import EventVectorEnv
 
 
 class StableBaselinesEnv(VecEnv):
-    """Passes steps on; all environments stay in one simulation."""
+    """Presents an EventVectorEnv as a VecEnv of Stable-Baselines3; all environments stay in one simulation."""
 
     def __init__(self, env: EventVectorEnv) -> None:
         """env: with autoreset_mode=SAME_STEP, which Stable-Baselines3 works by. Raises ValueError for another."""
@@ -32,11 +37,11 @@ class StableBaselinesEnv(VecEnv):
         return observed
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Takes the actions of the next step."""
+        """Keeps the actions for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[Any, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """Takes the step."""
+        """Steps all environments with the actions of `step_async`; returns observations, rewards, ends and infos."""
         observed, reward, terminated, truncated, info = self.env.step(self._actions)
         ended = terminated | truncated
         names = [name for name in info if not name.startswith(("_", "final_"))]

@@ -114,6 +114,8 @@ def expand(launch: LaunchFile, given: Mapping[str, Any], options: Mapping[str, A
         if "mode" not in table:
             result.mode = part.mode
     nodes = submap(table, "nodes")
+    # What an included file has found (the scene's cameras, a preset's size) counts for the nodes of this one too.
+    scope = {**options, **result.values}
     for name in nodes:
         if not isinstance(nodes[name], Table):
             raise LaunchError(f"{nodes.where(name)}: node '{name}' must be a map with at least `type:`")
@@ -127,7 +129,10 @@ def _expand_node(result: Expanded, nodes: Table, name: str, scope: Mapping[str, 
     entry.check_keys(NODE_KEYS, f"node '{name}'")
     if len(result.nodes) + len(result.absent) >= MAX_NODES:
         raise LaunchError(f"{nodes.where(name)}: more than {MAX_NODES} nodes up to here")
-    for turn, several, inner in turns(entry, scope):
+    loop = list(turns(entry, scope))
+    if not loop:
+        result.absent[name] = "its `foreach` has nothing to go over"
+    for turn, several, inner in loop:
         suffix = "_" + "_".join(text_of(v) for v in turn.values()) if several else ""
         full = _named(nodes, name, name, inner, suffix)
         if not _holds(entry, inner):

@@ -43,7 +43,7 @@ class CallerNode(Node):
 
     @classmethod
     def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
-        """Takes of states that were not asked for where the bodies are."""
+        """Names the one array that is read of states which were not asked for: where the bodies are."""
         if port == STATE and not any(fnmatch.fnmatchcase(port, glob) for glob in params["topics"]):
             return frozenset({"end_pose"})
         return None

@@ -1,4 +1,4 @@
-"""Handles environments with arguments and seeds of their own: their plans as one, and what a step has of one of
+"""Merges the plans of environments with arguments and seeds of their own, and extracts what a step has of one of
 them."""
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ OWN = ("scene_args", "seed")
 
 
 def together(plans: Sequence[Plan]) -> Plan:
-    """Makes one plan of those that environments would have by themselves; it is the first one, changed.
+    """Merges the plans that environments would have by themselves into the first of them.
 
     They may differ in arguments of the scene, which decide values and not what there is, in parameters of the event
     sensor, and in seeds. Raises SimulationError naming anything else.
@@ -53,7 +53,7 @@ def together(plans: Sequence[Plan]) -> Plan:
 
 
 def alone(step: Step, env: int, infos: Mapping[str, CameraInfo]) -> Step:
-    """Gives what a step has of one environment, as if that had been simulated by itself.
+    """Extracts one environment from a step, as if it had been simulated by itself.
 
     infos: CameraInfo of each camera for that environment, in the place of one that the step has. Raises
     SimulationError for an output that cannot be taken apart.
@@ -130,7 +130,7 @@ def _message(message: Message, env: int) -> Message:
 
 
 def info_of(info: CameraInfo, env: int, plan: Plan, physics: str) -> CameraInfo:
-    """Gives the CameraInfo of one environment, as it would have been by itself.
+    """Extracts the CameraInfo of one environment, as it would have been by itself.
 
     info: of all of them. plan: that of the environment by itself. physics: its node that steps the world.
     """

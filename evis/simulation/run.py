@@ -157,7 +157,7 @@ class Run:
         self._controls = controls
 
     def advance(self) -> Step:
-        """Goes on to the next keyframe. Raises Diverged, and SimulationError where a node fails."""
+        """Simulates up to the next keyframe. Raises Diverged, and SimulationError where a node fails."""
         # An interrupt anywhere in it leaves the run broken: what has arrived and `k` belong together.
         with self._guarded():
             if self.graph.acts and self.k >= 0:

@@ -195,15 +195,15 @@ class Simulation:
         return step
 
     def step(self, action: Any = None) -> Step:
-        """Goes on to the next keyframe.
+        """Simulates up to the next keyframe, and returns the outputs of that interval.
 
         Args:
             action: controls [E, nu], or [nu] of a single environment, in the units of the model's actuators, for the
                 time up to the next keyframe; not given = as before, at first the model's own.
 
-        Returns what was asked for of the interval that ends there. Raises SimulationError for an action of a wrong
-        shape, not finite or out of range (nothing has happened then), and for a node that failed (`reset` begins anew);
-        Diverged where an environment has diverged, and begins its next episode.
+        Raises SimulationError for an action of a wrong shape, not finite or out of range (nothing has happened then),
+        and for a node that failed (`reset` begins anew); Diverged where an environment has diverged, and begins its
+        next episode.
         """
         self._check_going()
         if self._run.k < 0:
@@ -216,7 +216,7 @@ class Simulation:
             self._run.warn()
 
     def run(self, seconds: float, action: Any = None) -> list[Step]:
-        """Goes on for so many simulated seconds, and returns every step; the first of a run is that at keyframe 0.
+        """Simulates so many seconds, and returns every step; the first of a run is that at keyframe 0.
 
         action: see `step`; held all the time.
         """
@@ -232,8 +232,8 @@ class Simulation:
         return steps
 
     def alone(self, step: Step, env: int) -> Step:
-        """Gives what a step of parallel environments has of one of them: what a simulation of that environment by
-        itself, with its seed, would have given. Events are in numpy arrays.
+        """Extracts one environment from a step of parallel environments: what a simulation of that one, with its seed,
+        would have given. Events are in numpy arrays.
 
         Raises SimulationError for an output that cannot be taken apart, and for an environment that is not there.
         """

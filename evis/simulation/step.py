@@ -113,7 +113,7 @@ class Step(CameraOutputs):
 
 
 def value_of(message: Message | None) -> Any:
-    """Gives what the caller gets of a message: its image without margin where it holds one, else itself."""
+    """Returns what the caller gets of a message: its image without margin where it holds one, else itself."""
     field = HOLDS_ONE.get(type(message))  # type: ignore[arg-type]
     if message is None or field is None:
         return message
@@ -125,7 +125,7 @@ M = TypeVar("M", bound=Message)
 
 
 def on_host(message: M) -> M:
-    """Gives a message in numpy arrays, wherever its own are."""
+    """Copies a message to the host, where it has arrays elsewhere: the same with numpy arrays."""
     given = {name: value.numpy() for name, value in message.arrays().items() if not isinstance(value, np.ndarray)}
     whole: Any = message
     on_this: M = replace(whole, **given) if given else whole

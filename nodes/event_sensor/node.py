@@ -54,7 +54,7 @@ class EventSensorNode(Node):
         "seed": Param(int, 0, "seed of the sensor's random streams; environment k has seed + k", "", 0, 2**63 - 1),
         "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
         "colour": Param(bool, False, "colour events: three sensors, for R, G and B, instead of one for luminance"),
-        "envs": Param(int, 1, "parallel environments that are expected, to prepare for them", "", 1, 65536),
+        "envs": Param(int, 1, "parallel environments; environment k has the random numbers of seed + k", "", 1, 65536),
         "scene": replace(SCENE["scene"], help="world that is seen, whose `sensor:` gives parameters"),
         "scene_args": SCENE["scene_args"],
         **NODE,

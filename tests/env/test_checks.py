@@ -1,7 +1,9 @@
 """What Gymnasium's own checks say of the environments, and that a seed decides an episode."""
 
 import copy
+import importlib
 import pickle
+import sys
 from collections.abc import Callable
 
 import gymnasium
@@ -134,3 +136,15 @@ def test_nothing_steps_before_it_has_begun() -> None:
         with pytest.raises(ValueError, match=r"nothing has begun; reset\(\) first"):
             env.step(action)
         env.close()
+
+
+@pytest.mark.parametrize("missing", ["stable_baselines3", "torch"])
+def test_without_stable_baselines_its_import_says_what_to_install(
+    missing: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in [name for name in sys.modules if name.partition(".")[0] == "stable_baselines3"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.delitem(sys.modules, "evis.env.stable_baselines", raising=False)
+    monkeypatch.setitem(sys.modules, missing, None)
+    with pytest.raises(ModuleNotFoundError, match=r"Stable-Baselines3 and PyTorch: pip install 'evis\[rl\]'"):
+        importlib.import_module("evis.env.stable_baselines")

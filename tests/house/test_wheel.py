@@ -1,9 +1,11 @@
-"""The built wheel works without the checkout: installed elsewhere, it runs a graph from its own data files."""
+"""What is built works without the checkout: the wheel, installed elsewhere, runs a graph from its own data files; the
+source archive has the pages that README and tests name."""
 
 import json
 import os
 import subprocess
 import sys
+import tarfile
 import venv
 from pathlib import Path
 
@@ -43,3 +45,17 @@ def test_wheel_runs_elsewhere(tmp_path: Path) -> None:
     where = subprocess.run([str(python), "-c", code], cwd=home, env=env, capture_output=True, text=True)
     file, version, typed = where.stdout.split()
     assert str(home) in file and version in wheel.name and Path(typed).is_file()
+
+
+def test_the_source_archive_has_the_pages(tmp_path: Path) -> None:
+    build = [sys.executable, "-m", "build", "--sdist", "--outdir", str(tmp_path), str(ROOT)]
+    subprocess.run(build, check=True, capture_output=True, text=True)
+    (archive,) = tmp_path.glob("*.tar.gz")
+    with tarfile.open(archive) as tar:
+        names = {name.partition("/")[2] for name in tar.getnames()}
+    kept = {
+        path.relative_to(ROOT).as_posix()
+        for path in (ROOT / "docs").rglob("*")
+        if path.suffix in (".md", ".json", ".png")
+    }
+    assert kept and kept <= names

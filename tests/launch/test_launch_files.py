@@ -275,3 +275,24 @@ def test_a_file_of_the_name_of_what_it_includes(write: Write) -> None:
 
 def test_an_include_of_no_file_names_the_nearest(write: Write) -> None:
     assert "did you mean 'simulator'?" in fails(write("include: simulater\n"))
+
+
+def test_nodes_beside_an_include_know_what_it_has_found(write: Write) -> None:
+    """The scene's cameras, and the size that a preset brings."""
+    text = (
+        "args: {scene: {default: stereo_room}, preset: {default: dvs128}}\n"
+        "include: simulator\n"
+        "nodes:\n"
+        "  relay: {type: 'graph_nodes:Relay', foreach: {camera: '${cameras}'}, params: {camera: '${camera}'},\n"
+        "          otherwise: '${width}', unless: '${width != 128}'}\n"
+    )
+    made = expanded(write(text))
+    assert [node.params["camera"] for node in made.nodes if node.name.startswith("relay")] == ["left", "right"]
+    one = expanded(write(text), cameras="right")
+    assert [node.params["camera"] for node in one.nodes if node.name.startswith("relay")] == ["right"]
+
+
+def test_a_loop_over_nothing_is_told(write: Write) -> None:
+    other = "  u: {type: 'graph_nodes:Ticker', keep: ['*']}\n"
+    text = "nodes:\n  t: {type: 'graph_nodes:Ticker', foreach: {c: []}}\n" + other
+    assert {item.what: item.why for item in plan(write(text)).left_out}["t"] == "its `foreach` has nothing to go over"

@@ -13,7 +13,7 @@ from evis.cli.parser import Parser
 
 HELP = "make data sets from a recipe, describe, check and show them"
 EXAMPLES = {
-    "make": "evis dataset make recipes/rotation.yaml --count 20 --out disks",
+    "make": "evis dataset make rotation --count 20 --out disks",
     "info": "evis dataset info disks --json",
     "verify": "evis dataset verify disks",
     "show": "evis dataset show disks",

@@ -36,7 +36,7 @@ def at_start(stamps: np.ndarray, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
 
 
 def with_interval(kind: str, stamps: np.ndarray) -> np.ndarray:
-    """Returns the numbers of the labels that are of something: at the start of a run no interval has passed yet."""
+    """Returns the numbers of the labels that cover an interval: at the start of a run none has passed yet."""
     if kind in COUNTERPART:
         return np.flatnonzero(stamps[:, 1] > stamps[:, 0])
     return np.arange(len(stamps))

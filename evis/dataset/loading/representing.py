@@ -26,7 +26,10 @@ class Representing:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def check(self) -> None:
-        """Tries it on no events. Raises DatasetError for a name or an option that is not there, or a wrong value."""
+        """Computes the image of no events, so that wrong options are refused before there are any.
+
+        Raises DatasetError for a name or an option that is not there, or a wrong value.
+        """
         if self.name not in NAMES:
             raise DatasetError(f"there is no representation '{self.name}'; {nearest(str(self.name), NAMES)}")
         takes = [n for n in inspect.signature(self._function()).parameters if n not in _GIVEN]

@@ -43,7 +43,7 @@ class Source(Protocol):
         """Returns the labels of the events of [t0_ns, t1_ns)."""
 
     def stamps(self, kind: str) -> np.ndarray:
-        """Returns int64 [T, 2] ns, the beginning and the end of what each label of a kind is of."""
+        """Returns int64 [T, 2] ns, the beginning and the end of the interval that each label of a kind covers."""
 
     def label(self, kind: str, stamp_ns: int) -> Mapping[str, Any]:
         """Returns the arrays of the label of a kind with this stamp."""

@@ -1,4 +1,4 @@
-"""Simulates a sequence while windows are taken of it; what they are done with is forgotten."""
+"""Simulates a sequence as its windows are taken, and drops what no later window needs."""
 
 from __future__ import annotations
 

@@ -148,7 +148,7 @@ def weights_kernel(
     # out
     values: wp.array(dtype=wp.float32),
 ):
-    """Gives fixed point as float32."""
+    """Converts fixed-point sums to float32."""
     i = wp.tid()
     values[i] = wp.float32(wp.float64(voxels[i]) / ONE_AS_FLOAT)
 

@@ -4,6 +4,7 @@ The file is YAML; every key is optional but `cameras` (an MJCF may do without). 
 `40 deg`; colours are linear Rec. 709, one number is a grey; a value may be drawn by the environment's seed, see
 `drawing`; `${...}` is arithmetic over the arguments.
 
+    description: one line for whoever reads the file
     args:       {NAME: {type: float|int|str|bool|vector|folder, default, min, max, choices, unit, help}};
                 width, height: always
     cameras:    {NAME: FRAME + {fov (vertical) | focal (px), width, height, near, supersampling,
