@@ -115,8 +115,9 @@ class Executor(Outputs):
                 host.node.warm_up()
 
     def _own(self, host: Host) -> None:
-        """Tells a node who runs it, and whether somebody waits for it."""
+        """Tells a node who runs it, for how long, and whether somebody waits for it."""
         host.node.runtime, host.node.may_gather, host.node.may_lag = self, host.many, not self.plan.waits
+        host.node.run_s = self.plan.duration_s
 
     def wait_connected(self, timeout_s: float, commands: Commands | None = None) -> None:
         """Waits until every declared edge of this process stands. Raises TimeoutError naming who is missing."""

@@ -146,6 +146,8 @@ class Node:
     may_lag: bool = False
     """Whether what comes of a stamp may be published when the next one is under way, for nobody waits for it
     (`Plan.waits`); set by the executor before setup."""
+    run_s: float | None = None
+    """How long the run is to take, in stamps [s], None = until its sources end; set by the executor before setup."""
 
     def __init__(self, name: str, params: Mapping[str, Any]) -> None:
         """params: of PARAMS, and perhaps EACH, which a graph that is held in Python may have."""

@@ -188,16 +188,17 @@ class InterpolatorNode(Node):
         """
         from nodes.interpolator.refine.instants import wanted_slots
         from nodes.interpolator.refine.light.highlights import tolerance_for
-        from nodes.renderer.at_once import at_once, refined_at_once
+        from nodes.renderer.at_once import at_once, keyframes_of, refined_at_once
 
         p = self.params
         if self._method != "rigid" or p["upsampling"] == 1 or not self.may_gather or self._counts_are_read():
             return 1
-        paths = parameters.by_paths(p)
-        gaps = at_once(self.name, p["batch"], p["device"], p["envs"], pixels, p["upsampling"], paths)
+        paths, rate = parameters.by_paths(p), p["keyframe_rate"] or USUAL_RATE
+        keyframes = keyframes_of(self.run_s, rate)
+        gaps = at_once(self.name, p["batch"], p["device"], p["envs"], pixels, p["upsampling"], paths, keyframes)
         if not self._sampled:
             return gaps
-        length = 1e9 / (p["keyframe_rate"] or USUAL_RATE)
+        length = 1e9 / rate
         scenes = self.worlds.scenes if self.worlds else []
         tolerance = 1e9 * p["time_tolerance"]
         tolerance = min((tolerance_for(scene, tolerance) for scene in scenes), default=tolerance)

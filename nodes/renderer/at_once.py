@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from evis.gpu.devices import device_named
@@ -10,6 +11,9 @@ from evis.gpu.room import free_memory
 MOST = 32
 """Most keyframes at once: of a disk at 30x8 on an H200, which waits for its host, 16 and 32 run at 64 and 95 times real
 time; what keeps the GPU busy runs as fast with 16."""
+ROUNDS, MOST_OF_SHORT = 12, 8
+"""On a GPU a run has so many batches at least, or they have no more keyframes than that: in the first one buffers grow
+to what it makes, and the last one is filled up. tunnel_exit for 4 s ran at 24 times real time with 8 and 19 with 32."""
 MOST_REFINED, MOST_REFINED_ON_CPU = 8, 4
 """Most gaps at once whose pixels are looked at between frames too: on a GPU the disk, where it has little to do, runs
 1.5 times as fast with eight as with four, and 1.1 times as fast again with sixteen, which take twice the memory."""
@@ -35,7 +39,21 @@ LEAST_OF_REFINED = 700
 """Of a pixel that is looked at between sub-frames too; measured were 970 with 0.3 ms and 1380 with 0.1 ms."""
 
 
-def at_once(name: str, asked: int, device: str, envs: int, pixels: int, frames: int, paths: bool = False) -> int:
+def keyframes_of(run_s: float | None, rate: float) -> float:
+    """Computes how many keyframes a run takes at a rate [Hz]; infinitely many where its length [s] is not known."""
+    return math.inf if run_s is None else run_s * rate
+
+
+def at_once(
+    name: str,
+    asked: int,
+    device: str,
+    envs: int,
+    pixels: int,
+    frames: int,
+    paths: bool = False,
+    keyframes: float = math.inf,
+) -> int:
     """Computes how many keyframes a node makes at once.
 
     Args:
@@ -46,6 +64,7 @@ def at_once(name: str, asked: int, device: str, envs: int, pixels: int, frames: 
         pixels: of a keyframe.
         frames: made of each keyframe.
         paths: whether light comes by these, beside which a CPU's time for anything else is nothing.
+        keyframes: of the whole run.
 
     Raises:
         ValueError: for more than one with several environments, and where the device's memory does not hold as many.
@@ -65,6 +84,7 @@ def at_once(name: str, asked: int, device: str, envs: int, pixels: int, frames: 
     most, room = MOST_ON_CPU, PIXELS_ON_CPU
     if where.is_cuda:
         most, room = MOST, min(PIXELS, where.total_memory // (SHARE * BYTES))
+        most = min(most, max(round(min(keyframes, ROUNDS * most)) // ROUNDS, MOST_OF_SHORT))
     # The same for nodes whose pixel counts differ by a margin.
     return _power_of_two(min(room // each, most))
 

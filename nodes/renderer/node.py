@@ -151,7 +151,7 @@ class RendererNode(Node):
 
     def _at_once(self, samples: int) -> int:
         """How many keyframes are rendered at once. Raises ValueError where they or the environments do not fit."""
-        from nodes.renderer.at_once import at_once, check_room
+        from nodes.renderer.at_once import at_once, check_room, keyframes_of
 
         p, camera = self.params, camera_of(self.scene, self.params["camera"])
         width, height = (samples * (length + 2 * p["margin"]) for length in (camera.width, camera.height))
@@ -159,7 +159,8 @@ class RendererNode(Node):
         check_room(self.name, p["device"], p["envs"], width, height, frames)
         if not self.may_gather:
             return 1
-        count = at_once(self.name, p["batch"], p["device"], p["envs"], width * height, frames, parameters.by_paths(p))
+        paths, keyframes = parameters.by_paths(p), keyframes_of(self.run_s, p["keyframe_rate"])
+        count = at_once(self.name, p["batch"], p["device"], p["envs"], width * height, frames, paths, keyframes)
         if count > 1:
             self.result("batch", count)
         return count

@@ -27,7 +27,7 @@ from nodes.event_sensor.messages.flights import Flights
 from nodes.event_sensor.node import EventSensorNode
 from nodes.event_sensor.readout.device_events import DeviceEvents
 from nodes.event_sensor.sensor import EventSensor
-from nodes.renderer.at_once import MOST, at_once, refined_at_once
+from nodes.renderer.at_once import MOST, at_once, keyframes_of, refined_at_once
 from nodes.renderer.renderer import Renderer
 
 SMALL = {"width": 48, "height": 36, "audit": 0}
@@ -365,6 +365,13 @@ def test_on_a_cpu_small_pictures_come_several_at_once() -> None:
 def test_all_that_are_made_at_once_may_be_under_way() -> None:
     """And two more, so that a recorder in another process does not hold up the batch after them."""
     assert WINDOW_AT_ONCE == MOST + 2
+
+
+@pytest.mark.gpu
+def test_a_short_run_takes_fewer_on_a_gpu() -> None:
+    """It would be filled up in the last batch, and its buffers grow in the first."""
+    count = lambda run_s, rate: at_once("renderer", 0, "cuda", 1, 1000, 8, keyframes=keyframes_of(run_s, rate))
+    assert [count(*run) for run in ((1, 30), (12, 30), (16, 30), (4, 125), (None, 30))] == [8, 16, 32, 32, 32]
 
 
 def test_a_graph_of_small_pictures_takes_several_on_a_cpu() -> None:
