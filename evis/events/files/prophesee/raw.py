@@ -280,9 +280,9 @@ def fit(data: bytes, encoding: str) -> tuple[float, float]:
     bits = shift - low
     highs = (words[kind == 8] >> low & (1 << bits) - 1).astype(np.int64)
     step = np.diff(highs)
-    # the counter goes on, by little, or turns; a long pause is passed in steps of half a turn
+    # the counter goes on, by little, or turns; a long pause is passed over its last value
     half = 1 << bits - 1
-    forward = (step >= 0) & (step < half >> 1) | (step < -half) | (np.abs(step) == half)
+    forward = (step >= 0) & (step < half >> 1) | (step < -half) | (highs[1:] == 2 * half - 1)
     return float(known.mean()) if len(words) else 1.0, float(forward.mean()) if len(step) else 1.0
 
 
