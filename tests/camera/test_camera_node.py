@@ -76,6 +76,7 @@ def test_a_recording_plays_again_as_further_episodes(tmp_path, monkeypatch):
     for packet in runtime.messages["events"]:
         rounds.setdefault(packet.header.episode, []).append(packet)
     assert len(rounds) > 5 and sorted(rounds) == list(range(len(rounds)))
+    assert [m.header.episode for m in runtime.messages["info"]][: len(rounds)] == list(range(len(rounds)))
     for episode in range(len(rounds) - 1):
         assert [p.header.stamp_ns for p in rounds[episode]] == [p.header.stamp_ns for p in once]
         assert joined(rounds[episode]).t.tolist() == joined(once).t.tolist() == [1 * MS, 12 * MS, 27 * MS]
