@@ -23,6 +23,7 @@ from evis.events.files.prophesee.raw_header import (
     value_in_format,
 )
 from evis.events.files.reading.block_recording import take_size
+from evis.events.files.reading.zero_tail import data_end
 from evis.events.recording import OpenOptions, Recording, RecordingError, RecordingInfo
 
 NAME = "Prophesee RAW (EVT2, EVT2.1, EVT3, EVT4)"
@@ -104,6 +105,7 @@ class RawRecording(Recording):
         self._decoder = decoder_for(encoding, 0, 0, self._backend)
         if encoding in _LEGAL and told and not (encoding == "evt21" and self._find_order(header)):
             self._check_encoding()
+        self._end = size = data_end(self._file.fileno(), self._start, self.info, self._decoder.word.itemsize)
         rest = (size - self._start) % self._decoder.word.itemsize
         if rest:
             self.info.truncated = True
@@ -182,7 +184,7 @@ class RawRecording(Recording):
     def _feed(self, size: int) -> bool:
         try:
             # room for what the file does not have would be cleared first
-            data = self._file.read(min(size, max(self._size - self._file.tell(), 4096)))
+            data = self._file.read(min(size, max(self._end - self._file.tell(), 0)))
         except OSError as e:
             raise RecordingError(f"{self.info.path}: reading failed: {e.strerror}") from None
         if data:
