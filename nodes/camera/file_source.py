@@ -21,7 +21,7 @@ class FileSettings(Configuration):
 
     packet_ms: float = setting(10.0, "length of a packet's interval", "ms", 0.01, 10_000)
     speed: float = setting(1.0, "device time per real time; 0 = as fast as it is read", "", 0, 1e6)
-    duration_s: float = setting(0.0, "stop after this time; 0 = all", "s", 0, 1e9)
+    duration_s: float = setting(0.0, "stop so long after the first event; 0 = all", "s", 0, 1e9)
     raw: bool = setting(False, "also give the wire bytes, where the file has them")
 
 
@@ -99,8 +99,8 @@ class FileSource(Driver):
         first = recording.next_t_ns
         self._ended = first is None
         self.t0_ns = 0 if first is None else self._boundary(first)
-        if self._settings.duration_s:
-            self._end = self.t0_ns + round(self._settings.duration_s * NS)
+        if self._settings.duration_s and first is not None:  # as an emulated device; a packet may begin long before
+            self._end = first - 1 + round(self._settings.duration_s * NS)
         self._at = self.t0_ns
         self._running = True
 

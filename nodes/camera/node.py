@@ -92,7 +92,7 @@ class CameraNode(Node):
 
     def setup(self) -> None:
         self._interval_ns = round(self.params["packet_ms"] * 1e6)
-        self._rounds = self._episode = self._ends_at = 0
+        self._rounds = self._episode = self._ends_at = self._stamp_ns = 0
         self._count_at = self._rest_until = 0.0
         self._open()
 
@@ -122,7 +122,13 @@ class CameraNode(Node):
         about = self.about = self.driver.info()
         for warning in about.details.get("warnings", ()) if not self._rounds else ():
             self.warn(warning)
-        self.publish("info", camera_info(p["camera"], about, self.driver.t0_ns))
+        self._stamp_ns = self.driver.t0_ns
+        self._publish_info()
+
+    def _publish_info(self) -> None:
+        """Publish what the camera is, as of the last reading."""
+        episode = self.driver.episode + self._rounds
+        self.publish("info", camera_info(self.params["camera"], self.about, self._stamp_ns, episode))
 
     def step(self, inputs: Mapping[str, Message]) -> bool:
         if time.monotonic() < self._rest_until:
@@ -139,6 +145,7 @@ class CameraNode(Node):
         if reading.late_ns > self._interval_ns:
             self.count("late_packets")
             self.count("late_ms", reading.late_ns / 1e6)
+        self._stamp_ns = reading.stamp_ns
         for port, message in packets(reading, self.about, self.driver.episode + self._rounds, self.wants):
             self.publish(port, message)
         if not self.params["duration"] or self.params["file"] or self.params["emulate"]:
@@ -175,14 +182,14 @@ class CameraNode(Node):
         if self.driver.episode != self._episode:
             self._episode = self.driver.episode
             self.warn(f"the camera is back; its clock starts anew (episode {self._episode})")
-            self._status_at = 0.0
+            self._status_at, self._stamp_ns = 0.0, self.driver.t0_ns
         if time.monotonic() < self._status_at or not hasattr(self.driver, "bus"):
             return
         self._status_at = time.monotonic() + STATUS_S
         about = self.about = self.driver.info()
         gauges = {k: float(about.details[k]) for k in GAUGES if k in about.details}
         self._count_new(gauges)
-        self.publish("info", camera_info(self.params["camera"], about, self.driver.t0_ns))
+        self._publish_info()
 
     def _count_new(self, counters: Mapping[str, float]) -> None:
         """The driver's totals as increments of the node's counters."""

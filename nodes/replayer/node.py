@@ -13,7 +13,7 @@ import numpy as np
 from evis.config.params import Param, ParamError, resolve
 from evis.runtime.clock import Pacer
 from evis.runtime.node import Node, Output
-from msgs.header import Message
+from msgs.header import Header, Message
 
 if TYPE_CHECKING:
     from evis.bag.reader import BagReader
@@ -34,6 +34,9 @@ MAX_SLEEP_S = 0.05
 """Longest sleep in one step, so that the graph can be stopped."""
 MAX_TOLD = 8
 """Most topics that are named in a warning."""
+APART_NS = 10_000_000_000
+"""A silence longer than this between messages of two clocks [ns] is none: one camera counts from its start, another
+from 1970."""
 REST_S = 1.0
 """Between two rounds, so that the end can be seen."""
 
@@ -93,7 +96,7 @@ class ReplayerNode(Node):
 
         factor = speed(self.params["pace"])
         self.pacer = Pacer(factor) if factor is not None else None
-        self.paced = (0, 0)
+        self.paced = Header(0)
         self.first_episode = self.last_episode = 0
         self.rest_until = 0.0
         self.told = False
@@ -165,7 +168,7 @@ class ReplayerNode(Node):
             self._tell_of_damage()
             return False
         key = _key(self.next[1])
-        if (wait := self._wait_s(*key)) > 0:
+        if (wait := self._wait_s(self.next[1].header)) > 0:
             time.sleep(min(wait, MAX_SLEEP_S))
             if wait > MAX_SLEEP_S:
                 return True
@@ -186,16 +189,18 @@ class ReplayerNode(Node):
             return True
         return False
 
-    def _wait_s(self, episode: int, stamp_ns: int) -> float:
-        """How long until a stamp is due [s]; 0 without a pace. What is late is counted."""
+    def _wait_s(self, header: Header) -> float:
+        """How long until a message is due [s]; 0 without a pace. What is late is counted."""
         if self.pacer is None:
             return 0.0
-        if episode > self.paced[0] and stamp_ns < self.paced[1]:  # time begins anew: the distances are this episode's
+        since_ns = header.stamp_ns - self.paced.stamp_ns
+        anew = header.episode > self.paced.episode and since_ns < 0  # the distances are this episode's
+        if anew or (header.clock != self.paced.clock and since_ns > APART_NS):
             self.pacer.restart()
-        self.paced = episode, stamp_ns
-        wait = self.pacer.wait_s(stamp_ns)
+        self.paced = replace(header)  # whose episode changes where it is published in a later round
+        wait = self.pacer.wait_s(header.stamp_ns)
         if wait <= MAX_SLEEP_S:  # it is sent within this step
-            self.pacer.passed(stamp_ns)
+            self.pacer.passed(header.stamp_ns)
             self.count_total("late_ms_max", self.pacer.late_ms_max)
         return wait
 

@@ -295,6 +295,8 @@ def test_command_line(tmp_path):
     [
         (["bag", "info", "{}/none.mcap"], 1, "cannot read"),
         (["bag", "info", "{}/garbage.mcap"], 1, "not an MCAP bag"),
+        (["bag", "info", "{}/ros1.bag"], 1, "is a ROS 1 bag, no MCAP bag; `evis events info` and `convert` read its"),
+        (["bag", "play", "{}/ros2.db3", "--no-view"], 1, "is a ROS 2 bag of SQLite, no MCAP bag; `evis events info`"),
         (["bag", "export", "{}/a.mcap", "--topic", "/x", "o.npz"], 1, "no topic '/x'"),
         (["bag", "export", "{}/a.mcap", "--topic", "/cam0/events", "{}/e"], 1, "e: no extension; name it e.npz"),
         (["bag", "recover", "{}/a.mcap", "{}/missing/b.mcap"], 1, "there is no directory"),
@@ -308,6 +310,8 @@ def test_command_line_errors(tmp_path, words, status, text):
     """One line on stderr that names the thing, 1 for a failure and 2 for wrong usage."""
     bag(tmp_path / "a.mcap")
     (tmp_path / "garbage.mcap").write_bytes(b"garbage" * 99)
+    (tmp_path / "ros1.bag").write_bytes(b"#ROSBAG V2.0\n" * 99)
+    (tmp_path / "ros2.db3").write_bytes(b"SQLite format 3\0" * 99)
     code, out, err = run(*(w.format(tmp_path) for w in words))
     assert code == status and out == ""
     assert text in err and err.count("\n") == 1

@@ -362,6 +362,25 @@ def test_paced_replay_keeps_the_distances_of_every_episode(tmp_path):
     assert time.monotonic() - began > 3 * (3 * 0.040) / 2 - 0.01
 
 
+def test_a_paced_replay_does_not_wait_between_two_clocks(tmp_path):
+    """One camera counts from its start, the other from 1970: the replay waited for 50 years between the two."""
+    late = 1_700_000_000_000_000_000
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        for first, clock, name in (0, "device:1", "left"), (late, "device:2", "right"):
+            for k in range(4):
+                bag.write(f"/{name}/depth", Depth(Header(first + k * 40_000_000, k, clock), PIXEL))
+    node = make(ReplayerNode, bag=str(tmp_path / "a.mcap"), pace="2")
+    node.setup()
+    began = time.monotonic()
+    while node.step({}) and time.monotonic() - began < 5:
+        pass
+    node.finish()
+    node.close()
+    assert len(node.runtime.published) == 8
+    assert 2 * (3 * 0.040) / 2 - 0.01 < time.monotonic() - began < 5
+    assert node.runtime.results["pace"]["wanted"] == 2.0
+
+
 def test_the_rate_of_a_topic_is_that_within_its_episodes(tmp_path):
     """25 Hz, however often the time begins anew."""
     with BagWriter(tmp_path / "a.mcap") as bag:

@@ -76,6 +76,7 @@ def test_a_recording_plays_again_as_further_episodes(tmp_path, monkeypatch):
     for packet in runtime.messages["events"]:
         rounds.setdefault(packet.header.episode, []).append(packet)
     assert len(rounds) > 5 and sorted(rounds) == list(range(len(rounds)))
+    assert [m.header.episode for m in runtime.messages["info"]][: len(rounds)] == list(range(len(rounds)))
     for episode in range(len(rounds) - 1):
         assert [p.header.stamp_ns for p in rounds[episode]] == [p.header.stamp_ns for p in once]
         assert joined(rounds[episode]).t.tolist() == joined(once).t.tolist() == [1 * MS, 12 * MS, 27 * MS]
@@ -134,11 +135,15 @@ def test_a_jump_of_the_device_clock_is_no_flood(tmp_path):
 
 
 def test_duration_is_device_time(tmp_path):
-    """Playing stops at the first boundary plus the duration."""
-    path = write(tmp_path / "a.raw", np.arange(1, 100) * MS)
-    packets = play(Runtime(), file=str(path), pace="fast", duration=0.025).messages["events"]
-    assert [p.header.stamp_ns // MS for p in packets] == [10, 20, 25]
-    assert joined(packets).t.tolist() == [k * MS for k in range(1, 26)]
+    """Playing stops so long after the first event, wherever packets begin, as an emulated device does."""
+    path = str(write(tmp_path / "a.raw", np.arange(7, 100) * MS))
+    for packet_ms in 10.0, 1000.0:
+        for device in {}, {"emulate": "evk4"}:
+            given = {"file": path, "pace": "fast", "duration": 0.025, "packet_ms": packet_ms} | device
+            packets = play(Runtime(), **given).messages["events"]
+            assert joined(packets).t.tolist() == [k * MS for k in range(7, 32)]
+    packets = play(Runtime(), file=path, pace="fast", duration=0.025).messages["events"]
+    assert [p.header.stamp_ns for p in packets] == [10 * MS, 20 * MS, 30 * MS, 32 * MS - 1]
 
 
 def test_warnings_and_drops_are_passed_on(tmp_path):

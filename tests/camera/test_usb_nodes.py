@@ -64,6 +64,20 @@ def test_node_reconnects_in_a_new_episode(tmp_path):
     assert {m.header.episode for m in runtime.messages["events"]} == {0, 1}
     assert runtime.counters["unplugged"] == runtime.counters["reconnected"] == 1
     assert any("unplugged" in w for w in runtime.warnings) and any("is back" in w for w in runtime.warnings)
+    infos = [(m.header.episode, m.header.stamp_ns) for m in runtime.messages["info"]]
+    assert [episode for episode, _ in infos] == [0, 1] and infos[1][1] == 0  # its clock starts anew
+
+
+def test_descriptions_have_the_time_of_what_they_say(tmp_path, monkeypatch):
+    """Temperature and drift are asked for now and then: each description is stamped as the packet before it."""
+    monkeypatch.setattr("nodes.camera.node.STATUS_S", 0.0)
+    monkeypatch.setattr("nodes.camera.node.COUNT_S", 0.0)
+    random_recording(tmp_path / "a.raw", 640, 480)
+    runtime = play(Runtime(), emulate="silkyevcam", file=str(tmp_path / "a.raw"), **FAST)
+    stamps = [m.header.stamp_ns for m in runtime.messages["info"]]
+    packets = [m.header.stamp_ns for m in runtime.messages["events"]]
+    assert stamps[0] <= packets[0] and stamps == sorted(stamps)
+    assert set(packets) <= set(stamps)
 
 
 def simulated(episode: int, seed: int, width: int, height: int) -> list[EventPacket]:

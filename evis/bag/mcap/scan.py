@@ -96,6 +96,10 @@ def message(body: memoryview) -> tuple[int, int, int, memoryview]:
     return channel, sequence, log_time, body[22:]
 
 
+OTHERS = {b"#ROSBAG": "a ROS 1 bag", b"SQLite f": "a ROS 2 bag of SQLite"}
+"""What bags of other kinds begin with -> what they are."""
+
+
 class TooLargeError(BagError):
     """Says that a chunk unpacks to more than it may: not damaged, and so not left out in silence."""
 
@@ -108,7 +112,11 @@ class Scanner:
         self.size = os.fstat(descriptor).st_size
         if not self.size:
             raise BagError(f"{name} is empty")
-        if self._read(0, len(MAGIC)) != MAGIC:
+        head = self._read(0, len(MAGIC))
+        if head != MAGIC:
+            other = next((kind for begin, kind in OTHERS.items() if head.startswith(begin)), None)
+            if other:
+                raise BagError(f"{name} is {other}, no MCAP bag; `evis events info` and `convert` read its events")
             raise BagError(f"{name} is not an MCAP bag: it does not begin with the MCAP signature")
         self.layout = self._indexed() or self._walked()
 

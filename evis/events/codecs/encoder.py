@@ -178,38 +178,41 @@ class PropheseeEncoder(Encoder):
         return words.astype(self.word).tobytes()
 
     def _jumps(self, before: np.ndarray, high: np.ndarray) -> np.ndarray:
-        """Where one TIME_HIGH word does not do: over a turn by more than half, or backwards."""
-        turned = before >> self.high_bits != high >> self.high_bits
-        far = turned & (high - before > 1 << self.high_bits - 1)
-        return np.flatnonzero(far | (high < before))
+        """Where one TIME_HIGH word does not do: over a turn of the counter, or backwards."""
+        return np.flatnonzero((before >> self.high_bits != high >> self.high_bits) | (high < before))
 
     def _steps(self, before: int, high: int) -> np.ndarray:
-        """TIME_HIGH words between two times, each at most half a turn after the one before."""
-        half = 1 << self.high_bits - 1
-        turn = self.turn_s
+        """TIME_HIGH words between two times: of each turn of the counter its last value and its first.
+
+        A sensor sends every value. Other readers than EVIS and openeb's EVT3 see a turn only where TIME_HIGH falls by
+        nearly all of its range: by all but 10 in openeb's EVT2 and the decoders of Metavision's samples.
+        """
+        last = (1 << self.high_bits) - 1
         if high < before:
-            if before - high >= half or before >> self.high_bits != high >> self.high_bits:
+            if before - high > last >> 1 or before >> self.high_bits != high >> self.high_bits:
                 raise ValueError(
-                    f"{self.encoding} cannot hold times that step back by {(before - high) * turn / 2 / half:.3g} s "
+                    f"{self.encoding} cannot hold times that step back by {(before - high) * self._unit_s:.3g} s "
                     "(half a turn of its counter, or over a turn); sort the events by time or write .npz"
                 )
             return np.empty(0, self.word)
-        if (high - before) >> self.high_bits > MAX_TURNS:
-            raise ValueError(
-                f"{self.encoding} counts from 0 in turns of {turn:.4g} s; a jump to {high * turn / 2 / half:.6g} s is "
-                f"too far; {REBASE}"
-            )
-        count = -(-(high - before) // half) - 1
-        if before >= 0:
-            return self.time_high_words(before + np.arange(1, count + 1, dtype=np.int64) * half)
         # nothing was sent yet: the first TIME_HIGH is taken as it is, turns are counted from there
-        count = 0 if high < 2 * half else -(-high // half)
-        return self.time_high_words(np.arange(count, dtype=np.int64) * half)
+        turns = (high >> self.high_bits) - (max(before, 0) >> self.high_bits)
+        if turns > MAX_TURNS:
+            raise ValueError(
+                f"{self.encoding} counts from 0 in turns of {self.turn_s:.4g} s; a jump to {high * self._unit_s:.6g} s "
+                f"is too far; {REBASE}"
+            )
+        values = np.tile(np.array([last, 0], np.int64), turns)
+        return self.time_high_words(values[before & last == last and before >= 0 : len(values) - (high & last == 0)])
 
     @property
     def turn_s(self) -> float:
         """Returns the time in which the counter on the wire turns once [s]."""
         return (1 << self.high_bits + self.low_bits) / 1e6
+
+    @property
+    def _unit_s(self) -> float:
+        return (1 << self.low_bits) / 1e6
 
     def advance(self, t_ns: int) -> bytes:
         """Returns the TIME_HIGH words up to t_ns, as a sensor that sees nothing sends them."""
@@ -217,8 +220,7 @@ class PropheseeEncoder(Encoder):
         before = -1 if self._high is None else self._high
         if high <= before:
             return b""
-        far = high >> self.high_bits != before >> self.high_bits and high - before > 1 << self.high_bits - 1
-        steps = self._steps(before, high) if far else np.empty(0, self.word)
+        steps = self._steps(before, high)
         self._high, self._low = high, 0
         return self._pack(np.append(steps, self.time_high_words(np.array([high]))))
 

@@ -54,8 +54,9 @@ class NmnistRecording(RecordFile):
         self._open_records(path, 0)
         try:
             if not take_size(self.info, options):
+                before = list(self.info.warnings)
                 self._size_from_events(SENSORS)
-                self.info.warnings = [w for w in self.info.warnings if "cut" in w]  # the format never has a size
+                self.info.warnings = before  # the format never has a size
         except BaseException:
             self.close()
             raise

@@ -185,8 +185,10 @@ class RecordingFeed(_Pieces):
             for stamp, _ in plain_windows(recording, window, end):
                 yield stamp, self._wire()
         else:
-            windows = plain_windows if self._model.encoding in UNORDERED else sorted_windows
-            for stamp, events in windows(recording, window, end):
+            windows = plain_windows(recording, window, end)
+            if self._model.encoding not in UNORDERED:
+                windows = sorted_windows(recording, window, end, self._encoder.count_reordered)
+            for stamp, events in windows:
                 data = self._encoder.encode(self.change(events) if self.change else events)
                 self._ahead += self._encoder.take_beside()
                 yield stamp, data

@@ -61,7 +61,9 @@ class EmulatedCameraNode(Node):
         packet: Any = inputs["simulated"]
         if packet.header.episode != self._episode:
             self._begin(packet.header.episode)
-        data = self.encoder.encode(self._events(packet))
+        events = self._events(packet)
+        self.encoder.count_reordered(events)
+        data = self.encoder.encode(events)
         self.feed.put(data)
         reading = self.driver.read_bytes(len(data), packet.t0_ns, packet.header.stamp_ns, WAIT_S)
         for name, total in {**self.driver.counters(), **self.encoder.counts}.items():

@@ -41,7 +41,22 @@ class Reencoder:
         self._encoder = encoder_for(model.encoding)
         self._last_us = self._readout_end = -1
         self._beside: list[bytes] = []
+        self._latest: dict[str, int] = {}
         self.counts: Counter[str] = Counter()
+
+    def count_reordered(self, events: Events) -> None:
+        """Counts events and triggers that come behind later ones of their kind, where the wire needs them in order.
+
+        To be told of all that is to be encoded, in the order of its source: a stretch has lost it.
+        """
+        if self.model.encoding in UNORDERED:
+            return
+        for name, t in (("events_reordered", events.t), ("triggers_reordered", events.triggers.t)):
+            latest = np.maximum(np.maximum.accumulate(t), self._latest.get(name, t[0])) if len(t) else t
+            if (behind := int((latest > t).sum())) > 0:
+                self.counts[name] += behind
+            if len(t):
+                self._latest[name] = int(latest[-1])
 
     def encode(self, events: Events) -> bytes:
         """Returns the words of a stretch of the stream. Raises ValueError for what cannot be put on the wire at all."""
@@ -99,17 +114,13 @@ class Reencoder:
 
     def _ordered(self, events: Events) -> Events:
         """In order of time; events and triggers of equal times stay as they came."""
-        steps = np.diff(events.t) < 0
-        if steps.any():
-            self.counts["events_reordered"] += int(steps.sum())
+        if (np.diff(events.t) < 0).any():
             order = np.argsort(events.t, kind="stable")
             events = dataclasses.replace(
                 events, t=events.t[order], x=events.x[order], y=events.y[order], p=events.p[order]
             )
         edges = events.triggers
-        steps = np.diff(edges.t) < 0
-        if steps.any():
-            self.counts["triggers_reordered"] += int(steps.sum())
+        if (np.diff(edges.t) < 0).any():
             order = np.argsort(edges.t, kind="stable")
             events = dataclasses.replace(events, triggers=Triggers(edges.t[order], edges.id[order], edges.value[order]))
         if self.model.encoding == ONE_READOUT and len(events):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -22,15 +22,21 @@ def plain_windows(recording: Recording, window_ns: int, end_ns: int | None) -> I
         yield stamp, recording.read_until(stamp)
 
 
-def sorted_windows(recording: Recording, window_ns: int, end_ns: int | None) -> Iterator[tuple[int, Events]]:
-    """Cuts a recording as plain_windows does, with frames, samples and triggers at their own time; a stretch never ends
-    inside a frame."""
+def sorted_windows(
+    recording: Recording, window_ns: int, end_ns: int | None, seen: Callable[[Events], None]
+) -> Iterator[tuple[int, Events]]:
+    """Cuts a recording as plain_windows does, with all at its own time; a stretch never ends inside a frame.
+
+    seen: told of all that is read, in the file's order.
+    """
     following = recording.next_t_ns
     stock = Events.empty()
     while following is not None and (end_ns is None or following <= end_ns):
         stamp = -(-following // window_ns) * window_ns
         stamp = stamp if end_ns is None else min(stamp, end_ns)
-        stock = Events.concatenate([stock, recording.read_until(stamp + AHEAD_NS)])
+        read = recording.read_until(stamp + AHEAD_NS)
+        seen(read)
+        stock = Events.concatenate([stock, read])
         for frame in sorted(stock.frames, key=lambda f: f.t_ns):
             if frame.t_ns <= stamp:
                 stamp = max(stamp, frame.end_ns, frame.exposure_end_ns)

@@ -57,12 +57,12 @@ def packets(
     )
 
 
-def camera_info(camera: str, about: Any, stamp_ns: int) -> CameraInfo:
-    """Makes the latched description of a device; the intrinsics are zero: not calibrated."""
+def camera_info(camera: str, about: Any, stamp_ns: int, episode: int = 0) -> CameraInfo:
+    """Makes the latched description of a device at a time of its clock; the intrinsics are zero: not calibrated."""
     sensor = {"name": about.name, "serial": about.serial, "sensor": about.sensor, "encoding": about.encoding}
     stamp_ns = max(stamp_ns, 0)  # the interval of an event at 0 begins before, where a bag has no times
     return CameraInfo(
-        Header(stamp_ns, clock=about.clock),
+        Header(stamp_ns, clock=about.clock, episode=episode),
         np.zeros((3, 3)),
         np.zeros(0),
         name=camera,

@@ -286,6 +286,7 @@ class UsbDriver(Driver):
             finally:
                 self._info = self._info or before
             self.episode += 1
+            self.t0_ns = 0
             self._before["reconnected"] += 1
             self._gone_at = 0.0
             return

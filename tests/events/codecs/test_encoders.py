@@ -45,6 +45,35 @@ def test_jumps_over_many_turns(codec, turn_us, start):
     same(decoded, events)
 
 
+@pytest.mark.parametrize(("codec", "bits"), [("evt3", 12), ("evt2", 28)])
+@pytest.mark.parametrize("step", [0.0137, 0.49, 0.51, 1.7])
+@pytest.mark.parametrize("silent", [False, True])
+def test_turns_that_other_readers_see(codec, bits, step, silent):
+    """Sparse events keep their times where a turn is a fall of TIME_HIGH by all of its range but 10.
+
+    That is the rule of openeb's EVT2 and of the decoders among Metavision's samples, which sees every value.
+    """
+    kind, low_bits = CODECS[codec], {"evt3": 12, "evt2": 6}[codec]
+    t_us = (np.arange(1, 40) * step * (1 << bits + low_bits)).astype(np.int64)
+    n = len(t_us)
+    events = Events.of(t_us * 1000, np.full(n, 3), np.full(n, 4), np.ones(n, np.uint8))
+    encoder = kind.Encoder()
+    data = b""
+    for i in range(n):
+        data += encoder.advance(int(t_us[i]) * 1000) if silent else b""
+        data += encoder.encode(events[i : i + 1])
+    words = np.frombuffer(data, kind.Encoder.word).astype(np.int64)
+    found, turns, high = [], 0, 0
+    of, value = words >> kind.Encoder.word.itemsize * 8 - 4, words & (1 << bits) - 1
+    for word, v in zip(of.tolist(), value.tolist()):
+        if word == kind.TIME_HIGH:
+            turns += high - v >= (1 << bits) - 1 - 10
+            high = v
+        elif word == {"evt3": evt3.ADDR_X, "evt2": evt2.ON}[codec]:
+            found.append((turns << bits) + high)
+    assert found == (t_us >> low_bits).tolist()
+
+
 @CODEC
 def test_resync_pieces_decode_alone(codec):
     """With resync each piece starts with its own time and row."""

@@ -258,6 +258,8 @@ def test_an_interrupted_conversion_leaves_nothing(number, tmp_path):
     whole = tmp_path / "a.dat"
     whole.write_bytes(b"% Data file containing CD events.\n% Version 2\n% Height 480\n% Width 640\n\x0c\x08")
     os.truncate(whole, 40 << 30)  # takes no room on the disk
+    with whole.open("ab") as file:
+        file.write(b"\1" * 8)
     done = subprocess.Popen(
         [sys.executable, "-m", "evis", "events", "convert", whole, tmp_path / "a.csv"],
         stderr=subprocess.PIPE,

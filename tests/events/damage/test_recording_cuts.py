@@ -15,6 +15,8 @@ RECORD = {"dat": 8, "aedat2": 8, "nmnist": 5}
 """Formats whose number of events before a cut is a division."""
 
 
+ENDED = {"aedat4", "aedat4 lz4", "aedat4 zstd", "npz", "npz packed", "zip", "text gzip"}
+"""Formats that tell where they end, so that nothing is missing."""
 SILENT = {"dat": 91, "nmnist": 91, "aedat2": 170, "es": 200, "text": 180, "csv": 180, "raw evt21": 91, "raw evt4": 172}
 """Cuts of a prefix that nobody can tell from an end: between records, lines, or lines of an AEDAT 2 header."""
 
@@ -49,6 +51,18 @@ def test_every_prefix(name, tmp_path):
         silent += not info.truncated and n < 90
     assert most == 90
     assert silent <= SILENT.get(name, 12)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_pages_that_were_never_written_hold_no_event(name, tmp_path):
+    """After a loss of power a file ends with zeros: no events of pixel (0, 0); what lies before is read."""
+    make, suffix = CASES[name]
+    with open_recording(save(tmp_path / f"a{suffix}", make(tmp_path) + bytes(9000)), size=(34, 34)) as recording:
+        events = recording.read()
+        told = recording.info.truncated or recording.info.warnings or recording.counters()
+    for column in "txyp":
+        np.testing.assert_array_equal(getattr(events, column), getattr(EVENTS, column))
+    assert told or name in ENDED
 
 
 def test_a_cut_message_gives_its_first_events(tmp_path):

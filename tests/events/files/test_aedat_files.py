@@ -10,6 +10,7 @@ from file_cases import AEDAT3_HEAD, aedat2_davis, aedat3, aedat3_packet, save, s
 from stream_cases import same
 
 from evis.events import Events, open_recording, open_writer
+from evis.events.arrays import Frame
 
 # what aedat 2.3.0 gives of aestream_davis.aedat4 (pip install aedat; for packet in aedat.Decoder(file): ...), in us,
 # g and deg/s; frames as (begin, end, exposure begin, exposure end, sum of the pixels)
@@ -125,6 +126,24 @@ def test_seeking_reads_only_what_it_needs(tmp_path):
         rest = recording.read()
         assert not recording.counters()
     np.testing.assert_array_equal(rest.t, events.t[np.searchsorted(events.t, events.t[40_000]) :])
+
+
+@pytest.mark.parametrize(("exposure", "t_us"), [((20_000, 31_000), 25), ((0, 0), 10)])
+def test_the_time_of_a_written_frame_is_the_middle_of_its_exposure(exposure, t_us, tmp_path):
+    """Field 0 of the format's table; a frame without an exposure has that of its readout."""
+    events = Events.empty()
+    events.frames = [Frame(10_000, np.zeros((3, 2), np.uint8), *exposure, end_ns=40_000)]
+    with open_writer(tmp_path / "a.aedat4", 2, 3, "none") as writer:
+        writer.write(events)
+    data = (tmp_path / "a.aedat4").read_bytes()
+    body = data[data.index(b"FRME", 18 + struct.unpack_from("<I", data, 14)[0]) - 8 :]
+    root = 4 + struct.unpack_from("<I", body, 4)[0]
+    vtable = root - struct.unpack_from("<i", body, root)[0]
+    (place,) = struct.unpack_from("<H", body, vtable + 4)
+    assert struct.unpack_from("<q", body, root + place) == (t_us,)
+    with open_recording(tmp_path / "a.aedat4") as recording:
+        (found,) = recording.read().frames
+    assert (found.t_ns, found.end_ns) == (10_000, 40_000)
 
 
 def test_aedat3_events_frames_imu_and_triggers(tmp_path):

@@ -92,6 +92,28 @@ def test_every_cut_header_is_a_clear_error_or_no_events(tmp_path):
             assert "a.raw" in str(e)
 
 
+@pytest.mark.parametrize(
+    ("name", "header", "record"),
+    [
+        ("a.dat", b"% Data file containing CD events.\n% Version 2\n% Height 28\n% Width 28\n\x0c\x08", "<u4,<u4"),
+        ("a.aedat", b"#!AER-DAT2.0\r\n# This is a raw AE data file\r\n# AEChip: eu.seebetter.DAVIS346\r\n", ">u4,>u4"),
+    ],
+)
+def test_the_text_of_a_cut_header_is_no_event(name, header, record, tmp_path):
+    """Records of 8 bytes would fit into what is left of a line; a whole file gives its event."""
+    path = tmp_path / name
+    for cut in range(len(name) + 4, len(header)):
+        path.write_bytes(header[:cut])
+        with open_recording(path) as recording:
+            assert len(recording.read()) == 0
+            inside_a_line = not header[:cut].endswith(b"\n")
+            assert recording.info.truncated or not inside_a_line
+            assert any("cut inside the header" in w for w in recording.info.warnings) or not inside_a_line
+    path.write_bytes(header + np.array([(1000, 3)] if name == "a.dat" else [(3 << 12, 1000)], record).tobytes())
+    with open_recording(path) as recording:
+        assert recording.read().x.tolist() == [3]
+
+
 def test_geometry_from_largest_coordinates(tmp_path):
     """No geometry and an unknown sensor: the largest coordinates, with a warning; and nothing is dropped."""
     data = evt3.Encoder().encode(Events.of([1000, 2000, 3000], [5, 1200, 7], [9, 2, 701], [1, 0, 1]))

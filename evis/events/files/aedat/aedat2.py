@@ -14,6 +14,7 @@ import numpy as np
 from evis.events.arrays import Events, Triggers
 from evis.events.files.aedat.aedat2_davis import DavisSamples
 from evis.events.files.reading.block_recording import take_size
+from evis.events.files.reading.header_lines import is_cut_line
 from evis.events.files.reading.record_file import RecordFile
 from evis.events.recording import HEAD, OpenOptions, RecordingInfo
 
@@ -44,7 +45,7 @@ class Aedat2Recording(RecordFile):
     own_packets = True
 
     def __init__(self, path: Path, options: OpenOptions) -> None:
-        lines, start = read_header(path)
+        lines, start, cut = read_header(path)
         with path.open("rb") as file:
             old = file.read(10) == b"#!AER-DAT1"
         self.record = _SHORT if old else _RECORD
@@ -52,6 +53,9 @@ class Aedat2Recording(RecordFile):
         self.info = RecordingInfo(
             str(path), "aedat1" if old else "aedat2", "", 0, 0, "header", path.stat().st_size, sensor=chip, header=lines
         )
+        if cut:
+            self.info.truncated = True
+            self.info.warn("cut inside the header: there is no event")
         self._open_records(path, start)
         try:
             self._find_sensor(chip.lower(), options)
@@ -119,15 +123,17 @@ def _triggers(t: np.ndarray, value: np.ndarray) -> Triggers:
     return Triggers(t, np.zeros(len(t), np.uint8), value.astype(np.uint8)) if len(t) else Triggers()
 
 
-def read_header(path: Path) -> tuple[dict[str, str], int]:
-    """Reads the `# Key: value` lines, and the position of the first record: behind the last line that begins with
-    `#`.
+def read_header(path: Path) -> tuple[dict[str, str], int, bool]:
+    """Reads the `# Key: value` lines, the position of the first record, behind the last line that begins with `#`, and
+    whether the file is cut inside such a line.
     """
     header: dict[str, str] = {}
     position = 0
     with path.open("rb") as file:
         while position < 4 << 20:
             line = file.readline(HEAD)
+            if is_cut_line(line, b"#") and not file.read(1):
+                return header, position + len(line), True
             if not _LINE.fullmatch(line):
                 break
             position += len(line)
@@ -136,7 +142,7 @@ def read_header(path: Path) -> tuple[dict[str, str], int]:
             found = re.fullmatch(r"#\s*([A-Za-z][\w ]{0,40}):\s+(.*)", line.decode("latin-1").strip())
             if found:
                 header.setdefault(found[1], found[2])
-    return header, position
+    return header, position, False
 
 
 def open_file(path: Path, options: OpenOptions) -> Aedat2Recording:

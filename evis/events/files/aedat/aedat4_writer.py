@@ -75,12 +75,14 @@ class Aedat4Writer(FileWriter):
     def _frame(self, frame: Frame) -> None:
         pixels = frame.pixels if frame.pixels.ndim == 2 else frame.pixels[..., ::-1]  # RGB to BGR
         deep, colour = pixels.dtype.itemsize == 2, pixels.ndim == 3
-        times = (frame.t_ns, frame.t_ns, frame.end_ns, frame.exposure_start_ns, frame.exposure_end_ns)
+        # the format's own time of a frame is the middle of its exposure
+        middle = (frame.exposure_start_ns + frame.exposure_end_ns) // 2 or frame.t_ns
+        times = (middle, frame.t_ns, frame.end_ns, frame.exposure_start_ns, frame.exposure_end_ns)
         fields: list[tuple[str, float]] = [("q", t // 1000) for t in times]
         fields += [("b", (2 if deep else 0) | (16 if colour else 0)), ("h", pixels.shape[1]), ("h", pixels.shape[0])]
         fields += [("h", frame.x0), ("h", frame.y0)]
         data, _ = single_table(b"FRME", fields, np.ascontiguousarray(pixels).tobytes(), 8)
-        self._packet(1, data, np.array([frame.t_ns // 1000]))
+        self._packet(1, data, np.array([middle // 1000]))
 
     def _imu(self, imu: Imu) -> None:
         if len(imu):

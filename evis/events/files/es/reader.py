@@ -10,6 +10,7 @@ from evis.events.arrays import Events
 from evis.events.files.es.decoder import EsDecoder
 from evis.events.files.es.layout import HEADER_BYTES, MAGIC, TIME_SHIFT, TYPES, VERSION
 from evis.events.files.reading.block_recording import BlockRecording, take_size
+from evis.events.files.reading.zero_tail import data_end
 from evis.events.recording import OpenOptions, RecordingError, RecordingInfo
 
 NAME = "Event Stream (.es)"
@@ -43,6 +44,7 @@ class EsRecording(BlockRecording):
             self.info.warn("cut inside the header: there is no event")
         self._backend = options.backend
         self._file = path.open("rb")
+        self._end = data_end(self._file.fileno(), HEADER_BYTES, self.info)
         try:
             width, height = int.from_bytes(head[16:18], "little"), int.from_bytes(head[18:20], "little")
             if not take_size(self.info, options):
@@ -57,10 +59,12 @@ class EsRecording(BlockRecording):
     def _load(self) -> Iterator[Events]:
         decoder = EsDecoder(self.info.encoding, self._backend, self.info.size_bytes)
         self._file.seek(HEADER_BYTES)
-        while data := self._file.read(_BLOCK):
+        while data := self._file.read(min(_BLOCK, max(self._end - self._file.tell(), 0))):
             events, exposures = decoder.decode(data)
             self.count("exposures_left_out", exposures)
             yield events
+        while decoder.pending and self._file.tell() < self.info.size_bytes:  # the last event ends with zeros too
+            yield decoder.decode(self._file.read(1))[0]
         if decoder.pending:
             self.info.truncated = True
             self.info.warn(f"cut inside an event: the last {decoder.pending} bytes hold none")

@@ -16,6 +16,7 @@ from evis.events.arrays import Events, Triggers
 from evis.events.codecs.encoder import REBASE
 from evis.events.files.file_writer import FileWriter, check_size, refuse_encoding
 from evis.events.files.reading.block_recording import take_size
+from evis.events.files.reading.header_lines import is_cut_line
 from evis.events.files.reading.record_file import RecordFile
 from evis.events.recording import HEAD, OpenOptions, RecordingError, RecordingInfo
 
@@ -64,12 +65,12 @@ class DatRecording(RecordFile):
         size = path.stat().st_size
         header, at, binary = read_header(path)
         self.info = RecordingInfo(str(path), "dat", "", 0, 0, "header", size, header=header)
-        if not header:
-            at, binary = -2, bytes((0, 8))
-        elif len(binary) < 2:
+        if len(binary) < 2:
             self.info.truncated = True
             self.info.warn("cut inside the header: there is no event")
             binary = bytes((0x0C, 8))
+        elif not header:
+            at, binary = -2, bytes((0, 8))
         kind, length = binary[0], binary[1]
         if kind not in TYPES or length != self.record.itemsize:
             raise RecordingError(
@@ -112,13 +113,18 @@ class DatRecording(RecordFile):
 
 
 def read_header(path: Path) -> tuple[dict[str, str], int, bytes]:
-    """Reads the header: keys in lower case, the position behind the text, and the two bytes there."""
+    """Reads the header: keys in lower case, the position behind the text, and the two bytes there, which a file that
+    was cut before them lacks.
+    """
     header: dict[str, str] = {}
     with path.open("rb") as file:
         position = 0
         while position < 1 << 20:
             line = file.readline(HEAD)
             # the two bytes after the text may look like anything but a whole line of text
+            if is_cut_line(line, b"%") and not file.read(1):
+                position += len(line)
+                break
             if not line.startswith(b"%") or not line.endswith(b"\n"):
                 break
             position += len(line)

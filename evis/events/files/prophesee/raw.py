@@ -23,6 +23,7 @@ from evis.events.files.prophesee.raw_header import (
     value_in_format,
 )
 from evis.events.files.reading.block_recording import take_size
+from evis.events.files.reading.zero_tail import data_end
 from evis.events.recording import OpenOptions, Recording, RecordingError, RecordingInfo
 
 NAME = "Prophesee RAW (EVT2, EVT2.1, EVT3, EVT4)"
@@ -104,6 +105,7 @@ class RawRecording(Recording):
         self._decoder = decoder_for(encoding, 0, 0, self._backend)
         if encoding in _LEGAL and told and not (encoding == "evt21" and self._find_order(header)):
             self._check_encoding()
+        self._end = size = data_end(self._file.fileno(), self._start, self.info, self._decoder.word.itemsize)
         rest = (size - self._start) % self._decoder.word.itemsize
         if rest:
             self.info.truncated = True
@@ -182,7 +184,7 @@ class RawRecording(Recording):
     def _feed(self, size: int) -> bool:
         try:
             # room for what the file does not have would be cleared first
-            data = self._file.read(min(size, max(self._size - self._file.tell(), 4096)))
+            data = self._file.read(min(size, max(self._end - self._file.tell(), 0)))
         except OSError as e:
             raise RecordingError(f"{self.info.path}: reading failed: {e.strerror}") from None
         if data:
@@ -280,9 +282,9 @@ def fit(data: bytes, encoding: str) -> tuple[float, float]:
     bits = shift - low
     highs = (words[kind == 8] >> low & (1 << bits) - 1).astype(np.int64)
     step = np.diff(highs)
-    # the counter goes on, by little, or turns; a long pause is passed in steps of half a turn
+    # the counter goes on, by little, or turns; a long pause is passed over its last value
     half = 1 << bits - 1
-    forward = (step >= 0) & (step < half >> 1) | (step < -half) | (np.abs(step) == half)
+    forward = (step >= 0) & (step < half >> 1) | (step < -half) | (highs[1:] == 2 * half - 1)
     return float(known.mean()) if len(words) else 1.0, float(forward.mean()) if len(step) else 1.0
 
 

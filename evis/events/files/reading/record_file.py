@@ -12,6 +12,7 @@ import numpy as np
 
 from evis.events.arrays import Events
 from evis.events.files.reading.block_recording import BlockRecording
+from evis.events.files.reading.zero_tail import data_end
 from evis.events.recording import RecordingError
 from evis.files.descriptor import DescriptorOwner
 
@@ -34,7 +35,7 @@ class RecordFile(DescriptorOwner, BlockRecording):
     def _open_records(self, path: Path, start: int) -> None:
         self._path, self._start = path, start
         self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-        data = os.fstat(self._descriptor).st_size - start
+        data = data_end(self._descriptor, start, self.info, self.record.itemsize) - start
         self._total, rest = divmod(max(data, 0), self.record.itemsize)
         self._done = 0
         if rest:

@@ -61,7 +61,8 @@ def find_format(head: bytes) -> Format | None:
 
     A tenth of the lines, and of few one, may be damaged. One with a number in it, or behind names, may be the first.
     """
-    if b"\0" in head:
+    head = head.rstrip(b"\0")  # pages that were never written
+    if b"\0" in head or not head:
         return None
     begin = len(_BOM) if head.startswith(_BOM) else 0
     lines, columns, unit, size = head[begin:].split(b"\n"), "", "", (0, 0)

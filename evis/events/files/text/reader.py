@@ -10,6 +10,7 @@ from typing import IO, Any
 
 from evis.events.arrays import Events
 from evis.events.files.reading.block_recording import BlockRecording, take_size
+from evis.events.files.reading.zero_tail import data_end
 from evis.events.files.reading.zip_archive import RECORDINGS, Archive, CutArchive, open_archive
 from evis.events.files.text.columns import Format, find_format
 from evis.events.files.text.numbers import parse_lines
@@ -56,7 +57,7 @@ class TextRecording(BlockRecording):
             self._form: Format = form
             kind = "text.zip" if self._zip else "text"
             self.info = RecordingInfo(str(path), kind, form.name, 0, 0, "header", path.stat().st_size)
-            self._total = size
+            self._total = size if self._zip else data_end(self._file.fileno(), 0, self.info)
             if isinstance(self._zip, CutArchive):
                 self.info.truncated = True
                 self.info.warn("cut: the archive has no list of its files; what lies before the cut is read")
@@ -98,7 +99,8 @@ class TextRecording(BlockRecording):
         try:
             self._file.seek(at)
             rest = b""
-            while data := self._file.read(_BLOCK):
+            while data := self._file.read(_BLOCK if self._zip else min(_BLOCK, max(self._total - at, 0))):
+                at += len(data)
                 allowance.take(len(data) if self._zip else 0)
                 self._read = self._file.tell()
                 # a carriage return alone ends no line
