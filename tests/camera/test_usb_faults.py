@@ -23,7 +23,7 @@ def one_line(error: pytest.ExceptionInfo[BaseException]) -> str:
 @pytest.mark.parametrize(
     ("fault", "text"),
     [
-        ("busy", "busy: another program or camera node has it open; close that, or take another camera by its serial number"),
+        ("busy", "busy: another program or node has it open; close that"),
         ("no_permission", "no permission to open it: run `evis camera udev"),
         ("control_timeout", "no answer in 1 s"),
     ],

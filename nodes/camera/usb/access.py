@@ -77,7 +77,7 @@ def explained(error: Exception, what: str) -> OSError:
     if code in (errno.EACCES, errno.EPERM):
         return OSError(f"{what}: {PERMISSION}")
     if code == errno.EBUSY:
-        return OSError(f"{what}: busy: another program or camera node has it open; close that, or take another camera by its serial number")
+        return OSError(f"{what}: busy: another program or node has it open; close that, or name another by serial")
     if code == errno.ENODATA:
         return StreamEnd(f"{what}: end of the recording")
     if code in (errno.ENODEV, errno.ENOENT):
