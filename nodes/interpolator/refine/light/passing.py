@@ -14,6 +14,7 @@ from evis.geometry import se3
 from evis.gpu.exchange import cpu_array
 from nodes.interpolator.refine.evaluation.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
+from nodes.interpolator.refine.light.assemblies import Assemblies, thinnest_between
 from nodes.interpolator.refine.light.chords import Chords
 from nodes.interpolator.refine.light.facets import BOXES, FEWEST, Facets
 from nodes.interpolator.refine.light.outlines import finest_halves
@@ -59,7 +60,8 @@ class Passing:
         v, movers = rigid.visibility, rigid.placement.movers
         scene, geometry = v.scene, v.geometry
         self._rigid, self._changes = rigid, changes_of(rigid)
-        half, moving = half_extents(v), np.isin(geometry.body, movers) & (geometry.body != v.camera_body)
+        half, not_camera = half_extents(v), geometry.body != v.camera_body
+        moving = np.isin(geometry.body, movers) & not_camera
         places, axes, *_ = fixed_vectors(scene.lights)
         carried = [l for l, light in enumerate(scene.lights) if light.body in movers]
         lamps = [l for l in carried if scene.lights[l].shadows]
@@ -67,6 +69,7 @@ class Passing:
         asked = moving | bool(lamps) if self._changes.passes else np.zeros_like(moving)
         fine = finest_halves(v, asked)
         self._boxes, self._count = boxes_of(v, movers, np.flatnonzero(moving), fine)
+        self._assemblies = Assemblies(v, movers, np.flatnonzero(moving & asked), rigid.placement.worlds)
         self._chords = Chords(v, movers, np.flatnonzero(moving & asked), fine)
         self._facets = Facets(v, movers, moving & self._changes.facets)
         self._lamp_mover = np.searchsorted(movers, [scene.lights[l].body for l in lamps]).astype(np.int64)
@@ -78,7 +81,10 @@ class Passing:
         self._beam_mover = np.searchsorted(movers, [scene.lights[l].body for l in beams]).astype(np.int64)
         self._beams, self._cones = axes[beams], np.array([2 * ROUND * scene.lights[l].cone[1] for l in beams])
         widths = np.sort(fine[~moving], axis=1)[:, 1]
-        self._thinnest = float(widths[widths > 0].min(initial=np.inf)) * 2
+        self._thinnest = np.full(1, widths[widths > 0].min(initial=np.inf)) * 2
+        if lamps and self._changes.passes:
+            between = thinnest_between(v, np.flatnonzero(~moving & asked & not_camera), rigid.placement.worlds)
+            self._thinnest = np.minimum(self._thinnest, between)
         self._near = TURNED / max(v.view.fx, v.view.fy)
         self._looks = SOFT if any(light.kind == "area" and light.shadows for light in scene.lights) else 1
         self.bits = wp.empty((0, 0, 0), dtype=wp.uint64, device=v.device)
@@ -202,4 +208,6 @@ class Passing:
             # A shadow's edge is on most points that it comes over for a part of the time between two turns.
             turned = turns.min(axis=1) / PER_TURN
             shortest = np.minimum(shortest, np.minimum(found.min(axis=(0, 2)), turned))
+        if self._assemblies.any:
+            shortest = np.minimum(shortest, self._assemblies.shortest(shine, first, moved))
         return apart_ns * shortest / self._looks
