@@ -81,6 +81,26 @@ def test_so_it_is_between_things_of_one_size_that_stand_still_before_a_lamp_that
     assert parts_of(scene) == (wanted, False)
 
 
+@pytest.mark.parametrize(("turned", "wanted"), [(0.0, 4), (np.pi / 4, 16)])
+def test_a_hole_that_goes_by_with_a_corner_ahead_is_on_points_for_less_time(turned, wanted):
+    """Square holes in a lattice of strips. With a side ahead each is on all of its points for as long; with a corner,
+    on one in seven for less than 2 / 14 of its diagonal."""
+    speed, middle = 60.0, (START + GAP / 2) * 1e-9
+    hole = 0.55 * GAP / K * 1e-9 * speed
+    onward = speed * np.array([np.cos(turned), np.sin(turned), 0.0])
+    path = Prescribed(pose(*(np.array([0, -1.4, AHEAD]) - middle * onward)), [Linear(onward)])
+    across, along = box((hole, 6 * hole, 1e-4)), box((6 * hole, hole, 1e-4))
+    things = [(quad(6.0), plain(0.5), Prescribed(pose(z=WALL))), (across, plain(0.2), path)]
+    # Straight before the lamp, so that it sees the holes as they are.
+    scene = world(things, lights=[replace(lamp(), vector=np.array([0.0, -1.4, 0.0]))], sky=0.05)
+    body, places = scene.instances[1].body, 3 * hole * (np.arange(4) - 1.5)
+    scene.instances[1:] = [
+        Instance(f"strip{n}", body, mesh, 1, pose(*at))
+        for n, (mesh, at) in enumerate([(across, (x,)) for x in places] + [(along, (0, y)) for y in places])
+    ]
+    assert parts_of(scene) == (wanted, False)
+
+
 def slit_times(slit, speed):
     """When the light through a slit comes to pixels' points and goes, by the line from the lamp to the point, [2, h, w]
     ns since START; NaN beside the plates. Also the wall's share of the light while it is there."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
@@ -23,23 +25,32 @@ many as of a round thing's are on less than half of its width."""
 
 
 class Chords:
-    """Finds the shortest time for which the shadow of a box, or of something flat, that moves is on a point."""
+    """Finds the shortest time for which the shadow of a box, or the light through a hole as such, that moves is on a
+    point."""
 
-    def __init__(self, visibility: Visibility, movers: np.ndarray, which: np.ndarray, fine: np.ndarray) -> None:
-        """movers: bodies that move. which: instances on them that may be such. fine: of all instances, as of Boxes."""
-        scene, sides = visibility.scene, np.sort(fine, axis=1)
-        corners = np.any(box_halves(visibility) > 0, axis=1)
-        flat = sides[:, 0] < FLAT * sides[:, 1]
-        which = which[corners[which] | flat[which]]
+    def __init__(self, visibility: Visibility, movers: np.ndarray, boxes: Any, share: np.ndarray) -> None:
+        """movers: bodies that move. boxes: on them, as of Boxes. share [J]: of the height of an outline at which its
+        width counts."""
+        scene = visibility.scene
         lamps = [n for n, light in enumerate(scene.lights) if light.shadows]
-        self._boxes, self._count = boxes_of(visibility, movers, which, fine)
-        # Of what is round and flat `fine` is narrower than the most already.
-        self._share = np.where(corners[which], CORNERS, 0.5)
+        self._boxes, self._share, self._count = boxes, share, len(share)
         self._bodies = [scene.lights[n].body for n in lamps]
         self._far = np.array([scene.lights[n].kind == "directional" for n in lamps], bool)
         self._place = fixed_vectors(scene.lights)[0][lamps]
         self._movers = movers
-        self.any = bool(len(which) and lamps)
+        self.any = bool(self._count and lamps)
+
+    @classmethod
+    def of(cls, visibility: Visibility, movers: np.ndarray, which: np.ndarray, fine: np.ndarray) -> Chords:
+        """Makes those of the shadows of boxes and flat things. which: instances on movers that may be such. fine: of
+        all instances, as of Boxes."""
+        sides = np.sort(fine, axis=1)
+        corners = np.any(box_halves(visibility) > 0, axis=1)
+        flat = sides[:, 0] < FLAT * sides[:, 1]
+        which = which[corners[which] | flat[which]]
+        # Of what is round and flat `fine` is narrower than the most already.
+        share = np.where(corners[which], CORNERS, 0.5)
+        return cls(visibility, movers, boxes_of(visibility, movers, which, fine)[0], share)
 
     def shortest(self, moved: np.ndarray, rest: np.ndarray, first: np.ndarray) -> np.ndarray:
         """Gives that time, float64 [E] instants, from some instants to the next ones.

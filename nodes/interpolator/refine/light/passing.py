@@ -70,7 +70,7 @@ class Passing:
         fine = finest_halves(v, asked)
         self._boxes, self._count = boxes_of(v, movers, np.flatnonzero(moving), fine)
         self._assemblies = Assemblies(v, movers, np.flatnonzero(moving & asked), rigid.placement.worlds)
-        self._chords = Chords(v, movers, np.flatnonzero(moving & asked), fine)
+        self._chords = Chords.of(v, movers, np.flatnonzero(moving & asked), fine)
         self._facets = Facets(v, movers, moving & self._changes.facets)
         self._lamp_mover = np.searchsorted(movers, [scene.lights[l].body for l in lamps]).astype(np.int64)
         # A light far away sweeps over what throws shadows as one does that is as far as these may fall.
@@ -209,5 +209,5 @@ class Passing:
             turned = turns.min(axis=1) / PER_TURN
             shortest = np.minimum(shortest, np.minimum(found.min(axis=(0, 2)), turned))
         if self._assemblies.any:
-            shortest = np.minimum(shortest, self._assemblies.shortest(shine, first, moved))
+            shortest = np.minimum(shortest, self._assemblies.shortest(shine, first, moved, rest))
         return apart_ns * shortest / self._looks
