@@ -101,6 +101,21 @@ def test_a_hole_that_goes_by_with_a_corner_ahead_is_on_points_for_less_time(turn
     assert parts_of(scene) == (wanted, False)
 
 
+@pytest.mark.parametrize(("turned", "wanted"), [(0.0, 0), (np.pi / 2, 16)])
+def test_a_plate_that_turns_its_edge_to_a_lamp_that_goes_by(turned, wanted):
+    """In its plane for a moment, 0.3 m wide and 4 mm thick: a sixteenth of the lamp's way, of 53 degrees as the plate
+    sees it, lies within 1.7 degrees of that, where its shadow is 0.3 sin(1.7 deg) + 4 mm = 12.7 mm wide. That is on a
+    point for 0.21 ms, and looked for in each 0.8 of that."""
+    speed, middle = 60.0, (START + GAP / 2) * 1e-9
+    way = Prescribed(pose(-speed * middle), [Linear(np.array([speed, 0.0, 0.0]))])
+    plate = Prescribed(pose(0.0, -1.4, AHEAD, (0.0, turned, 0.0)))
+    things = [(quad(6.0), plain(0.5), Prescribed(pose(z=WALL))), (box((0.15, 0.5, 0.002)), plain(0.2), plate)]
+    scene = world(things, spares=[("torch", way)])
+    torch = [body.name for body in scene.bodies].index("torch")
+    scene.lights.append(replace(lamp(), vector=np.array([0.0, -1.4, 0.0]), body=torch))
+    assert parts_of(scene) == (wanted, False)
+
+
 def slit_times(slit, speed):
     """When the light through a slit comes to pixels' points and goes, by the line from the lamp to the point, [2, h, w]
     ns since START; NaN beside the plates. Also the wall's share of the light while it is there."""

@@ -82,8 +82,10 @@ class Passing:
         self._beams, self._cones = axes[beams], np.array([2 * ROUND * scene.lights[l].cone[1] for l in beams])
         widths = np.sort(fine[~moving], axis=1)[:, 1]
         self._thinnest = np.full(1, widths[widths > 0].min(initial=np.inf)) * 2
-        if lamps and self._changes.passes:
-            between = thinnest_between(v, np.flatnonzero(~moving & asked & not_camera), rigid.placement.worlds)
+        still = np.flatnonzero(~moving & asked & not_camera & bool(lamps))
+        self._still_chords = Chords.of(v, movers, still, fine, still=True)
+        if len(still):
+            between = thinnest_between(v, still, rigid.placement.worlds)
             self._thinnest = np.minimum(self._thinnest, between)
         self._near = TURNED / max(v.view.fx, v.view.fy)
         self._looks = SOFT if any(light.kind == "area" and light.shadows for light in scene.lights) else 1
@@ -194,8 +196,9 @@ class Passing:
             apart = np.linalg.norm(se3.rotate(after, self._beams) - se3.rotate(before, self._beams), axis=-1)
             turned = 2 * np.arcsin(np.minimum(apart / 2, 1.0))
             shortest = np.minimum(shortest, (self._cones / np.maximum(turned, 1e-30)).min(axis=(0, 2)))
-        if self._chords.any:
-            shortest = np.minimum(shortest, self._chords.shortest(moved, rest, first))
+        for chords in (self._chords, self._still_chords):
+            if chords.any:
+                shortest = np.minimum(shortest, chords.shortest(moved, rest, first))
         if self._count:
             eye = rest[:, self._rigid.visibility.camera_body]
             poses = cpu_array(np.ascontiguousarray(moved), wp.transformd)
