@@ -116,6 +116,20 @@ def test_a_plate_that_turns_its_edge_to_a_lamp_that_goes_by(turned, wanted):
     assert parts_of(scene) == (wanted, False)
 
 
+@pytest.mark.parametrize(("part", "wanted"), [(0.9, 0), (0.4, 4), (0.2, 8)])
+def test_flat_things_under_a_sun_that_turns(part, wanted):
+    """Plates without thickness: their shadows fall up to four times their radius away, though nothing is solid."""
+    rate, radius = 20.0, np.sqrt(2.0) * PLATE
+    slit = part * GAP / K * 1e-9 * rate * 4 * radius
+    scene = plates(slit, 0.0, "bodies on one")
+    scene.instances[1:] = [replace(thing, mesh=quad(PLATE)) for thing in scene.instances[1:]]
+    turn = Prescribed(pose(), [Spin(np.array([0.0, 1.0, 0.0]), rate)])
+    scene.bodies.insert(-1, world([], spares=[("sky", turn)]).bodies[0])
+    sky = [body.name for body in scene.bodies].index("sky")
+    scene.lights[0] = replace(scene.lights[0], kind="directional", vector=np.array([1.0, 0.0, 1.0]), body=sky)
+    assert parts_of(scene) == (wanted, False)
+
+
 def slit_times(slit, speed):
     """When the light through a slit comes to pixels' points and goes, by the line from the lamp to the point, [2, h, w]
     ns since START; NaN beside the plates. Also the wall's share of the light while it is there."""

@@ -120,9 +120,12 @@ def _named(shift: Shift) -> Hashable:
     return type(shift), *(np.asarray(getattr(shift, item.name), np.float64).tobytes() for item in fields(shift))
 
 
-def thinnest_between(visibility: Visibility, which: np.ndarray, worlds: Sequence[Scene]) -> np.ndarray:
+def thinnest_between(
+    visibility: Visibility, which: np.ndarray, worlds: Sequence[Scene], scale: np.ndarray
+) -> np.ndarray:
     """Measures how wide the gaps between things of one size are that stand still, the bars of a fence: float64 [1 or
     E] m, the narrowest, inf without any. which: instances that stand still. worlds: as of Assemblies.
+    scale [I]: how many times as wide the gaps between instances count.
 
     Things of one size alone, for what stands behind fills gaps in an outline: a lamp may see through between any two.
     """
@@ -139,7 +142,7 @@ def thinnest_between(visibility: Visibility, which: np.ndarray, worlds: Sequence
             if key not in known:
                 hole = hole_in(geometry, members, poses)
                 known[key] = np.inf if hole is None else 2 * float(hole.finest.min())
-            found[number] = min(found[number], known[key])
+            found[number] = min(found[number], scale[members[0]] * known[key])
     return found
 
 
