@@ -38,6 +38,7 @@ class Placement:
     def __init__(self, scene: Scene, worlds: Sequence[Scene] = (), envs: int = 1, threads: int = 1) -> None:
         """worlds: the scene of each environment, where bodies do not move alike in all; the same ones move in all.
         threads: that share the `envs` environments, where physics moves the bodies."""
+        self.worlds = worlds
         paths = [body.trajectory for body in scene.bodies]
         self.movers = np.array([n for n, path in enumerate(paths) if path is None or not path.is_static()], np.int64)
         moving = [(m, paths[n]) for m, n in enumerate(self.movers.tolist())]

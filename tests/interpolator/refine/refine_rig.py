@@ -6,6 +6,7 @@ from rigid_rig import GAP, START, closed_form, disc, keyframe, lamp, painted, pl
 from evis.scene.model import Mesh
 from evis.scene.motion import Prescribed, Sinusoid, Spin
 from nodes.interpolator.refine.method import Refined
+from nodes.interpolator.refine.rounds import Rounds
 from nodes.interpolator.rigid import Rigid, RigidOptions
 from nodes.renderer.renderer import Renderer
 
@@ -33,6 +34,27 @@ def refined(scene, upsampling, tolerance_ns, threads=1, held=False, margin=0, de
     assert starts[0] == 0 and starts[-1] == found.offset.size
     pixels = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
     return out[0], (pixels, found.offset.numpy(), found.value.numpy())
+
+
+def parts_of(scene, upsampling=4, tolerance_ns=20_000, envs=1):
+    """Parts of a coarse interval of one gap, and whether something is too fast for them."""
+    view = scene.cameras[0]
+    renderer = Renderer(scene, view, envs)
+    keys = []
+    for t in (np.array([START - GAP, START]), np.linspace(START, START + GAP, 11).round().astype(np.int64)):
+        states = closed_form(scene, t)
+        states.pose, states.twist = (np.repeat(a, envs, 0) for a in (states.pose, states.twist))
+        keys.append(keyframe(renderer, states, None, int(t[-1])))
+    rigid = Rigid(scene, view, envs, upsampling, options=RigidOptions(single=True))
+    method, parts = Refined(rigid, tolerance_ns), []
+    run = Rounds.run
+    Rounds.run = lambda self, window, *given: (parts.append(window.cut.parts), run(self, window, *given))[1]
+    try:
+        method.between(*keys, np.zeros(envs, bool), np.empty((envs, upsampling, view.height, view.width), np.float32))
+    finally:
+        Rounds.run = run
+    assert len(set(parts)) == 1
+    return parts[0], bool(method.refinement.unseen.any())
 
 
 def box(half):

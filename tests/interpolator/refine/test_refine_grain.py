@@ -9,7 +9,7 @@ from evis.geometry import se3
 from evis.scene.mesh.shapes import cylinder
 from evis.scene.model import Material, Mesh
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
-from nodes.interpolator.refine.paths.grain import EVEN, grain_of
+from nodes.interpolator.refine.paths.grain import BENT, EVEN, grain_of
 from nodes.renderer.geometry.triangles import geometry_of
 from nodes.renderer.renderer import Renderer
 
@@ -112,11 +112,40 @@ def test_what_is_even_has_no_grain():
     assert (grain(Mesh(quad(1.0).vertices, quad(1.0).faces), painted()) == EVEN).all()
 
 
-def test_colours_at_vertices_have_the_grain_of_their_triangles():
-    mesh = quad(1.0)
-    mesh.colours = np.full((2, 3, 3), 0.5, np.float32)
-    mesh.colours[1, 2] = 0.9
-    assert grain(mesh, plain(0.5)).tolist() == pytest.approx([EVEN, np.sqrt(8.0)])
+def coloured(points, faces, values):
+    """A mesh whose triangles have grey values at their corners [F, 3]."""
+    mesh = Mesh(np.array(points, np.float32), np.array(faces, np.int32))
+    mesh.colours = np.repeat(np.array(values, np.float32)[..., None], 3, axis=-1)
+    return mesh
+
+
+@pytest.mark.parametrize("height", [1.0, 0.02])
+def test_colours_at_vertices_go_up_as_steeply_as_their_slope_says(height):
+    """From the base of a triangle, of one colour, to its tip: a sliver's slope is steep, however long its sides are."""
+    points, values = [(0, 0, 0), (3, 0, 0), (1, height, 0)], [(0.5, 0.5, 0.9)]
+    assert grain(coloured(points, [(0, 1, 2)], values), plain(0.5)).tolist() == pytest.approx([BENT * height])
+    # By more than 1 in ln there is so much less of the way.
+    steeper = coloured(points, [(0, 1, 2)], [(0.1, 0.1, 0.9)])
+    assert grain(steeper, plain(0.5)).tolist() == pytest.approx([BENT * height / np.log(9.0)])
+    # Along the base it has all of its length.
+    along = coloured(points, [(0, 1, 2)], [(0.5, 0.9, 0.5 ** (2 / 3) * 0.9 ** (1 / 3))])
+    assert grain(along, plain(0.5)).tolist() == pytest.approx([BENT * 3.0], rel=1e-3)
+
+
+def test_triangles_of_one_colour_each_are_as_fine_as_they_are_wide_where_another_begins():
+    """Strips 0.2 wide and 2 long, of two triangles each: two grey ones, then a white one."""
+    points = [(0.2 * x, 2 * y, 0) for x in range(4) for y in range(2)]
+    faces = [f for x in range(3) for f in ((2 * x, 2 * x + 2, 2 * x + 3), (2 * x, 2 * x + 3, 2 * x + 1))]
+    values = np.repeat([0.3, 0.3, 0.3, 0.3, 0.9, 0.9], 3).reshape(6, 3)
+    wide = 0.4 / np.hypot(0.2, 2.0)
+    # Of the second strip the triangle beside the third one alone.
+    expected = [EVEN, EVEN, wide, EVEN, EVEN, wide]
+    assert grain(coloured(points, faces, values), plain(0.5)).tolist() == pytest.approx(expected)
+
+
+def test_a_triangle_without_area_has_no_grain():
+    points, values = [(0, 0, 0), (1, 0, 0), (2, 0, 0)], [(0.1, 0.5, 0.9)]
+    assert grain(coloured(points, [(0, 1, 2)], values), plain(0.5)).tolist() == pytest.approx([EVEN])
 
 
 def test_stripes_finer_than_a_pixel_are_followed_all_the_way():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import warp as wp
-from refine_rig import box, refined
+from refine_rig import box, parts_of, refined
 from rigid_rig import FOCAL, GAP, HEIGHT, START, WIDTH, closed_form, keyframe, lamp, plain, pose, quad, world
 
 from evis.geometry import se3
@@ -16,7 +16,6 @@ from evis.scene.spline import Spline
 from nodes.interpolator.refine.light.lamp_kernels import key_of
 from nodes.interpolator.refine.light.outlines import PLACES, finest_half
 from nodes.interpolator.refine.method import Refined
-from nodes.interpolator.refine.rounds import Rounds
 from nodes.interpolator.rigid import Rigid, RigidOptions
 from nodes.interpolator.samples import Parting
 from nodes.renderer.renderer import Renderer
@@ -254,27 +253,6 @@ def test_while_the_camera_moves_too():
     faster = still.mean(0) - GAP / 2
     wanted = GAP / 2 + faster / (1 + 3.0 * ROD / WALL / speed)
     assert np.abs(moving.mean(0) - wanted)[there].max() < 3 * TOLERANCE + 0.3 * (still[1] - still[0])[there].max()
-
-
-def parts_of(scene, upsampling=K, tolerance_ns=TOLERANCE, envs=1):
-    """Parts of a coarse interval of one gap, and whether something is too fast for them."""
-    view = scene.cameras[0]
-    renderer = Renderer(scene, view, envs)
-    keys = []
-    for t in (np.array([START - GAP, START]), np.linspace(START, START + GAP, 11).round().astype(np.int64)):
-        states = closed_form(scene, t)
-        states.pose, states.twist = (np.repeat(a, envs, 0) for a in (states.pose, states.twist))
-        keys.append(keyframe(renderer, states, None, int(t[-1])))
-    rigid = Rigid(scene, view, envs, upsampling, options=RigidOptions(single=True))
-    method, parts = Refined(rigid, tolerance_ns), []
-    run = Rounds.run
-    Rounds.run = lambda self, window, *given: (parts.append(window.cut.parts), run(self, window, *given))[1]
-    try:
-        method.between(*keys, np.zeros(envs, bool), np.empty((envs, upsampling, HEIGHT, WIDTH), np.float32))
-    finally:
-        Rounds.run = run
-    assert len(set(parts)) == 1
-    return parts[0], bool(method.refinement.unseen.any())
 
 
 @pytest.mark.parametrize(("part", "wanted"), [(0.9, 0), (0.63, 0), (0.4, 4), (0.2, 8), (0.05, 32)])

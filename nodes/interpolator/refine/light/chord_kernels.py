@@ -62,6 +62,7 @@ def find_chords(
     boxes: Boxes,
     share: wp.array(dtype=wp.float64),
     lamps: wp.array3d(dtype=wp.vec3d),
+    gone_by: wp.array3d(dtype=wp.vec3d),
     far: wp.array(dtype=int),
     rides: wp.array(dtype=int),
     first: wp.array(dtype=int),
@@ -74,14 +75,15 @@ def find_chords(
     of its height over its way, and the angle that it goes meanwhile, as the lamp sees it.
 
     A ray from a lamp to a point stays, and the box goes by it. lamps [lamps, n, E]: where they are, or towards where
-    those are that are far. rides: on which mover a lamp is, if on any: what carries it does not go by it. first [n]:
-    instants. poses [instants, E, M] of what moves.
+    those are that are far. gone_by: how far each goes meanwhile where it goes by boxes that stand still, else 0. rides:
+    on which mover a lamp is, if on any: what carries it does not go by it. first [n]: instants. poses [instants, E, M]
+    of what moves.
     """
     l, n, env, j = wp.tid()
     mover = boxes.mover[j]
     before = poses[first[n], env, mover]
     centre = wp.transform_point(before, boxes.translation[j])
-    way = wp.transform_point(poses[first[n] + 1, env, mover], boxes.translation[j]) - centre
+    way = wp.transform_point(poses[first[n] + 1, env, mover], boxes.translation[j]) - centre - gone_by[l, n, env]
     ray = lamps[l, n, env]
     if far[l] == 0:
         ray -= centre

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
@@ -23,23 +25,41 @@ many as of a round thing's are on less than half of its width."""
 
 
 class Chords:
-    """Finds the shortest time for which the shadow of a box, or of something flat, that moves is on a point."""
+    """Finds the shortest time for which the shadow of a box, or the light through a hole as such, that moves is on a
+    point."""
 
-    def __init__(self, visibility: Visibility, movers: np.ndarray, which: np.ndarray, fine: np.ndarray) -> None:
-        """movers: bodies that move. which: instances on them that may be such. fine: of all instances, as of Boxes."""
-        scene, sides = visibility.scene, np.sort(fine, axis=1)
-        corners = np.any(box_halves(visibility) > 0, axis=1)
-        flat = sides[:, 0] < FLAT * sides[:, 1]
-        which = which[corners[which] | flat[which]]
+    def __init__(
+        self, visibility: Visibility, movers: np.ndarray, boxes: Any, share: np.ndarray, still: np.ndarray | None = None
+    ) -> None:
+        """movers: bodies that move. boxes: on them, as of Boxes. share [J]: of the height of an outline at which its
+        width counts. still: bodies that stand still before lamps that move, on which boxes are instead."""
+        scene = visibility.scene
         lamps = [n for n, light in enumerate(scene.lights) if light.shadows]
-        self._boxes, self._count = boxes_of(visibility, movers, which, fine)
-        # Of what is round and flat `fine` is narrower than the most already.
-        self._share = np.where(corners[which], CORNERS, 0.5)
+        if still is not None:
+            # A light far away is as it is for what else it passes.
+            lamps = [n for n in lamps if scene.lights[n].body in movers and scene.lights[n].kind != "directional"]
+        self._boxes, self._share, self._count, self._still = boxes, share, len(share), still
         self._bodies = [scene.lights[n].body for n in lamps]
         self._far = np.array([scene.lights[n].kind == "directional" for n in lamps], bool)
         self._place = fixed_vectors(scene.lights)[0][lamps]
         self._movers = movers
-        self.any = bool(len(which) and lamps)
+        self.any = bool(self._count and lamps)
+
+    @classmethod
+    def of(
+        cls, visibility: Visibility, movers: np.ndarray, which: np.ndarray, fine: np.ndarray, still: bool = False
+    ) -> Chords:
+        """Makes those of the shadows of boxes and flat things. which: instances on movers, or that stand still before
+        lamps that move, that may be such. fine: of all instances, as of Boxes."""
+        sides = np.sort(fine, axis=1)
+        corners = np.any(box_halves(visibility) > 0, axis=1)
+        flat = sides[:, 0] < FLAT * sides[:, 1]
+        which = which[corners[which] | flat[which]]
+        # Of what is round and flat `fine` is narrower than the most already.
+        share = np.where(corners[which], CORNERS, 0.5)
+        bodies = np.unique(visibility.geometry.body[which]) if still else movers
+        boxes = boxes_of(visibility, bodies, which, fine)[0]
+        return cls(visibility, movers, boxes, share, bodies if still else None)
 
     def shortest(self, moved: np.ndarray, rest: np.ndarray, first: np.ndarray) -> np.ndarray:
         """Gives that time, float64 [E] instants, from some instants to the next ones.
@@ -49,11 +69,19 @@ class Chords:
         """
         rides = [int(np.searchsorted(self._movers, b)) if b in self._movers else -1 for b in self._bodies]
         at = np.stack([self._lamp(n, mover, moved[first], rest) for n, mover in enumerate(rides)])
+        gone_by = np.zeros(at.shape)
+        if self._still is not None:
+            gone_by = np.stack([self._lamp(n, mover, moved[first + 1], rest) for n, mover in enumerate(rides)]) - at
+            # The world itself is the last one.
+            world = np.broadcast_to(se3.IDENTITY, (len(rest), 1, 7))
+            moved = np.repeat(np.concatenate([rest, world], axis=1)[None, :, self._still], 2, axis=0)
+            first, rides = np.zeros_like(first), [-1] * len(rides)
         shape = (len(rides), len(first), moved.shape[1], self._count)
         times, gone = np.empty(shape), np.empty(shape)
         far, on = self._far.astype(np.int32), np.array(rides, np.int32)
-        given = [self._boxes, cpu_array(self._share), cpu_array(at, wp.vec3d), cpu_array(far), cpu_array(on)]
-        given += [cpu_array(first), cpu_array(np.ascontiguousarray(moved), wp.transformd)]
+        poses = cpu_array(np.ascontiguousarray(moved), wp.transformd)
+        given = [self._boxes, cpu_array(self._share), cpu_array(at, wp.vec3d), cpu_array(gone_by, wp.vec3d)]
+        given += [cpu_array(far), cpu_array(on), cpu_array(first), poses]
         wp.launch(find_chords, shape, given, [cpu_array(times), cpu_array(gone)], device="cpu")
         return _but_for(times, gone).min(axis=(0, 2))
 

@@ -14,6 +14,7 @@ from evis.geometry import se3
 from evis.gpu.exchange import cpu_array
 from nodes.interpolator.refine.evaluation.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
+from nodes.interpolator.refine.light.assemblies import Assemblies, thinnest_between
 from nodes.interpolator.refine.light.chords import Chords
 from nodes.interpolator.refine.light.facets import BOXES, FEWEST, Facets
 from nodes.interpolator.refine.light.outlines import finest_halves
@@ -59,7 +60,8 @@ class Passing:
         v, movers = rigid.visibility, rigid.placement.movers
         scene, geometry = v.scene, v.geometry
         self._rigid, self._changes = rigid, changes_of(rigid)
-        half, moving = half_extents(v), np.isin(geometry.body, movers) & (geometry.body != v.camera_body)
+        half, not_camera = half_extents(v), geometry.body != v.camera_body
+        moving = np.isin(geometry.body, movers) & not_camera
         places, axes, *_ = fixed_vectors(scene.lights)
         carried = [l for l, light in enumerate(scene.lights) if light.body in movers]
         lamps = [l for l in carried if scene.lights[l].shadows]
@@ -67,21 +69,38 @@ class Passing:
         asked = moving | bool(lamps) if self._changes.passes else np.zeros_like(moving)
         fine = finest_halves(v, asked)
         self._boxes, self._count = boxes_of(v, movers, np.flatnonzero(moving), fine)
-        self._chords = Chords(v, movers, np.flatnonzero(moving & asked), fine)
+        self._assemblies = Assemblies(v, movers, np.flatnonzero(moving & asked), rigid.placement.worlds)
+        self._chords = Chords.of(v, movers, np.flatnonzero(moving & asked), fine)
         self._facets = Facets(v, movers, moving & self._changes.facets)
         self._lamp_mover = np.searchsorted(movers, [scene.lights[l].body for l in lamps]).astype(np.int64)
         # A light far away sweeps over what throws shadows as one does that is as far as these may fall.
-        far = FALL * float(geometry.radius[(half > 0).all(axis=1)].max(initial=0.0))
+        solid = float(geometry.radius[(half > 0).all(axis=1)].max(initial=0.0))
+        far = FALL * (solid or float(geometry.radius[moving].max(initial=0.0)) or 1.0)
         self._lamps = np.array([places[l] * (far if scene.lights[l].kind == "directional" else 1.0) for l in lamps])
         self._fixed = np.array([scene.lights[l].kind == "directional" for l in lamps], bool)
         beams = [l for l in carried if scene.lights[l].kind == "spot"]
         self._beam_mover = np.searchsorted(movers, [scene.lights[l].body for l in beams]).astype(np.int64)
         self._beams, self._cones = axes[beams], np.array([2 * ROUND * scene.lights[l].cone[1] for l in beams])
-        widths = np.sort(fine[~moving], axis=1)[:, 1]
-        self._thinnest = float(widths[widths > 0].min(initial=np.inf)) * 2
+        still = np.flatnonzero(~moving & asked & not_camera & bool(lamps))
+        self._still_chords = Chords.of(v, movers, still, fine, still=True)
+        self._thinnest = self._thinnest_far = self._thinnest_still(moving, fine, still, np.ones(len(fine)))
+        if self._fixed.any():
+            # The shadow of what is flat falls farther where that is larger than all that is not.
+            nearer = far / (FALL * np.maximum(geometry.radius.astype(np.float64), max(solid, 1e-30)))
+            self._thinnest_far = self._thinnest_still(moving, fine, still, nearer)
         self._near = TURNED / max(v.view.fx, v.view.fy)
         self._looks = SOFT if any(light.kind == "area" and light.shadows for light in scene.lights) else 1
         self.bits = wp.empty((0, 0, 0), dtype=wp.uint64, device=v.device)
+
+    def _thinnest_still(self, moving: np.ndarray, fine: np.ndarray, still: np.ndarray, scale: np.ndarray) -> np.ndarray:
+        """Gives the width of the thinnest thing that stands still, or gap between such, float64 [1 or E] m, each as
+        much wider as `scale` [I] says."""
+        widths = scale[~moving] * np.sort(fine[~moving], axis=1)[:, 1]
+        thinnest = np.full(1, widths[widths > 0].min(initial=np.inf)) * 2
+        if not len(still):
+            return thinnest
+        worlds = self._rigid.placement.worlds
+        return np.minimum(thinnest, thinnest_between(self._rigid.visibility, still, worlds, scale))
 
     @cached_property
     def kernel(self) -> wp.Kernel:
@@ -181,15 +200,18 @@ class Passing:
             before, after = (moved[first + k][:, :, self._lamp_mover] for k in (0, 1))
             before[:, :, self._fixed, :3] = after[:, :, self._fixed, :3] = 0.0
             way = se3.transform(after, self._lamps) - se3.transform(before, self._lamps)
-            shine = np.linalg.norm(way, axis=-1).max(axis=(0, 2))
-            shortest = self._thinnest / np.maximum(shine, 1e-30)
+            ways = np.linalg.norm(way, axis=-1).max(axis=0)
+            shine = ways.max(axis=1)
+            thinnest = np.where(self._fixed, self._thinnest_far[:, None], self._thinnest[:, None])
+            shortest = (thinnest / np.maximum(ways, 1e-30)).min(axis=1)
         if len(self._beams):
             before, after = (moved[first + k][:, :, self._beam_mover, 3:] for k in (0, 1))
             apart = np.linalg.norm(se3.rotate(after, self._beams) - se3.rotate(before, self._beams), axis=-1)
             turned = 2 * np.arcsin(np.minimum(apart / 2, 1.0))
             shortest = np.minimum(shortest, (self._cones / np.maximum(turned, 1e-30)).min(axis=(0, 2)))
-        if self._chords.any:
-            shortest = np.minimum(shortest, self._chords.shortest(moved, rest, first))
+        for chords in (self._chords, self._still_chords):
+            if chords.any:
+                shortest = np.minimum(shortest, chords.shortest(moved, rest, first))
         if self._count:
             eye = rest[:, self._rigid.visibility.camera_body]
             poses = cpu_array(np.ascontiguousarray(moved), wp.transformd)
@@ -202,4 +224,6 @@ class Passing:
             # A shadow's edge is on most points that it comes over for a part of the time between two turns.
             turned = turns.min(axis=1) / PER_TURN
             shortest = np.minimum(shortest, np.minimum(found.min(axis=(0, 2)), turned))
+        if self._assemblies.any:
+            shortest = np.minimum(shortest, self._assemblies.shortest(shine, first, moved, rest))
         return apart_ns * shortest / self._looks

@@ -19,6 +19,11 @@ MOST_TEXELS = 1024
 BLOCKS = 16
 """Parts along each side of a texture, of which the one with the finest grain counts."""
 
+BENT = 0.25
+"""Part of the length over which colours of corners go up or down that counts as grain: they bend at every edge, and no
+filter rounds that, as one does with textures. A lump whose triangles are 1.5 px wide has errors of 0.090, 0.049 and
+0.021 with 0.8, 0.3 and 0.1 ms, and of 0.122, 0.069 and 0.034 with all of that length, in the same time."""
+
 
 def grain_of(scene: Scene, geometry: Geometry, least: float) -> np.ndarray:
     """Computes over which length float32 [T] [m] ln albedo goes up or down on each triangle, EVEN without that.
@@ -113,7 +118,43 @@ def _per_unit(corners: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def _of_colours(corners: np.ndarray, colours: np.ndarray, least: float) -> np.ndarray:
-    """Computes the grain [m] of triangles whose corners differ in colour: their longest edge."""
+    """Computes the grain [m] of coloured triangles: BENT of the length over which ln albedo goes from the least to the
+    greatest of their corners', and how high they are where it is another one beyond an edge.
+
+    corners, colours [F, 3, 3].
+    """
     log = np.log(np.maximum(np.asarray(colours, np.float64) @ np.array(REC709), DARKEST))
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(1)
-    return np.where(np.ptp(log, axis=1) >= least, longest, EVEN)
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    normal = np.cross(first, second)
+    twice = np.linalg.norm(normal, axis=1)
+    rise = log[:, 1:] - log[:, :1]
+    steep = np.linalg.norm(rise[:, :1] * np.cross(second, normal) + rise[:, 1:] * np.cross(normal, first), axis=1)
+    swing = np.ptp(log, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        grain = np.where(swing >= least, BENT * np.minimum(swing, SWING) * twice**2 / steep, EVEN)
+        high = twice / np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    grain = np.where(_changes_beyond(corners, log) >= least, np.minimum(grain, high), grain)
+    # What has no area is never seen.
+    return np.where(twice > 0, np.nan_to_num(grain, nan=EVEN, posinf=EVEN), EVEN)
+
+
+def _changes_beyond(corners: np.ndarray, log: np.ndarray) -> np.ndarray:
+    """Computes the greatest jump of ln albedo over an edge of each triangle, float64 [F]; corners [F, 3, 3], log
+    [F, 3]. Triangles share an edge whose ends lie at the same places, turned either way."""
+    count = len(corners)
+    _, place = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    place = place.reshape(count, 3)
+    start, end = place.ravel(), np.roll(place, -1, axis=1).ravel()
+    values = np.stack([log.ravel(), np.roll(log, -1, axis=1).ravel()], axis=1)
+    turned = start > end
+    values[turned] = values[turned, ::-1]
+    edge = np.minimum(start, end) * (3 * count) + np.maximum(start, end)
+    order = np.argsort(edge, kind="stable")
+    edge, values = edge[order], values[order]
+    same = edge[1:] == edge[:-1]
+    jump = np.where(same, np.abs(np.diff(values, axis=0)).max(axis=1, initial=0.0), 0.0)
+    over = np.zeros(3 * count)
+    # Of two that are neighbours in this order each has the edge.
+    np.maximum.at(over, order[1:], jump)
+    np.maximum.at(over, order[:-1], jump)
+    return over.reshape(count, 3).max(axis=1)
