@@ -13,12 +13,14 @@ _LIMITS = (("memory.max", "memory.current"), ("memory/memory.limit_in_bytes", "m
 
 
 def free_memory(device: Any) -> int | None:
-    """Gives the bytes that may still be had on a Warp device; None where nothing tells.
+    """Gives the bytes that may still be had on a Warp device; None where nothing tells."""
+    return int(device.free_memory) if device.is_cuda else free_host_memory()
 
-    A CPU has what the system can give without swapping, and no more than the limit of a container leaves.
+
+def free_host_memory() -> int | None:
+    """Gives the bytes that the system can give without swapping, and no more than the limit of a container leaves; None
+    where nothing tells.
     """
-    if device.is_cuda:
-        return int(device.free_memory)
     return min((*_available(), *_left_in_container()), default=None)
 
 

@@ -24,15 +24,19 @@ SLOW = 0.125
 FOLLOWED = 64
 """Periods of a light between two keyframes up to which single pixels are looked at whenever it changes."""
 
+NAMED = 3
+"""Other lights or bodies that a line names beside the fastest; it counts the rest."""
+
 FINEST = 1024
 """Most parts into which the time between two frames is divided by the instants at which single pixels are looked at."""
 
 
 @dataclass(frozen=True)
 class _Fast:
-    """Something that is too fast. what: it does; wanted: frames per second that would do; false: its frequency looks
-    another one."""
+    """Something that is too fast. kind: light or body; what: it does; wanted: frames per second that would do; false:
+    its frequency looks another one."""
 
+    kind: str
     name: str
     what: str
     frame_rate: float
@@ -42,15 +46,33 @@ class _Fast:
     def line(self, where: str = "") -> str:
         loss = "show something slower or nothing" if self.false else "miss a part of its events"
         frames = f"frames come at {self.frame_rate:g} Hz, which {loss}"
-        return f"{self.what}{where} and {frames}; {self.wanted:.4g} Hz would do (keyframe_rate x upsampling)"
+        does = f"{self.kind} '{self.name}' {self.what}{where}"
+        return f"{does} and {frames}; {self.wanted:.4g} Hz would do (keyframe_rate x upsampling)"
+
+
+def _lines(found: Sequence[tuple[_Fast, str]]) -> list[str]:
+    """Makes one line of all lights, or all bodies, that lose the same, each with words for where it is: a hall has
+    hundreds of lamps on one mains. It tells of the fastest, whose remedy does for the others, and names them."""
+    alike: dict[tuple[str, bool], list[tuple[_Fast, str]]] = {}
+    for one, where in found:
+        alike.setdefault((one.kind, one.false), []).append((one, where))
+    lines = []
+    for (kind, _), some in alike.items():
+        fastest, where = max(some, key=lambda each: each[0].wanted)
+        others = [f"'{one.name}'" for one, _ in some if one is not fastest]
+        kinds = kind if len(others) == 1 else {"light": "lights", "body": "bodies"}[kind]
+        names = ", ".join(others[:NAMED]) + (", ..." if len(others) > NAMED else "")
+        more = f", for {len(others)} other {kinds} too: {names}" if others else ""
+        lines.append(fastest.line(where) + more)
+    return lines
 
 
 def undersampled(
     scenes: Scene | Sequence[Scene], frame_rate: float, pixel_rate: float = 0.0, keyframe_rate: float = 0.0
 ) -> list[str]:
-    """Returns a line for each light and each body of prescribed motion that frames at `frame_rate` [Hz] show falsely.
+    """Returns lines on the lights and the bodies of prescribed motion that frames at `frame_rate` [Hz] show falsely.
 
-    scenes: one, or those of environments side by side, of which the line tells that in which it is fastest.
+    scenes: one, or those of environments side by side, of which a line tells that in which a thing is fastest.
     pixel_rate: at which single pixels are seen between frames [Hz], 0 = frames alone. keyframe_rate: of keyframes
     then [Hz]; lights that are slow enough, FOLLOWED, and no shorter than two of the FINEST parts, are seen as they are.
 
@@ -59,15 +81,16 @@ def undersampled(
     moves is not known beforehand: `Turns` looks at it.
     """
     worlds = [scenes] if isinstance(scenes, Scene) else scenes
-    fastest: dict[str, tuple[_Fast, int]] = {}
+    fastest: dict[tuple[str, str], tuple[_Fast, int]] = {}
     seen: set[int] = set()
     for env, scene in enumerate(worlds):
         if id(scene) not in seen:
             seen.add(id(scene))
             for one in _too_fast(scene, frame_rate, pixel_rate, keyframe_rate):
-                if one.name not in fastest or one.wanted > fastest[one.name][0].wanted:
-                    fastest[one.name] = one, env
-    return [one.line(f" in environment {env}" if len(seen) > 1 else "") for one, env in fastest.values()]
+                thing = one.kind, one.name
+                if thing not in fastest or one.wanted > fastest[thing][0].wanted:
+                    fastest[thing] = one, env
+    return _lines([(one, f" in environment {env}" if len(seen) > 1 else "") for one, env in fastest.values()])
 
 
 def _too_fast(scene: Scene, frame_rate: float, pixel_rate: float, keyframe_rate: float) -> Iterator[_Fast]:
@@ -78,17 +101,15 @@ def _too_fast(scene: Scene, frame_rate: float, pixel_rate: float, keyframe_rate:
             followed = pixel_rate > frame_rate and frequency <= FOLLOWED * keyframe_rate
             followed = followed and wanted <= FINEST * frame_rate
             if frame_rate < wanted and not followed:
-                name = f"light '{light.name}'"
-                what = f"{name} flickers at {frequency:g} Hz"
-                yield _Fast(name, what, frame_rate, wanted, 2 * frequency >= frame_rate)
+                what = f"flickers at {frequency:g} Hz"
+                yield _Fast("light", light.name, what, frame_rate, wanted, 2 * frequency >= frame_rate)
     rate = max(frame_rate, pixel_rate)
     for body in scene.bodies:
         if isinstance(body.trajectory, Prescribed):
             fastest = max(_half_turns(body.trajectory), default=0.0)
             if fastest >= rate:
-                name = f"body '{body.name}'"
-                what = f"{name} makes {fastest / 2:.4g} turns or swings per second"
-                yield _Fast(name, what, rate, ENOUGH * fastest / 2, True)
+                what = f"makes {fastest / 2:.4g} turns or swings per second"
+                yield _Fast("body", body.name, what, rate, ENOUGH * fastest / 2, True)
 
 
 class Turns:
@@ -100,7 +121,7 @@ class Turns:
         self._watched = np.array([not isinstance(body.trajectory, Prescribed) for body in scene.bodies], bool)
 
     def too_fast(self, moving: np.ndarray, twist: np.ndarray) -> list[str]:
-        """Returns a line for each body that turns half about within a frame, once for each.
+        """Returns a line on the bodies that turn half about within a frame; each body is in one once.
 
         moving: int [B], bodies, and twist float64 [E, S, B, 6], theirs, as of WorldState. Where all are slower than
         SLOW at the end of the interval the states within it are not looked at.
@@ -113,14 +134,13 @@ class Turns:
             return []
         omega = twist[..., 3:]
         half_turns = np.sqrt(np.einsum("...i,...i", omega, omega).max(axis=(0, 1))) / np.pi
-        lines = []
+        found = []
         for body, fastest in zip(moving.tolist(), half_turns.tolist()):
             if fastest >= self._rate and self._watched[body]:
                 self._watched[body] = False
-                name = f"body '{self._names[body]}'"
-                what = f"{name} makes {fastest / 2:.4g} turns per second"
-                lines.append(_Fast(name, what, self._rate, ENOUGH * fastest / 2, True).line())
-        return lines
+                what = f"makes {fastest / 2:.4g} turns per second"
+                found.append((_Fast("body", self._names[body], what, self._rate, ENOUGH * fastest / 2, True), ""))
+        return _lines(found)
 
 
 def _wanted(wave: Waveform) -> float:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import weakref
 from collections import OrderedDict, deque
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,9 @@ FAMILIES = 4
 WORLDS = 16
 """Worlds of each of these that are kept then: those of the last seeds."""
 SHARING = 256
-"""Worlds that share meshes and textures; what is made for more of them would be too much to keep."""
+"""Worlds that share meshes and textures at most; what is made for more of them would be too much to keep."""
+MUCH = 1 << 27
+"""Bytes of meshes and textures, beside twice those of one world, that are too much to keep for fewer, too."""
 
 
 class Family:
@@ -46,6 +48,8 @@ class Family:
         """By the value of that."""
         self._last: deque[Scene] = deque(maxlen=WORLDS)
         self._made: dict[Any, Any] = {}
+        self._of_one = 0
+        """Bytes that were made for the first of the worlds that share them."""
         self._loaded = 0
 
     def world(self, seed: int) -> Scene:
@@ -54,12 +58,15 @@ class Family:
         for scene in [scene for reference in known if (scene := reference()) is not None]:
             if would_draw(scene.drawn, seed):
                 return scene
-        if self._loaded % SHARING == 0:
+        if self._made_too_much():
             self._made = {}
+        first = not self._made
         self._loaded += 1
         name, overrides = self._load
         with noting() as files:
             scene = load_scene(name, overrides, seed=seed, made=self._made, **self._how)
+        if first:
+            self._of_one = size_of(self._made)
         self.files.update(files)
         lock(scene)
         scene.shared = True
@@ -78,6 +85,12 @@ class Family:
         Worlds that differ to the eye alone are one to these; and of a model it is told what cannot be shown.
         """
         return any(scene.mjcf is None and not scene.drawn for scene in self._last)
+
+    def _made_too_much(self) -> bool:
+        """Tells whether the next world is to make its own: each may have drawn pictures that no other has."""
+        if self._loaded % SHARING == 0:
+            return True
+        return self._loaded % WORLDS == 0 and size_of(self._made) > MUCH + 2 * self._of_one
 
     def _value(self, seed: int) -> Any:
         return None if self._first is None else repr(self._first.law.value(uniform(seed, self._first.place)))
@@ -119,6 +132,25 @@ def lock(part: Any) -> None:
     elif is_dataclass(part) and not isinstance(part, type):
         for each in fields(part):
             lock(getattr(part, each.name))
+
+
+def size_of(part: Any) -> int:
+    """Counts the bytes of the arrays of a part of a scene, or of several in dicts and lists, each once."""
+    return sum(array.nbytes for array in {id(array): array for array in _arrays(part)}.values())
+
+
+def _arrays(part: Any) -> Iterator[np.ndarray]:
+    if isinstance(part, np.ndarray):
+        yield part
+    elif isinstance(part, (list, tuple)):
+        for each in part:
+            yield from _arrays(each)
+    elif isinstance(part, dict):
+        for each in part.values():
+            yield from _arrays(each)
+    elif is_dataclass(part) and not isinstance(part, type):
+        for each in fields(part):
+            yield from _arrays(getattr(part, each.name))
 
 
 class Worlds:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -16,6 +16,8 @@ from nodes.physics.stiffness import FOLLOWED, Mode, geom_name, integrator_of, mo
 
 SHOWN = 1.0
 """omega*dt up to which poses between two steps follow an oscillation, to 0.3 % of it."""
+NAMED = 3
+"""Others that a line on what cannot be followed names beside the worst; it counts the rest."""
 SHORTEST = 1e-7
 """Shortest timestep that the node takes [s]."""
 
@@ -37,22 +39,22 @@ class Limits:
 
     def risks(self) -> list[str]:
         """Finds what in the model the integrator cannot follow at this timestep, or the poses of whole steps cannot,
-        before the first step."""
+        before the first step: a line for all to which the same remedy applies, which is that of the worst."""
         dt, whole, found = self.finest, self.model.opt.timestep, modes(self.model)
-        said = [
-            f"{_growth(mode, dt)}; expect it to diverge, or {_remedy(mode, dt, self.tolerant)}"
-            for mode in found
-            if mode.grows(dt)
-        ]
-        if self.tolerant:
-            said += [
-                f"{mode.source} swings by {mode.rate * whole:.3g} rad in a step of {whole:g} s, which "
+        said = []
+        for some in _alike([mode for mode in found if mode.grows(dt)], dt):
+            worst = _first(some, lambda mode: 1 / mode.rate if mode.contact else mode.longest_step(dt))
+            remedy = _remedy(worst, dt, self.tolerant)
+            said.append(f"{_growth(worst, dt)}{_others(some, worst)}; expect it to diverge, or {remedy}")
+        hidden = [mode for mode in found if mode.oscillates and not mode.contact and mode.rate * whole > SHOWN]
+        if self.tolerant and hidden:
+            worst = _first(hidden, lambda mode: 1 / mode.rate)
+            said.append(
+                f"{worst.source} swings by {worst.rate * whole:.3g} rad in a step of {whole:g} s, which "
                 "physics_tolerance follows, but poses are published once a step, and between steps bodies are up to "
-                f"{_between_steps(mode.rate * whole):.2g} of the swing off; "
-                f"timestep:={max(_rounded_down(0.5 / mode.rate), SHORTEST):g} shows it"
-                for mode in found
-                if mode.oscillates and not mode.contact and mode.rate * whole > SHOWN
-            ]
+                f"{_between_steps(worst.rate * whole):.2g} of the swing off{_others(hidden, worst)}; "
+                f"timestep:={max(_rounded_down(0.5 / worst.rate), SHORTEST):g} shows it"
+            )
         return said
 
 
@@ -219,6 +221,25 @@ class Watchdog:
             "strong forces, deep penetration or a long fall; a shorter timestep tells whether the step is to blame or "
             "the model"
         )
+
+
+def _alike(growing: Sequence[Mode], dt: float) -> list[list[Mode]]:
+    """Groups those of which `_remedy` says the same: a cable has hundreds of joints."""
+    groups: dict[tuple[bool, ...], list[Mode]] = {}
+    for mode in growing:
+        groups.setdefault((mode.contact, mode.oscillates, mode.grows(dt / 2**FINEST)), []).append(mode)
+    return list(groups.values())
+
+
+def _first(some: Sequence[Mode], step: Callable[[Mode], float]) -> Mode:
+    """Returns the one that needs the shortest step, of equal ones the first: their inertias differ by rounding."""
+    return min(some, key=lambda mode: float(f"{step(mode):.9g}"))
+
+
+def _others(some: Sequence[Mode], told: Mode) -> str:
+    others = [mode.source for mode in some if mode is not told]
+    names = ", ".join(others[:NAMED]) + (", ..." if len(others) > NAMED else "")
+    return f" (and {len(others)} more like it: {names})" if others else ""
 
 
 def _growth(mode: Mode, dt: float) -> str:

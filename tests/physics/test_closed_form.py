@@ -16,7 +16,7 @@ from evis.simulation.simulation import Simulation
 from msgs.codec import decode, encode
 from msgs.header import Header
 from msgs.world import WorldState
-from nodes.physics.closed_form.ahead import BLOCK, ROW
+from nodes.physics.closed_form.ahead import BLOCK
 from nodes.physics.closed_form.prescribed_batch import PrescribedBatch
 from nodes.physics.interval import grid_inside
 from nodes.physics.prescribed import PrescribedEngine, PrescribedStates
@@ -133,7 +133,7 @@ def test_what_is_computed_ahead_is_bounded():
             moving = engine.advance(keyframe_stamp(k, 30.0)).moving
     held = tracemalloc.get_traced_memory()[0] - before
     tracemalloc.stop()
-    assert held < 1.1 * (BLOCK + 8 * 35 * len(moving) * ROW)
+    assert held < 1.1 * (BLOCK + 8 * 35 * len(moving) * 13 * 8)
 
 
 def test_states_of_environments_that_move_alike_are_published_without_a_copy():

@@ -155,3 +155,23 @@ def test_a_lamp_that_another_environment_has_drawn_is_told_before_the_start(tmp_
     assert RendererNode.foreseen(params) == ()
     (line,) = RendererNode.foreseen(params | {"envs": 2})
     assert "light 'lamp' flickers at 500 Hz in environment 1" in line
+
+
+def test_many_that_are_alike_are_one_line_with_the_remedy_for_all():
+    """A hall of 200 lamps on one mains, one of them on a faster one, and two fans: 202 lines were printed."""
+    lamps = [
+        Light(f"lamp{i}", "directional", np.ones(3), Z, waveform=Waveform("sine", 110 if i == 7 else 100, 0.3))
+        for i in range(200)
+    ]
+    fans = [Body(f"fan{i}", Prescribed(REST, (Spin(Z, 2 * np.pi * (300 + i)),))) for i in range(2)]
+    hall = replace(scene(), lights=lamps, bodies=fans)
+    of_lamps, of_fans = undersampled(hall, 240)
+    assert "light 'lamp7' flickers at 110 Hz" in of_lamps and "; 880 Hz would do" in of_lamps
+    assert of_lamps.endswith(", for 199 other lights too: 'lamp0', 'lamp1', 'lamp2', ...")
+    assert of_fans.startswith("body 'fan1' ") and of_fans.endswith(", for 1 other body too: 'fan0'")
+    assert all("light" not in line for line in undersampled(hall, 880))
+
+    free = [Body(f"free{i}", None) for i in range(50)]
+    turns = Turns(replace(scene(), bodies=free), 240.0)
+    (line,) = turns.too_fast(np.arange(50), np.full((1, 2, 50, 6), 1e4))
+    assert line.startswith("body 'free0' ") and ", for 49 other bodies too: 'free1', " in line

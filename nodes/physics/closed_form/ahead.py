@@ -9,12 +9,10 @@ import numpy as np
 
 from evis.runtime.clock import NS, keyframe_stamp
 from nodes.physics.interval import grid_inside
+from nodes.physics.room import ROW, check_room
 
 BLOCK = 1 << 20
 """Most bytes of states that are computed at once, unless one interval has more: what a core's cache holds."""
-
-ROW = 13 * 8
-"""Bytes of a body's pose and twist."""
 
 States = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Of an interval: sub-step times int64 [S] ns, poses float64 [S, B, 7] and twists [S, B, 6]; not to be written to."""
@@ -56,7 +54,9 @@ class StatesAhead:
         return self._block[self._next - 1]
 
     def _compute(self, start_ns: int, end_ns: int, count: int) -> None:
-        """Computes a block of up to `count` intervals."""
+        """Computes a block of up to `count` intervals. Raises ValueError where the first alone is too large."""
+        if self._inside:
+            check_room(end_ns - start_ns, 1 + (end_ns - start_ns) // self._timestep, self._bodies)
         stamps = self._foreseen(start_ns, end_ns, count)
         grids = [np.array([start_ns], np.int64)]
         for a, b in pairwise(stamps):

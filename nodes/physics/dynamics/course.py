@@ -16,6 +16,7 @@ from msgs.world import moves
 from nodes.physics.dynamics.assembly import Assembly
 from nodes.physics.dynamics.states import State, between
 from nodes.physics.interval import Interval, grid_inside
+from nodes.physics.room import check_room
 
 JOINTS = ("qpos", "qvel")
 PART = 1 << 19
@@ -55,8 +56,12 @@ class Course:
         return interval
 
     def open(self, to_ns: int) -> range:
-        """Begins the interval up to stamp `to_ns` [ns]; gives the times [ns] from which steps are to be taken."""
+        """Begins the interval up to stamp `to_ns` [ns]; gives the times [ns] from which steps are to be taken.
+
+        Raises ValueError where its states do not fit into memory.
+        """
         steps = range(self.grid, to_ns, self._step_ns)
+        check_room(to_ns - self.stamp, len(steps), len(self._assembly.may_move), len(self.now["pose"]))
         inside = [t for t in steps if t > self.stamp]
         self._to, self._steps = to_ns, len(steps)
         # A grid point at the interval's start is left out.
