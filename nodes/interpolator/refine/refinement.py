@@ -20,6 +20,7 @@ from nodes.interpolator.refine.instants import Instants, instants_of, least_part
 from nodes.interpolator.refine.light.flicker import Flicker
 from nodes.interpolator.refine.light.highlights import Highlights, tolerance_for
 from nodes.interpolator.refine.light.passing import Passing
+from nodes.interpolator.refine.paths.grain import least_spacing
 from nodes.interpolator.refine.probing.probes import Ahead, Probes
 from nodes.interpolator.refine.rounds import Kernels, Rounds, Window
 from nodes.interpolator.refine.samples.further_kernels import count_samples, make_sort, place_samples
@@ -75,6 +76,7 @@ class Refinement:
         layout = rigid.layout
         v = rigid.visibility
         self._tolerance_ns = tolerance_for(v.scene, tolerance_ns)
+        self._spacing = least_spacing(tolerance_ns)
         self._highlights = Highlights(v.scene, rigid.placement.movers)
         # Gaps in a row are divided as each by itself would be.
         self._gaps = layout.envs if rigid.in_a_row else 1
@@ -230,7 +232,7 @@ class Refinement:
         cut.rows = self._rigid.visibility.envs
         cut.envs, cut.margin = layout.envs, evaluator.visibility.margin
         cut.height, cut.width = evaluator.size
-        cut.gain, cut.even = self._gain, EVEN * layout.tolerance
+        cut.gain, cut.even, cut.spacing = self._gain, EVEN * layout.tolerance, self._spacing
         return cut
 
     def _stage(self, rounds: Rounds) -> Any:

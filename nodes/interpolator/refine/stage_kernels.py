@@ -28,7 +28,7 @@ class Cut:
     parts that z-buffers make of a coarse interval, 2^n. parts: those at whose ends it is known which lamps shine, 2^n,
     at most; 0 = unknown. rows: of the coarse frames' z-buffers. height, width [px]: of a frame, without margin [px].
     gain: pixels per radian, at most, or the focal length [px] of a pinhole. even: distance [px] from a straight way up
-    to which a point is on it.
+    to which a point is on it. spacing: least way over what is painted between two samples, of a pixel's width along it.
     """
 
     jump: float
@@ -48,6 +48,7 @@ class Cut:
     margin: int
     gain: float
     even: float
+    spacing: float
 
 
 @wp.struct

@@ -24,6 +24,19 @@ BENT = 0.25
 filter rounds that, as one does with textures. A lump whose triangles are 1.5 px wide has errors of 0.090, 0.049 and
 0.021 with 0.8, 0.3 and 0.1 ms, and of 0.122, 0.069 and 0.034 with all of that length, in the same time."""
 
+SPACING, FINEST_SPACING = 0.6, 0.15
+"""Least ways between two samples, of a pixel's width along that way, for textures are filtered to that: peaks between
+two of them are found by halving. The first is that with 0.3 ms; with 0.5 tunnel_exit has 5 % more samples, and 0.033 in
+place of 0.034."""
+WHOLE_NS = 200_000
+"""Tolerance of time [ns] below which the way is shorter in proportion. With 0.1 ms and half of it tunnel_exit has 0.030
+in place of 0.034 in 1.25 of the time, the drone 0.031 in place of 0.034 in 1.1."""
+
+
+def least_spacing(tolerance_ns: float) -> float:
+    """Computes the least way between two samples over what is painted, of a pixel's width, for a tolerance of time."""
+    return max(SPACING * min(tolerance_ns / WHOLE_NS, 1.0), FINEST_SPACING)
+
 
 def grain_of(scene: Scene, geometry: Geometry, least: float) -> np.ndarray:
     """Computes over which length float32 [T] [m] ln albedo goes up or down on each triangle, EVEN without that.

@@ -20,9 +20,6 @@ PER_SWING = wp.constant(3.0)
 """Samples for each length over which a texture goes up or down: with 2 a wall whose texels are a pixel wide loses 10 %
 of its events at 2 px a gap and 0.3 ms, with 3 7 %, and scenes take the same time."""
 PLAIN = wp.constant(EVEN)
-LEAST_SPACING = wp.constant(0.6)
-"""Least way between two samples, of a pixel's width along that way, for textures are filtered to that: peaks between
-two of them are found by halving. With 0.5 tunnel_exit has 5 % more samples with 0.3 ms, and 0.033 in place of 0.034."""
 TURNED = wp.constant(0.25)
 """Way since the last sample, of that between two, after which there is one where a point turns back: what shakes shows
 there how far it goes."""
@@ -85,7 +82,7 @@ def make_follow(channels: int, ways: int) -> Any:
         count: wp.array(dtype=int),
     ):
         """Lists instants from `start` to `end` between which a pixel goes over part of a swing of what is painted on
-        the surface, and by LEAST_SPACING pixels at least, and those at which it turns back. Arguments as of `walk`;
+        the surface, and by `cut.spacing` at least, and those at which it turns back. Arguments as of `walk`;
         gives the index of the last entry listed, and PAINTED, or UNKNOWN where it goes nowhere."""
         body = stage.targets.pieces[triangle_of(before)][0]
         each = (cut.slots + 1) // stage.probes[spot.env]
@@ -113,7 +110,7 @@ def make_follow(channels: int, ways: int) -> Any:
             grain = wp.min(stage.targets.grain[triangle_of(hit)], stage.targets.grain[triangle_of(seen)])
             # Pixels are long on what is seen obliquely: by that alone tunnel_exit has 0.048 in place of 0.034.
             narrow = wp.min(way / wp.max(wide, 1.0e-30), width_of_pixel(view, spot, seen))
-            spacing = wp.max(grain / PER_SWING, LEAST_SPACING * narrow)
+            spacing = wp.max(grain / PER_SWING, cut.spacing * narrow)
             moved = moved or (grain < PLAIN and gone + way > TURNED * spacing)
             if grain < PLAIN and i > listed and gone > TURNED * spacing and wp.dot(step, heading) < 0.0:
                 last = note(cut, instances, spot, i, hit, hit, pixel(PAINTED), last, room, most, band, count)
