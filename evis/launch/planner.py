@@ -31,9 +31,9 @@ from msgs.camera import Image, Keyframe
 from msgs.fields import by_environment
 from msgs.topics import SYSTEM_TOPICS, find_topic
 
-WINDOW_AT_ONCE = 34
-"""Messages of a topic that may be under way where several keyframes are made at once: all of them, at most as many as
-nodes/renderer/at_once.py says, and two more."""
+WINDOW_AT_ONCE, WINDOW_ON_CPU = 34, 10
+"""Messages of a topic that may be under way where several keyframes are made at once, on a GPU and on a CPU: all of
+them, at most as many as nodes/renderer/at_once.py says, and two more."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
     check_pace(plan, {node.name: node for node in chosen})
     plan.waits, plan.single = who_waits(plan, chosen, options.stepped)
     if not plan.single:
-        plan.window = WINDOW_AT_ONCE
+        plan.window = WINDOW_AT_ONCE if together else WINDOW_ON_CPU
     plan.left_out = left_out(nodes, chosen, demand, expanded.absent) + _unmade(plan, chosen, demand) + _colourless(plan)
     plan.random = {
         node.among_all(node.name): list(node.cls.random(node.params))

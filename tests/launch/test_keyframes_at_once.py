@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 from evis.client.requests import taker
 from evis.config.document import LaunchError
 from evis.launch.explain import as_text
-from evis.launch.planner import WINDOW_AT_ONCE, Options, plan_file, plan_target
+from evis.launch.planner import WINDOW_AT_ONCE, WINDOW_ON_CPU, Options, plan_file, plan_target
 from evis.runtime.executor import Executor
 from evis.runtime.node import Node
 from evis.runtime.plan import COMPOSED, Plan
@@ -27,7 +27,7 @@ from nodes.event_sensor.messages.flights import Flights
 from nodes.event_sensor.node import EventSensorNode
 from nodes.event_sensor.readout.device_events import DeviceEvents
 from nodes.event_sensor.sensor import EventSensor
-from nodes.renderer.at_once import MOST, at_once, keyframes_of, refined_at_once
+from nodes.renderer.at_once import MOST, MOST_ON_CPU, at_once, keyframes_of, refined_at_once
 from nodes.renderer.renderer import Renderer
 
 SMALL = {"width": 48, "height": 36, "audit": 0}
@@ -364,7 +364,8 @@ def test_on_a_cpu_small_pictures_come_several_at_once() -> None:
 
 def test_all_that_are_made_at_once_may_be_under_way() -> None:
     """And two more, so that a recorder in another process does not hold up the batch after them."""
-    assert WINDOW_AT_ONCE == MOST + 2
+    assert (WINDOW_AT_ONCE, WINDOW_ON_CPU) == (MOST + 2, MOST_ON_CPU + 2)
+    assert on_gpu("warehouse").window == WINDOW_AT_ONCE and composed("warehouse").window == WINDOW_ON_CPU
 
 
 @pytest.mark.gpu
