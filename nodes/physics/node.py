@@ -32,6 +32,9 @@ from nodes.physics.precision.notice import notice
 from nodes.physics.precision.tolerance import Tolerance
 from nodes.physics.resets import checked
 
+MOST_TOLD = 20
+"""Faults of a run that are told of one by one: a model that always diverges would fill the log."""
+
 
 class PhysicsNode(Node):
     """Publishes one WorldState per keyframe stamp, k = 0, 1, ... while the stamp is within `duration`."""
@@ -182,6 +185,8 @@ class PhysicsNode(Node):
         self.names = [body.name for body in scene.bodies]
         self._begin()
         self.count_all = keyframe_count(round(p["duration"] * NS), p["keyframe_rate"]) if p["duration"] else None
+        self._told = 0
+        """Faults that were told of."""
         if self.count_all is not None:
             self._say_end(self.count_all - 1)
 
@@ -384,8 +389,11 @@ class PhysicsNode(Node):
         for env, text in interval.faults:
             self.episodes[env] += 1
             self.count("diverged")
-            again = f"it starts again as episode {self.episodes[env]} at {stamp * 1e-9:g} s"
-            self.warn(f"environment {env}: {text}; {again}")
+            self._told += 1
+            if self._told <= MOST_TOLD:
+                again = f"it starts again as episode {self.episodes[env]} at {stamp * 1e-9:g} s"
+                last = "; from now on such faults are only counted (diverged)" if self._told == MOST_TOLD else ""
+                self.warn(f"environment {env}: {text}; {again}{last}")
         if interval.faults and len(self.episodes) == 1:
             self.episode += 1
             self.first = self.k

@@ -173,3 +173,18 @@ def test_grid_is_independent_of_stamps():
     assert engine.advance(2_500_000).t.tolist() == [0, 1_000_000, 2_000_000, 2_500_000]
     assert engine.advance(2_600_000).t.tolist() == [2_500_000, 2_600_000]
     assert engine.advance(4_000_000).t.tolist() == [2_600_000, 3_000_000, 4_000_000]
+
+
+def test_what_diverges_for_ever_is_told_of_some_times_and_counted_always(tmp_path):
+    pytest.importorskip("mujoco")
+    spring = "<joint name='spring' type='slide' stiffness='1e8' springref='.01'/><geom size='.1' mass='1'/>"
+    text = f"<mujoco><option timestep='.001' gravity='0 0 0'/><worldbody><body name='a'>{spring}</body></worldbody></mujoco>"
+    (tmp_path / "m.xml").write_text(text)
+    node = node_of(scene=str(tmp_path / "m.xml"), envs=7, keyframe_rate=100.0, duration=0.1)
+    assert run(node)[-1].episodes.tolist() == [10] * 7
+    assert node.runtime.counts["diverged"] == 70
+    told = [text for text in node.runtime.warnings if "diverged at" in text]
+    assert len(told) == 20
+    assert [text.endswith("; from now on such faults are only counted (diverged)") for text in told] == [False] * 19 + [
+        True
+    ]
