@@ -178,7 +178,8 @@ def test_grid_is_independent_of_stamps():
 def test_what_diverges_for_ever_is_told_of_some_times_and_counted_always(tmp_path):
     pytest.importorskip("mujoco")
     spring = "<joint name='spring' type='slide' stiffness='1e8' springref='.01'/><geom size='.1' mass='1'/>"
-    text = f"<mujoco><option timestep='.001' gravity='0 0 0'/><worldbody><body name='a'>{spring}</body></worldbody></mujoco>"
+    option, body = "<option timestep='.001' gravity='0 0 0'/>", f"<body name='a'>{spring}</body>"
+    text = f"<mujoco>{option}<worldbody>{body}</worldbody></mujoco>"
     (tmp_path / "m.xml").write_text(text)
     node = node_of(scene=str(tmp_path / "m.xml"), envs=7, keyframe_rate=100.0, duration=0.1)
     assert run(node)[-1].episodes.tolist() == [10] * 7
