@@ -14,8 +14,11 @@ from nodes.event_sensor.model.sensor_kernels import Sensor
 from nodes.event_sensor.parameters import FLOOR
 
 
-def unlit_rate(p: Mapping[str, Any]) -> float:
-    """Bounds the events per pixel and second that leak and noise make in constant light, on average; 0: few a frame."""
+def background_rate(p: Mapping[str, Any]) -> float:
+    """Bounds the rate [Hz] of a pixel's background activity, the events that leak and noise make in constant light.
+
+    An average; 0 of a model with few of them a frame.
+    """
     if p["model"] != "evis":
         return 0.0
     rate = p["leak_rate"] + p["shot_rate"] + p["hot_pixel_fraction"] * p["hot_pixel_rate"]

@@ -1,5 +1,4 @@
-"""Collects the events of a sensor on a CUDA device, as nodes.event_sensor.cpu.listing does on a CPU, and keeps calls in
-flight."""
+"""Lists the events of a sensor on a CUDA device, as cpu.event_list does on a CPU, and keeps calls in flight."""
 
 from __future__ import annotations
 
@@ -28,8 +27,8 @@ from nodes.event_sensor.model.sensor_kernels import Sensor
 from nodes.event_sensor.readout.device_events import CALLS, DeviceEvents, Pending
 
 
-class DeviceSide:
-    """Gives the events of a sensor on a device: those of the last call, or of calls in flight."""
+class DeviceEventList:
+    """Lists the events of a sensor on a device: those of the last call, or of calls in flight."""
 
     def __init__(
         self, engine: Any, sensor: Sensor, layout: KeyLayout, shape: tuple[int, int, bool], stamped: bool, device: Any,

@@ -17,12 +17,11 @@ from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS, Sensor
 
 
-class Listing:
-    """Describes the events of the last call.
+class HostEventList:
+    """Lists the events of the last call on the host, as DeviceEventList does on a GPU.
 
-    total: pixels of all environments. found: called with the counters of each call.
-
-    ordered: in the order of time; else by environment alone, for whoever sorts them later.
+    total: pixels of all environments. found: called with the counters of each call. ordered: in the order of time; else
+    by environment alone, for whoever sorts them later.
     """
 
     def __init__(
