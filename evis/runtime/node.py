@@ -179,7 +179,7 @@ class Node:
     @classmethod
     def arrays_hz(cls, params: Mapping[str, Any], port: str) -> float | None:
         """Returns of how many messages of an input a second in stamps this node reads the arrays, by
-        `evis.runtime.clock.Sampling`; port: the topic, where it takes any.
+        `evis.runtime.pacing.RateLimit`; port: the topic, where it takes any.
 
         None, unless a subclass knows better: of all. The others, where they have arrays on a device, come as they lie
         there or, from another process, with arrays of no environment.

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from evis.config.params import Param, ParamError, resolve
-from evis.runtime.clock import Pacer
 from evis.runtime.node import Node, Output
+from evis.runtime.pacing import Pacer
 from msgs.header import Header, Message
 
 if TYPE_CHECKING:

@@ -112,7 +112,7 @@ def _attached(spec: Any, args: argparse.Namespace) -> dict[str, Any]:
     heard: set[str] = set()
 
     def commands() -> None:
-        heard.update(executor.heard())
+        heard.update(executor.topics_read())
         if (end is not None and time.monotonic() > end) or not is_live(Path(plan.directory)):
             executor.stop()
 
