@@ -25,7 +25,7 @@ class Packet:
     signal: np.ndarray
 
 
-class Pairing:
+class EventPairing:
     """Takes labels, packets and their signals; gives them in threes.
 
     A sensor that looks ahead publishes a last packet with the stamp of the one before; that comes without labels.
