@@ -38,7 +38,7 @@ class Wiring:
         for node_plan in (n for n in plan.nodes.values() if n.process == process):
             with NodeCall(None, node_plan.name):
                 node = load_class(node_plan.target)(node_plan.name, node_plan.params)
-            joined = [p for p, topics in node_plan.inputs.items() if self._is_joined(node, p, topics[0])]
+            joined = [p for p, topics in node_plan.inputs.items() if node.INPUTS[p].joins(topics[0])]
             self.hosts[node_plan.name] = Host(node, node_plan, Join(joined))
         for host in self.hosts.values():
             self._outputs(host)
@@ -47,11 +47,6 @@ class Wiring:
             host.takes_several = overrides and not plan.single and not host.subscriptions
         for host in self.hosts.values():
             host.needs_credit_of = [p for p in host.reachable_publishers() if p.declared]
-
-    @staticmethod
-    def _is_joined(node: Node, port: str, topic: str) -> bool:
-        declared = node.INPUTS[port]
-        return declared.join and not declared.delayed and declared.topic != "*" and not find_topic(topic).latched
 
     def _outputs(self, host: Host) -> None:
         for topic in host.plan.outputs.values():
