@@ -13,9 +13,9 @@ import zmq
 
 from evis.bus import Subscriber, endpoints_for
 from evis.client.running import check_topic, lives
+from evis.runtime.hosting.wiring import system_topic
 from evis.runtime.plan import Plan
 from evis.runtime.process.control import ask_for
-from evis.runtime.wiring import system_topic
 from msgs.header import Message
 from msgs.topics import SYSTEM_TOPICS, find_topic
 

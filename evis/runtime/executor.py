@@ -17,9 +17,10 @@ import zmq
 from evis.bus import END
 from evis.config.secret import Redactor
 from evis.gpu.early_context import begin_contexts
-from evis.runtime.host import AnyPublisher, Host, Subscription
+from evis.runtime.hosting.host import AnyPublisher, Host, Subscription
+from evis.runtime.hosting.node_call import NodeCall, NodeFailed
+from evis.runtime.hosting.wiring import Wiring, load_class
 from evis.runtime.node import Node
-from evis.runtime.node_call import NodeCall, NodeFailed
 from evis.runtime.outputs import Outputs
 from evis.runtime.outside.inputs import OutsideInputs
 from evis.runtime.plan import Plan
@@ -28,7 +29,6 @@ from evis.runtime.scheduler import Scheduler
 from evis.runtime.tap import TapSubscription
 from evis.runtime.telemetry import Say, Telemetry, say_in_log
 from evis.runtime.wakeup import Wakeup
-from evis.runtime.wiring import Wiring, load_class
 from msgs.header import Message
 from msgs.topics import SYSTEM_TOPICS
 

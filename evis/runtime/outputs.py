@@ -13,7 +13,7 @@ import numpy as np
 
 from evis.bus.publisher import check_sent
 from evis.runtime.delivery import Delivery, read_on_host
-from evis.runtime.host import Host
+from evis.runtime.hosting.host import Host
 from evis.runtime.node import Node
 from evis.runtime.plan import Plan
 from evis.runtime.profile import Profile

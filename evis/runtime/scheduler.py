@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from evis.bus import END
-from evis.runtime.host import Host
-from evis.runtime.node_call import NodeCall
+from evis.runtime.hosting.host import Host
+from evis.runtime.hosting.node_call import NodeCall
 from evis.runtime.pacing import Pacer
 from evis.runtime.profile import Profile
 from evis.runtime.telemetry import Telemetry

@@ -11,10 +11,10 @@ import zmq
 from evis.bus import LocalPublisher, Publisher, endpoints_for
 from evis.config.secret import Redactor
 from evis.console.printable import printable
-from evis.runtime.host import AnyPublisher, Host
+from evis.runtime.hosting.host import AnyPublisher, Host
+from evis.runtime.hosting.wiring import system_topic
 from evis.runtime.plan import Plan
 from evis.runtime.profile import Profile
-from evis.runtime.wiring import system_topic
 from msgs.diagnostics import Diagnostics
 from msgs.header import Header
 from msgs.topics import SYSTEM_TOPICS, find_topic

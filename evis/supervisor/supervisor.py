@@ -12,9 +12,9 @@ from typing import Any
 from evis.config.secret import Redactor
 from evis.console.printable import printable
 from evis.console.voice import Voice
+from evis.runtime.hosting.wiring import load_class
 from evis.runtime.plan import NodePlan, Plan
 from evis.runtime.process.control import ControlServer, control_address
-from evis.runtime.wiring import load_class
 from evis.supervisor.child import Child
 from evis.supervisor.early import EarlyStart
 from evis.supervisor.failure_cause import cause_unheard, describe_failure, ended_by_force, first_cause, last_words

@@ -9,8 +9,8 @@ import zmq
 
 from evis.bus import Publisher, endpoints_for
 from evis.client.topics import TopicReader
+from evis.runtime.hosting.wiring import system_topic
 from evis.runtime.plan import NodePlan, Plan
-from evis.runtime.wiring import system_topic
 from msgs.diagnostics import Diagnostics
 
 

@@ -10,10 +10,10 @@ import zmq
 
 from evis.bus import Subscriber, endpoints_for
 from evis.config.secret import Redactor
+from evis.runtime.hosting.wiring import system_topic
 from evis.runtime.plan import Plan
 from evis.runtime.profile import Profile
 from evis.runtime.telemetry import Telemetry
-from evis.runtime.wiring import system_topic
 from msgs.codec import pack_header
 from msgs.diagnostics import Diagnostics
 

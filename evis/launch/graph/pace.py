@@ -38,6 +38,7 @@ def _check(source: WiredNode, publisher: str, topic: str, pace: int) -> None:
     steps = source.divides
     if steps % pace:
         raise LaunchError(
-            f"{source.spec.where}: '{source.name}' waits for {topic} once in {steps} of its messages, but '{publisher}' "
-            f"publishes it once in {pace}, as slow as a camera that it reads; give action_rate:=HZ, that camera's rate"
+            f"{source.spec.where}: '{source.name}' waits for {topic} once in {steps} of its messages, but "
+            f"'{publisher}' publishes it once in {pace}, as slow as a camera that it reads; give action_rate:=HZ, that "
+            "camera's rate"
         )

@@ -19,7 +19,7 @@ from evis.console.outlet import standard_streams
 from evis.console.termination import STATUS, Termination
 from evis.runtime.executor import Executor
 from evis.runtime.garbage_collection import without_garbage_collection
-from evis.runtime.node_call import NodeFailed, describe
+from evis.runtime.hosting.node_call import NodeFailed, describe
 from evis.runtime.plan import Plan
 from evis.runtime.process.control import ControlClient, control_address
 from evis.runtime.process.parent_death import die_with_parent

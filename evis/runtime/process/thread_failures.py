@@ -6,8 +6,8 @@ import threading
 import traceback
 from types import TracebackType
 
+from evis.runtime.hosting.node_call import NodeFailed
 from evis.runtime.node import Node
-from evis.runtime.node_call import NodeFailed
 
 
 class ThreadFailures:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from evis.bus import LocalPublisher, Publisher, Subscriber
-from evis.runtime.join import Join
+from evis.runtime.hosting.join import Join
 from evis.runtime.node import Node
 from evis.runtime.outside.inputs import OutsideInputs
 from evis.runtime.pacing import Pacer, RateLimit

@@ -7,10 +7,10 @@ import importlib
 import zmq
 
 from evis.bus import LocalPublisher, Publisher, Subscriber, endpoints_for
-from evis.runtime.host import Host, Subscription
-from evis.runtime.join import Join
+from evis.runtime.hosting.host import Host, Subscription
+from evis.runtime.hosting.join import Join
+from evis.runtime.hosting.node_call import NodeCall
 from evis.runtime.node import Node
-from evis.runtime.node_call import NodeCall
 from evis.runtime.pacing import RateLimit
 from evis.runtime.plan import Plan
 from msgs.camera import EventPacket
