@@ -1,1 +1,1 @@
-"""Runs nodes: their interface, the plan, the executor of a process, who is called when, deliveries, clocks, telemetry."""
+"""Runs nodes: their interface, the plan, the executor of a process, who is called when, clocks, telemetry."""

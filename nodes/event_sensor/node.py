@@ -388,7 +388,7 @@ class EventSensorNode(Node):
 
 def fires_in_constant_light(p: Mapping[str, Any]) -> bool:
     """Tells whether a sensor of these parameters may fire in constant light. p: all of SENSOR, resolved."""
-    from nodes.event_sensor.engines.engine import background_rate
+    from nodes.event_sensor.model.features import background_rate
 
     return p["model"] != "evis" or background_rate(p) > 0
 

@@ -35,7 +35,7 @@ import warp as wp
 
 from evis.gpu.devices import device_named
 from nodes.event_sensor.cpu.event_list import HostEventList
-from nodes.event_sensor.engines.engine import background_rate, make_engine, sensor_struct
+from nodes.event_sensor.engines.engine import make_engine, sensor_struct
 from nodes.event_sensor.input.arrays import on_device, shape_of
 from nodes.event_sensor.input.batch import Batch, SampleLists, Size
 from nodes.event_sensor.input.further import LONGEST, problem
@@ -44,7 +44,7 @@ from nodes.event_sensor.input.look_ahead import LookAhead
 from nodes.event_sensor.input.sample_lists import SampleInput
 from nodes.event_sensor.input.timeline import Timeline
 from nodes.event_sensor.messages.limit import check_background_rate
-from nodes.event_sensor.model.features import marks
+from nodes.event_sensor.model.features import background_rate, marks
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS
 from nodes.event_sensor.optics.optics import Optics
@@ -118,7 +118,7 @@ class EventSensor:
         seed = (seed + (1 << 63)) % (1 << 64) - (1 << 63)
         self._sensor = sensor_struct(p, (height, width, channels), self._layout, seed)
         size = self._size = Size(height, width, channels, envs)
-        self._engine = make_engine(size, seed, p, self._device, self._layout)
+        self._engine: Any = make_engine(size, seed, p, self._device, self._layout)
         self._pixels = size.pixels
         self._background_rate = background_rate(p) * envs * size.pixels
         """Of all pixels [Hz]."""

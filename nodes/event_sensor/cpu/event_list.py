@@ -12,6 +12,7 @@ from evis.gpu.building import LAUNCH_BLOCK
 from nodes.event_sensor.cpu import order_kernels
 from nodes.event_sensor.cpu.order import env_offsets, sort_keys, unpack
 from nodes.event_sensor.cpu.simd_kernels import SPARE
+from nodes.event_sensor.engines.interface import Engine
 from nodes.event_sensor.messages.limit import check_events
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS, Sensor
@@ -25,7 +26,7 @@ class HostEventList:
     """
 
     def __init__(
-        self, engine: Any, sensor: Sensor, layout: KeyLayout, envs: int, total: int,
+        self, engine: Engine, sensor: Sensor, layout: KeyLayout, envs: int, total: int,
         found: Callable[[np.ndarray], None], ordered: bool = True,
     ) -> None:  # fmt: skip
         self._sorts = ordered and not engine.sorts

@@ -21,7 +21,7 @@ from nodes.event_sensor.cuda.call_kernels import (
 )
 from nodes.event_sensor.cuda.ideal import IdealPasses
 from nodes.event_sensor.cuda.pipeline import Pipeline
-from nodes.event_sensor.cuda.relaunched import Relaunched
+from nodes.event_sensor.cuda.relaunched import RelaunchedEngine
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import Sensor
 from nodes.event_sensor.readout.device_events import CALLS, DeviceEvents, Pending
@@ -37,7 +37,7 @@ class DeviceEventList:
         """Makes the pipeline.
 
         Args:
-            engine: see engines.
+            engine: one of engines.engine.make_engine.
             sensor: its parameters.
             layout: of the keys.
             shape: environments, pixels of all of them, colour.
@@ -47,7 +47,7 @@ class DeviceEventList:
         """
         envs, total, colour = shape
         self._marked = layout.marked
-        self._relaunched = None if isinstance(engine, IdealPasses) else Relaunched(engine)
+        self._relaunched = None if isinstance(engine, IdealPasses) else RelaunchedEngine(engine)
         self._device, self._found = device, found
         self.pipeline = Pipeline(
             self._relaunched or engine, sensor, layout, total, envs, colour, stamped, CALLS, device, found
