@@ -68,8 +68,8 @@ class EventPairing:
         """
         if not self._packets or not self._signals:
             return None
-        key = _key(self._packets[0])
-        due = bool(self._labels) and _key(self._labels[0][0]) == key
+        key = self._packets[0].header.instant
+        due = bool(self._labels) and self._labels[0][0].header.instant == key
         if not due and not self._labels and not (ended and key == self._given):
             return None
         packet, signal = self._packets.popleft(), self._signals.popleft()
@@ -82,7 +82,3 @@ class EventPairing:
             raise ValueError(f"events of {key[1]} ns came where those of {labels.header.stamp_ns} ns were due")
         self._given = key
         return labels, state, own
-
-
-def _key(message: Message) -> tuple[int, int]:
-    return message.header.episode, message.header.stamp_ns

@@ -15,14 +15,9 @@ if TYPE_CHECKING:
     from evis.bag.reader import BagReader
 
 
-def instant_of(message: Message) -> tuple[int, int]:
-    """Gives the episode and the stamp [ns] of a message."""
-    return message.header.episode, message.header.stamp_ns
-
-
 def _order_of(message: Message) -> tuple[int, int, int]:
     """Gives what sorts the messages of a topic as they were recorded."""
-    return *instant_of(message), message.header.seq
+    return *message.header.instant, message.header.seq
 
 
 def description_at(reader: BagReader, topic: str, start: int, episode: int) -> Message | None:

@@ -14,7 +14,7 @@ from evis.config.params import Param, ParamError, resolve
 from evis.runtime.node import Node, Output
 from evis.runtime.pacing import Pacer
 from msgs.header import Header, Message
-from nodes.replayer.descriptions import Descriptions, description_at, instant_of
+from nodes.replayer.descriptions import Descriptions, description_at
 
 if TYPE_CHECKING:
     from evis.bag.reader import BagReader
@@ -145,7 +145,7 @@ class ReplayerNode(Node):
         if self.next is None:
             self._tell_of_damage()
             return False
-        key = instant_of(self.next[1])
+        instant = self.next[1].header.instant
         if (wait := self._wait_s(self.next[1].header)) > 0:
             time.sleep(min(wait, MAX_SLEEP_S))
             if wait > MAX_SLEEP_S:
@@ -154,7 +154,7 @@ class ReplayerNode(Node):
         sent, self.outdated = set(self.outdated), []
         while self.next is not None:
             topic, message = self.next
-            if topic in sent or instant_of(message) != key:
+            if topic in sent or message.header.instant != instant:
                 return True
             sent.add(topic)
             self.descriptions.passed(topic)
