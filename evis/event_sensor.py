@@ -15,7 +15,7 @@ from evis.gpu.exchange import NUMPY, as_kind, as_warp, kind_of
 from evis.gpu.host_copies import host_array
 from nodes.event_sensor.input.further import Further
 from nodes.event_sensor.make import make_sensor
-from nodes.event_sensor.parameters import LARGEST_SIDE, frames_only, resolve_sensor
+from nodes.event_sensor.parameters import LARGEST_SIDE, frames_only, is_own_model, resolve_sensor
 
 _OWNER = "event sensor"
 
@@ -203,7 +203,7 @@ class EventSensor:
 
     @property
     def _is_peer(self) -> bool:
-        return not self.parameters["model"].startswith("evis")
+        return not is_own_model(self.parameters["model"])
 
     def _taken(self, frames: Any, name: str) -> tuple[str, Any, bool]:
         """The caller's kind of array, [E, T, H, W(, 3)] of numpy or Warp, and whether the axis E was there."""

@@ -22,6 +22,11 @@ class Header:
     clock: str = "sim"
     episode: int = 0
 
+    @property
+    def instant(self) -> tuple[int, int]:
+        """Gives the episode and the stamp [ns], in whose order the messages of a topic come."""
+        return self.episode, self.stamp_ns
+
 
 class Message:
     """Carries data from one node to others: the base of all messages.

@@ -22,8 +22,8 @@ from bench.event_sensor.room_kernels import take_room_alone
 from bench.event_sensor.signals import SECOND
 from evis.gpu.append_kernels import take_room
 from nodes.event_sensor.cuda import ideal_kernels
+from nodes.event_sensor.cuda.event_list import DeviceEventList
 from nodes.event_sensor.cuda.ideal import IdealPasses
-from nodes.event_sensor.cuda.side import DeviceSide
 from nodes.event_sensor.readout.device_events import CALLS
 from nodes.event_sensor.sensor import EventSensor
 
@@ -75,13 +75,13 @@ class Loop:
 
     def device_time(self, calls: int, kernel: str) -> float:
         """Measures the median time [us] of kernels whose name contains `kernel`, launched one by one."""
-        side = self._sensor._side
-        assert isinstance(side, DeviceSide)
-        side.pipeline.records = False
+        event_list = self._sensor._event_list
+        assert isinstance(event_list, DeviceEventList)
+        event_list.pipeline.records = False
         wp.timing_begin(cuda_filter=wp.TIMING_KERNEL)
         self.run(calls, 1)
         found = [r.elapsed for r in wp.timing_end() if kernel in r.name]
-        side.pipeline.records = True
+        event_list.pipeline.records = True
         return 1e3 * statistics.median(found)
 
 

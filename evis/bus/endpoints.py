@@ -43,7 +43,7 @@ def endpoints_for(directory: str | os.PathLike[str], topic: str) -> Endpoints:
     return Endpoints(*(f"ipc://{stem}.{kind}" for kind in ("data", "credit", "tap")))
 
 
-def door_of(directory: str | os.PathLike[str], node: str) -> Path:
+def outside_socket(directory: str | os.PathLike[str], node: str) -> Path:
     """Names the Unix socket at which a node of a run takes messages from outside the graph. Raises BusError."""
     return Path(f"{_stem(directory, node)}.door")
 

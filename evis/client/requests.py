@@ -11,7 +11,7 @@ from typing import Any
 import msgpack
 import numpy as np
 
-from evis.bus.endpoints import door_of
+from evis.bus.endpoints import outside_socket
 from evis.bus.links import Link, LinkLost, connect
 from evis.client.running import lives
 from evis.runtime.plan import Plan
@@ -70,7 +70,7 @@ class Requests:
     def _connected(self, node: str) -> Link:
         while True:
             try:
-                return connect(door_of(self._plan.directory, node))
+                return connect(outside_socket(self._plan.directory, node))
             except OSError:
                 if not lives(self._plan):
                     raise ConnectionError(f"{self._plan.name} has ended") from None

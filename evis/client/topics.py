@@ -13,7 +13,7 @@ import zmq
 
 from evis.bus import Subscriber, endpoints_for
 from evis.client.running import check_topic, lives
-from evis.runtime.host import system_topic
+from evis.runtime.hosting.wiring import system_topic
 from evis.runtime.plan import Plan
 from evis.runtime.process.control import ask_for
 from msgs.header import Message

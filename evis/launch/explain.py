@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from evis.launch.graph.single import BATCH
+from evis.launch.graph.batching import BATCH
 from evis.runtime.plan import Plan
 
 

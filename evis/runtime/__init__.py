@@ -1,1 +1,1 @@
-"""Runs nodes: the node's interface, the plan, the executor of a process, joins, delivery, clocks, telemetry."""
+"""Runs nodes: their interface, the plan, the executor of a process, who is called when, clocks, telemetry."""

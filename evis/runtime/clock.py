@@ -1,14 +1,11 @@
-"""Computes stamps of keyframes and sub-frames in exact integer arithmetic, and paces against the wall clock."""
+"""Computes the stamps of keyframes and sub-frames, in exact integer arithmetic."""
 
 from __future__ import annotations
 
 import functools
-import time
 from fractions import Fraction
 
 import numpy as np
-
-from msgs.header import Header
 
 NS = 1_000_000_000
 """Nanoseconds per second."""
@@ -58,66 +55,3 @@ def subframe_stamps(t_a: int | np.ndarray, t_b: int | np.ndarray, upsampling: in
     """
     i = np.arange(1, upsampling + 1, dtype=np.int64)
     return t_a + (2 * i * (t_b - t_a) + upsampling) // (2 * upsampling)
-
-
-class Sampling:
-    """Says which messages of a topic are due to somebody who reads `rate_hz` of them a second in stamps and no more."""
-
-    def __init__(self, rate_hz: float) -> None:
-        self._period_ns = round(1e9 / rate_hz)
-        self._due: tuple[int, int] | None = None
-
-    def takes(self, header: Header) -> bool:
-        """Says whether this message is due; messages are asked about in their order.
-
-        One that is not due changes nothing, so that it need not be asked about.
-        """
-        if self._due is None or self._due[0] != header.episode:
-            self._due = (header.episode, header.stamp_ns)
-        late = header.stamp_ns - self._due[1]
-        if late < 0:
-            return False
-        # The next is due at a multiple of the period after the first, whatever the topic's rate is.
-        self._due = (header.episode, self._due[1] + self._period_ns * (late // self._period_ns + 1))
-        return True
-
-
-class Pacer:
-    """Holds a source back so that stamps follow the wall clock, and measures how well they did.
-
-    speed: stamps' seconds per second of the wall clock. late_ms_max: how late the latest stamp was, of all [ms].
-    """
-
-    def __init__(self, speed: float = 1.0) -> None:
-        self.speed = speed
-        self.late_ms_max = 0
-        self._start: tuple[int, int] | None = None
-        self._before = (0.0, 0.0)
-        self._passed = (0.0, 0.0)
-
-    def wait_s(self, stamp_ns: int) -> float:
-        """Returns the seconds until `stamp_ns` is due; negative = late. The first call defines the origin."""
-        now = time.monotonic_ns()
-        if self._start is None:
-            self._start = (now, stamp_ns)
-        due = self._start[0] + (stamp_ns - self._start[1]) / self.speed
-        return (due - now) / NS
-
-    def passed(self, stamp_ns: int) -> float:
-        """Notes that the source has come to a stamp, and returns the seconds until that is due, as `wait_s`."""
-        wait = self.wait_s(stamp_ns)
-        assert self._start is not None
-        self._passed = (stamp_ns - self._start[1]) / self.speed / NS, max(-wait, 0.0)
-        self.late_ms_max = max(self.late_ms_max, round(1e3 * self._passed[1]))
-        return wait
-
-    def restart(self) -> None:
-        """Begins with a new origin, as time does with another episode; what was measured stays."""
-        self._before = tuple(map(sum, zip(self._before, self._passed)))  # type: ignore[assignment]
-        self._start, self._passed = None, (0.0, 0.0)
-
-    def result(self) -> dict[str, float]:
-        """Returns the speed that was wanted, the one that was reached, and late_ms_max, for a run's summary."""
-        wanted, late = map(sum, zip(self._before, self._passed))
-        reached = self.speed * wanted / (wanted + late) if late else self.speed
-        return {"wanted": self.speed, "reached": round(reached, 6), "late_ms_max": self.late_ms_max}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from evis.bus.memory.device import device_of, on_host, without_arrays
-from evis.runtime.host import AnyPublisher, Host
+from evis.runtime.hosting.host import AnyPublisher, Host
 from msgs.header import Message
 
 

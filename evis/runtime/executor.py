@@ -1,7 +1,7 @@
 """Runs the nodes of one process: joins their inputs, calls them, and carries away what they publish.
 
-Nodes of one process call each other directly (calls.py); everything else goes over the bus. A message is taken from the
-bus only where its node can take it: so nothing is lost, and memory is bounded.
+Nodes of one process call each other directly (scheduler.py); everything else goes over the bus. A message is taken from
+the bus only where its node can take it: so nothing is lost, and memory is bounded.
 """
 
 from __future__ import annotations
@@ -17,13 +17,15 @@ import zmq
 from evis.bus import END
 from evis.config.secret import Redactor
 from evis.gpu.early_context import begin_contexts
-from evis.runtime.calls import Calls
-from evis.runtime.host import AnyPublisher, Host, Inside, NodeFailed, Subscription, Wiring, load_class
+from evis.runtime.hosting.host import AnyPublisher, Host, Subscription
+from evis.runtime.hosting.node_call import NodeCall, NodeFailed
+from evis.runtime.hosting.wiring import Wiring, load_class
 from evis.runtime.node import Node
 from evis.runtime.outputs import Outputs
-from evis.runtime.outside.door import Door
+from evis.runtime.outside.inputs import OutsideInputs
 from evis.runtime.plan import Plan
 from evis.runtime.profile import Profile
+from evis.runtime.scheduler import Scheduler
 from evis.runtime.tap import TapSubscription
 from evis.runtime.telemetry import Say, Telemetry, say_in_log
 from evis.runtime.wakeup import Wakeup
@@ -67,8 +69,8 @@ class Executor(Outputs):
         self._telemetry = Telemetry(plan, process, self._context, profile, self._redactor, say)
         hosts = self._wiring.hosts
         begin_contexts(host.node.computes_on() for host in hosts.values())
-        calls = Calls(hosts, profile, self._telemetry, plan.mode == "realtime")
-        super().__init__(plan, hosts, profile, calls)
+        scheduler = Scheduler(hosts, profile, self._telemetry, plan.mode == "realtime")
+        super().__init__(plan, hosts, profile, scheduler)
         for host in self._hosts.values():
             self.profile.node(host.name).made_elsewhere = host.plan.joins
         self._subscriptions: list[Subscription] = [s for h in self._hosts.values() for s in h.subscriptions]
@@ -77,11 +79,11 @@ class Executor(Outputs):
         self._dormant = [host for host in self._hosts.values() if host.plan.dormant]
         self._declared = [publisher for publisher in self._publishers if publisher.declared]
         self._listen_at = 0.0
-        self._doors = [self._door(host) for host in self._hosts.values() if host.plan.outside]
+        self._outside_inputs = [self._open_to_outside(host) for host in self._hosts.values() if host.plan.outside]
 
-    def _door(self, host: Host) -> Door:
+    def _open_to_outside(self, host: Host) -> OutsideInputs:
         recorded = any(node.target.endswith(":RecorderNode") for node in self.plan.nodes.values())
-        host.door = Door(
+        host.outside = OutsideInputs(
             host.node,
             host.plan.outside,
             self.plan.directory,
@@ -90,33 +92,33 @@ class Executor(Outputs):
             say=lambda level, text: self.diagnose(host.node, level, text),
             note="; the bag keeps what comes of its actions, and not the actions" if recorded else "",
         )
-        return host.door
+        return host.outside
 
     # -- life --------------------------------------------------------------------------------------------------------
 
     def setup(self) -> None:
         """Opens the sockets and prepares every node."""
-        for door in self._doors:
-            door.open()  # who knocks during the set-up is heard before the first step
+        for outside in self._outside_inputs:
+            outside.open()  # who knocks during the set-up is heard before the first step
         for publisher in self._publishers:
             publisher.start()
             self._wakeup.hear(publisher, publisher.sockets())
         for subscription in self._subscriptions:
             subscription.subscriber.start()
         for host in self._hosts.values():
-            self._own(host)
+            self._introduce(host)
         # Consumers first: a publisher in the same process may publish its latched topics in setup.
         for host in reversed(self._hosts.values()):
-            with Inside(None, host.name):
+            with NodeCall(None, host.name):
                 host.node.setup()
         # The other way round: who began last waits first, and builds what nobody has begun with.
         for host in self._hosts.values():
-            with Inside(None, host.name):
+            with NodeCall(None, host.name):
                 host.node.warm_up()
 
-    def _own(self, host: Host) -> None:
+    def _introduce(self, host: Host) -> None:
         """Tells a node who runs it, for how long, and whether somebody waits for it."""
-        host.node.runtime, host.node.may_gather, host.node.may_lag = self, host.many, not self.plan.waits
+        host.node.runtime, host.node.may_gather, host.node.may_lag = self, host.takes_several, not self.plan.waits
         host.node.run_s = self.plan.duration_s
 
     def wait_connected(self, timeout_s: float, commands: Commands | None = None) -> None:
@@ -142,7 +144,7 @@ class Executor(Outputs):
     def run(self, commands: Commands | None = None) -> None:
         """Runs until every node has ended. `commands` is called at least every IDLE_MS (heartbeat, stop requests)."""
         self._telemetry.start_clock()
-        self._calls.grant(None)
+        self._scheduler.allow_steps(None)
         try:
             self._run_out(commands)
         finally:
@@ -160,27 +162,27 @@ class Executor(Outputs):
         For a graph that is one process. False once every node has ended. Raises RuntimeError where a source waits for a
         message that nobody is going to send.
         """
-        self._calls.grant(1)
+        self._scheduler.allow_steps(1)
         while True:
             if self._turn(None):
                 continue
-            owed = self._calls.owed()
-            if not owed:
+            waiting = self._scheduler.sources_with_steps_left()
+            if not waiting:
                 return not self._finished()
-            if not self._subscriptions and not any(0 < self._calls.due_s(host) < math.inf for host in owed):
-                due = ", ".join(f"{port} at {stamp} ns" for port, stamp in owed[0].node.due().items())
-                raise RuntimeError(f"{owed[0].name} waits for {due}, which nobody sends")
+            if not self._subscriptions and not any(0 < self._scheduler.due_s(host) < math.inf for host in waiting):
+                due = ", ".join(f"{port} at {stamp} ns" for port, stamp in waiting[0].node.due().items())
+                raise RuntimeError(f"{waiting[0].name} waits for {due}, which nobody sends")
             self._wait()
 
     def finish(self) -> None:
         """Ends the sources of a graph that was stepped by `advance`, and lets every node publish what it holds back."""
         self.stop()
-        self._calls.grant(None)
+        self._scheduler.allow_steps(None)
         self._run_out(None)
 
     def settle(self, act: Callable[[], None]) -> None:
         """Calls `act`, in which a node publishes, and returns when that has passed through; no source makes a step."""
-        self._calls.grant(0)
+        self._scheduler.allow_steps(0)
         act()
         while self._turn(None):
             pass
@@ -194,30 +196,30 @@ class Executor(Outputs):
         before, with other parameters where these differ.
         """
         self.plan = plan
-        self._calls.stopping = False
+        self._scheduler.stopping = False
         for host in self._hosts.values():
             host.rewind()
         for host in reversed(self._hosts.values()):
             host.plan = plan.nodes[host.name]
-            with Inside(None, host.name):
+            with NodeCall(None, host.name):
                 if host.node.rewind(host.plan.params):
                     host.node.restart_totals()
                 else:
-                    self._renew(host)
+                    self._replace_node(host)
         self.profile.nodes.clear()
         self._telemetry.start_clock()
 
-    def _renew(self, host: Host) -> None:
+    def _replace_node(self, host: Host) -> None:
         """Puts a new node in the place of one that cannot be rewound, and gives it what was latched before."""
         host.node.close()
         host.node = load_class(host.plan.target)(host.name, host.plan.params)
-        self._own(host)
+        self._introduce(host)
         host.node.setup()
         host.node.warm_up()
         for port, topics in host.plan.inputs.items():
             for message, topic in [(self._latched[t], t) for t in topics if t in self._latched]:
                 message.keep()
-                self._calls.accept(host, port, topic, message)
+                self._scheduler.accept(host, port, topic, message)
 
     def _turn(self, commands: Commands | None) -> bool:
         """Gives every topic and every node its turn; True when something came or a node was called."""
@@ -227,7 +229,7 @@ class Executor(Outputs):
                 self._listen()
             progress = self._receive()
         for host in self._hosts.values():
-            progress |= self._calls.call(host)
+            progress |= self._scheduler.call(host)
         self._housekeeping(commands)
         return progress
 
@@ -244,14 +246,14 @@ class Executor(Outputs):
     @property
     def stopping(self) -> bool:
         """Tells whether `stop` was called."""
-        return self._calls.stopping
+        return self._scheduler.stopping
 
     def _finished(self) -> bool:
         return all(h.ended for h in self._hosts.values()) and all(s.ended for s in self._subscriptions if s.declared)
 
     def stop(self) -> None:
         """Ends the sources and services of this process; what they sent still flows through."""
-        self._calls.stopping = True
+        self._scheduler.stopping = True
 
     def close_nodes(self) -> None:
         """Closes every node; errors of one do not keep the others open."""
@@ -268,8 +270,8 @@ class Executor(Outputs):
 
     def close(self) -> None:
         """Closes the sockets."""
-        for door in self._doors:
-            door.close()
+        for outside in self._outside_inputs:
+            outside.close()
         for tap in list(self._taps):
             tap.close()
         for subscription in self._subscriptions:
@@ -288,7 +290,7 @@ class Executor(Outputs):
             "frames": sum(n.frames for n in nodes),
         }
 
-    def heard(self) -> set[str]:
+    def topics_read(self) -> set[str]:
         """Names the topics of this process's nodes that somebody reads now."""
         return {topic for h in self._hosts.values() for topic, p in h.publishers.items() if p.wanted()}
 
@@ -300,10 +302,10 @@ class Executor(Outputs):
 
     def _receive(self) -> bool:
         progress = False
-        for door in self._doors:
-            progress |= door.pump()
+        for outside in self._outside_inputs:
+            progress |= outside.pump()
         for s in self._subscriptions:
-            if s.ended or not self._calls.takes(s.host, s.port):
+            if s.ended or not self._scheduler.takes(s.host, s.port):
                 continue
             with self.profile.inside("bus"):
                 message = s.subscriber.receive(0)
@@ -312,11 +314,11 @@ class Executor(Outputs):
                         s.subscriber.raise_if_publisher_lost()
                     continue
             progress = True
-            if s.host.every:
+            if s.host.wants_every:
                 s.host.pass_on_losses()
             s.ended = s.declared and message is END
             if message is not END or s.declared:
-                self._calls.accept(s.host, s.port, s.topic, message)
+                self._scheduler.accept(s.host, s.port, s.topic, message)
         for tap in list(self._taps):
             for subscriber in tap.subscribers:
                 message = subscriber.receive(0)
@@ -338,11 +340,11 @@ class Executor(Outputs):
     def _wait(self) -> None:
         timeout = float(IDLE_MS)
         for host in self._hosts.values():
-            timeout = min(timeout, max(1e3 * self._calls.due_s(host), 0.0))
+            timeout = min(timeout, max(1e3 * self._scheduler.due_s(host), 0.0))
         for s in self._subscriptions:
             self._wakeup.hear(s.subscriber, self._sockets(s))
-        for door in self._doors:
-            self._wakeup.hear(door, door.sockets())
+        for outside in self._outside_inputs:
+            self._wakeup.hear(outside, outside.sockets())
         self._listen_at = 0.0  # who wakes it up is heard
         with self.profile.inside("idle"):
             self._wakeup.wait(int(timeout + 0.999))
@@ -351,7 +353,7 @@ class Executor(Outputs):
         """Those that `_receive` would read now; one left readable would turn the wait into a busy loop."""
         if s.ended:
             return ()
-        if self._calls.takes(s.host, s.port):
+        if self._scheduler.takes(s.host, s.port):
             return s.subscriber.sockets()
         if s.declared:
             s.subscriber.raise_if_publisher_lost()
@@ -364,7 +366,7 @@ class Executor(Outputs):
         self._last_idle = now
         for host in self._hosts.values():
             if not host.ended and type(host.node).idle is not Node.idle:
-                with Inside(self.profile, host.name):
+                with NodeCall(self.profile, host.name):
                     host.node.idle()
         self._telemetry.periodic(self._hosts)
         if commands is not None:

@@ -16,6 +16,7 @@ import numpy as np
 
 from evis.config.params import EACH, Param, resolve
 from msgs.header import Message
+from msgs.topics import find_topic
 
 if TYPE_CHECKING:
     from evis.runtime.plan import Plan
@@ -26,6 +27,8 @@ _SHARE = re.compile(r"share\d+")
 """What stands before the name of a node's copy for a share of the environments."""
 Arrays = Mapping[str, tuple[tuple[int, ...], Any]]
 """What is asked of a loan: name -> (shape, dtype)."""
+ANY = "*"
+"""The topic of a port that takes whatever it is told."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,10 @@ class Input:
     def needed(self) -> bool:
         """Tells whether the node cannot do without it."""
         return not (self.delayed or self.optional or self.outside)
+
+    def joins(self, topic: str) -> bool:
+        """Tells whether messages of a topic come with those of other inputs, by `update`. topic: what it reads."""
+        return self.join and not self.delayed and self.topic != ANY and not find_topic(topic).latched
 
 
 @dataclass(frozen=True)
@@ -179,7 +186,7 @@ class Node:
     @classmethod
     def arrays_hz(cls, params: Mapping[str, Any], port: str) -> float | None:
         """Returns of how many messages of an input a second in stamps this node reads the arrays, by
-        `evis.runtime.clock.Sampling`; port: the topic, where it takes any.
+        `evis.runtime.pacing.RateLimit`; port: the topic, where it takes any.
 
         None, unless a subclass knows better: of all. The others, where they have arrays on a device, come as they lie
         there or, from another process, with arrays of no environment.

@@ -1,6 +1,6 @@
 """Carries what the nodes of one process publish: tells who reads it, lends memory to write it into, and delivers it.
 
-Nodes of the process are called directly with the message (calls.py); it goes over the bus to those of others.
+Nodes of the process are called directly with the message (scheduler.py); it goes over the bus to those of others.
 """
 
 from __future__ import annotations
@@ -12,23 +12,23 @@ from typing import Any
 import numpy as np
 
 from evis.bus.publisher import check_sent
-from evis.runtime.calls import Calls
 from evis.runtime.delivery import Delivery, read_on_host
-from evis.runtime.host import Host
+from evis.runtime.hosting.host import Host
 from evis.runtime.node import Node
 from evis.runtime.plan import Plan
 from evis.runtime.profile import Profile
+from evis.runtime.scheduler import Scheduler
 from msgs.header import Message
 
 
 class Outputs:
     """Publishes for the nodes of one process: that part of node.Runtime that is about outputs."""
 
-    def __init__(self, plan: Plan, hosts: dict[str, Host], profile: Profile, calls: Calls) -> None:
+    def __init__(self, plan: Plan, hosts: dict[str, Host], profile: Profile, scheduler: Scheduler) -> None:
         self.plan = plan
         self.profile = profile
         self._hosts = hosts
-        self._calls = calls
+        self._scheduler = scheduler
         self._latched: dict[str, Message] = {}
         """What was published last on each latched topic, for a node that is made anew."""
 
@@ -43,7 +43,9 @@ class Outputs:
         topic = host.plan.outputs.get(port)
         if topic is None:
             return 1
-        return max((consumer.node.gathers for consumer, _ in host.consumers_of(topic) if consumer.many), default=1)
+        return max(
+            (consumer.node.gathers for consumer, _ in host.consumers_of(topic) if consumer.takes_several), default=1
+        )
 
     def loan(self, node: Node, port: str, arrays: Mapping[str, tuple[tuple[int, ...], Any]]) -> dict[str, np.ndarray]:
         """Implements Node.loan."""
@@ -96,13 +98,13 @@ class Outputs:
         try:
             for (consumer, consumer_port), given in zip(consumers, delivery.given):
                 given.keep()
-                self._calls.accept(consumer, consumer_port, topic, given)
-                if not consumer.node.SOURCE and not consumer.many:
-                    self._calls.call(consumer)
+                self._scheduler.accept(consumer, consumer_port, topic, given)
+                if not consumer.node.SOURCE and not consumer.takes_several:
+                    self._scheduler.call(consumer)
             # What one of these makes of many stamps, another one takes with this message beside it.
             for consumer, _ in consumers:
-                if consumer.many:
-                    self._calls.call(consumer)
+                if consumer.takes_several:
+                    self._scheduler.call(consumer)
         finally:
             delivery.over()
 
@@ -123,9 +125,9 @@ class Outputs:
                 try:
                     for (consumer, consumer_port), given in zip(consumers, delivery.given):
                         given.keep()
-                        self._calls.accept(consumer, consumer_port, topic, given)
+                        self._scheduler.accept(consumer, consumer_port, topic, given)
                 finally:
                     delivery.over()
         for consumer, _ in consumers:
             if not consumer.node.SOURCE:
-                self._calls.call(consumer)
+                self._scheduler.call(consumer)

@@ -11,7 +11,8 @@ import zmq
 from evis.bus import LocalPublisher, Publisher, endpoints_for
 from evis.config.secret import Redactor
 from evis.console.printable import printable
-from evis.runtime.host import AnyPublisher, Host, system_topic
+from evis.runtime.hosting.host import AnyPublisher, Host
+from evis.runtime.hosting.wiring import system_topic
 from evis.runtime.plan import Plan
 from evis.runtime.profile import Profile
 from msgs.diagnostics import Diagnostics

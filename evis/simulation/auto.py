@@ -23,13 +23,13 @@ CHOSEN_BY_AUTO = ("interpolator", "upsampling")
 @dataclass(frozen=True)
 class Chosen:
     """Holds arguments without auto. taken: names of those that are in its place. told: what was chosen and why, for
-    people and the bag; empty without auto. held: the given arguments that must have an effect; None = all.
+    people and the bag; empty without auto. must_have_effect: of the given arguments; None = all.
     """
 
     given: Mapping[str, Any]
     taken: tuple[str, ...] = ()
     told: dict[str, Any] = field(default_factory=dict)
-    held: Collection[str] | None = None
+    must_have_effect: Collection[str] | None = None
 
 
 def without_auto(

@@ -119,7 +119,7 @@ class Planner:
                 self._chosen = without_auto(target.launch, target.given, options, nullcontext(_unsaid), _warn)
             chosen = self._chosen
             given = {**target.given, **{name: chosen.given[name] for name in chosen.taken}}
-            plan = plan_launch(target.launch, given, options, chosen.held, self._edit)
+            plan = plan_launch(target.launch, given, options, chosen.must_have_effect, self._edit)
         except (LaunchError, ValueError, OSError) as error:
             raise SimulationError(str(error)) from None
         plan.name, plan.chosen = target.name, chosen.told

@@ -12,7 +12,7 @@ import numpy as np
 
 from evis.runtime.clock import keyframe_stamp, times_slower
 from evis.runtime.executor import Executor
-from evis.runtime.host import NodeFailed, describe
+from evis.runtime.hosting.node_call import NodeFailed, describe
 from evis.runtime.plan import COMPOSED
 from evis.simulation.actuators import controls_of
 from evis.simulation.caller import CallerNode

@@ -12,7 +12,7 @@ from typing import Any, Never, Self
 import numpy as np
 
 from evis.client.resets import environments_of, seeds_of
-from evis.runtime.collection import uncollected
+from evis.runtime.garbage_collection import without_garbage_collection
 from evis.scene.model import Scene
 from evis.scene.parameters import SCENE, scene_of
 from evis.simulation.actuators import Actuator, each
@@ -73,7 +73,7 @@ class Simulation:
         self._asked = parse(outputs)
         self._own_seed = self._seed = seed
         self._planner = Planner(str(scene_or_launch), self._asked, arguments, each)
-        with uncollected():
+        with without_garbage_collection():
             self._graphs = {seed: self._planner.plan(seed)}
             self._run = Run(self._graphs[seed], self._asked)
         self._viewers: dict[str, Viewer] = {}

@@ -12,7 +12,7 @@ from typing import Any
 from evis.config.secret import Redactor
 from evis.console.printable import printable
 from evis.console.voice import Voice
-from evis.runtime.host import load_class
+from evis.runtime.hosting.wiring import load_class
 from evis.runtime.plan import NodePlan, Plan
 from evis.runtime.process.control import ControlServer, control_address
 from evis.supervisor.child import Child

@@ -6,7 +6,7 @@ import importlib
 from collections.abc import Mapping
 from typing import Any
 
-from nodes.event_sensor.parameters import SENSOR
+from nodes.event_sensor.parameters import SENSOR, is_own_model
 
 NEEDS: dict[str, tuple[str, ...]] = {
     "threshold_floor": ("threshold_mismatch",),
@@ -49,7 +49,7 @@ def random(resolved: Mapping[str, Any]) -> tuple[str, ...]:
     found = (what for what, names in RANDOM.items() if all(resolved[n] and n not in idle for n in names))
     # v2e's leak is even and begins at the first frame unless it has a jitter or a spread.
     spread = resolved["leak_jitter"] or resolved.get("rate_spread_decades")
-    return tuple(w for w in found if w != "leak" or model.startswith("evis") or spread)
+    return tuple(w for w in found if w != "leak" or is_own_model(model) or spread)
 
 
 def without_effect(resolved: Mapping[str, Any]) -> dict[str, str]:
@@ -58,7 +58,7 @@ def without_effect(resolved: Mapping[str, Any]) -> dict[str, str]:
     What model evis-paper is bound to anyway is left out: it is what happens.
     """
     model = resolved["model"]
-    if not model.startswith("evis"):
+    if not is_own_model(model):
         return _of_model(model, resolved)
     found = {
         name: f"{' and '.join(needed)} is 0" for name, needed in NEEDS.items() if not all(resolved[n] for n in needed)

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from nodes.event_sensor.parameters import is_own_model
 from nodes.event_sensor.sensor import EventSensor
 
 
@@ -36,7 +37,7 @@ def make_sensor(
     Raises ValueError.
     """
     model = parameters["model"]
-    if model.startswith("evis"):
+    if is_own_model(model):
         channels = 3 if colour else 1
         return EventSensor(*shape, envs, channels=channels, device=device, seed=seed, marked=marked, **parameters)
     if colour or device != "cpu":

@@ -17,15 +17,15 @@ from msgs.header import Header, Message
 from msgs.own_time import STAMP
 from nodes.event_sensor.messages.images import Images
 from nodes.event_sensor.messages.in_a_row import runs, stamps
-from nodes.event_sensor.messages.packets import Packets
-from nodes.event_sensor.parameters import NODE, PRESET, frames_only, preset_name, source_of
+from nodes.event_sensor.messages.packets import PacketPublisher
+from nodes.event_sensor.parameters import NODE, PRESET, frames_only, is_own_model, preset_name, source_of
 from nodes.event_sensor.presets import PRESETS
-from nodes.event_sensor.scene_parameters import SHARED, resolve_each, resolve_with_scene
+from nodes.event_sensor.scene_parameters import check_shared, resolve_each, resolve_with_scene
 
 if TYPE_CHECKING:
     from nodes.event_sensor.environments.reset_groups import ResetGroups
     from nodes.event_sensor.input.further import Further
-    from nodes.event_sensor.messages.flights import Flights
+    from nodes.event_sensor.messages.calls_in_flight import CallsInFlight
     from nodes.event_sensor.sensor import EventSensor
 
 COUNTER_NAMES = {"nonfinite": "nonfinite_samples", "clipped": "clipped_samples", "dropped": "dropped_events"}
@@ -124,55 +124,55 @@ class EventSensorNode(Node):
         self._source = source_of(self.params["source"], lambda: self._resolved)
         for text in _unused_samples(self.params["source"], self._resolved):
             self.warn(text)
+        self._own_model = is_own_model(self._resolved["model"])
         self._marked = self.wants("signal")
-        if self._marked and not self._resolved["model"].startswith("evis"):
+        if self._marked and not self._own_model:
             raise ValueError(
                 f"{self.name}: event model {self._resolved['model']} does not say which events noise made; "
                 f"leave out labels:=events and the topic /{self.params['camera']}/signal, or take evis or evis-paper"
             )
         self._sensor: Any = None
-        self._groups: ResetGroups | None = None
+        self._reset_groups: ResetGroups | None = None
         """The sensors, once an environment was reset by itself."""
-        self._unlit = False
+        self._fires_in_constant_light = False
         """Whether some sensor fires in constant light."""
         self._episodes = np.zeros(0, np.int32)
         self._header = Header(0)
         self._device = device_named(self.params["device"])
         self._images = Images(self.name, self.params["colour"], self._device)
-        self._packets = Packets(self, self._device)
-        self._own_model = self._resolved["model"].startswith("evis")
-        self._flights: Flights | None = None
+        self._packets = PacketPublisher(self, self._device)
+        self._calls_in_flight: CallsInFlight | None = None
         if self.may_lag and self._device.is_cuda and self._own_model:
-            from nodes.event_sensor.messages.flights import Flights
+            from nodes.event_sensor.messages.calls_in_flight import CallsInFlight
 
-            self._flights = Flights()
+            self._calls_in_flight = CallsInFlight()
         # One environment has other kernels than several.
-        self._few = min(self.params["envs"], 2)
-        self._tried: Any = self._make(2, 2, slice(0, self._few))
+        self._warm_up_envs = min(self.params["envs"], 2)
+        self._warm_up_sensor: Any = self._make_sensors(2, 2, slice(0, self._warm_up_envs))
         """A sensor to compile what all need, rather than at the first frame."""
         if self._own_model and EACH not in self.params:
-            begin_building(self._device, self._tried.kernels())
+            begin_building(self._device, self._warm_up_sensor.kernels())
 
     def warm_up(self) -> None:
         """Compiles what is launched for every frame."""
         from evis.gpu.building import build_together
 
-        sensor, self._tried = self._tried, None
+        sensor, self._warm_up_sensor = self._warm_up_sensor, None
         if self._own_model and EACH not in self.params:
             build_together(self._device, sensor.kernels())
-        episodes = np.zeros(self._few, np.int32)
-        ones = np.ones((self._few, 2, 2, 3), np.float32)
-        warm = self._images.of([Keyframe(Header(0), episodes, radiance=ones)])
+        episodes = np.zeros(self._warm_up_envs, np.int32)
+        ones = np.ones((self._warm_up_envs, 2, 2, 3), np.float32)
+        warm = self._images.read([Keyframe(Header(0), episodes, radiance=ones)])
         for k in range(2):
             sensor.process(warm, np.array([10 * k]), episodes)
         if self._source == "samples":
             from nodes.event_sensor.input.further import Further
 
             values = np.ones((1, 3) if self.params["colour"] else 1, np.float32)
-            first = np.minimum(np.arange(4 * self._few + 1), 1)
+            first = np.minimum(np.arange(4 * self._warm_up_envs + 1), 1)
             sensor.advance(warm, np.array([20]), episodes, further=Further(first, np.array([5]), values))
 
-    def _make(self, height: int, width: int, span: slice, seed: int | None = None, number: int = 0) -> Any:
+    def _make_sensors(self, height: int, width: int, span: slice, seed: int | None = None, number: int = 0) -> Any:
         """The sensor of some environments, or one for each where they have, or the scene draws, different parameters.
 
         span: the environments. seed: of the first of them, None = as the node has it. number: of the reset at which
@@ -181,22 +181,17 @@ class EventSensorNode(Node):
         params, envs = self._params_of(span, seed), span.stop - span.start
         each = resolve_each(self.name, params, envs)
         seeds = seeds_of({**params, "envs": envs})
-        for name in SHARED:
-            if each[0][name] != self._resolved[name]:
-                raise ValueError(
-                    f"{self.name}: {name} is {each[0][name]} with seed {seeds[0]}, and was {self._resolved[name]}; "
-                    "environments side by side need the same"
-                )
-        self._unlit = self._unlit or any(map(fires_unlit, each))
+        check_shared(self.name, each[0], f"with seed {seeds[0]}", self._resolved, "before")
+        self._fires_in_constant_light = self._fires_in_constant_light or any(map(fires_in_constant_light, each))
         if len(each) == 1 and seeds == list(range(seeds[0], seeds[0] + envs)):
-            return self._one(height, width, envs, each[0], seeds[0], number)
+            return self._make_sensor(height, width, envs, each[0], seeds[0], number)
         from nodes.event_sensor.environments.separate import SeparateSensors
 
-        made = [self._one(height, width, 1, each[env % len(each)], own, number) for env, own in enumerate(seeds)]
-        return SeparateSensors(made)
+        single = [(each[k % len(each)], own) for k, own in enumerate(seeds)]
+        return SeparateSensors([self._make_sensor(height, width, 1, p, own, number) for p, own in single])
 
     def _params_of(self, span: slice, seed: int | None) -> dict[str, Any]:
-        """The node's parameters, as those environments have them; arguments as of `_make`."""
+        """The node's parameters, as those environments have them; arguments as of `_make_sensors`."""
         if EACH not in self.params:
             return {**self.params, "seed": self.params["seed"] + span.start if seed is None else seed}
         each = self.params[EACH][span]
@@ -204,8 +199,8 @@ class EventSensorNode(Node):
             each = [{**own, "seed": seed + k} for k, own in enumerate(each)]
         return {**self.params, EACH: each}
 
-    def _one(self, height: int, width: int, envs: int, p: Mapping[str, Any], seed: int, number: int) -> Any:
-        """Makes a sensor, or another event model behind the same interface; arguments as of `_make`."""
+    def _make_sensor(self, height: int, width: int, envs: int, p: Mapping[str, Any], seed: int, number: int) -> Any:
+        """Makes a sensor, or another event model behind the same interface; arguments as of `_make_sensors`."""
         from evis.random_numbers import seed_of_camera, seed_of_time
         from nodes.event_sensor.make import make_sensor
 
@@ -221,31 +216,29 @@ class EventSensorNode(Node):
             return False
         self.params = dict(params)
         self._resolved = resolve_with_scene(self.name, self.params)
-        self._sensor, self._groups, self._header = None, None, Header(0)
+        self._sensor, self._reset_groups, self._header = None, None, Header(0)
         self._episodes = np.zeros(0, np.int32)
         return True
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         message, further = inputs[self._source], None
         assert isinstance(message, Keyframe | Frames | Samples)
-        image, t = self._images.of([message]), stamps(message)
+        image, t = self._images.read([message]), stamps(message)
         if isinstance(message, Samples):
-            further = self._images.further(message)
+            further = self._images.further_samples(message)
         envs, frames, height, width = image.shape[:4]
-        apart = frames > 1 and self._begins_apart(message.episodes)
-        if not apart and self._flies(message):
-            found = further if self._sensor.takes_further else None
+        apart = frames > 1 and self._some_begin(message.episodes)
+        if not apart and self._may_lag_behind(message):
             self._header, self._episodes = message.header, np.array(message.episodes)
-            self._fly(self._sensor.process_async(image, t, message.episodes, further=found, defer=False), [message])
+            self._begin_call([message], image, t, further if self._sensor.takes_further else None)
             return
-        while self._land():
-            pass
+        self._finish_calls()
         self._packets.size = (height, width)
-        if apart or message.own is not None or self._groups is not None:
+        if apart or message.own is not None or self._reset_groups is not None:
             self._update_groups(message, image, t, further)
             return
         if self._sensor is None:
-            self._sensor = self._make(height, width, slice(0, envs))
+            self._sensor = self._make_sensors(height, width, slice(0, envs))
         if message.header.stamp_ns <= self._header.stamp_ns:
             self._publish_held()  # time has gone back to begin an episode
         self._header, self._episodes = message.header, np.array(message.episodes)
@@ -261,7 +254,7 @@ class EventSensorNode(Node):
         """Senses the frames of several messages at once where that changes no packet; see `messages.in_a_row`."""
         messages = [one[self._source] for one in inputs]
         todo = list(inputs)
-        while todo and (self._sensor is None or self._groups is not None or not self._own_model):
+        while todo and (self._sensor is None or self._reset_groups is not None or not self._own_model):
             self.update(todo.pop(0))
         if not todo:
             return
@@ -271,17 +264,17 @@ class EventSensorNode(Node):
                 self.update({self._source: run[0]})
                 continue
             self._header = run[-1].header
-            t, images = np.concatenate([stamps(message) for message in run]), self._images.of(run)
+            t, images = np.concatenate([stamps(message) for message in run]), self._images.read(run)
             further = self._further(run)
-            if self._flights is not None:
-                self._fly(self._sensor.process_async(images, t, run[-1].episodes, further=further, defer=False), run)
+            if self._calls_in_flight is not None:
+                self._begin_call(run, images, t, further)
                 continue
             count = self._sensor.advance(images, t, run[-1].episodes, further=further)
             columns = self._packets.memory(self._sensor.columns(), count)
             self._sensor.read(columns)
             ends = np.searchsorted(columns["t"], [message.header.stamp_ns for message in run], side="right").tolist()
             self._count(self._sensor)
-            self._packets.of_run(run, columns, ends, self._sensor.t_base)
+            self._packets.publish_run(run, columns, ends, self._sensor.t_base)
 
     def _further(self, run: Sequence[Any]) -> Further | None:
         """The samples between the frames of messages that are sensed in one call; None where they have none."""
@@ -290,90 +283,97 @@ class EventSensorNode(Node):
         if not isinstance(run[0], Samples) or not self._sensor.takes_further:
             return None
         begun = [self._sensor.stamp, *(message.header.stamp_ns for message in run[:-1])]
-        parts = [self._images.further(message) for message in run]
+        parts = [self._images.further_samples(message) for message in run]
         return Further.in_a_row(parts, [stamp - begun[0] for stamp in begun], self._device)
 
-    def _begins_apart(self, episodes: np.ndarray) -> bool:
+    def _some_begin(self, episodes: np.ndarray) -> bool:
         """Tells whether some environments begin an episode while others go on, of sensors that fire in constant
         light: their first frame is the last of the message, and those before it only repeat it.
         """
-        if not self._unlit or EACH in self.params or len(episodes) != len(self._episodes):
+        if not self._fires_in_constant_light or EACH in self.params or len(episodes) != len(self._episodes):
             return False
         begun = np.asarray(episodes) != self._episodes
         return bool(begun.any() and not begun.all())
 
-    def _flies(self, message: Keyframe | Frames | Samples) -> bool:
+    def _may_lag_behind(self, message: Keyframe | Frames | Samples) -> bool:
         """Tells whether the events of a message may be published after the next one: where time goes on, and a GPU need
         not be waited for."""
-        if self._flights is None or self._sensor is None or self._groups is not None:
+        if self._calls_in_flight is None or self._sensor is None or self._reset_groups is not None:
             return False
         return self._own_model and message.own is None and message.header.stamp_ns > self._header.stamp_ns
 
-    def _fly(self, call: Any, messages: Sequence[Message]) -> None:
-        """Publishes the events of the calls before one that has begun."""
-        assert self._flights is not None
-        self._flights.begin(call, messages)
-        while self._flights.due():
-            self._land()
+    def _begin_call(self, messages: Sequence[Any], images: Any, t: np.ndarray, further: Further | None) -> None:
+        """Begins to sense the frames of messages on the GPU, and publishes the events of the calls before."""
+        assert self._calls_in_flight is not None
+        call = self._sensor.process_async(images, t, messages[-1].episodes, further=further, defer=False)
+        self._calls_in_flight.add(call, messages)
+        while self._calls_in_flight.due():
+            self._finish_call()
 
-    def _land(self) -> bool:
-        """Publishes the events of the first call under way; False where there is none."""
-        landed = self._flights.land() if self._flights is not None else None
-        if landed is None:
+    def _finish_calls(self) -> None:
+        """Publishes the events of all calls in flight."""
+        while self._finish_call():
+            pass
+
+    def _finish_call(self) -> bool:
+        """Publishes the events of the first call in flight; False where there is none."""
+        finished = self._calls_in_flight.finish_first() if self._calls_in_flight is not None else None
+        if finished is None:
             return False
-        events, types = landed.events, self._sensor.columns()
+        events, types = finished.events, self._sensor.columns()
         out: dict[str, Any] = {name: np.zeros(0, dtype) for name, dtype in types.items()}
         if len(events):
             out = self._packets.memory(types, len(events), self._device)
             events.read(out)
         self._count(self._sensor)
-        if len(landed.messages) == 1:
-            self._packets.of_one(landed.messages[0].header, out, events.env_offsets, events.t_base)
+        if len(finished.messages) == 1:
+            self._packets.publish_loaned(finished.messages[0].header, out, events.env_offsets, events.t_base)
         else:
-            self._packets.of_run(landed.messages, out, landed.ends, events.t_base)
+            self._packets.publish_run(finished.messages, out, finished.ends, events.t_base)
         return True
 
     def _update_groups(
         self, message: Keyframe | Frames | Samples, image: Any, t: np.ndarray, further: Further | None
     ) -> None:
         """Publishes the events of environments that were reset at different times."""
-        if self._groups is None:
+        if self._reset_groups is None:
             from nodes.event_sensor.environments.reset_groups import ResetGroups
 
             height, width = self._packets.size
-            self._groups = ResetGroups(partial(self._make, height, width), self.params["seed"], self._own_model)
+            self._reset_groups = ResetGroups(
+                partial(self._make_sensors, height, width), self.params["seed"], self._own_model
+            )
             if self._sensor is not None:
-                self._groups.adopt(self._sensor, self._episodes, self._header.stamp_ns)
+                self._reset_groups.adopt(self._sensor, self._episodes, self._header.stamp_ns)
         self._header = message.header
         own_t = None if isinstance(message, Keyframe) else message.own_t
         if message.own is not None and own_t is None:
             own_t = message.own[:, [STAMP]]
-        found = self._groups.process(image, t, own_t, message.own, message.episodes, further)
-        self._publish_columns(self._groups, *found)
+        found = self._reset_groups.process(image, t, own_t, message.own, message.episodes, further)
+        self._publish_columns(self._reset_groups, *found)
 
     def finish(self) -> None:
-        while self._land():
-            pass
-        if self._groups is None:
+        self._finish_calls()
+        if self._reset_groups is None:
             self._publish_held()
-        elif held := self._groups.finish():
-            self._publish_columns(self._groups, *held)
+        elif held := self._reset_groups.finish():
+            self._publish_columns(self._reset_groups, *held)
 
     def _publish_held(self) -> None:
         """Publishes the events that look-ahead or the readout still holds back, if there are any."""
-        if self._sensor is not None and self._resolved["model"].startswith("evis"):
+        if self._sensor is not None and self._own_model:
             if count := self._sensor.finish():
                 self._publish(self._sensor, count)
 
     def _publish(self, sensor: EventSensor, count: int) -> None:
         """Publishes the events of the last step of a sensor."""
         self._count(sensor)
-        self._packets.of_step(self._header, sensor, count)
+        self._packets.publish_step(self._header, sensor, count)
 
     def _publish_columns(self, sensor: Any, columns: Mapping[str, np.ndarray], offsets: np.ndarray) -> None:
         """Publishes events that are on the host, of a model or of groups of sensors."""
         self._count(sensor)
-        self._packets.of_columns(self._header, columns, offsets, sensor.t_base)
+        self._packets.publish_columns(self._header, columns, offsets, sensor.t_base)
 
     def _count(self, sensor: Any) -> None:
         """Counts, and at the first time warns of, what the sensor has set aside."""
@@ -386,11 +386,11 @@ class EventSensorNode(Node):
             self.warn(f"{counts['nonfinite']} samples at {when} ns are NaN, infinite, {kinds}; they are skipped")
 
 
-def fires_unlit(p: Mapping[str, Any]) -> bool:
+def fires_in_constant_light(p: Mapping[str, Any]) -> bool:
     """Tells whether a sensor of these parameters may fire in constant light. p: all of SENSOR, resolved."""
-    from nodes.event_sensor.engines.engine import unlit_rate
+    from nodes.event_sensor.model.features import background_rate
 
-    return p["model"] != "evis" or unlit_rate(p) > 0
+    return p["model"] != "evis" or background_rate(p) > 0
 
 
 def _unused_samples(source: str, resolved: Mapping[str, Any]) -> tuple[str, ...]:

@@ -22,8 +22,8 @@ LOOK_AHEAD = ("monotone", "cubic")
 FLOOR = 2.0**-24
 """Least I + I_dark [radiance]: the smallest positive half-precision radiance. An ideal sensor without dark current
 would otherwise answer a black pixel with infinitely many events."""
-_WITH_FLOOR = ("evis", "evis-paper")
-"""Event models in which it counts."""
+OWN_MODELS = ("evis", "evis-paper")
+"""Event models of EventSensor, in which FLOOR counts; the others are in nodes.event_sensor.peers."""
 LARGEST_SIDE = 1 << 16
 """Most rows and columns: coordinates are uint16."""
 NEED_SLOPES = ("hermite",)
@@ -106,7 +106,7 @@ def resolve_sensor(owner: str, preset: str, given: Mapping[str, Any]) -> dict[st
     resolved = resolve(owner, _declared(chosen.get("model")), chosen)
     if 0 < (rate := resolved["readout_rate"]) < 1:
         raise ParamError(f"{owner}: readout_rate is {rate:g} 1/s; it is 0 (no limit) or at least 1 event per second")
-    if resolved["model"] in _WITH_FLOOR and 0 < (dark := resolved["dark_level"]) < FLOOR:
+    if is_own_model(resolved["model"]) and 0 < (dark := resolved["dark_level"]) < FLOOR:
         raise ParamError(
             f"{owner}: dark_level is {dark:g}, below {FLOOR:.3g} W/(sr m^2), the least light that a pixel sees, which "
             "would take its place; give 0 or more than that, or the light and dark_level in larger units"
@@ -118,6 +118,11 @@ def resolve_sensor(owner: str, preset: str, given: Mapping[str, Any]) -> dict[st
             f"threshold is {least:g}; give a threshold_floor below it, or threshold_mismatch 0"
         )
     return {name: value for name, value in resolved.items() if name in SENSOR or name in chosen}
+
+
+def is_own_model(model: str) -> bool:
+    """Tells whether an event model is of this project, made by EventSensor, and no other published one."""
+    return model in OWN_MODELS
 
 
 def thresholds_of(values: Mapping[str, Any]) -> tuple[float, float]:

@@ -34,13 +34,21 @@ def resolve_each(owner: str, params: Mapping[str, Any], envs: int) -> list[dict[
     else:
         found = [_resolved(owner, one, {}) for one in own]
     for env, one in enumerate(found):
-        for name in SHARED:
-            if one[name] != found[0][name]:
-                raise ValueError(
-                    f"{owner}: {name} is {one[name]} in environment {env} and {found[0][name]} in environment 0; "
-                    "environments side by side need the same"
-                )
+        check_shared(owner, one, f"in environment {env}", found[0], "in environment 0")
     return found[:1] if all(one == found[0] for one in found) else found
+
+
+def check_shared(owner: str, one: Mapping[str, Any], where: str, other: Mapping[str, Any], elsewhere: str) -> None:
+    """Raises ValueError where two environments differ in a parameter of SHARED.
+
+    one, other: all of SENSOR, resolved. where, elsewhere: which environments have them, in words.
+    """
+    for name in SHARED:
+        if one[name] != other[name]:
+            raise ValueError(
+                f"{owner}: {name} is {one[name]} {where} and {other[name]} {elsewhere}; environments side by side need "
+                "the same"
+            )
 
 
 def has_parameters(params: Mapping[str, Any]) -> bool:

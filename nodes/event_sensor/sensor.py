@@ -34,8 +34,8 @@ import numpy as np
 import warp as wp
 
 from evis.gpu.devices import device_named
-from nodes.event_sensor.cpu.listing import Listing
-from nodes.event_sensor.engines.engine import make_engine, sensor_struct, unlit_rate
+from nodes.event_sensor.cpu.event_list import HostEventList
+from nodes.event_sensor.engines.engine import make_engine, sensor_struct
 from nodes.event_sensor.input.arrays import on_device, shape_of
 from nodes.event_sensor.input.batch import Batch, SampleLists, Size
 from nodes.event_sensor.input.further import LONGEST, problem
@@ -43,13 +43,20 @@ from nodes.event_sensor.input.further import Further as Further
 from nodes.event_sensor.input.look_ahead import LookAhead
 from nodes.event_sensor.input.sample_lists import SampleInput
 from nodes.event_sensor.input.timeline import Timeline
-from nodes.event_sensor.messages.limit import check_noise
-from nodes.event_sensor.model.features import marks
+from nodes.event_sensor.messages.limit import check_background_rate
+from nodes.event_sensor.model.features import background_rate, marks
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS
 from nodes.event_sensor.optics.optics import Optics
 from nodes.event_sensor.parameters import FLOOR as FLOOR
-from nodes.event_sensor.parameters import LARGEST_SIDE, LOOK_AHEAD, frames_only, resolve_sensor, thresholds_of
+from nodes.event_sensor.parameters import (
+    LARGEST_SIDE,
+    LOOK_AHEAD,
+    frames_only,
+    is_own_model,
+    resolve_sensor,
+    thresholds_of,
+)
 from nodes.event_sensor.readout.device_events import CALLS, DeviceEvents, Pending, Ready
 from nodes.event_sensor.readout.packet import Events as Events
 from nodes.event_sensor.readout.packet import merged
@@ -64,7 +71,7 @@ def _resolved(preset: str, given: dict[str, Any]) -> dict[str, Any]:
     """Gives every parameter of a sensor. Raises ValueError for values that do not go together."""
     p = resolve_sensor("event sensor", preset, given)
     p["threshold_on"], p["threshold_off"] = thresholds_of(p)
-    if not p["model"].startswith("evis"):
+    if not is_own_model(p["model"]):
         raise ValueError(f"event model {p['model']} is made by nodes.event_sensor.peers.make_model")
     if p["model"] == "evis-paper" and p["crossing"] not in ("linear", "frame"):
         raise ValueError("event model evis-paper has no crossing: its events carry the stamps of frames")
@@ -110,23 +117,29 @@ class EventSensor:
         self._layout = KeyLayout.of(height, width, envs, marks(p))
         seed = (seed + (1 << 63)) % (1 << 64) - (1 << 63)
         self._sensor = sensor_struct(p, (height, width, channels), self._layout, seed)
-        size = self._shape = Size(height, width, channels, envs)
-        self._engine = make_engine(size, seed, p, self._device, self._layout)
-        self._size = size.pixels
-        self._unlit = unlit_rate(p) * envs * size.pixels
-        self._ahead = p["model"] == "evis" and p["crossing"] in LOOK_AHEAD
+        size = self._size = Size(height, width, channels, envs)
+        self._engine: Any = make_engine(size, seed, p, self._device, self._layout)
+        self._pixels = size.pixels
+        self._background_rate = background_rate(p) * envs * size.pixels
+        """Of all pixels [Hz]."""
+        self._looks_ahead = p["model"] == "evis" and p["crossing"] in LOOK_AHEAD
         self._hermite = p["model"] == "evis" and p["crossing"] == "hermite"
         self._optics = Optics(height, width, envs, channels, p, self._hermite, self._device)
         self._readout = self._make_readout(seed)
-        self._nothing: wp.array = wp.zeros(0, dtype=wp.float32, device=self._device)
-        self._total = np.zeros(len(COUNTERS), np.int64)
-        self._side: Any = self._make_side(size)
-        self._pipelined = self._device.is_cuda and self._side.pipelined and self._optics.clear and not self._readout
-        self._further = SampleInput(size, self._device, frames_only(self.parameters), CALLS)
+        self._no_slopes: wp.array = wp.zeros(0, dtype=wp.float32, device=self._device)
+        self._counters = np.zeros(len(COUNTERS), np.int64)
+        """Of all calls so far."""
+        self._event_list: Any = self._make_event_list(size)
+        self._pipelined = (
+            self._device.is_cuda and self._event_list.pipelined and self._optics.clear and not self._readout
+        )
+        self._sample_input = SampleInput(size, self._device, frames_only(self.parameters), CALLS)
         self._timeline = Timeline(size)
         self._settled = self._settled_before = 0
-        self._waiting = LookAhead(envs, self._size, self._device)
-        self._left: tuple[dict[str, np.ndarray], np.ndarray] | None = None
+        self._look_ahead = LookAhead(envs, self._pixels, self._device)
+        self._host_events: tuple[dict[str, np.ndarray], np.ndarray] | None = None
+        """Columns and offsets of the last call's events, where these are not those of the event list: as they have left
+        the readout, or none."""
 
     def _make_readout(self, seed: int) -> Any:
         """Makes what delays events on their way out of the sensor; None where nothing does."""
@@ -137,30 +150,30 @@ class EventSensor:
 
         return Readout(self.width, self.height, self.envs, p["readout_rate"], p["timestamp_jitter_us"], seed=seed)
 
-    def _make_side(self, size: Size) -> Any:
+    def _make_event_list(self, size: Size) -> Any:
         """Makes what lists and sorts the events: on the host or on a GPU."""
         total = size.envs * size.pixels
         if not self._device.is_cuda:
             ordered = self._readout is None or self._readout.queues
-            return Listing(self._engine, self._sensor, self._layout, size.envs, total, self._count, ordered)
-        from nodes.event_sensor.cuda.side import DeviceSide
+            return HostEventList(self._engine, self._sensor, self._layout, size.envs, total, self._count, ordered)
+        from nodes.event_sensor.cuda.event_list import DeviceEventList
 
         stamped = self.parameters["model"] == "evis-paper" or self.parameters["crossing"] == "frame"
         shape = (size.envs, total, size.channels == 3)
-        return DeviceSide(self._engine, self._sensor, self._layout, shape, stamped, self._device, self._count)
+        return DeviceEventList(self._engine, self._sensor, self._layout, shape, stamped, self._device, self._count)
 
     def _count(self, found: np.ndarray) -> None:
-        self._total += found
+        self._counters += found
 
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
         """Gives the kernels that take long to compile, as `build_together` takes them."""
-        return [*self._engine.kernels(), *self._side.kernels()]
+        return [*self._engine.kernels(), *self._event_list.kernels()]
 
     @property
     def state_bytes(self) -> int:
         """Returns the bytes kept per pixel and channel, those of photoreceptor and readout apart."""
         kept = sum(a.capacity for a in self._engine.arrays())
-        return round(kept / (self.envs * self._size)) + (4 if self._ahead else 0)
+        return round(kept / (self.envs * self._pixels)) + (4 if self._looks_ahead else 0)
 
     begins_again = True
     """Another episode at the same times has other random numbers."""
@@ -174,13 +187,13 @@ class EventSensor:
         """Tells whether the next frames, at times int64 [K] ns of the episode, may come in one call although they are
         of several messages: the events of each are then those of (stamp before, stamp]. further: with samples between
         them."""
-        if self._ahead or self._readout is not None or self.envs > 1 or len(t) * self._size >= 1 << 31:
+        if self._looks_ahead or self._readout is not None or self.envs > 1 or len(t) * self._pixels >= 1 << 31:
             return False
         if (self.marked and self._device.is_cuda) or (further and t[-1] - self._settled > LONGEST):
             return False
         try:
             self._layout.check_span(self._settled, t)
-            check_noise(self._unlit, "", self._settled, t)
+            check_background_rate(self._background_rate, "", self._settled, t)
         except ValueError:
             return False
         return True
@@ -221,14 +234,14 @@ class EventSensor:
         """
         batch, begins = self._take(luminance, t, episodes, dlog_dt, further, waits=not self._pipelined)
         if self._pipelined:
-            self._left = None
-            pending: Pending = self._side.submit(batch, self._settled, defer=defer)
+            self._host_events = None
+            pending: Pending = self._event_list.submit(batch, self._settled, defer=defer)
             if batch.further is not None:
-                pending.problem = partial(problem, batch.further, self._shape)
+                pending.problem = partial(problem, batch.further, self._size)
             return pending
         n = self._settle(batch, begins)
-        if self._device.is_cuda and self._left is None:
-            return Ready(self._side.events)
+        if self._device.is_cuda and self._host_events is None:
+            return Ready(self._event_list.events)
         span = (batch.t_base, self._settled)
         return Ready(DeviceEvents.of(self._events(n), self._device, span))
 
@@ -292,14 +305,14 @@ class EventSensor:
         again = fresh is not timeline.going_on and bool(fresh.all())
         if self._hermite and (dlog_dt is None or shape_of(dlog_dt) != shape_of(luminance)):
             raise ValueError("crossing=hermite needs dlog_dt of the luminance's shape; without it take crossing=cubic")
-        if self._waiting.held is not None and again and t[0] <= timeline.last_stamp:
+        if self._look_ahead.held is not None and again and t[0] <= timeline.last_stamp:
             raise ValueError(f"time goes back to {t[0]} ns; flush() first gives the events that are held back")
-        begun = self._waiting.held is not None or not again
+        begun = self._look_ahead.held is not None or not again
         t_base = self._settled if begun else int(t[0])
         self._layout.check_span(t_base, t)
-        check_noise(self._unlit, f"{self.envs} x {self._size}", t_base, t)
-        lists = None if further is None else self._further.take(further, t, t_base, fresh, waits)
-        images, slopes = on_device(luminance, self._device), self._nothing
+        check_background_rate(self._background_rate, f"{self.envs} x {self._pixels}", t_base, t)
+        lists = None if further is None else self._sample_input.take(further, t, t_base, fresh, waits)
+        images, slopes = on_device(luminance, self._device), self._no_slopes
         since = int(t[0]) if again else timeline.last_stamp
         if further is not None and self._optics.traces:
             images, lists = self._optics.traced(images, lists, t, since, fresh)
@@ -313,29 +326,32 @@ class EventSensor:
         if not begun:
             self._settled_before = t_base
         episodes = timeline.follow(fresh, t, episodes)
-        if not self._ahead:
+        if not self._looks_ahead:
             return self._batch(images, slopes, t, len(t), t_base, [fresh], [episodes], lists), fresh
-        images, t, begins, of = self._waiting.join(images, t, fresh, episodes)
+        images, t, begins, of = self._look_ahead.join(images, t, fresh, episodes)
         return self._batch(images, slopes, t, len(t) - 1, t_base, begins, of), begins[0]
 
     def finish(self) -> int:
         """Takes no more frames; returns how many events were held back. `advance` may go on afterwards."""
-        held = self._waiting.release()
+        held = self._look_ahead.release()
         if held is None:
             self.t_base = self._settled
-            self._side.clear()
-            self._left = ({n: np.zeros(0, d) for n, d in self.columns().items()}, np.zeros(self.envs + 1, np.int64))
+            self._event_list.clear()
+            self._host_events = (
+                {n: np.zeros(0, d) for n, d in self.columns().items()},
+                np.zeros(self.envs + 1, np.int64),
+            )
         else:
             stamp = np.array([held.stamp], np.int64)
             begins, of = [held.begins], [held.episodes]
-            batch = self._batch(held.images, self._nothing, stamp, 1, self._settled, begins, of)
+            batch = self._batch(held.images, self._no_slopes, stamp, 1, self._settled, begins, of)
             self._settle(batch, held.begins)
         if self._readout is not None:
-            assert self._left is not None
+            assert self._host_events is not None
             rest = self._readout.flush()
             if rest is not None:
-                self._left = merged(self._left, rest, self.envs)
-        return len(self._side) if self._left is None else len(self._left[0]["t"])
+                self._host_events = merged(self._host_events, rest, self.envs)
+        return len(self._event_list) if self._host_events is None else len(self._host_events[0]["t"])
 
     def _batch(
         self,
@@ -363,14 +379,14 @@ class EventSensor:
 
     def _settle(self, batch: Batch, begins: np.ndarray) -> int:
         """Lists the events of a batch, sorted; gives their number."""
-        self._side.fill(batch, self._settled)
-        self._left = None
+        self._event_list.fill(batch, self._settled)
+        self._host_events = None
         if self._readout is None:
-            return len(self._side)
-        out: dict[str, np.ndarray] = {n: np.empty(len(self._side), d) for n, d in self.columns().items()}
-        self._read_side(out)
-        self._left = self._readout.apply_batch(out, self._side.env_offsets(), batch, begins, self._settled)
-        return len(self._left[0]["t"])
+            return len(self._event_list)
+        out: dict[str, np.ndarray] = {n: np.empty(len(self._event_list), d) for n, d in self.columns().items()}
+        self._read_event_list(out)
+        self._host_events = self._readout.apply_batch(out, self._event_list.env_offsets(), batch, begins, self._settled)
+        return len(self._host_events[0]["t"])
 
     def counts(self) -> dict[str, int]:
         """Counts what was set aside so far.
@@ -380,7 +396,7 @@ class EventSensor:
         event_cap. unknown_slopes: samples of dlog_dt that were not finite (the chord is taken). readout_*: those of
         Readout.
         """
-        counts = {name: int(n) for name, n in zip(COUNTERS[1:], self._total[1:])}
+        counts = {name: int(n) for name, n in zip(COUNTERS[1:], self._counters[1:])}
         if not self._hermite:
             del counts["unknown_slopes"]
         if self._readout is not None:
@@ -395,37 +411,37 @@ class EventSensor:
     @property
     def nonfinite(self) -> int:
         """Returns counts()["nonfinite"]."""
-        return int(self._total[COUNTERS.index("nonfinite")])
+        return int(self._counters[COUNTERS.index("nonfinite")])
 
     @property
     def clipped(self) -> int:
         """Returns counts()["clipped"]."""
-        return int(self._total[COUNTERS.index("clipped")])
+        return int(self._counters[COUNTERS.index("clipped")])
 
     @property
     def on_gpu(self) -> Any:
         """Returns the GPU that the events of the last `advance` or `finish` are on; None where they are on the host."""
-        return self._device if self._device.is_cuda and self._left is None else None
+        return self._device if self._device.is_cuda and self._host_events is None else None
 
     def read(self, out: Any) -> None:
         """Writes the events of the last `advance` or `finish` to arrays of `columns()`, name -> array.
 
         Of numpy or, where they are `on_gpu`, Warp's there.
         """
-        if self._left is None:
-            self._read_side(out)
+        if self._host_events is None:
+            self._read_event_list(out)
         else:
-            for name, column in self._left[0].items():
+            for name, column in self._host_events[0].items():
                 out[name][:] = column
 
-    def _read_side(self, out: Any) -> None:
-        """Write the sorted events to columns; where nothing but light makes any, all of them are signal."""
+    def _read_event_list(self, out: Any) -> None:
+        """Writes the sorted events to columns; where nothing but light makes any, all of them are signal."""
         if self.marked and not self._layout.marked:
             signal: Any = out["signal"]
             signal.fill(1) if isinstance(signal, np.ndarray) else signal.fill_(1)
             out = {name: column for name, column in out.items() if name != "signal"}
-        self._side.read(out)
+        self._event_list.read(out)
 
     def env_offsets(self) -> np.ndarray:
         """Returns int64 [E + 1] of the last `advance` or `finish`."""
-        return self._side.env_offsets() if self._left is None else self._left[1]
+        return self._event_list.env_offsets() if self._host_events is None else self._host_events[1]

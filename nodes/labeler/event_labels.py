@@ -16,7 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nodes.labeler.sight import History, Sight
+from nodes.labeler.motion_history import MotionHistory
+from nodes.labeler.ray_caster import RayCaster
 
 LOOKS = (1 / 8, 2.0)
 """How far from an event's time is looked, in tolerances of the samples' times: the interpolator has two samples a
@@ -40,16 +41,16 @@ class EventLabels:
 class EventLabeler:
     """Labels the events of one camera."""
 
-    def __init__(self, sight: Sight, step_ns: float, tolerance_ns: float = 0.0) -> None:
+    def __init__(self, caster: RayCaster, step_ns: float, tolerance_ns: float = 0.0) -> None:
         """step_ns: between sub-frames [ns], which lie at whole multiples of it. tolerance_ns: of the times of samples
         between them, 0 = there are none."""
-        self._sight, self._step = sight, step_ns
+        self._caster, self._step = caster, step_ns
         # Instants as far apart as sub-frames are these.
         self._looks = [round(look * tolerance_ns) for look in LOOKS if 0 < 2 * tolerance_ns < step_ns]
-        self._directions, self._image = sight.pixels()
+        self._directions, self._image = caster.pixels()
 
     def __call__(
-        self, history: History, t: np.ndarray, x: np.ndarray, y: np.ndarray, env_offsets: np.ndarray
+        self, history: MotionHistory, t: np.ndarray, x: np.ndarray, y: np.ndarray, env_offsets: np.ndarray
     ) -> EventLabels:
         """Labels events.
 
@@ -63,14 +64,14 @@ class EventLabeler:
         n = len(t)
         if not n:
             return EventLabels(env, np.zeros(0, np.int32), np.zeros((0, 2), np.float32))
-        sight, motion = self._sight, self._sight.motion(history)
+        caster, motion = self._caster, self._caster.motion(history)
         first, last = history.span
         t = np.asarray(t, np.int64)
         # An event at a sub-frame belongs to the step that it ends.
         step = np.ceil((t - min(ROUNDED_NS, 0.5 * self._step)) / self._step).astype(np.int64)
-        pixel = np.asarray(y, np.int64) * sight.size[0] + np.asarray(x, np.int64)
+        pixel = np.asarray(y, np.int64) * caster.size[0] + np.asarray(x, np.int64)
         directions, count = self._directions[pixel], len(self._directions)
-        ids, distances = sight.find_surfaces(motion, env, t, directions)
+        ids, distances = caster.find_surfaces(motion, env, t, directions)
         # A step ends where the next one of the pixel begins, and many events share one.
         base, envs = int(step.min()) - 1, len(env_offsets) - 1
         number = ((step - base) * envs + env) * count + pixel
@@ -78,13 +79,13 @@ class EventLabeler:
         rest, pixels = np.divmod(ends, count)
         steps, in_env = np.divmod(rest, envs)
         at = np.clip(np.rint(self._step * (steps + base)).astype(np.int64), first, last)
-        looked = sight.find_surfaces(motion, in_env.astype(np.int32), at, self._directions[pixels])
+        looked = caster.find_surfaces(motion, in_env.astype(np.int32), at, self._directions[pixels])
         seen = [[values[of[side]] for values in looked] for side in (slice(0, n), slice(n, None))]
         for look in self._looks:
             for when in (t - look, t + look):
-                seen.append([*sight.find_surfaces(motion, env, np.clip(when, first, last), directions)])
+                seen.append([*caster.find_surfaces(motion, env, np.clip(when, first, last), directions)])
         for other, distance in seen:
             nearer = (other != ids) & (distance < distances)
             ids, distances = np.where(nearer, other, ids), np.where(nearer, distance, distances)
-        flow = sight.flow(motion, env, t, directions, self._image[pixel], (ids, distances))
+        flow = caster.flow(motion, env, t, directions, self._image[pixel], (ids, distances))
         return EventLabels(env, ids.astype(np.int32), flow)

@@ -1,13 +1,13 @@
 """Computes what all pixels of a camera see at one instant, and where that is at another one.
 
 All questions have one time, so that a z-buffer answers what is seen, and poses are worked out once for each instance,
-as the way from the camera's frame into the mesh's own; rays meet meshes there, as in sight_kernels.
+as the way from the camera's frame into the mesh's own; rays meet meshes there, as in ray_caster_kernels.
 """
 
 import warp as wp
 
 from nodes.labeler.motion_kernels import Motion, fraction, gap_at, pose_of
-from nodes.labeler.sight_kernels import Surfaces, beginning, in_the_way, met
+from nodes.labeler.ray_caster_kernels import Surfaces, beginning, first_hit, in_the_way
 from nodes.renderer.geometry.triangles import SHELL_CONVEX, SHELL_PLANAR
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 
@@ -18,7 +18,7 @@ COVERED = wp.constant(wp.float64(1.0e-4))
 
 
 @wp.struct
-class Ways:
+class CameraToMesh:
     """Holds transforms of points from the camera's frame to those of E environments' meshes: p -> turn p + shift."""
 
     turn: wp.array2d(dtype=wp.mat33d)
@@ -28,14 +28,14 @@ class Ways:
 
 
 @wp.kernel
-def find_ways(
+def find_camera_to_mesh(
     # in
     surfaces: Surfaces,
     motion: Motion,
     envs: wp.array(dtype=wp.int32),
     t: wp.int64,
     # out
-    ways: Ways,
+    to_mesh: CameraToMesh,
 ):
     """Computes the transforms from the camera to the meshes of environments int32 [E] at an instant [ns]."""
     e, i = wp.tid()
@@ -44,8 +44,8 @@ def find_ways(
     eye = pose_of(motion, envs[e], surfaces.camera, gap, u)
     frame = wp.transform_multiply(pose_of(motion, envs[e], surfaces.body[i], gap, u), surfaces.offset[i])
     back = wp.quat_inverse(wp.transform_get_rotation(frame))
-    ways.turn[e, i] = wp.quat_to_matrix(wp.mul(back, wp.transform_get_rotation(eye)))
-    ways.shift[e, i] = wp.quat_rotate(back, wp.transform_get_translation(eye) - wp.transform_get_translation(frame))
+    to_mesh.turn[e, i] = wp.quat_to_matrix(wp.mul(back, wp.transform_get_rotation(eye)))
+    to_mesh.shift[e, i] = wp.quat_rotate(back, wp.transform_get_translation(eye) - wp.transform_get_translation(frame))
 
 
 @wp.kernel
@@ -66,7 +66,7 @@ def find_poses(
 @wp.kernel
 def find_points(
     # in
-    ways: Ways,
+    to_mesh: CameraToMesh,
     lens: wp.int32,
     directions: wp.array(dtype=wp.vec3d),
     packed: wp.array2d(dtype=wp.uint64),
@@ -81,7 +81,7 @@ def find_points(
     """Finds the surface points that pixels see: where their rays meet the planes of the triangles in a z-buffer.
 
     Args:
-        ways: where things are.
+        to_mesh: where things are.
         lens: 1 where the z-buffer holds distances, else depths along the optical axis.
         directions: of the pixels [P], unit vectors in the camera's frame.
         packed: z-buffer [E, P].
@@ -102,11 +102,11 @@ def find_points(
     k = triangles[t]
     a = wp.vec3d(corners[k[0]])
     normal = wp.normalize(wp.cross(wp.vec3d(corners[k[1]]) - a, wp.vec3d(corners[k[2]]) - a))
-    towards = ways.turn[e, i] * d
+    towards = to_mesh.turn[e, i] * d
     rough = wp.float64(depth_of(packed[e, n]))
     if lens == 0:
         rough = rough / d[2]
-    distance = wp.dot(normal, a - ways.shift[e, i]) / wp.dot(normal, towards)
+    distance = wp.dot(normal, a - to_mesh.shift[e, i]) / wp.dot(normal, towards)
     # A triangle seen along its plane says little about where it is met.
     if not (wp.abs(distance - rough) <= wp.float64(1.0e-3) * rough):
         distance = rough
@@ -116,7 +116,7 @@ def find_points(
 
 
 @wp.func
-def carried_point(before: Ways, after: Ways, e: wp.int32, i: wp.int32, point: wp.vec3d):
+def carried_point(before: CameraToMesh, after: CameraToMesh, e: wp.int32, i: wp.int32, point: wp.vec3d):
     """Carries a point along with its body, from the camera's frame at one instant to that at another."""
     fixed = before.turn[e, i] * point + before.shift[e, i]
     return wp.transpose(after.turn[e, i]) * (fixed - after.shift[e, i])
@@ -125,8 +125,8 @@ def carried_point(before: Ways, after: Ways, e: wp.int32, i: wp.int32, point: wp
 @wp.kernel
 def carry_points(
     # in
-    before: Ways,
-    after: Ways,
+    before: CameraToMesh,
+    after: CameraToMesh,
     instances: wp.array2d(dtype=wp.int32),
     points: wp.array2d(dtype=wp.vec3d),
     # out
@@ -135,7 +135,7 @@ def carry_points(
     """Carries points along with their bodies, from one instant to another.
 
     Args:
-        before, after: the ways at both.
+        before, after: the to_mesh at both.
         instances, points: what pixels see [E, P], as of `find_points`.
         carried: [E, P] in the camera's frame at the other instant; NaN for the background.
     """
@@ -161,8 +161,8 @@ def straight_place(k: wp.mat33d, point: wp.vec3d):
 def flow_to_places(
     # in
     surfaces: Surfaces,
-    before: Ways,
-    ways: Ways,
+    before: CameraToMesh,
+    to_mesh: CameraToMesh,
     shell: wp.array(dtype=wp.int32),
     k: wp.mat33d,
     width: wp.int32,
@@ -180,7 +180,7 @@ def flow_to_places(
     A ray is sent towards those alone that come into the image with their front ahead, and only up to them.
 
     Args:
-        surfaces, before, ways: what there is, where it was, and where it is when they have come there.
+        surfaces, before, to_mesh: what there is, where it was, and where it is when they have come there.
         width, height: of the image [px].
         shell: [I], whether an instance can cover itself (SHELL_*).
         instances, normals: of the points' surfaces [E, P], as of `find_points`.
@@ -196,7 +196,7 @@ def flow_to_places(
     flow[e, n] = wp.vec2(wp.nan, wp.nan)
     if i < 0:
         return
-    point = carried_point(before, ways, e, i, points[e, n])
+    point = carried_point(before, to_mesh, e, i, points[e, n])
     place = straight_place(k, point)
     if surfaces.lens == 1:
         place = places[e, n]
@@ -210,17 +210,17 @@ def flow_to_places(
     far = wp.length(point)
     d = point / far
     begin = beginning(surfaces, d)
-    front = wp.dot(normals[e, n], wp.vec3(ways.turn[e, i] * d)) < wp.float32(0.0)
+    front = wp.dot(normals[e, n], wp.vec3(to_mesh.turn[e, i] * d)) < wp.float32(0.0)
     if not (far >= begin and (front or surfaces.two_sided[i] != 0)):
         return
     alone = shell[i] == wp.static(SHELL_PLANAR) or (shell[i] == wp.static(SHELL_CONVEX) and front)
     reach = wp.float32(far * (wp.float64(1.0) - COVERED) - begin)
     for j in range(surfaces.mesh.shape[0]):
         if surfaces.mesh[j] != wp.uint64(0) and not (alone and j == i):
-            towards = ways.turn[e, j] * d
-            local = ways.shift[e, j] + begin * towards
+            towards = to_mesh.turn[e, j] * d
+            local = to_mesh.shift[e, j] + begin * towards
             if in_the_way(surfaces, j, -local, towards, reach):
-                distance, _normal = met(surfaces, j, wp.vec3(local), wp.vec3(towards), reach)
+                distance, _normal = first_hit(surfaces, j, wp.vec3(local), wp.vec3(towards), reach)
                 if distance < reach:
                     return
     valid[e, n] = wp.uint8(1)

@@ -12,7 +12,7 @@ import warp as wp
 from evis.scene.model import Camera, Scene
 from nodes.labeler import instant_kernels as kernels
 from nodes.labeler.motion_kernels import Motion
-from nodes.labeler.sight import Sight
+from nodes.labeler.ray_caster import RayCaster
 from nodes.renderer.raster.visibility import Visibility
 
 
@@ -30,11 +30,11 @@ class Seen:
 class Instant:
     """Holds the poses of all bodies at an instant, and what the pixels see once that was computed.
 
-    poses: of the bodies, float64 [E, N, 7]. ways: of the meshes, on the device.
+    poses: of the bodies, float64 [E, N, 7]. to_mesh: of the meshes, on the device.
     """
 
     poses: np.ndarray
-    ways: Any
+    to_mesh: Any
     seen: Seen | None = None
 
     def same(self, other: Instant) -> bool:
@@ -45,26 +45,26 @@ class Instant:
 class Instants:
     """Computes where the surfaces seen by one camera are at single instants, and their flow from one to another."""
 
-    def __init__(self, scene: Scene, camera: Camera, sight: Sight) -> None:
-        """sight: of the same camera."""
-        self._scene, self._camera, self._sight, self._device = scene, camera, sight, sight.device
-        self._directions: wp.array = wp.array(sight.pixels()[0], dtype=wp.vec3d, device=self._device)
+    def __init__(self, scene: Scene, camera: Camera, caster: RayCaster) -> None:
+        """caster: of the same camera."""
+        self._scene, self._camera, self._caster, self._device = scene, camera, caster, caster.device
+        self._directions: wp.array = wp.array(caster.pixels()[0], dtype=wp.vec3d, device=self._device)
         self._raster: Visibility | None = None
-        self._shell: wp.array = wp.array(sight.shell, dtype=wp.int32, device=self._device)
+        self._shell: wp.array = wp.array(caster.shell, dtype=wp.int32, device=self._device)
 
     def at(self, motion: Motion, envs: np.ndarray, t: int) -> Instant:
         """Finds where things are in environments int64 [E] at a time [ns], which outside the motion's counts to its
         nearest end."""
         bodies, instances = (len(envs), motion.place.shape[0]), (len(envs), len(self._shell))
         poses: wp.array = wp.empty(bodies, dtype=wp.transformd, device=self._device)
-        ways: Any = kernels.Ways()
-        ways.turn = wp.empty(instances, dtype=wp.mat33d, device=self._device)
-        ways.shift = wp.empty(instances, dtype=wp.vec3d, device=self._device)
+        to_mesh: Any = kernels.CameraToMesh()
+        to_mesh.turn = wp.empty(instances, dtype=wp.mat33d, device=self._device)
+        to_mesh.shift = wp.empty(instances, dtype=wp.vec3d, device=self._device)
         of: wp.array = wp.array(envs.astype(np.int32), dtype=wp.int32, device=self._device)
         wp.launch(kernels.find_poses, bodies, [motion, of, t], [poses], device=self._device)
-        given = [self._sight.surfaces, motion, of, t]
-        wp.launch(kernels.find_ways, instances, given, [ways], device=self._device)
-        return Instant(np.array(poses.numpy()).reshape(*bodies, 7), ways)
+        given = [self._caster.surfaces, motion, of, t]
+        wp.launch(kernels.find_camera_to_mesh, instances, given, [to_mesh], device=self._device)
+        return Instant(np.array(poses.numpy()).reshape(*bodies, 7), to_mesh)
 
     def seen(self, instant: Instant) -> Seen:
         """Gives what every pixel sees."""
@@ -75,7 +75,7 @@ class Instants:
             raster = self._raster
             raster.update(instant.poses)
             seen = Seen(*(self._empty(instant, kind) for kind in (wp.int32, wp.vec3d, wp.vec3)))
-            given = [instant.ways, int(self._sight.lens is not None), self._directions]
+            given = [instant.to_mesh, int(self._caster.lens is not None), self._directions]
             given += [raster.packed.reshape(seen.ids.shape)]
             given += [raster.triangles, raster.triangle_instance, raster.points]
             wp.launch(kernels.find_points, seen.ids.shape, given, [seen.ids, seen.points, seen.normals], device=device)
@@ -85,18 +85,18 @@ class Instants:
     def flow(self, start: Instant, end: Instant) -> tuple[np.ndarray, np.ndarray]:
         """Gives how far what pixels see at one instant has moved at another, float32 [E, H, W, 2] px, and whether it is
         seen there, uint8 [E, H, W]."""
-        sight, device, (width, height) = self._sight, self._device, self._sight.size
+        caster, device, (width, height) = self._caster, self._device, self._caster.size
         seen = self.seen(start)
         shape = seen.ids.shape
         flow, valid = self._empty(start, wp.vec2), self._empty(start, wp.uint8)
         places: wp.array = wp.empty((0, 0), dtype=wp.vec2d, device=device)
-        if sight.lens is not None:
+        if caster.lens is not None:
             points = self._empty(start, wp.vec3d)
-            given = [start.ways, end.ways, seen.ids, seen.points]
+            given = [start.to_mesh, end.to_mesh, seen.ids, seen.points]
             wp.launch(kernels.carry_points, shape, given, [points], device=device)
-            projected = sight.project(points.numpy().reshape(-1, 3))
+            projected = caster.project(points.numpy().reshape(-1, 3))
             places = wp.array(projected.reshape(*shape, 2), dtype=wp.vec2d, device=device)
-        given = [sight.surfaces, start.ways, end.ways, self._shell, wp.mat33d(*sight.k.ravel()), width, height]
+        given = [caster.surfaces, start.to_mesh, end.to_mesh, self._shell, wp.mat33d(*caster.k.ravel()), width, height]
         given += [seen.ids, seen.normals, seen.points, places]
         wp.launch(kernels.flow_to_places, shape, given, [flow, valid], device=device)
         image = len(start.poses), height, width

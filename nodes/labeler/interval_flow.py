@@ -13,7 +13,7 @@ import numpy as np
 from evis.scene.model import Camera, Scene
 from nodes.labeler.instants import Instant, Instants
 from nodes.labeler.motion_kernels import Motion
-from nodes.labeler.sight import Sight
+from nodes.labeler.ray_caster import RayCaster
 
 KEPT = 2
 """Instants that are kept: an interval's ends, of which the later one is where the next interval begins."""
@@ -22,9 +22,9 @@ KEPT = 2
 class IntervalFlow:
     """Computes flow between two instants for one camera."""
 
-    def __init__(self, scene: Scene, camera: Camera, sight: Sight) -> None:
-        """sight: of the same camera."""
-        self._instants = Instants(scene, camera, sight)
+    def __init__(self, scene: Scene, camera: Camera, caster: RayCaster) -> None:
+        """caster: of the same camera."""
+        self._instants = Instants(scene, camera, caster)
         self._known: list[Instant] = []
 
     def prepare(self, motion: Motion) -> None:

@@ -19,7 +19,7 @@ from msgs.world import WorldState
 from nodes.labeler.box_groups import OF, groups
 
 if TYPE_CHECKING:
-    from nodes.labeler.geometry import WorldLabelers
+    from nodes.labeler.mesh_labels import WorldLabelers
 
 NEEDS = {
     "flow": {"state", "depth", "ids", "info"},
@@ -38,8 +38,10 @@ NEEDS = {
     "events": {"state", "events", "signal"},
 }
 """Inputs that each kind of label is made of."""
-GEOMETRIC = ("events", *INTERVAL_FLOWS, "boxes3d")
-"""Labels for which the scene is loaded: they look at its meshes, at instants that no image shows."""
+RAY_CAST = frozenset({"events", *INTERVAL_FLOWS})
+"""Labels of surfaces at instants that no image shows: rays are cast at the scene's meshes."""
+OF_MESHES = RAY_CAST | {"boxes3d"}
+"""Labels for which the scene is loaded: they look at its meshes."""
 DEFAULT = ("flow", "depth", "segmentation", "boxes")
 """Labels for a reader who did not say which."""
 
@@ -47,7 +49,7 @@ DEFAULT = ("flow", "depth", "segmentation", "boxes")
 class LabelerNode(Node):
     """Publishes the labels of one camera.
 
-    The scene is loaded for labels of GEOMETRIC alone: for the others CameraInfo tells which body each id belongs to.
+    The scene is loaded for labels of OF_MESHES alone: for the others CameraInfo tells which body each id belongs to.
     """
 
     PARAMS: ClassVar[Mapping[str, Param]] = {
@@ -106,68 +108,68 @@ class LabelerNode(Node):
 
     def setup(self) -> None:
         """Checks the list of labels, and prepares what looks at meshes. Raises ValueError for an empty interval."""
-        from nodes.labeler import labels
+        from nodes.labeler import image_labels
 
-        self.pure = labels
+        self.image_labels = image_labels
         self.kinds = kinds(self.params["labels"])
         self.info: CameraInfo | None = None
-        self.boxed: np.ndarray | None = None
-        self.flow: dict[str, list[labels.FlowField]] = {}
+        self.box_ids: np.ndarray | None = None
+        self.flow_fields: dict[str, list[image_labels.FlowField]] = {}
         """By the device that images are on: of another process they may come on the host, while a viewer reads them."""
         self.pairing: Any = None
-        self.geometry: Any = None
-        if set(GEOMETRIC) & set(self.kinds):
-            self._geometry()
+        self.mesh_labels: Any = None
+        if OF_MESHES & set(self.kinds):
+            self._prepare_mesh_labels()
 
-    def _geometry(self) -> None:
+    def _prepare_mesh_labels(self) -> None:
         p = self.params
         if p["flow_from"] >= p["flow_to"]:
             raise ValueError(f"flow_from {p['flow_from']:g} must be less than flow_to {p['flow_to']:g}")
-        from nodes.labeler.geometry import Geometry
+        from nodes.labeler.mesh_labels import MeshLabels
 
-        self.geometry = Geometry(worlds_of(self.name, p, textures=False), self._looks)
-        if set(GEOMETRIC[:3]) & set(self.kinds):
-            from nodes.labeler.sight import Histories
+        self.mesh_labels = MeshLabels(worlds_of(self.name, p, textures=False), self._world_labelers)
+        if RAY_CAST & set(self.kinds):
+            from nodes.labeler.motion_history import MotionHistories
 
-            self.histories, self.now = Histories(), Histories()
+            self.event_history, self.flow_history = MotionHistories(), MotionHistories()
         if "events" in self.kinds:
-            from nodes.labeler.packets import Pairing
+            from nodes.labeler.event_pairing import EventPairing
 
-            self.pairing = Pairing()
+            self.pairing = EventPairing()
 
-    def _looks(self, scene: Scene) -> WorldLabelers:
-        """What labels environments that look like a scene."""
-        from nodes.labeler.geometry import WorldLabelers
+    def _world_labelers(self, scene: Scene) -> WorldLabelers:
+        """Makes what labels environments that look like a scene."""
+        from nodes.labeler.mesh_labels import WorldLabelers
 
-        p, camera, looks = self.params, camera_of(scene, self.params["camera"]), WorldLabelers()
+        p, camera, labelers = self.params, camera_of(scene, self.params["camera"]), WorldLabelers()
         if "boxes3d" in self.kinds:
             from nodes.labeler.oriented_boxes import OrientedBoxes
 
-            looks.boxes = OrientedBoxes(scene, p["camera"])
-        if set(GEOMETRIC[:3]) & set(self.kinds):
-            from nodes.labeler.sight import Sight
+            labelers.boxes = OrientedBoxes(scene, p["camera"])
+        if RAY_CAST & set(self.kinds):
+            from nodes.labeler.ray_caster import RayCaster
 
-            looks.sight = Sight(scene, camera, p["device"])
-        if "events" in self.kinds and looks.sight is not None:
+            labelers.caster = RayCaster(scene, camera, p["device"])
+        if "events" in self.kinds and labelers.caster is not None:
             from nodes.labeler.event_labels import EventLabeler
 
-            looks.sight.prepare(len(scene.bodies))
+            labelers.caster.prepare(len(scene.bodies))
             step = 1e9 / (p["keyframe_rate"] * p["upsampling"])
-            looks.events = EventLabeler(looks.sight, step, 1e9 * p["time_tolerance"])
-        if set(GEOMETRIC[1:3]) & set(self.kinds) and looks.sight is not None:
+            labelers.events = EventLabeler(labelers.caster, step, 1e9 * p["time_tolerance"])
+        if set(INTERVAL_FLOWS) & set(self.kinds) and labelers.caster is not None:
             from nodes.labeler.interval_flow import IntervalFlow
 
-            looks.between = IntervalFlow(scene, camera, looks.sight)
-            looks.between.prepare(looks.sight.standing(len(scene.bodies)))
-        return looks
+            labelers.interval_flow = IntervalFlow(scene, camera, labelers.caster)
+            labelers.interval_flow.prepare(labelers.caster.still_motion(len(scene.bodies)))
+        return labelers
 
     def rewind(self, params: Mapping[str, Any]) -> bool:
         """Keeps everything but worlds that are others: no label knows of another stamp."""
         if {**params, "seed": 0} != {**self.params, "seed": 0}:
             return False
         self.params = dict(params)
-        if self.geometry is not None:
-            self.geometry.follow(self.geometry.worlds.from_seeds(seeds_of(params)))
+        if self.mesh_labels is not None:
+            self.mesh_labels.follow(self.mesh_labels.worlds.from_seeds(seeds_of(params)))
         return True
 
     def receive(self, port: str, message: Message) -> None:
@@ -183,8 +185,8 @@ class LabelerNode(Node):
                 array = getattr(message, name)
                 setattr(self.info, name, None if array is None else np.array(array))
             if before is None or not _same_view(before, self.info):
-                self.flow = {}
-            self.boxed = None
+                self.flow_fields = {}
+            self.box_ids = None
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         """Publishes the labels of one stamp."""
@@ -196,13 +198,15 @@ class LabelerNode(Node):
         out = Labels(Header(source.stamp_ns, clock=source.clock, episode=source.episode))
         z = self._image(depth.depth, depth.margin) if depth is not None else None
         i = self._image(ids.ids, ids.margin) if ids is not None else None
-        self._images(out, state, z, i)
+        self._label_images(out, state, z, i)
         if "boxes" in self.kinds and i is not None:
             seen = host_array(i)
-            out.box, out.box_env, out.box_id = self.pure.boxes(self._boxed(seen) if _some_boxes(self.params) else seen)
+            out.box, out.box_env, out.box_id = self.image_labels.boxes(
+                self._ids_of_boxes(seen) if _some_boxes(self.params) else seen
+            )
         if state is not None:
-            self._bodies(out, state)
-            self._meshes(out, state)
+            self._label_bodies(out, state)
+            self._label_meshes(out, state)
         if self.pairing is None:
             self.publish("labels", out)
             return
@@ -212,7 +216,7 @@ class LabelerNode(Node):
 
     def finish(self) -> None:
         """Publishes the labels of what the sensor held back. Raises ValueError for ids of the last images."""
-        for field in (field for fields in self.flow.values() for field in fields):
+        for field in (field for fields in self.flow_fields.values() for field in fields):
             field.settle()
         if self.pairing is not None:
             self._publish_paired(ended=True)
@@ -225,9 +229,9 @@ class LabelerNode(Node):
                 h = packet.header
                 out = Labels(Header(h.stamp_ns, clock=h.clock, episode=h.episode))
             else:
-                self.histories.add(state)
-                self.geometry.follow(self.geometry.worlds.follow(state.own))
-            made = self.geometry.events(self.histories, packet.t, packet.x, packet.y, packet.env_offsets)
+                self.event_history.add(state)
+                self.mesh_labels.follow(self.mesh_labels.worlds.follow(state.own))
+            made = self.mesh_labels.events(self.event_history, packet.t, packet.x, packet.y, packet.env_offsets)
             out.event_env, out.event_instance, out.event_flow = made.env, made.instance, made.flow
             out.event_signal = packet.signal
             self.publish("labels", out)
@@ -237,9 +241,9 @@ class LabelerNode(Node):
         on_gpu = not isinstance(image, np.ndarray)
         if on_gpu and self.pairing is not None:  # it waits for events, which are labelled on the host
             image, on_gpu = image.numpy(), False
-        return self.pure.crop(image if on_gpu else np.asarray(image), margin)
+        return self.image_labels.crop(image if on_gpu else np.asarray(image), margin)
 
-    def _images(self, out: Labels, state: WorldState | None, depth: Any, ids: Any) -> None:
+    def _label_images(self, out: Labels, state: WorldState | None, depth: Any, ids: Any) -> None:
         wanted: dict[str, tuple[tuple[int, ...], Any]] = {}
         if "flow" in self.kinds and depth is not None:
             wanted["flow"] = ((*depth.shape, 2), np.float32)
@@ -252,15 +256,15 @@ class LabelerNode(Node):
             if on_gpu is None:
                 wanted["semantic"] = (ids.shape, np.int32)
             else:
-                out.semantic = np.take(self._classes(), host_array(ids))
-        arrays = self._room(wanted, on_gpu)
+                out.semantic = np.take(self._semantic_ids(), host_array(ids))
+        arrays = self._memory(wanted, on_gpu)
         for name, image in (("depth", depth), ("segmentation", ids)):
             if name in arrays and on_gpu is None:
                 arrays[name][...] = image
             elif name in arrays:
                 arrays[name].assign(image)
         if "semantic" in arrays:
-            np.take(self._classes(), ids, out=arrays["semantic"])
+            np.take(self._semantic_ids(), ids, out=arrays["semantic"])
         if "flow" in arrays and state is not None and ids is not None:
             fields, twist = self._flow_fields(state, str(on_gpu or "cpu")), state.end_twist()
             share = len(depth) // len(fields)
@@ -270,7 +274,7 @@ class LabelerNode(Node):
         for name, array in arrays.items():
             setattr(out, name, array)
 
-    def _room(self, wanted: Mapping[str, tuple[tuple[int, ...], Any]], on_gpu: Any) -> dict[str, Any]:
+    def _memory(self, wanted: Mapping[str, tuple[tuple[int, ...], Any]], on_gpu: Any) -> dict[str, Any]:
         """Arrays of (shape, dtype) to write labels into, on a GPU if it is given."""
         if not wanted:
             return {}
@@ -284,15 +288,15 @@ class LabelerNode(Node):
         # These wait for events, and a loan is for what is sent next.
         return {name: np.empty(shape, dtype) for name, (shape, dtype) in wanted.items()}
 
-    def _boxed(self, ids: np.ndarray) -> np.ndarray:
+    def _ids_of_boxes(self, ids: np.ndarray) -> np.ndarray:
         """Ids with those of instances that share a box made one, and of those without a box 0."""
-        if self.boxed is None:
+        if self.box_ids is None:
             if self.info is None:
                 raise ValueError(f"{self.name} has no CameraInfo of {self.params['camera']}, which box_classes needs")
-            self.boxed = groups(self.info, self.params["box_of"], self.params["box_classes"])
-        return np.take(self.boxed, ids)
+            self.box_ids = groups(self.info, self.params["box_of"], self.params["box_classes"])
+        return np.take(self.box_ids, ids)
 
-    def _classes(self) -> np.ndarray:
+    def _semantic_ids(self) -> np.ndarray:
         """Semantic id of each instance id."""
         if self.info is None or self.info.semantic is None:
             raise ValueError(f"{self.name}: /{self.params['camera']}/info has no semantic ids; leave semantic out")
@@ -300,7 +304,7 @@ class LabelerNode(Node):
 
     def _flow_fields(self, state: WorldState, device: str) -> list[Any]:
         """One for all environments, or one for each where their cameras differ."""
-        if device not in self.flow:
+        if device not in self.flow_fields:
             info = self.info
             if info is None:
                 raise ValueError(f"{self.name} has no CameraInfo of {self.params['camera']}, which flow needs")
@@ -313,13 +317,13 @@ class LabelerNode(Node):
             lenses = [(info.k, info.distortion)]
             if info.env_k is not None and info.env_distortion is not None:
                 lenses = list(zip(info.env_k, info.env_distortion))
-            fields = self.flow[device] = []
+            fields = self.flow_fields[device] = []
             for k, distortion in lenses:
-                lens = self.pure.lens_of(info.distortion_model, distortion)
-                fields.append(self.pure.FlowField(k, size, bodies, camera, lens, device))
-        return self.flow[device]
+                lens = self.image_labels.lens_of(info.distortion_model, distortion)
+                fields.append(self.image_labels.FlowField(k, size, bodies, camera, lens, device))
+        return self.flow_fields[device]
 
-    def _bodies(self, out: Labels, state: WorldState) -> None:
+    def _label_bodies(self, out: Labels, state: WorldState) -> None:
         if "poses" in self.kinds:
             out.pose, out.names = np.array(state.end_pose), list(state.names)
         if "velocities" in self.kinds:
@@ -338,25 +342,25 @@ class LabelerNode(Node):
             for part in ("env", "body", "position", "force"):
                 setattr(out, f"contact_{part}", np.array(getattr(state, f"contact_{part}")))
 
-    def _meshes(self, out: Labels, state: WorldState) -> None:
-        """Labels of what the meshes are, or where, at this stamp or within its interval."""
-        if self.geometry is not None:
-            self.geometry.follow(self.geometry.worlds.follow(state.own))
+    def _label_meshes(self, out: Labels, state: WorldState) -> None:
+        """Labels where meshes are at this stamp, and how their points move within its interval."""
+        if self.mesh_labels is not None:
+            self.mesh_labels.follow(self.mesh_labels.worlds.follow(state.own))
         if "boxes3d" in self.kinds:
-            boxes = self.geometry.boxes(np.asarray(state.end_pose))
+            boxes = self.mesh_labels.boxes(np.asarray(state.end_pose))
             out.box3d_env, out.box3d_id, out.box3d_size = boxes.env, boxes.id, boxes.size
             out.box3d_pose, out.box3d_in_camera = boxes.pose, boxes.in_camera
         asked = [name for name in ("forward", "backward") if f"{name}_flow" in self.kinds]
         if not asked:
             return
-        self.now.add(state)
-        from nodes.labeler.geometry import instant_in
+        self.flow_history.add(state)
+        from nodes.labeler.mesh_labels import instant_in
 
         shares = [self.params[name] for name in ("flow_from", "flow_to")]
         out.flow_t = np.array([instant_in(state.t, share) for share in shares], np.int64)
         for name in asked:
             start, end = shares if name == "forward" else shares[::-1]
-            flow, valid = self.geometry.flow(self.now, state, start, end)
+            flow, valid = self.mesh_labels.flow(self.flow_history, state, start, end)
             setattr(out, f"{name}_flow", flow)
             setattr(out, f"{name}_valid", valid)
 

@@ -7,7 +7,7 @@ import numpy as np
 from evis.bag.preview import tone_map
 from evis.bag.selection import FIRST_ENV
 from evis.bag.threads import ALONE, Threads
-from evis.runtime.clock import Sampling
+from evis.runtime.pacing import RateLimit
 from msgs.camera import Image, Keyframe
 from msgs.header import Header
 
@@ -18,7 +18,7 @@ class PreviewMaker:
     def __init__(self, keyframe_topic: str, rate_hz: float) -> None:
         self.camera = keyframe_topic.rsplit("/", 1)[0]
         self.count = 0
-        self._due = Sampling(rate_hz)
+        self._due = RateLimit(rate_hz)
 
     def topic(self, keyframe: Keyframe) -> str:
         """Returns the topic of the preview."""

@@ -12,7 +12,7 @@ REGENERATED = ("frames", "samples", "events", "signal", "labels")
 """What interpolator, event sensor and labeler make again from keyframes."""
 
 
-def replayed(
+def topics_to_play(
     topics: Mapping[str, str], include: Sequence[str], exclude: Sequence[str], regenerate: bool, bag: str
 ) -> list[str]:
     """Returns the names of the topics to publish. `topics`: topic -> message type of the bag. Raises BagError."""
@@ -30,7 +30,7 @@ def replayed(
     chosen = []
     for name, kind in sorted(topics.items()):
         camera, _, last = name.rpartition("/")
-        if name in SYSTEM_TOPICS or not _of_the_table(name, kind):  # the running graph has its own of the former
+        if name in SYSTEM_TOPICS or not _is_of_evis(name, kind):  # the running graph has its own of the former
             continue
         if include and not any(fnmatchcase(name, g) for g in include):
             continue
@@ -44,7 +44,7 @@ def replayed(
     return chosen
 
 
-def unknown(topics: Mapping[str, str], include: Sequence[str], exclude: Sequence[str]) -> list[str]:
+def topics_unknown(topics: Mapping[str, str], include: Sequence[str], exclude: Sequence[str]) -> list[str]:
     """Returns the names of the topics that are not published for no topic of EVIS has their name and type, as other
     recorders' bags have them.
 
@@ -55,12 +55,12 @@ def unknown(topics: Mapping[str, str], include: Sequence[str], exclude: Sequence
         name
         for name in wanted
         if name not in SYSTEM_TOPICS
-        and not _of_the_table(name, topics[name])
+        and not _is_of_evis(name, topics[name])
         and not any(fnmatchcase(name, g) for g in exclude)
     ]
 
 
-def _of_the_table(name: str, kind: str) -> bool:
+def _is_of_evis(name: str, kind: str) -> bool:
     try:
         return find_topic(name).type.__name__ == kind
     except UnknownTopic:

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from evis.config.params import Param, ParamError, resolve
-from evis.runtime.clock import Pacer
 from evis.runtime.node import Node, Output
+from evis.runtime.pacing import Pacer
 from msgs.header import Header, Message
+from nodes.replayer.descriptions import Descriptions, description_at
 
 if TYPE_CHECKING:
     from evis.bag.reader import BagReader
@@ -54,15 +55,6 @@ def speed(pace: str) -> float | None:
     return value
 
 
-def _key(message: Message) -> tuple[int, int]:
-    return message.header.episode, message.header.stamp_ns
-
-
-def _place(message: Message) -> tuple[int, int, int]:
-    """Where a message lies among those of its topic."""
-    return *_key(message), message.header.seq
-
-
 class ReplayerNode(Node):
     """Publishes what a bag holds; each topic is a port of its own name."""
 
@@ -75,7 +67,7 @@ class ReplayerNode(Node):
         """Returns the ports, which depend on the bag and on what is left out. Raises BagError, ParamError."""
         from evis.bag import BagError
         from evis.bag.reader import BagReader
-        from nodes.replayer.choice import replayed
+        from nodes.replayer.choice import topics_to_play
 
         given = resolve("replayer", cls.PARAMS, params)
         if not given["bag"]:
@@ -84,7 +76,9 @@ class ReplayerNode(Node):
         with BagReader(given["bag"]) as reader:
             if reader.problem and not reader.topics:
                 raise BagError(f"{reader.path} ends before its first topic ({reader.problem}); nothing can be played")
-            chosen = replayed(reader.topics, given["topics"], given["exclude"], given["regenerate"], str(reader.path))
+            chosen = topics_to_play(
+                reader.topics, given["topics"], given["exclude"], given["regenerate"], str(reader.path)
+            )
             if chosen and reader.start_ns + round(given["start"] * 1e9) > reader.end_ns:
                 length = (reader.end_ns - reader.start_ns) / 1e9
                 raise ParamError(f"replayer: start is {given['start']:g} s, but {reader.path} is {length:g} s long")
@@ -112,52 +106,36 @@ class ReplayerNode(Node):
         self.messages: Iterator[tuple[str, Message]] = self.reader.messages(*self.part) if ports else iter(())
         self.next = next(self.messages, None)
         skipped = self.reader.skipped
-        self.described: dict[str, tuple[tuple[int, int, int], Message]] = {}
-        """Topic -> where in the bag the description lies that holds as a round begins, and the description."""
-        self.changed: set[str] = set()
-        """Topics of which another description was published since."""
+        cameras = [port for port in ports if self.reader.topics[port] == "CameraInfo"]
+        episode = self.next[1].header.episode if self.next else 0
+        found = {topic: description_at(self.reader, topic, start, episode) for topic in cameras}
+        self.descriptions = Descriptions({topic: info for topic, info in found.items() if info is not None})
         self.outdated: list[str] = []
-        """Those of them whose description must be published again as the round begins."""
-        for topic in [p for p in ports if self.reader.topics[p] == "CameraInfo"]:
-            info = self._described_at(topic, start, self.next[1].header.episode if self.next else 0)
-            if info is not None:
-                self.described[topic] = _place(info), info
+        """Topics whose description must be published again as the round begins."""
         self.skipped_before = self.reader.skipped - skipped
-        self._describe(self.described)
-        if self.next is not None and self._is_old(*self.next):
-            self.next = self._take()
+        self._publish_descriptions(self.descriptions.at_start)
+        if self.next is not None and self.descriptions.covers(*self.next):
+            self.next = self._next_message()
 
     def _tell_of_unknown(self) -> None:
         """Says which topics of the bag are not played though they are wanted."""
-        from nodes.replayer.choice import unknown
+        from nodes.replayer.choice import topics_unknown
 
         there = {stream.topic: stream.kind for stream in self.reader.streams.values()}
-        if names := unknown(there, self.params["topics"], self.params["exclude"]):
+        if names := topics_unknown(there, self.params["topics"], self.params["exclude"]):
             more = f" and {len(names) - MAX_TOLD} more" if len(names) > MAX_TOLD else ""
             told = ", ".join(names[:MAX_TOLD]) + more
             self.warn(f"{self.reader.path}: not played, for EVIS has no topics of such a name and type: {told}")
 
-    def _described_at(self, topic: str, start: int, episode: int) -> Message | None:
-        """The last description of a camera up to where the replay begins; the first of all where there is none."""
-        last = None
-        for _, info in self.reader.messages([topic], None, start):
-            if info.header.episode > episode:
-                break
-            last = info
-        return next(self.reader.messages([topic]), (topic, None))[1] if last is None else last
-
-    def _describe(self, topics: Iterable[str]) -> None:
-        """Publish the descriptions that hold as a round begins."""
+    def _publish_descriptions(self, topics: Iterable[str]) -> None:
+        """Publishes the descriptions that hold as a round begins."""
         for topic in topics:
-            info: Any = self.described[topic][1]
+            info: Any = self.descriptions.at_start[topic]
             self.publish(topic, self._of_this_round(replace(info, header=replace(info.header))))
 
-    def _is_old(self, topic: str, message: Message) -> bool:
-        """Whether it is a description that held at the latest as the round began: of these the last was published."""
-        return topic in self.described and _place(message) <= self.described[topic][0]
-
-    def _take(self) -> tuple[str, Message] | None:
-        return next((found for found in self.messages if not self._is_old(*found)), None)
+    def _next_message(self) -> tuple[str, Message] | None:
+        """Reads the next message that is to be played; None at the end."""
+        return next((found for found in self.messages if not self.descriptions.covers(*found)), None)
 
     def step(self, inputs: Mapping[str, Message]) -> bool:
         """Publishes the messages of one stamp, one of each topic at the most."""
@@ -167,30 +145,29 @@ class ReplayerNode(Node):
         if self.next is None:
             self._tell_of_damage()
             return False
-        key = _key(self.next[1])
+        instant = self.next[1].header.instant
         if (wait := self._wait_s(self.next[1].header)) > 0:
             time.sleep(min(wait, MAX_SLEEP_S))
             if wait > MAX_SLEEP_S:
                 return True
-        self._describe(self.outdated)
+        self._publish_descriptions(self.outdated)
         sent, self.outdated = set(self.outdated), []
         while self.next is not None:
             topic, message = self.next
-            if topic in sent or _key(message) != key:
+            if topic in sent or message.header.instant != instant:
                 return True
             sent.add(topic)
-            if topic in self.described:
-                self.changed.add(topic)
+            self.descriptions.passed(topic)
             self.publish(topic, self._of_this_round(message))
-            self.next = self._take()
+            self.next = self._next_message()
         self._tell_of_damage()
         if self.params["again"]:
-            self._begin_again()
+            self._begin_round()
             return True
         return False
 
     def _wait_s(self, header: Header) -> float:
-        """How long until a message is due [s]; 0 without a pace. What is late is counted."""
+        """Gives the time until a message is due [s], 0 without a pace; counts what is late."""
         if self.pacer is None:
             return 0.0
         since_ns = header.stamp_ns - self.paced.stamp_ns
@@ -218,17 +195,17 @@ class ReplayerNode(Node):
             self.count("damaged", skipped)
             self.warn(f"{self.reader.path}: {skipped} damaged parts left out: {self.reader.first_problem}")
 
-    def _begin_again(self) -> None:
+    def _begin_round(self) -> None:
         self.first_episode = self.last_episode + 1
-        self.outdated, self.changed = sorted(self.changed), set()
+        self.outdated = self.descriptions.restart()
         self.messages = self.reader.messages(*self.part)
-        self.next = self._take()
+        self.next = self._next_message()
         if self.pacer is not None:
             self.pacer.restart()
         self.rest_until = time.monotonic() + REST_S
 
     def _of_this_round(self, message: Message) -> Message:
-        """Its episodes follow on those of the round before."""
+        """Renumbers the episodes of a message, so that they follow on those of the round before."""
         if self.first_episode:
             message.header.episode += self.first_episode
             episodes = getattr(message, "episodes", None)

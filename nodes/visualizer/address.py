@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import ipaddress
 import re
 import secrets
-import shutil
 import socket
-import tempfile
-import threading
 from collections.abc import Iterable
-from pathlib import Path
 
 DEFAULT_PORT = 8421
 TRIED_PORTS = 32
@@ -98,53 +93,6 @@ def bind(host: str, port: int | None) -> tuple[socket.socket, str]:
         note = f"port {DEFAULT_PORT} is taken" if port is None and candidate != DEFAULT_PORT else ""
         return listener, note
     raise OSError(f"no free port on {host}")
-
-
-class Lender:
-    """Hands a listening socket to the visualizers of one graph after another.
-
-    Whoever connects while no graph runs waits for the next one, instead of being refused.
-    """
-
-    def __init__(self, listener: socket.socket) -> None:
-        self._listener = listener
-        self._folder = tempfile.mkdtemp(prefix="evis-view-")  # readable by this user alone
-        self.path = str(Path(self._folder) / "page")
-        self._door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._door.bind(self.path)
-        self._door.listen()
-        threading.Thread(target=self._serve, name="lender", daemon=True).start()
-
-    def _serve(self) -> None:
-        while True:
-            try:
-                peer, _ = self._door.accept()
-            except OSError:
-                return
-            with peer, contextlib.suppress(OSError):
-                socket.send_fds(peer, [b"page"], [self._listener.fileno()])
-
-    def close(self) -> None:
-        """Takes the socket back."""
-        with contextlib.suppress(OSError):
-            self._door.shutdown(socket.SHUT_RDWR)
-        self._door.close()
-        self._listener.close()
-        shutil.rmtree(self._folder, ignore_errors=True)
-
-
-def borrow(path: str) -> socket.socket:
-    """Returns the listening socket of a Lender. Raises OSError."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as door:
-        door.settimeout(5)
-        try:
-            door.connect(path)
-            _, descriptors, _, _ = socket.recv_fds(door, 16, 1)
-        except OSError as error:
-            raise OSError(f"nobody lends a page's socket at {path}: {error.strerror or error}") from None
-    if not descriptors:
-        raise OSError(f"nobody lends a page's socket at {path}")
-    return socket.socket(fileno=descriptors[0])
 
 
 def url(listener: socket.socket, token: str) -> str:

@@ -49,11 +49,12 @@ class VisualizerNode(Node):
         from nodes.visualizer import address
         from nodes.visualizer.hub import Hub
         from nodes.visualizer.server import Server
+        from nodes.visualizer.socket_lender import borrow
 
         p, plan = self.params, self.runtime.plan
         token = address.choose_token(p["host"], p["token"])
         self.hide(token)
-        listener, note = (address.borrow(p["listener"]), "") if p["listener"] else address.bind(p["host"], p["port"])
+        listener, note = (borrow(p["listener"]), "") if p["listener"] else address.bind(p["host"], p["port"])
         self._taps: dict[str, TapSubscription] = {}
         self._hub = Hub(plan, p["jpeg_quality"])
         names = address.names_of(listener, [p["host"], *map(str, p["names"])])

@@ -6,7 +6,7 @@ import warp as wp
 from test_recorder_replayer import make
 
 from evis.bag.reader import BagReader
-from evis.runtime.clock import Sampling
+from evis.runtime.pacing import RateLimit
 from msgs.camera import Image, Keyframe
 from msgs.header import Header
 from nodes.recorder.node import RecorderNode
@@ -24,13 +24,13 @@ MS = 1_000_000
     ],
 )
 def test_a_preview_is_due_at_the_first_keyframe_of_every_period(rate_hz, period_ms, due):
-    clock = Sampling(rate_hz)
+    clock = RateLimit(rate_hz)
     taken = [k for k in range(due[-1] + 1) if clock.takes(Header((7 + k * period_ms) * MS))]
     assert taken == due
 
 
 def test_another_episode_begins_with_one():
-    clock = Sampling(10.0)
+    clock = RateLimit(10.0)
     assert clock.takes(Header(0)) and not clock.takes(Header(50 * MS))
     assert clock.takes(Header(60 * MS, episode=1)) and not clock.takes(Header(100 * MS, episode=1))
 
@@ -38,7 +38,7 @@ def test_another_episode_begins_with_one():
 def test_it_need_not_be_asked_about_what_is_not_due():
     """As a recorder's thread does not hear of keyframes that stayed on their device."""
     stamps = [7 * k * MS for k in range(200)]
-    all_asked, some_asked = Sampling(10.0), Sampling(10.0)
+    all_asked, some_asked = RateLimit(10.0), RateLimit(10.0)
     due = [s for s in stamps if all_asked.takes(Header(s))]
     assert due == [s for s in due if some_asked.takes(Header(s))]
 
@@ -59,7 +59,7 @@ def test_a_recorder_asks_for_the_keyframes_that_are_due(tmp_path):
     node = make(RecorderNode, path=str(path))
     node.runtime.plan.topics = dict.fromkeys(["/cam0/keyframe", "/cam0/events"])
     node.setup()
-    asked, due = [], Sampling(node.arrays_hz(node.params, "/cam0/keyframe"))
+    asked, due = [], RateLimit(node.arrays_hz(node.params, "/cam0/keyframe"))
     for k in range(12):
         asked.append(due.takes(Header(33 * k * MS, k)))
         node.receive("/cam0/keyframe", keyframe(k) if asked[-1] else left_on_its_device(k))
@@ -82,7 +82,7 @@ def test_keyframes_that_come_without_arrays_from_another_process_are_noticed(tmp
     node = make(RecorderNode, path=str(path))
     node.runtime.plan.topics = dict.fromkeys(["/cam0/keyframe"])
     node.setup()
-    due = Sampling(node.arrays_hz(node.params, "/cam0/keyframe"))
+    due = RateLimit(node.arrays_hz(node.params, "/cam0/keyframe"))
     for k in range(12):
         node.receive("/cam0/keyframe", keyframe(k) if due.takes(Header(33 * k * MS, k)) else without_arrays(k))
     node.finish()

@@ -18,7 +18,7 @@ from evis.runtime.plan import NodePlan, Plan
 from msgs.camera import Depth
 from msgs.header import Header
 from nodes.recorder.node import RecorderNode
-from nodes.replayer.choice import replayed
+from nodes.replayer.choice import topics_to_play
 from nodes.replayer.node import ReplayerNode
 
 PIXEL = np.ones((1, 1, 1), np.float32)
@@ -543,10 +543,10 @@ def test_a_cameras_own_images_are_no_previews(tmp_path):
 def test_globs_that_no_topic_is_like_are_named():
     """Instead of a replay of nothing."""
     topics = {"/cam0/events": "EventPacket", "/cam0/info": "CameraInfo"}
-    assert replayed(topics, ["/cam0/ev*"], [], False, "a.mcap") == ["/cam0/events"]
+    assert topics_to_play(topics, ["/cam0/ev*"], [], False, "a.mcap") == ["/cam0/events"]
     with pytest.raises(BagError, match=r"a.mcap has no topic to play that is like /cam1/\*; it has /cam0/events"):
-        replayed(topics, ["/cam1/*"], [], False, "a.mcap")
+        topics_to_play(topics, ["/cam1/*"], [], False, "a.mcap")
     with pytest.raises(BagError, match=r"a.mcap has no topic to play that is not like \*; it has /cam0/events"):
-        replayed(topics, [], ["*"], False, "a.mcap")
+        topics_to_play(topics, [], ["*"], False, "a.mcap")
     with pytest.raises(BagError, match=r"that is like /cam0/\* and not like /cam0/\*; it has"):
-        replayed(topics, ["/cam0/*"], ["/cam0/*"], False, "a.mcap")
+        topics_to_play(topics, ["/cam0/*"], ["/cam0/*"], False, "a.mcap")

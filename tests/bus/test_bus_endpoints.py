@@ -10,7 +10,7 @@ import pytest
 from bus_workers import TOPIC, publisher_on
 
 from evis.bus import BusError, Endpoints, endpoints_for
-from evis.bus.endpoints import door_of
+from evis.bus.endpoints import outside_socket
 
 
 @pytest.mark.parametrize(
@@ -51,10 +51,9 @@ def test_long_names_have_sockets_of_their_own(tmp_path):
     long = "a_camera_with_a_very_long_name_on_the_left_front_corner_of_the_robot"
     names = [f"/{long}{end}/{tail}" for end in ("", "2", "é" * 9) for tail in ("events", "frames")]
     found = [*(a.removeprefix("ipc://") for n in names for a in endpoints_for("/tmp/evis-0/20261129-020645-8de5a2", n))]
-    found += [str(door_of("/tmp/evis-0/20261129-020645-8de5a2", f"renderer_{long}"))]
+    found += [str(outside_socket("/tmp/evis-0/20261129-020645-8de5a2", f"renderer_{long}"))]
     assert len(set(found)) == 19 and max(len(os.fsencode(path)) for path in found) <= 107
     short = endpoints_for("/run/x", "/cam0/events")
-    assert (
-        short.tap == "ipc:///run/x/cam0~events.tap" and str(door_of("/run/x", "a/physics")) == "/run/x/a~physics.door"
-    )
-    assert str(door_of("/run/x", "a.b")) == "/run/x/a.b.door"
+    assert short.tap == "ipc:///run/x/cam0~events.tap"
+    assert str(outside_socket("/run/x", "a/physics")) == "/run/x/a~physics.door"
+    assert str(outside_socket("/run/x", "a.b")) == "/run/x/a.b.door"

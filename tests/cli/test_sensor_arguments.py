@@ -19,7 +19,7 @@ ARGUMENT = {name: "defocus" if name == "defocus_px" else name for name in SENSOR
 def sensor_params(name: str, **given: Any) -> dict[str, Any]:
     """Of a plan that is not held to what the arguments change."""
     target = read_target(name, given)
-    made = plan_launch(target.launch, target.given, Options(), held=())
+    made = plan_launch(target.launch, target.given, Options(), must_have_effect=())
     return made.nodes["event_sensor"].params
 
 
@@ -44,7 +44,7 @@ def test_what_is_not_given_is_the_presets() -> None:
         given = {key: params[key] for key in SENSOR}
         assert resolve_sensor("it", preset, given) == resolve_sensor("it", preset, {})
     target = read_target("spinning_disk", {})
-    plan = plan_launch(target.launch, target.given, Options(), held=())
+    plan = plan_launch(target.launch, target.given, Options(), must_have_effect=())
     assert plan.sensors["/cam0"]["threshold"] == 0.2
 
 

@@ -9,7 +9,7 @@ import zmq
 
 from evis.bus import Publisher, endpoints_for
 from evis.client.topics import TopicReader
-from evis.runtime.host import system_topic
+from evis.runtime.hosting.wiring import system_topic
 from evis.runtime.plan import NodePlan, Plan
 from msgs.diagnostics import Diagnostics
 

@@ -76,7 +76,7 @@ def test_a_model_that_makes_too_many_says_where(monkeypatch):
     """How many a diffusion makes is known only when they are counted."""
     from nodes.event_sensor.peers import model
 
-    monkeypatch.setattr(model, "MOST_NOISE", 3000)
+    monkeypatch.setattr(model, "MOST_BACKGROUND", 3000)
     images, t = jump(20, 20)
     with pytest.raises(ValueError, match=rf"dvs_voltmeter makes \d+ events, too many for a message, {NAMED}.*{REMEDY}"):
         make_model("dvs_voltmeter", 20, 20).process(images, t, ONE)

@@ -14,8 +14,9 @@ import pytest
 import evis
 from evis.bag.export.topics import export
 from evis.bag.reader import BagReader
+from evis.launch.attach import attach
 from evis.launch.expand import NodeSpec
-from evis.launch.planner import Options, attach, plan_target
+from evis.launch.planner import Options, plan_target
 from msgs.camera import Image
 
 SMALL = {"width": 64, "height": 48, "omega": 20.0, "audit": 0}

@@ -11,7 +11,7 @@ import evis
 from msgs.camera import CameraInfo
 from msgs.header import Header
 from nodes.labeler.box_groups import groups
-from nodes.labeler.labels import boxes
+from nodes.labeler.image_labels import boxes
 
 INFO = CameraInfo(
     Header(0),

@@ -9,14 +9,15 @@ from evis.geometry.distortion import Lens
 from evis.scene.motion import Linear, Sinusoid, Swing
 from nodes.labeler.event_labels import EventLabeler
 from nodes.labeler.instants import Instants
-from nodes.labeler.sight import History, Sight
+from nodes.labeler.motion_history import MotionHistory
+from nodes.labeler.ray_caster import RayCaster
 
 STEP = KEYFRAME_NS / 8
 MOVING = [Swing(np.array([0.0, 1.0, 0.0]), 0.1, 2.0), Sinusoid(np.array([0.1, 0.05, 0.0]), 3.0)]
 
 
 def history_of(scene, count=3, envs=1):
-    history = History()
+    history = MotionHistory()
     for state in states(scene, count, envs):
         history.add(state)
     return history
@@ -40,9 +41,9 @@ def test_the_surface_at_an_instant_is_that_of_the_closed_form(motions):
     """Every pixel has a time of its own; at each one instance, and where it is to 1e-6."""
     scene = world(motions)
     t, x, y = questions()
-    sight, env = Sight(scene, scene.cameras[0]), np.zeros(len(t), np.int32)
-    directions = sight.directions(np.stack((x, y), -1).astype(float))
-    ids, distances = sight.find_surfaces(sight.motion(history_of(scene)), env, t, directions)
+    caster, env = RayCaster(scene, scene.cameras[0]), np.zeros(len(t), np.int32)
+    directions = caster.directions(np.stack((x, y), -1).astype(float))
+    ids, distances = caster.find_surfaces(caster.motion(history_of(scene)), env, t, directions)
     expected, points = seen(scene, t, x, y)
     sure = clear_of_edges(scene, t, x, y)
     assert sure.mean() > 0.98 and set(np.unique(expected)) >= {1, 2, 3}
@@ -56,7 +57,7 @@ def test_flow_is_that_of_the_point_at_the_events_own_time(motions):
     """Of the point under the pixel, carried along for 1 us either way by the trajectories and projected."""
     scene = world(motions)
     t, x, y = questions()
-    made = EventLabeler(Sight(scene, scene.cameras[0]), STEP)(history_of(scene), t, x, y, np.array([0, len(t)]))
+    made = EventLabeler(RayCaster(scene, scene.cameras[0]), STEP)(history_of(scene), t, x, y, np.array([0, len(t)]))
     expected, points = seen(scene, t, x, y)
     sure = clear_of_edges(scene, t, x, y) & (made.instance == expected)
     assert sure.mean() > 0.8
@@ -81,7 +82,7 @@ def test_a_contour_belongs_to_the_nearer_surface():
     """As it comes and as it goes; elsewhere events belong to what the pixel sees at their time."""
     scene = world()
     t, x, y = questions(20000)
-    made = EventLabeler(Sight(scene, scene.cameras[0]), STEP)(history_of(scene), t, x, y, np.array([0, len(t)]))
+    made = EventLabeler(RayCaster(scene, scene.cameras[0]), STEP)(history_of(scene), t, x, y, np.array([0, len(t)]))
     k = np.ceil(t / STEP)
     three = [seen(scene, at.astype(np.int64), x, y)[0] for at in (t, np.rint((k - 1) * STEP), np.rint(k * STEP))]
     sure = np.all([clear_of_edges(scene, at.astype(np.int64), x, y) for at in (t, (k - 1) * STEP, k * STEP)], axis=0)
@@ -102,7 +103,7 @@ def test_a_lens_bends_rays_and_flow(model, coefficients):
     """The occluder crosses at 8 m/s and 1 m: the derivative of the lens's projection there."""
     scene = world(model=model, coefficients=coefficients)
     t, x, y = questions()
-    made = EventLabeler(Sight(scene, scene.cameras[0]), STEP)(history_of(scene), t, x, y, np.array([0, len(t)]))
+    made = EventLabeler(RayCaster(scene, scene.cameras[0]), STEP)(history_of(scene), t, x, y, np.array([0, len(t)]))
     lens, k = Lens.of(model, coefficients), scene.cameras[0].k
     rays = distortion.unproject(k, lens, np.stack((x, y), -1).astype(float))
     point = rays / rays[:, 2:]
@@ -118,7 +119,7 @@ def test_environments_and_an_empty_packet():
     """Events of each environment are looked at in it: here one world twice, so labels repeat."""
     scene = world(MOVING)
     t, x, y = questions(500)
-    label, history = EventLabeler(Sight(scene, scene.cameras[0]), STEP), history_of(scene, envs=2)
+    label, history = EventLabeler(RayCaster(scene, scene.cameras[0]), STEP), history_of(scene, envs=2)
     alone = label(history, t, x, y, np.array([0, 500, 500]))
     both = label(history, np.tile(t, 2), np.tile(x, 2), np.tile(y, 2), np.array([0, 500, 1000]))
     assert both.env.tolist() == [0] * 500 + [1] * 500
@@ -141,14 +142,14 @@ def test_motion_in_the_kernel_is_that_of_the_interpolation():
     pose[..., :3] += rng.normal(0, 1e-3, (1, steps, bodies, 3))
     from msgs.world import WorldState
 
-    history = History()
+    history = MotionHistory()
     history.add(WorldState.dense(state.header, state.t, pose, twist, np.zeros(1, np.int32)))
-    sight = Sight(scene, scene.cameras[0])
+    caster = RayCaster(scene, scene.cameras[0])
     t = np.sort(rng.integers(0, KEYFRAME_NS, 50))
     points = rng.normal(0, 1, (50, 3))
-    instants, motion = Instants(scene, scene.cameras[0], sight), sight.motion(history)
-    ways = [instants.at(motion, np.zeros(1), int(time)).ways for time in (state.t[0], *t)]
-    turn, shift = (np.array([getattr(way, name).numpy()[0, 1] for way in ways]) for name in ("turn", "shift"))
+    instants, motion = Instants(scene, scene.cameras[0], caster), caster.motion(history)
+    to_mesh = [instants.at(motion, np.zeros(1), int(time)).to_mesh for time in (state.t[0], *t)]
+    turn, shift = (np.array([getattr(way, name).numpy()[0, 1] for way in to_mesh]) for name in ("turn", "shift"))
     on_body = points @ turn[0].T + shift[0]
     carried = np.einsum("nji,nj->ni", turn[1:], on_body - shift[1:])
     now = interpolate.pose_at(t, state.t, pose, twist)[0]

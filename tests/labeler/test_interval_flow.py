@@ -8,16 +8,17 @@ from evis.geometry import distortion, pinhole, se3
 from evis.geometry.distortion import Lens
 from evis.scene.motion import Linear, Sinusoid, Swing
 from nodes.labeler.interval_flow import IntervalFlow
-from nodes.labeler.sight import History, Sight
+from nodes.labeler.motion_history import MotionHistory
+from nodes.labeler.ray_caster import RayCaster
 
 MOVING = [Swing(np.array([0.0, 1.0, 0.0]), 0.1, 2.0), Sinusoid(np.array([0.1, 0.05, 0.0]), 3.0)]
 INTERVALS = [(KEYFRAME_NS, 2 * KEYFRAME_NS), (2 * KEYFRAME_NS, KEYFRAME_NS), (40_000_000, 52_345_678)]
 
 
 def flow_of(scene, start, end, envs=1):
-    history, sight = History(), Sight(scene, scene.cameras[0])
+    history, caster = MotionHistory(), RayCaster(scene, scene.cameras[0])
     history.add(states(scene, 3, envs)[2])
-    return IntervalFlow(scene, scene.cameras[0], sight)(sight.motion(history), np.arange(envs), start, end)
+    return IntervalFlow(scene, scene.cameras[0], caster)(caster.motion(history), np.arange(envs), start, end)
 
 
 def expected(scene, start, end):

@@ -23,7 +23,7 @@ from evis.runtime.node import Node
 from evis.runtime.plan import COMPOSED, Plan
 from msgs.header import Header, Message
 from msgs.world import Reset
-from nodes.event_sensor.messages.flights import Flights
+from nodes.event_sensor.messages.calls_in_flight import CallsInFlight
 from nodes.event_sensor.node import EventSensorNode
 from nodes.event_sensor.readout.device_events import DeviceEvents
 from nodes.event_sensor.sensor import EventSensor
@@ -448,7 +448,7 @@ def test_events_fetched_a_call_later_are_the_same(monkeypatch: pytest.MonkeyPatc
 
     def setup(self: EventSensorNode) -> None:
         set_up(self)
-        self._flights = Flights() if self.may_gather else None
+        self._calls_in_flight = CallsInFlight() if self.may_gather else None
 
     want = published("spinning_disk", batch=1, time_tolerance=0)
     set_up = EventSensorNode.setup

@@ -19,8 +19,8 @@ from evis.bag.writer import BagWriter
 from evis.bus import Publisher, Subscriber, endpoints_for
 from evis.launch.explain import as_text
 from evis.launch.planner import Options, plan_target
-from evis.runtime.host import Host
-from evis.runtime.join import Join
+from evis.runtime.hosting.host import Host
+from evis.runtime.hosting.join import Join
 from evis.runtime.plan import NodePlan
 from evis.scene import load_scene
 from msgs.camera import Keyframe

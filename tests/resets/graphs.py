@@ -62,7 +62,7 @@ class Graph:
     def step(self, count: int) -> Graph:
         """Keyframe after keyframe through the whole graph."""
         for _ in range(count):
-            assert self._executor._calls.call(self._physics)
+            assert self._executor._scheduler.call(self._physics)
         return self
 
     def restart(self, envs: list[int], seeds: list[int] | None = None) -> None:

@@ -6,8 +6,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evis.runtime import clock
-from evis.runtime.clock import Pacer, keyframe_count, keyframe_stamp, subframe_stamps
+from evis.runtime import pacing
+from evis.runtime.clock import keyframe_count, keyframe_stamp, subframe_stamps
+from evis.runtime.pacing import Pacer
 
 
 @given(st.integers(0, 10**12), st.integers(1, 10**5))
@@ -37,7 +38,7 @@ def test_subframes_end_on_b_and_are_rounded_exactly(t_a: int, gap: int, k: int) 
 def test_a_pacer_measures_what_was_reached_over_all_its_rounds(monkeypatch):
     """3 s of stamps at twice real time are due after 1.5 s and took 2 s; 1 s of the next round took 0.5 s, as due."""
     now = [0]
-    monkeypatch.setattr(clock.time, "monotonic_ns", lambda: now[0])
+    monkeypatch.setattr(pacing.time, "monotonic_ns", lambda: now[0])
     pacer = Pacer(2.0)
     for at_ms, stamp_ms in ((0, 5000), (700, 6000), (2000, 8000)):
         now[0] = at_ms * 10**6

@@ -16,8 +16,8 @@ import zmq
 from evis.bus import BusError, Publisher, Subscriber, endpoints_for
 from evis.bus.memory.device import DevicePool
 from evis.runtime.delivery import Delivery
-from evis.runtime.host import Host
-from evis.runtime.join import Join
+from evis.runtime.hosting.host import Host
+from evis.runtime.hosting.join import Join
 from evis.runtime.plan import Edge, NodePlan, Plan, TopicPlan
 from evis.simulation.caller import owned
 from msgs.camera import Depth

@@ -15,7 +15,7 @@ import zmq
 
 from evis.bus import END, Subscriber, endpoints_for
 from evis.runtime.executor import Executor
-from evis.runtime.host import NodeFailed
+from evis.runtime.hosting.node_call import NodeFailed
 from evis.runtime.plan import Edge, NodePlan, Plan, TopicPlan
 from msgs.camera import Depth
 

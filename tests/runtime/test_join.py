@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evis.runtime.join import Join
+from evis.runtime.hosting.join import Join
 from msgs.header import Header
 from msgs.world import Action
 

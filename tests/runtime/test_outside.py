@@ -1,4 +1,4 @@
-"""The door of a node: who may control it from outside, what a step gets from there, and how control goes back."""
+"""A node's inputs from outside: who may control it, what a step gets from there, and how control goes back."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ import pytest
 from evis.bus.links import Link, connect
 from evis.client.requests import Requests
 from evis.runtime.executor import Executor
-from evis.runtime.outside import ANY_STAMP, holding
+from evis.runtime.outside import ANY_STAMP, controlled_input
 from evis.runtime.plan import NodePlan, Plan
 from msgs.codec import encode
 from msgs.header import Header
@@ -186,7 +186,7 @@ def test_who_takes_control_again_is_told_of_the_present_step(graph: Callable[[st
     take(program, patience_s=LIMIT_S if again == "left" else 0.5)
     stamp = due(program)
     program.send("/action", action(1.0, stamp=stamp))
-    until(lambda: run.node.now_ns > stamp and run.executor._hosts["machine"].door.holdings["action"]._due)
+    until(lambda: run.node.now_ns > stamp and run.executor._hosts["machine"].outside.controlled["action"]._due)
     if again == "left":
         program.leave()
     until(lambda: run.node.now_ns > stamp + 10_000_000)
@@ -227,7 +227,7 @@ def test_who_leaves_and_is_gone_has_left(graph: Callable[[str], Graph]) -> None:
 def test_who_says_nothing_is_named_and_loses_control(
     graph: Callable[[str], Graph], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(holding, "SAY_S", 0.05)
+    monkeypatch.setattr(controlled_input, "SAY_S", 0.05)
     run = graph("lockstep")
     program = run.program()
     take(program, patience_s=0.3)

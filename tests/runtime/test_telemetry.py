@@ -10,7 +10,7 @@ import zmq
 
 from evis.bus import Subscriber, endpoints_for
 from evis.config.secret import Redactor
-from evis.runtime.host import system_topic
+from evis.runtime.hosting.wiring import system_topic
 from evis.runtime.plan import Plan
 from evis.runtime.profile import Profile
 from evis.runtime.telemetry import Telemetry

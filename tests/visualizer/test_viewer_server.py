@@ -18,7 +18,7 @@ import pytest
 from synthetic_graph import HEIGHT, WIDTH, Player, events_at, images_at, info, labels_at, make_node, make_plan
 
 from evis.config.params import ParamError
-from nodes.visualizer import address, server
+from nodes.visualizer import address, application
 from nodes.visualizer.hub import MAX_PANELS
 
 EVENTS = ("e", "/cam0/events", "events", 0)
@@ -370,13 +370,13 @@ def test_a_page_that_speaks_while_the_run_ends_is_told_of_it(
     node: Any, client: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What it sends is read until it has answered: a socket closed before that would take the last messages with it."""
-    answers, goodbye = [], server._goodbye
+    answers, goodbye = [], application._goodbye
 
     async def asked(ws: Any) -> None:
         await goodbye(ws)
         answers.append(ws.close_code)  # 1000 where the server has not waited
 
-    monkeypatch.setattr(server, "_goodbye", asked)
+    monkeypatch.setattr(application, "_goodbye", asked)
 
     async def look() -> list[Any]:
         async with client() as page:

@@ -210,7 +210,7 @@ def make_plan(args: argparse.Namespace) -> Any:
     if options.record_sync and not options.record:
         raise UsageError("--record-sync needs --record BAG")
     chosen = without_auto(launch, given, options, measuring_shown(), warn)
-    plan = plan_launch(launch, chosen.given, options, chosen.held)
+    plan = plan_launch(launch, chosen.given, options, chosen.must_have_effect)
     plan.chosen = chosen.told
     plan.name = target.name
     return plan

@@ -97,7 +97,7 @@ def _alone(spec: Any, args: argparse.Namespace, stop_after_s: float | None) -> d
 def _attached(spec: Any, args: argparse.Namespace) -> dict[str, Any]:
     """In this process, reading a running graph by taps until that ends, --duration is over, or Ctrl-C."""
 
-    from evis.launch.planner import attach
+    from evis.launch.attach import attach
     from evis.runtime.executor import Executor
     from evis.supervisor.run_directory import is_live
 
@@ -112,7 +112,7 @@ def _attached(spec: Any, args: argparse.Namespace) -> dict[str, Any]:
     heard: set[str] = set()
 
     def commands() -> None:
-        heard.update(executor.heard())
+        heard.update(executor.topics_read())
         if (end is not None and time.monotonic() > end) or not is_live(Path(plan.directory)):
             executor.stop()
 
@@ -139,7 +139,7 @@ def _attached(spec: Any, args: argparse.Namespace) -> dict[str, Any]:
 def _unread(plan: Any, node: str, topic: str) -> str:
     """Why what an attached node publishes reaches nobody in the graph, and what to do."""
     from evis.config.suggestions import nearest
-    from evis.launch.graph.demand import untaken
+    from evis.launch.graph.left_out import untaken
 
     taken = untaken(plan)
     if topic in taken:

@@ -112,7 +112,7 @@ def _info(args: argparse.Namespace, plan: Any) -> int:
 def _taps(topic: str, plan: Any) -> list[str]:
     """Addresses at which ZeroMQ gives the lossy copy of a topic: one, or of a system topic that of each process."""
     from evis.bus import endpoints_for
-    from evis.runtime.host import system_topic
+    from evis.runtime.hosting.wiring import system_topic
     from msgs.topics import SYSTEM_TOPICS
 
     names = [system_topic(topic, process) for process in sorted({n.process for n in plan.nodes.values()})]

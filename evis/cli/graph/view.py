@@ -79,10 +79,11 @@ def _attach(args: argparse.Namespace, plan: Plan) -> int:
     """A visualizer beside a graph that runs without one; it reads by taps and cannot slow the graph."""
     from evis.cli.graph.run import run as run_node
     from nodes.visualizer import address
+    from nodes.visualizer.socket_lender import SocketLender
 
     listener, _ = address.bind("127.0.0.1", args.port)
     token = secrets.token_urlsafe(16)
-    lender = address.Lender(listener)
+    lender = SocketLender(listener)
     try:
         if not _announced(args, address.url(listener, token)):  # who comes before the visualizer does waits for it
             return 0
@@ -98,6 +99,7 @@ def _attach(args: argparse.Namespace, plan: Plan) -> int:
 
 def _play(args: argparse.Namespace) -> int:
     from nodes.visualizer import address
+    from nodes.visualizer.socket_lender import SocketLender
 
     path = Path(args.file)
     if not path.is_file():
@@ -105,7 +107,7 @@ def _play(args: argparse.Namespace) -> int:
     plan = _plan_of(path.resolve())  # a file that cannot be read is told before an address is
     listener, _ = address.bind("127.0.0.1", args.port)
     token = secrets.token_urlsafe(16)
-    lender = address.Lender(listener)
+    lender = SocketLender(listener)
     try:
         if not _announced(args, address.url(listener, token)):
             return 0

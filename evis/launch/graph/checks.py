@@ -13,10 +13,10 @@ from evis.config.params import ParamError
 from evis.config.suggestions import closest
 from evis.files.whole_file import written_at
 from evis.launch.arguments import ArgumentError
-from evis.launch.graph.wiring import Wired
+from evis.launch.graph.wiring import WiredNode
 
 
-def check_files(node: Wired) -> None:
+def check_files(node: WiredNode) -> None:
     """Checks that `scene` with its `scene_args`, `file`, `bag` and `emulate` exist, and that the `path` of a recorder,
     or of another node without outputs, is writable.
 
@@ -38,7 +38,7 @@ def check_files(node: Wired) -> None:
         check(Path(target), where)
 
 
-def _check_scene(node: Wired, where: str) -> None:
+def _check_scene(node: WiredNode, where: str) -> None:
     from evis.scene.load import parse_args, scene_values
 
     try:
@@ -49,7 +49,7 @@ def _check_scene(node: Wired, where: str) -> None:
         raise LaunchError(f"{where}: {error}") from None
 
 
-def _check_device(node: Wired) -> None:
+def _check_device(node: WiredNode) -> None:
     """Whether the device is there only its kernels can say; whether it can be one is known now."""
     device = node.params.get("device")
     if isinstance(device, str) and not re.fullmatch(r"cpu|cuda(:\d{1,3})?", device):

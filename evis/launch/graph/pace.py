@@ -6,12 +6,11 @@ import math
 from collections.abc import Mapping
 
 from evis.config.document import LaunchError
-from evis.launch.graph.wiring import Wired
+from evis.launch.graph.wiring import WiredNode
 from evis.runtime.plan import Plan
-from msgs.topics import find_topic
 
 
-def check_pace(plan: Plan, nodes: Mapping[str, Wired]) -> None:
+def check_pace(plan: Plan, nodes: Mapping[str, WiredNode]) -> None:
     """Raises LaunchError where a source waits for more messages on a delayed input than its publisher makes.
 
     nodes: those of the plan, which is in data-flow order, by name.
@@ -26,7 +25,7 @@ def check_pace(plan: Plan, nodes: Mapping[str, Wired]) -> None:
             paces.get(plan.topics[topic].node, 1)
             for port, topics in planned.inputs.items()
             for topic in topics
-            if topic in plan.topics and _joined(node, port, topic)
+            if topic in plan.topics and node.cls.INPUTS[port].joins(topic)
         ]
         paces[name] = math.lcm(*above) * (1 if node.cls.SOURCE else node.divides)
     for topic in plan.topics.values():
@@ -35,15 +34,11 @@ def check_pace(plan: Plan, nodes: Mapping[str, Wired]) -> None:
                 _check(nodes[edge.node], topic.node, topic.name, paces.get(topic.node, 1))
 
 
-def _joined(node: Wired, port: str, topic: str) -> bool:
-    declared = node.cls.INPUTS[port]
-    return declared.join and not declared.delayed and port != node.any_port and not find_topic(topic).latched
-
-
-def _check(source: Wired, publisher: str, topic: str, pace: int) -> None:
-    held = source.divides
-    if held % pace:
+def _check(source: WiredNode, publisher: str, topic: str, pace: int) -> None:
+    steps = source.divides
+    if steps % pace:
         raise LaunchError(
-            f"{source.spec.where}: '{source.name}' waits for {topic} once in {held} of its messages, but '{publisher}' "
-            f"publishes it once in {pace}, as slow as a camera that it reads; give action_rate:=HZ, that camera's rate"
+            f"{source.spec.where}: '{source.name}' waits for {topic} once in {steps} of its messages, but "
+            f"'{publisher}' publishes it once in {pace}, as slow as a camera that it reads; give action_rate:=HZ, that "
+            "camera's rate"
         )

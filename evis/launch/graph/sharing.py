@@ -10,7 +10,7 @@ from evis.config.document import LaunchError
 from evis.launch import catalog
 from evis.launch.arguments import ArgumentError
 from evis.launch.expand import NodeSpec
-from evis.launch.graph.wiring import Wired
+from evis.launch.graph.wiring import WiredNode
 from evis.shares.bounds import MOST, bounds
 from evis.shares.cut import can_be_cut
 from msgs.topics import SYSTEM_TOPICS, find_topic
@@ -29,7 +29,7 @@ def named_in_share(name: str, share: int) -> str:
     return f"share{share}/{name}"
 
 
-def over_devices(nodes: list[Wired]) -> list[Wired]:
+def over_devices(nodes: list[WiredNode]) -> list[WiredNode]:
     """Returns the nodes of a graph in which nodes with several devices are replaced by one node per device.
 
     Where there are as many environments as devices, each device works on a share of the environments; otherwise each
@@ -66,7 +66,7 @@ def over_devices(nodes: list[Wired]) -> list[Wired]:
     )
 
 
-def _by_cameras(nodes: list[Wired], devices: Sequence[str], cameras: Sequence[str]) -> list[Wired]:
+def _by_cameras(nodes: list[WiredNode], devices: Sequence[str], cameras: Sequence[str]) -> list[WiredNode]:
     """Puts each camera's nodes on one device, those of a device in one process."""
     of = {cameras[c]: k for k, own in enumerate(bounds(len(cameras), len(devices))) for c in range(len(cameras))[own]}
     made = []
@@ -81,7 +81,7 @@ def _by_cameras(nodes: list[Wired], devices: Sequence[str], cameras: Sequence[st
     return made
 
 
-def _by_environments(nodes: list[Wired], devices: Sequence[str], envs: int) -> list[Wired]:
+def _by_environments(nodes: list[WiredNode], devices: Sequence[str], envs: int) -> list[WiredNode]:
     """Copies nodes for each share of the environments, in a process per share, with nodes that share and join."""
     split = [node for node in nodes if len(devices_of(node.params)) > 1 and node.cls.PER_ENVIRONMENT]
     inner = {topic: node for node in split for topic in node.outputs.values() if topic not in SYSTEM_TOPICS}
@@ -97,14 +97,14 @@ def _by_environments(nodes: list[Wired], devices: Sequence[str], envs: int) -> l
     return [*made[:first], *parts, *joins, *(node for node in made[first:] if node not in split)]
 
 
-def _on_first(node: Wired, devices: Sequence[str]) -> Wired:
+def _on_first(node: WiredNode, devices: Sequence[str]) -> WiredNode:
     """Puts a node with several devices on the first one."""
     if len(devices_of(node.params)) == 1:
         return node
     return replace(node, params={**node.params, "device": devices[0]})
 
 
-def _part(node: Wired, share: int, device: str, envs: slice) -> Wired:
+def _part(node: WiredNode, share: int, device: str, envs: slice) -> WiredNode:
     """Copies a node for one share; its environments keep the seeds that they have among all."""
     group = f"share{share}"
     params = {**node.params, "device": device}
@@ -118,7 +118,7 @@ def _part(node: Wired, share: int, device: str, envs: slice) -> Wired:
     return replace(node, spec=spec, params=params, inputs=own, outputs=outputs, group=group, part=True)
 
 
-def _share(topic: str, reader: Wired, share: int, shares: int) -> Wired:
+def _share(topic: str, reader: WiredNode, share: int, shares: int) -> WiredNode:
     """Makes the node that cuts one share out of the messages of a topic."""
     kind, where = find_topic(topic).type, reader.spec.where
     if not can_be_cut(kind):
@@ -128,10 +128,10 @@ def _share(topic: str, reader: Wired, share: int, shares: int) -> Wired:
     group = f"share{share}"
     spec = NodeSpec(f"{group}{topic}", SHARE, where, params, process=group)
     outputs = {"part": _below(group, topic)}
-    return Wired(spec, target, cls, params, {"whole": topic}, outputs, group=group, part=True)
+    return WiredNode(spec, target, cls, params, {"whole": topic}, outputs, group=group, part=True)
 
 
-def _join(topic: str, publisher: Wired, envs: int, shares: int) -> Wired:
+def _join(topic: str, publisher: WiredNode, envs: int, shares: int) -> WiredNode:
     """Makes the node that joins the messages of all shares on a topic."""
     params = {"topic": topic.strip("/"), "shares": shares, "envs": envs}
     where = publisher.spec.where
@@ -141,7 +141,7 @@ def _join(topic: str, publisher: Wired, envs: int, shares: int) -> Wired:
     spec = NodeSpec(f"join{topic}", JOIN, where, params, process="join", on_demand=late, keep=keep)
     inputs = {f"share{k}": _below(f"share{k}", topic) for k in range(shares)}
     is_open = all(publisher.late_output(port) for port, name in publisher.outputs.items() if name == topic)
-    return Wired(spec, target, cls, params, inputs, {"whole": topic}, joins=True, open=is_open)
+    return WiredNode(spec, target, cls, params, inputs, {"whole": topic}, joins=True, open=is_open)
 
 
 def _below(group: str, topic: str) -> str:

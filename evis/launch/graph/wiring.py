@@ -15,16 +15,14 @@ from evis.config.suggestions import nearest
 from evis.launch import catalog
 from evis.launch.arguments import ArgumentError
 from evis.launch.expand import NodeSpec
-from evis.runtime.node import Node
+from evis.runtime.node import ANY, Node
 from msgs.topics import SYSTEM_TOPICS, Topic, UnknownTopic, find_topic
 
-ANY = "*"
-"""The topic of a port that takes whatever it is told."""
 _PARAMETER = re.compile(r"\{(\w+)\}")
 
 
 @dataclass
-class Wired:
+class WiredNode:
     """Holds one node with its class, parameters and topics. inputs, outputs: port -> topic, ports of ANY left out.
 
     group: its process where all others are composed, for it is on another device than they are. part: it has a share of
@@ -97,7 +95,7 @@ class Wired:
         return next((p for p, port in self.cls.INPUTS.items() if port.topic == ANY), None)
 
 
-def wire(spec: NodeSpec, folder: Path) -> Wired:
+def wire(spec: NodeSpec, folder: Path) -> WiredNode:
     """Loads a node's class, checks its parameters and names its topics. Raises LaunchError with file:line."""
     target, cls = catalog.load(spec.type, spec.where, folder)
     # null stands for "not given": the parameter keeps its default.
@@ -107,7 +105,7 @@ def wire(spec: NodeSpec, folder: Path) -> Wired:
     except ParamError as error:
         culprit = next((k for k in spec.params if f" {k} is " in str(error) or f"'{k}'" in str(error)), "")
         raise LaunchError(f"{spec.param_lines.get(culprit, spec.where)}: {error}") from None
-    node = Wired(spec, target, cls, params)
+    node = WiredNode(spec, target, cls, params)
     for port, source in cls.INPUTS.items():
         if source.topic != ANY:
             node.inputs[port] = _topic(node, port, source.topic)
@@ -140,7 +138,7 @@ def _plain(cls: type[Node], key: str, value: Any) -> Any:
     return value
 
 
-def _outputs(node: Wired) -> dict[str, str]:
+def _outputs(node: WiredNode) -> dict[str, str]:
     """Port -> topic pattern. A node whose outputs depend on its parameters (a replayer) says so itself."""
     dynamic = getattr(node.cls, "dynamic_outputs", None)
     if dynamic is None:
@@ -151,14 +149,14 @@ def _outputs(node: Wired) -> dict[str, str]:
         raise LaunchError(f"{node.spec.where}: {error}") from None
 
 
-def _before_remap(node: Wired) -> set[str]:
+def _before_remap(node: WiredNode) -> set[str]:
     """Topics as declared, and below the namespace: either may be named in `remap`."""
     declared = {i.topic for i in node.cls.INPUTS.values() if i.topic != ANY} | set(_outputs(node).values())
     bare = {_named(node, topic) for topic in declared}
     return bare | ({f"/{node.spec.namespace}{topic}" for topic in bare} if node.spec.namespace else set())
 
 
-def _named(node: Wired, pattern: str) -> str:
+def _named(node: WiredNode, pattern: str) -> str:
     def fill(hole: re.Match[str]) -> str:
         if hole[1] not in node.params:
             raise LaunchError(f"{node.spec.where}: topic {pattern} needs the parameter '{hole[1]}' of '{node.name}'")
@@ -167,7 +165,7 @@ def _named(node: Wired, pattern: str) -> str:
     return _PARAMETER.sub(fill, pattern)
 
 
-def _topic(node: Wired, port: str, pattern: str) -> str:
+def _topic(node: WiredNode, port: str, pattern: str) -> str:
     """The topic of a port: parameters filled in, remapped by port or by name, below the namespace."""
     spec = node.spec
     declared = _named(node, pattern)
@@ -199,11 +197,11 @@ def row_of(topic: str, where: str) -> Topic:
         raise LaunchError(f"{where}: {error}") from None
 
 
-def publishers(nodes: Iterable[Wired]) -> dict[str, tuple[Wired, str]]:
+def publishers(nodes: Iterable[WiredNode]) -> dict[str, tuple[WiredNode, str]]:
     """Maps each topic to the node and port that publish it. Raises LaunchError naming both nodes when two publish one
     topic.
     """
-    found: dict[str, tuple[Wired, str]] = {}
+    found: dict[str, tuple[WiredNode, str]] = {}
     for node in nodes:
         for port, topic in node.outputs.items():
             if topic in SYSTEM_TOPICS:

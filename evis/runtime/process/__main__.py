@@ -17,9 +17,9 @@ from typing import Any
 from evis.config.secret import Redactor, Veil
 from evis.console.outlet import standard_streams
 from evis.console.termination import STATUS, Termination
-from evis.runtime.collection import uncollected
 from evis.runtime.executor import Executor
-from evis.runtime.host import NodeFailed, describe
+from evis.runtime.garbage_collection import without_garbage_collection
+from evis.runtime.hosting.node_call import NodeFailed, describe
 from evis.runtime.plan import Plan
 from evis.runtime.process.control import ControlClient, control_address
 from evis.runtime.process.parent_death import die_with_parent
@@ -57,7 +57,7 @@ def _main(argv: list[str]) -> int:
     threads = ThreadFailures(process)
     threading.excepthook = threads.note
     try:
-        with uncollected():
+        with without_garbage_collection():
             executor = Executor(plan, process, request=control.want, tell=control.tell, redactor=hide)
             try:
                 executor.setup()

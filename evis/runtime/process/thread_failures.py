@@ -6,7 +6,7 @@ import threading
 import traceback
 from types import TracebackType
 
-from evis.runtime.host import NodeFailed
+from evis.runtime.hosting.node_call import NodeFailed
 from evis.runtime.node import Node
 
 

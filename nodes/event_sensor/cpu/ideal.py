@@ -62,9 +62,8 @@ class StepLists:
             self._spare_for(room)
 
 
-class Ideal:
-    """Senses with linear or frame stamps and no fault, on a CPU; nodes.event_sensor.cuda.ideal does the same on a
-    GPU."""
+class IdealEngine:
+    """Implements an Engine for linear or frame stamps and no fault, on a CPU; on a GPU cuda.ideal does the same."""
 
     sorts = True
     """Its keys come in order."""

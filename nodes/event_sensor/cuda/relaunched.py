@@ -1,4 +1,4 @@
-"""Makes a source of events on a GPU from the engines with curves, faults or the paper's equations."""
+"""Makes a source of events for the pipeline on a GPU from an engine: with curves, faults or the paper's equations."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ from typing import Any
 
 import warp as wp
 
+from nodes.event_sensor.engines.interface import Engine
 from nodes.event_sensor.model.sensor_kernels import Sensor
 
 
-class Relaunched:
+class RelaunchedEngine:
     """Runs an engine that keeps the state before a call apart, so that the call can be made again with more room."""
 
     repeats = True
     records = False
 
-    def __init__(self, engine: Any) -> None:
+    def __init__(self, engine: Engine) -> None:
         self._engine = engine
         self.batch: Any = None
 

@@ -4,43 +4,39 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from nodes.event_sensor.cpu.ideal import Ideal
+from nodes.event_sensor.cpu.ideal import IdealEngine
+from nodes.event_sensor.engines.interface import Engine
 from nodes.event_sensor.input.batch import Size
 from nodes.event_sensor.model.features import Features, features_of
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import Sensor
 from nodes.event_sensor.parameters import FLOOR
 
-
-def unlit_rate(p: Mapping[str, Any]) -> float:
-    """Bounds the events per pixel and second that leak and noise make in constant light, on average; 0: few a frame."""
-    if p["model"] != "evis":
-        return 0.0
-    rate = p["leak_rate"] + p["shot_rate"] + p["hot_pixel_fraction"] * p["hot_pixel_rate"]
-    return float(min(rate, 1e6 / p["refractory_us"]) if p["refractory_us"] else rate)
+if TYPE_CHECKING:
+    from nodes.event_sensor.cuda.ideal import IdealPasses
 
 
-def make_engine(size: Size, seed: int, p: Mapping[str, Any], device: Any, layout: KeyLayout) -> Any:
+def make_engine(size: Size, seed: int, p: Mapping[str, Any], device: Any, layout: KeyLayout) -> Engine | IdealPasses:
     """Returns the engine for resolved parameters: the ideal one unless a curve or a fault is asked for.
 
     Only what is asked for is imported, for a module of kernels costs some ms.
     """
     if p["model"] == "evis-paper":
-        from nodes.event_sensor.engines.paper import Paper
+        from nodes.event_sensor.engines.paper import PaperEngine
 
-        return Paper(size, seed, p, device)
+        return PaperEngine(size, seed, p, device)
     if features_of(p) not in (Features("linear"), Features("frame")):
-        from nodes.event_sensor.engines.nonideal import NonIdeal
+        from nodes.event_sensor.engines.nonideal import NonIdealEngine
 
-        return NonIdeal(size, seed, p, device)
+        return NonIdealEngine(size, seed, p, device)
     frame = p["crossing"] == "frame"
     if device.is_cuda:
         from nodes.event_sensor.cuda.ideal import IdealPasses
 
         return IdealPasses(size.envs * size.pixels, size.pixels, frame, device)
-    return Ideal(size.envs * size.pixels, frame, layout)
+    return IdealEngine(size.envs * size.pixels, frame, layout)
 
 
 def sensor_struct(p: Mapping[str, Any], shape: tuple[int, int, int], layout: KeyLayout, seed: int) -> Sensor:

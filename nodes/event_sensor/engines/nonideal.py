@@ -20,8 +20,8 @@ from nodes.event_sensor.model.state_kernels import FrequentState, Rare, arrays_o
 from nodes.event_sensor.model.step_kernels import between
 
 
-class NonIdeal:
-    """Implements an engine, see `engines`, for any curve through the samples, and faults."""
+class NonIdealEngine:
+    """Implements an Engine for any curve through the samples, and for faults."""
 
     sorts = False
 

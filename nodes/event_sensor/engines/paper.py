@@ -14,8 +14,8 @@ from nodes.event_sensor.model.faults.fixed_pattern import pattern_of
 from nodes.event_sensor.model.sensor_kernels import Sensor
 
 
-class Paper:
-    """Implements an engine, see `engines`, for equations (3) and (4) as they stand."""
+class PaperEngine:
+    """Implements an Engine for equations (3) and (4) as they stand."""
 
     sorts = False
 

@@ -18,7 +18,7 @@ class Images:
     def __init__(self, name: str, colour: bool, device: Any) -> None:
         self._name, self._colour, self._device = name, colour, device
 
-    def of(self, messages: Sequence[Keyframe | Frames | Samples]) -> Any:
+    def read(self, messages: Sequence[Keyframe | Frames | Samples]) -> Any:
         """Gives the images of messages, [E, K, h, w(, 3)]; on a GPU [E, K, h, w] of float32 or vec3.
 
         The images of several messages, of one environment, follow one another along K. Raises ValueError for messages
@@ -31,8 +31,8 @@ class Images:
             made = joined([self._of_frames(message) for message in messages if not isinstance(message, Keyframe)])
         return made if len(messages) == 1 else made.reshape((1, made.shape[0] * made.shape[1], *made.shape[2:]))
 
-    def further(self, message: Samples) -> Further:
-        """Gives the further samples of a message. Raises ValueError as `of` does."""
+    def further_samples(self, message: Samples) -> Further:
+        """Gives the further samples of a message. Raises ValueError as `read` does."""
         from nodes.event_sensor.input.further import Further
 
         value = message.further_rgb if self._colour else message.further

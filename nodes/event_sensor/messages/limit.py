@@ -6,8 +6,8 @@ import itertools
 
 import numpy as np
 
-MOST_NOISE = 1 << 27
-"""Events that leak and noise may make in a message on average: with 29 bytes each while they are sorted, 4 GB."""
+MOST_BACKGROUND = 1 << 27
+"""Events of leak and noise that a message may have on average: with 29 bytes each while they are sorted, 4 GB."""
 REMEDY = "put frames between the two, cut the sequence there"
 
 
@@ -24,13 +24,13 @@ def longest_step(t_base: int, t: np.ndarray) -> str:
     return f"from {before} ns to the frame at {after} ns"
 
 
-def check_noise(per_second: float, pixels: str, t_base: int, t: np.ndarray) -> None:
+def check_background_rate(per_second: float, pixels: str, t_base: int, t: np.ndarray) -> None:
     """Raises ValueError where leak and noise of so many events per second are too many for a message.
 
     pixels: how many there are, in words.
     """
     span_ns = int(t[-1]) - t_base
-    if per_second * 1e-9 * span_ns >= MOST_NOISE:
+    if per_second * 1e-9 * span_ns >= MOST_BACKGROUND:
         raise ValueError(
             f"leak and noise make {per_second:.3g} events per second in {pixels} pixels, too many for a message of "
             f"{span_ns * 1e-9:.6g} s; its longest step is {longest_step(t_base, t)}: {REMEDY}, or lower their rates"

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from evis.runtime.node import Node
 
 
-class Packets:
+class PacketPublisher:
     """Publishes on the ports `events` and, of a sensor that marks its events, `signal` of a node.
 
     size: (height, width) [px] of the sensor, to be set before the first packet.
@@ -50,20 +50,22 @@ class Packets:
             out["signal"] = np.empty(count, np.uint8)
         return out
 
-    def of_step(self, header: Header, sensor: Any, count: int) -> None:
+    def publish_step(self, header: Header, sensor: Any, count: int) -> None:
         """Publishes the `count` events of the last step of an EventSensor."""
         out = self.memory(sensor.columns(), count, sensor.on_gpu)
         sensor.read(out)
-        self.of_one(header, out, sensor.env_offsets(), sensor.t_base)
+        self.publish_loaned(header, out, sensor.env_offsets(), sensor.t_base)
 
-    def of_one(self, header: Header, columns: dict[str, Any], offsets: np.ndarray, t0_ns: int) -> None:
-        """Publishes events that are in memory of the node's ports; arguments as of `of_columns`."""
+    def publish_loaned(self, header: Header, columns: dict[str, Any], offsets: np.ndarray, t0_ns: int) -> None:
+        """Publishes events that are in memory of the node's ports; arguments as of `publish_columns`."""
         signal = columns.pop("signal", None)
         self._node.publish("events", self._packet(header, offsets, columns, t0_ns))
         if signal is not None:
             self._node.publish("signal", EventSignal(copy_of(header), offsets, host_array(signal)))
 
-    def of_columns(self, header: Header, columns: Mapping[str, np.ndarray], offsets: np.ndarray, t0_ns: int) -> None:
+    def publish_columns(
+        self, header: Header, columns: Mapping[str, np.ndarray], offsets: np.ndarray, t0_ns: int
+    ) -> None:
         """Publishes events that are on the host, copied to the sensor's device where that is a GPU.
 
         columns: t, x, y, p, [c], [signal], each [n]. offsets: int64 [E + 1]. t0_ns: stamp after which events lie.
@@ -77,9 +79,11 @@ class Packets:
                 to.assign(columns[name])
         if "signal" in columns:
             out["signal"] = columns["signal"]
-        self.of_one(header, out, offsets, t0_ns)
+        self.publish_loaned(header, out, offsets, t0_ns)
 
-    def of_run(self, messages: Sequence[Message], columns: Mapping[str, Any], ends: Sequence[int], t0_ns: int) -> None:
+    def publish_run(
+        self, messages: Sequence[Message], columns: Mapping[str, Any], ends: Sequence[int], t0_ns: int
+    ) -> None:
         """Publishes a packet for each of several messages of one environment that were sensed in one call.
 
         columns: of the events of all. ends: number of events up to the stamp of each message. t0_ns: stamp before the

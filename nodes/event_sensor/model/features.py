@@ -70,3 +70,14 @@ def spontaneous(p: Mapping[str, Any]) -> bool:
 def marks(p: Mapping[str, Any]) -> bool:
     """Tells whether keys have to say what noise made: where that is asked for and there is some."""
     return bool(p.get("marked")) and spontaneous(p)
+
+
+def background_rate(p: Mapping[str, Any]) -> float:
+    """Bounds the rate [Hz] of a pixel's background activity, the events that leak and noise make in constant light.
+
+    An average; 0 of a model with few of them a frame.
+    """
+    if p["model"] != "evis":
+        return 0.0
+    rate = p["leak_rate"] + p["shot_rate"] + p["hot_pixel_fraction"] * p["hot_pixel_rate"]
+    return float(min(rate, 1e6 / p["refractory_us"]) if p["refractory_us"] else rate)

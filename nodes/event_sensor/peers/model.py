@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from evis.config.params import Param, ParamError, resolve
-from nodes.event_sensor.messages.limit import MOST_NOISE, REMEDY, check_noise, longest_step
+from nodes.event_sensor.messages.limit import MOST_BACKGROUND, REMEDY, check_background_rate, longest_step
 from nodes.event_sensor.parameters import LARGEST_SIDE, SENSOR, thresholds_of
 from nodes.event_sensor.peers import kernels
 from nodes.event_sensor.sensor import Events
@@ -114,7 +114,7 @@ class Model:
                 f"{longest_step(self.t_base, t)}: {REMEDY}"
             )
         leak = self.params.get("leak_rate", 0.0) * self.envs * self._pixels
-        check_noise(leak, f"{self.envs} x {self._pixels}", self.t_base, t)
+        check_background_rate(leak, f"{self.envs} x {self._pixels}", self.t_base, t)
         self._counters.zero_()
         starts: wp.array = wp.array(fresh.astype(np.int32), device="cpu")
         none: wp.array = wp.zeros_like(starts)
@@ -156,7 +156,7 @@ class Model:
             self.emit(frame, images, fresh, self._keys, self._counters)
             if counters[0] <= len(self._keys):
                 break
-            if counters[0] >= 2 * MOST_NOISE:
+            if counters[0] >= 2 * MOST_BACKGROUND:
                 before, stamp = int(frame.before), int(frame.before) + int(frame.span)
                 raise ValueError(
                     f"event model {self.NAME} makes {counters[0]} events, too many for a message, from {before} ns to "

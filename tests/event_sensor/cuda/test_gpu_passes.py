@@ -5,8 +5,8 @@ import pytest
 import warp as wp
 
 from nodes.event_sensor.cuda import order_kernels, sort_kernels
+from nodes.event_sensor.cuda.event_list import DeviceEventList
 from nodes.event_sensor.cuda.ideal import IdealPasses
-from nodes.event_sensor.cuda.side import DeviceSide
 from nodes.event_sensor.engines.engine import sensor_struct
 from nodes.event_sensor.input.batch import Batch
 from nodes.event_sensor.model.keys import KeyLayout
@@ -30,7 +30,7 @@ class Passes:
         frame = crossing == "frame"
         passes = IdealPasses(envs * size, size, frame, self.device)
         self.found = []
-        self.side = DeviceSide(
+        self.event_list = DeviceEventList(
             passes, sensor, layout, (envs, envs * size, False), frame, self.device, self._count
         )  # fmt: skip
         self.stamp = None
@@ -45,7 +45,7 @@ class Passes:
         base = int(t[0]) if self.stamp is None else self.stamp
         self.stamp = int(t[-1])
         batch = Batch(images, images, t, len(t), len(t), base, base, begin, np.zeros((2, len(frames)), np.int32))
-        return self.side.submit(batch, self.stamp, self.defer)
+        return self.event_list.submit(batch, self.stamp, self.defer)
 
     def run(self, frames, t, a_call):
         """Columns t, y, x, p of one environment after the other, all calls in flight that may be."""
@@ -116,7 +116,7 @@ def test_events_without_room_come_all_the_same(device, defer):
     frames = walk(np.random.default_rng(1), 1, 24, 40, 50, sigma=0.6)
     t = np.arange(1, 25, dtype=np.int64) * MS
     small, large = (Passes(device, 40, 50, defer=defer) for _ in range(2))
-    small.side.pipeline.grow(64)
+    small.event_list.pipeline.grow(64)
     want = expected(frames[0], t)
     for passes in (small, large):
         assert np.array_equal(passes.run(frames, t, 3)[0], want)
@@ -166,7 +166,7 @@ def test_buckets_grow_with_the_events(device, defer):
     frames = walk(np.random.default_rng(4), 1, 24, 40, 50, sigma=0.6)
     t = np.arange(1, 25, dtype=np.int64) * MS
     passes = Passes(device, 40, 50, defer=defer)
-    order = passes.side.pipeline._order
+    order = passes.event_list.pipeline._order
     order._make(4)
     used = [wp.full(32 << k, 1 << 20, dtype=wp.int32, device=device) for k in range(8)]
     del used
@@ -181,7 +181,7 @@ def test_results_must_be_taken_in_time(device):
     passes = Passes(device, 5, 6, defer=True)
     waiting = [passes.submit(frames[:, k : k + 1], t[k : k + 1]) for k in range(CALLS)]
     with pytest.raises(ValueError, match="take the result"):
-        passes.side.submit(Batch(frames, frames, t, 1, 1, 0, 0, np.zeros(1), None), 9 * MS)
+        passes.event_list.submit(Batch(frames, frames, t, 1, 1, 0, 0, np.zeros(1), None), 9 * MS)
     events = waiting[0].result()
     kept = events.copy()
     first = events.numpy()

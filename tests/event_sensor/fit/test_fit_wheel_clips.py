@@ -16,7 +16,7 @@ from nodes.event_sensor.parameters import SENSOR, resolve_sensor
 
 DATA = Path(os.environ.get("EVIS_TEST_DATA", Path(__file__).parents[4] / "shared" / "data"))
 CLIPS = ("11_34_19", "11_34_58", "11_35_33", "11_35_50", "11_36_31", "11_36_46")
-LEAST_NOISE, MOST_NOISE = 0.04, 0.25
+LEAST_NOISE, MOST_BACKGROUND = 0.04, 0.25
 """Noise [Hz a pixel] of the six clips where nothing moves; it depends on how much of the black is in view."""
 
 
@@ -69,6 +69,6 @@ def test_a_fit_foretells_the_clip_that_was_left_out(left_out):
     fit = fit_sensor(list(clips.values()), [other], light_of())
     for one in fit.compared:
         assert all(abs(value) < 0.2 for value in relative_deviations(one).values()), one.clip.name
-        assert LEAST_NOISE < one.simulated_noise < MOST_NOISE
+        assert LEAST_NOISE < one.simulated_noise < MOST_BACKGROUND
     assert 440 < fit.values["refractory_us"] < 540
     assert fit.laws["proportional"] > 3 * fit.laws["constant"]

@@ -6,8 +6,8 @@ import warp as wp
 from further_rig import random_gaps, sensed, sensor_for, tell
 from test_further_ideal import WRONG
 
+from nodes.event_sensor.cuda.event_list import DeviceEventList
 from nodes.event_sensor.cuda.ideal import IdealPasses
-from nodes.event_sensor.cuda.side import DeviceSide
 from nodes.event_sensor.engines.engine import sensor_struct
 from nodes.event_sensor.input.batch import Batch, Size
 from nodes.event_sensor.input.further import Further
@@ -33,15 +33,17 @@ def passes(gaps, device, room):
     struct = sensor_struct(p, (height, width, channels), layout, 0)
     total = envs * size.pixels
     engine = IdealPasses(total, size.pixels, False, device)
-    side = DeviceSide(engine, struct, layout, (envs, total, channels == 3), False, device, lambda found: None)
-    side.pipeline.grow(room)
+    event_list = DeviceEventList(
+        engine, struct, layout, (envs, total, channels == 3), False, device, lambda found: None
+    )
+    event_list.pipeline.grow(room)
     found = []
     for k, gap in enumerate(gaps):
         images = wp.array(gap.frames.ravel(), dtype=wp.float32, device=device)
         lists = gap.further.on(size, device) if len(gap.further.offset) else None
         begin, episodes = np.full(envs, int(k == 0)), np.zeros((2, envs), np.int32)
         batch = Batch(images, images, gap.t, len(gap.t), len(gap.t), gap.start, gap.start, begin, episodes, lists)
-        found += tell(side.submit(batch, int(gap.t[-1])).result().numpy())
+        found += tell(event_list.submit(batch, int(gap.t[-1])).result().numpy())
     return found
 
 

@@ -20,8 +20,8 @@ SAY_S = 5.0
 Say = Callable[[str, str], None]
 
 
-class Holding:
-    """Holds one delayed input for the program that controls it from outside.
+class ControlledInput:
+    """Lets one program at a time control a delayed input from outside.
 
     In lock-step each step waits for its action, as long as that program has patience; otherwise the latest one holds.
     topic: of the input. say: takes a level and a line. note: goes with the line of who takes control.
@@ -29,11 +29,11 @@ class Holding:
 
     def __init__(self, topic: str, say: Say, note: str = "") -> None:
         self.topic = topic
-        self.holder: Link | None = None
-        self.who = ""
+        self.controller: Link | None = None
+        self.controller_name = ""
         self.lockstep = False
         self.refused = 0
-        """Actions of this holder that could not be taken."""
+        """Actions of this controller that could not be taken."""
         self._say = say
         self._note = note
         self._patience_s = math.inf
@@ -42,23 +42,23 @@ class Holding:
         self._waits_since = 0.0
         self._told = False
 
-    def take(self, link: Link, who: str, stamp_ns: int, lockstep: bool, patience_s: float) -> None:
+    def begin_control(self, link: Link, who: str, stamp_ns: int, lockstep: bool, patience_s: float) -> None:
         """Gives control to a program, from a stamp [ns] on. patience_s: longest wait for the action of a step [s]."""
-        self.holder, self.who, self.lockstep, self._patience_s = link, who, lockstep, patience_s
+        self.controller, self.controller_name, self.lockstep, self._patience_s = link, who, lockstep, patience_s
         self.refused = 0
         self._due = None
         how = "every step waits for its action" if lockstep else "its latest action holds"
         self._say("info", f"{who} controls {self.topic} from {stamp_ns / 1e9:.6g} s on: {how}{self._note}")
 
-    def hand_back(self, stamp_ns: int, why: str, level: str = "info") -> None:
-        """Takes control from its holder; what it gave last is still done, and stays.
+    def end_control(self, stamp_ns: int, why: str, level: str = "info") -> None:
+        """Takes control from its controller; what that gave last is still done, and stays.
 
         stamp_ns: of the state that the node published last [ns].
         """
-        self._say(level, f"{self.who} {why}; from {stamp_ns / 1e9:.6g} s on its last action holds")
-        self.holder, self._due = None, None
+        self._say(level, f"{self.controller_name} {why}; from {stamp_ns / 1e9:.6g} s on its last action holds")
+        self.controller, self._due = None, None
 
-    def late(self, stamp_ns: int, now_ns: int) -> str:
+    def mistimed(self, stamp_ns: int, now_ns: int) -> str:
         """Says why an action of this stamp is too late or too early; "" for one that is neither.
 
         now_ns: stamp of the state that the node published last [ns].
@@ -77,21 +77,21 @@ class Holding:
 
     def waits(self, stamp_ns: int) -> bool:
         """Says whether the step that starts at this stamp must wait for its action."""
-        if self.holder is None or not self.lockstep or self._pending is not None:
+        if self.controller is None or not self.lockstep or self._pending is not None:
             return False
         now = time.monotonic()
         if self._due != stamp_ns:
             self._due, self._waits_since, self._told = stamp_ns, now, False
-            tell(self.holder, op="due", stamp_ns=stamp_ns)
+            answer(self.controller, op="due", stamp_ns=stamp_ns)
         waited = now - self._waits_since
         if waited > self._patience_s:
             why = f"gave no action for {self._patience_s:g} s and lost {self.topic}"
-            tell(self.holder, op="lost", why=f"it {why}, at {stamp_ns / 1e9:.6g} s")
-            self.hand_back(stamp_ns, why, "warning")
+            answer(self.controller, op="lost", why=f"it {why}, at {stamp_ns / 1e9:.6g} s")
+            self.end_control(stamp_ns, why, "warning")
             return False
         if waited > SAY_S and not self._told:
             self._told = True
-            self._say("warning", f"the step at {stamp_ns / 1e9:.6g} s waits for its action from {self.who}")
+            self._say("warning", f"the step at {stamp_ns / 1e9:.6g} s waits for its action from {self.controller_name}")
         return True
 
     def action(self, stamp_ns: int) -> Message | None:
@@ -105,7 +105,7 @@ class Holding:
         self._pending, self._due = None, None
 
 
-def tell(link: Link, **fields: Any) -> None:
+def answer(link: Link, **fields: Any) -> None:
     """Sends one answer, if the program is there and reads; otherwise its link ends behind what it has sent."""
     with contextlib.suppress(LinkLost):
         link.send([msgpack.packb(fields)])

@@ -32,7 +32,7 @@ class Surfaces:
 
 
 @wp.func
-def met(
+def first_hit(
     surfaces: Surfaces, i: wp.int32, origin: wp.vec3, direction: wp.vec3, reach: wp.float32
 ):  # fmt: skip
     """Finds how far along a ray of the mesh's own frame its first visible triangle is, `reach` where there is none, and
@@ -120,7 +120,7 @@ def first_surfaces(
                 back = wp.quat_inverse(wp.transform_get_rotation(frame))
                 local = wp.vec3(wp.quat_rotate(back, -to))
                 towards = wp.vec3(wp.quat_rotate(back, ahead))
-                distance, _normal = met(surfaces, i, local, towards, reach)
+                distance, _normal = first_hit(surfaces, i, local, towards, reach)
                 if distance < reach:
                     reach = distance
                     instances[n] = i + 1

@@ -13,8 +13,9 @@ from evis.scene.worlds import Worlds
 from msgs.world import WorldState
 from nodes.labeler.event_labels import EventLabeler, EventLabels
 from nodes.labeler.interval_flow import IntervalFlow
+from nodes.labeler.motion_history import MotionHistories
 from nodes.labeler.oriented_boxes import Boxes3D, OrientedBoxes
-from nodes.labeler.sight import Histories, Sight
+from nodes.labeler.ray_caster import RayCaster
 
 
 def instant_in(times: np.ndarray, share: float) -> int:
@@ -28,12 +29,12 @@ class WorldLabelers:
     """Holds what labels the environments of one world; None for labels that nobody asked for."""
 
     boxes: OrientedBoxes | None = None
-    sight: Sight | None = None
+    caster: RayCaster | None = None
     events: EventLabeler | None = None
-    between: IntervalFlow | None = None
+    interval_flow: IntervalFlow | None = None
 
 
-class Geometry:
+class MeshLabels:
     """Labels E environments, those that look the same together."""
 
     def __init__(self, worlds: Worlds, make: Callable[[Scene], WorldLabelers]) -> None:
@@ -59,16 +60,18 @@ class Geometry:
     def boxes(self, pose: np.ndarray) -> Boxes3D:
         """Gives the boxes of all environments, by environment, for poses float64 [E, N, 7] of the bodies."""
         parts = []
-        for looks, envs in self._groups:
-            assert looks.boxes is not None
-            part = looks.boxes(pose[envs])
+        for labelers, envs in self._groups:
+            assert labelers.boxes is not None
+            part = labelers.boxes(pose[envs])
             part.env = envs[part.env].astype(np.int32)
             parts.append(part)
         joined = {f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Boxes3D)}
         order = np.argsort(joined["env"], kind="stable")
         return Boxes3D(**{name: values[order] for name, values in joined.items()})
 
-    def flow(self, histories: Histories, state: WorldState, start: float, end: float) -> tuple[np.ndarray, np.ndarray]:
+    def flow(
+        self, histories: MotionHistories, state: WorldState, start: float, end: float
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Gives the flow of all environments and whether it is valid, as IntervalFlow.
 
         state: the one that `histories` took last. start, end: shares of its interval, of each environment in its own
@@ -78,16 +81,16 @@ class Geometry:
         for _, together, history in histories:
             times = state.t if state.own_t is None else state.own_t[together[0]]
             t = [instant_in(times, share) for share in (start, end)]
-            for looks, envs in self._groups:
-                assert looks.between is not None and looks.sight is not None
+            for labelers, envs in self._groups:
+                assert labelers.interval_flow is not None and labelers.caster is not None
                 if len(mine := np.intersect1d(together, envs)):
-                    flow, valid = looks.between(looks.sight.motion(history), mine, *t)
+                    flow, valid = labelers.interval_flow(labelers.caster.motion(history), mine, *t)
                     found |= {env: (flow[k], valid[k]) for k, env in enumerate(mine.tolist())}
         rows = [found[env] for env in sorted(found)]
         return np.stack([flow for flow, _ in rows]), np.stack([valid for _, valid in rows])
 
     def events(
-        self, histories: Histories, t: np.ndarray, x: np.ndarray, y: np.ndarray, env_offsets: np.ndarray
+        self, histories: MotionHistories, t: np.ndarray, x: np.ndarray, y: np.ndarray, env_offsets: np.ndarray
     ) -> EventLabels:
         """Labels the events of all environments, each in its own time, with arguments as of EventLabeler."""
         counts = np.diff(env_offsets)
@@ -95,11 +98,11 @@ class Geometry:
         env = np.repeat(numbers.astype(np.int32), counts)
         made = EventLabels(env, np.zeros(len(t), np.int32), np.zeros((len(t), 2), np.float32))
         for origin, together, history in histories:
-            for looks, envs in self._groups:
-                assert looks.events is not None
+            for labelers, envs in self._groups:
+                assert labelers.events is not None
                 chosen = np.isin(numbers, np.intersect1d(together, envs))
                 mine = np.repeat(chosen, counts)
                 own = np.cumsum([0, *np.where(chosen, counts, 0)])
-                part = looks.events(history, t[mine] - origin, x[mine], y[mine], own)
+                part = labelers.events(history, t[mine] - origin, x[mine], y[mine], own)
                 made.instance[mine], made.flow[mine] = part.instance, part.flow
         return made

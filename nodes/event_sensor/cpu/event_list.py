@@ -12,21 +12,21 @@ from evis.gpu.building import LAUNCH_BLOCK
 from nodes.event_sensor.cpu import order_kernels
 from nodes.event_sensor.cpu.order import env_offsets, sort_keys, unpack
 from nodes.event_sensor.cpu.simd_kernels import SPARE
+from nodes.event_sensor.engines.interface import Engine
 from nodes.event_sensor.messages.limit import check_events
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS, Sensor
 
 
-class Listing:
-    """Describes the events of the last call.
+class HostEventList:
+    """Lists the events of the last call on the host, as DeviceEventList does on a GPU.
 
-    total: pixels of all environments. found: called with the counters of each call.
-
-    ordered: in the order of time; else by environment alone, for whoever sorts them later.
+    total: pixels of all environments. found: called with the counters of each call. ordered: in the order of time; else
+    by environment alone, for whoever sorts them later.
     """
 
     def __init__(
-        self, engine: Any, sensor: Sensor, layout: KeyLayout, envs: int, total: int,
+        self, engine: Engine, sensor: Sensor, layout: KeyLayout, envs: int, total: int,
         found: Callable[[np.ndarray], None], ordered: bool = True,
     ) -> None:  # fmt: skip
         self._sorts = ordered and not engine.sorts

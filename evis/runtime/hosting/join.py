@@ -30,16 +30,12 @@ class Join:
         """Notes that no more messages will come on this port."""
         self.ended.add(port)
 
-    @staticmethod
-    def _key(message: Message) -> tuple[int, int]:
-        return message.header.episode, message.header.stamp_ns
-
     def ready(self) -> bool:
         """Says whether `take` has something to give; releases what can never be completed."""
         if not self.queues:
             return False
         while all(self.queues.values()):
-            keys = {port: self._key(queue[0]) for port, queue in self.queues.items()}
+            keys = {port: queue[0].header.instant for port, queue in self.queues.items()}
             newest = max(keys.values())
             if all(key == newest for key in keys.values()):
                 return True

@@ -4,7 +4,7 @@ import gc
 
 import pytest
 
-from evis.runtime.collection import uncollected
+from evis.runtime.garbage_collection import without_garbage_collection
 
 
 @pytest.mark.parametrize("on", [True, False])
@@ -12,7 +12,7 @@ def test_the_collector_is_afterwards_as_it_was(on: bool) -> None:
     before = gc.isenabled()
     (gc.enable if on else gc.disable)()
     try:
-        with pytest.raises(ValueError, match="made nothing"), uncollected():
+        with pytest.raises(ValueError, match="made nothing"), without_garbage_collection():
             assert not gc.isenabled()
             raise ValueError("made nothing")
         assert gc.isenabled() == on

@@ -1,5 +1,4 @@
-"""Collects the events of a sensor on a CUDA device, as nodes.event_sensor.cpu.listing does on a CPU, and keeps calls in
-flight."""
+"""Lists the events of a sensor on a CUDA device, as cpu.event_list does on a CPU, and keeps calls in flight."""
 
 from __future__ import annotations
 
@@ -22,14 +21,14 @@ from nodes.event_sensor.cuda.call_kernels import (
 )
 from nodes.event_sensor.cuda.ideal import IdealPasses
 from nodes.event_sensor.cuda.pipeline import Pipeline
-from nodes.event_sensor.cuda.relaunched import Relaunched
+from nodes.event_sensor.cuda.relaunched import RelaunchedEngine
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import Sensor
 from nodes.event_sensor.readout.device_events import CALLS, DeviceEvents, Pending
 
 
-class DeviceSide:
-    """Gives the events of a sensor on a device: those of the last call, or of calls in flight."""
+class DeviceEventList:
+    """Lists the events of a sensor on a device: those of the last call, or of calls in flight."""
 
     def __init__(
         self, engine: Any, sensor: Sensor, layout: KeyLayout, shape: tuple[int, int, bool], stamped: bool, device: Any,
@@ -38,7 +37,7 @@ class DeviceSide:
         """Makes the pipeline.
 
         Args:
-            engine: see engines.
+            engine: one of engines.engine.make_engine.
             sensor: its parameters.
             layout: of the keys.
             shape: environments, pixels of all of them, colour.
@@ -48,7 +47,7 @@ class DeviceSide:
         """
         envs, total, colour = shape
         self._marked = layout.marked
-        self._relaunched = None if isinstance(engine, IdealPasses) else Relaunched(engine)
+        self._relaunched = None if isinstance(engine, IdealPasses) else RelaunchedEngine(engine)
         self._device, self._found = device, found
         self.pipeline = Pipeline(
             self._relaunched or engine, sensor, layout, total, envs, colour, stamped, CALLS, device, found

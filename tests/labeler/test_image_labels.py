@@ -7,7 +7,7 @@ import warp as wp
 from evis.geometry import distortion, pinhole, se3
 from evis.geometry.distortion import Lens
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin, Swing
-from nodes.labeler.labels import FlowField, boxes, crop, lens_of
+from nodes.labeler.image_labels import FlowField, boxes, crop, lens_of
 
 WIDTH, HEIGHT = 48, 36
 K = np.array([[45.0, 0.7, 23.0], [0.0, 47.0, 18.5], [0.0, 0.0, 1.0]])

@@ -1,4 +1,4 @@
-"""Opens the socket at which one node of a running graph takes messages from programs outside it."""
+"""Gives a node of a running graph the messages that programs outside send for its inputs, by a socket of its own."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Any
 
 import msgpack
 
-from evis.bus.endpoints import door_of
+from evis.bus.endpoints import outside_socket
 from evis.bus.links import Link, LinkLost, Listener
 from evis.runtime.node import Node
-from evis.runtime.outside.holding import Holding, Say, tell
+from evis.runtime.outside.controlled_input import ControlledInput, Say, answer
 from msgs.codec import decode
 from msgs.header import Message
 from msgs.topics import find_topic
@@ -20,10 +20,10 @@ from msgs.topics import find_topic
 GONE = "is gone without a word"
 LONGEST_NAME = 200
 LOOK_EVERY_S = 0.005
-"""Interval at which a door looks for newcomers while the graph is busy [s]: each look costs 10 us."""
+"""Interval at which it looks for newcomers while the graph is busy [s]: each look costs 10 us."""
 
 
-class Door:
+class OutsideInputs:
     """Takes what programs outside give to the inputs of one node, each to be had by one controller at a time.
 
     node: whose inputs they are. ports: the inputs that nobody in the graph gives, with their topics. directory: of the
@@ -44,7 +44,7 @@ class Door:
         note: str = "",
     ) -> None:
         self._node = node
-        self._path = door_of(directory, node.name)
+        self._path = outside_socket(directory, node.name)
         self._ports = {topic: port for port, topic in ports.items()}
         self._waits = waits
         self._now_ns = now_ns
@@ -52,7 +52,8 @@ class Door:
         self._listener: Listener | None = None
         self._links: list[Link] = []
         self._look_at = 0.0
-        self.holdings = {port: Holding(topic, say, note) for port, topic in ports.items() if node.INPUTS[port].delayed}
+        delayed = {port: topic for port, topic in ports.items() if node.INPUTS[port].delayed}
+        self.controlled = {port: ControlledInput(topic, say, note) for port, topic in delayed.items()}
         """Who controls what, by port."""
 
     def open(self) -> None:
@@ -85,7 +86,7 @@ class Door:
     def close(self) -> None:
         """Ends all connections; who still controls is told that the graph has ended."""
         for link in self._links:
-            tell(link, op="lost", why="the graph has ended")
+            answer(link, op="lost", why="the graph has ended")
             link.close()
         self._links = []
         if self._listener is not None:
@@ -95,9 +96,9 @@ class Door:
     def _drop(self, link: Link) -> None:
         self._links.remove(link)
         link.close()
-        for holding in self.holdings.values():
-            if holding.holder is link:
-                holding.hand_back(self._now_ns(), GONE, "warning")
+        for controlled in self.controlled.values():
+            if controlled.controller is link:
+                controlled.end_control(self._now_ns(), GONE, "warning")
 
     def _answer(self, link: Link, packet: list[bytes]) -> None:
         try:
@@ -119,14 +120,14 @@ class Door:
             else:
                 raise ValueError(f"no request is called {op!r:.80}")
         except ValueError as error:  # MessageError is one
-            tell(link, op="refused", why=str(error))
+            answer(link, op="refused", why=str(error))
 
     def _attach(self, link: Link, port: str, asked: Mapping[str, Any]) -> None:
-        holding = self.holdings.get(port)
-        if holding is None:
+        controlled = self.controlled.get(port)
+        if controlled is None:
             raise ValueError(f"{self._ports_of(port)} is nothing to control")
-        if holding.holder not in (None, link):
-            raise ValueError(f"{holding.who} controls {holding.topic} already; it must leave first")
+        if controlled.controller not in (None, link):
+            raise ValueError(f"{controlled.controller_name} controls {controlled.topic} already; it must leave first")
         offer = dict(self._node.offer(port))
         lockstep = self._waits if asked.get("lockstep") is None else bool(asked["lockstep"])
         if lockstep and not self._waits:
@@ -139,41 +140,41 @@ class Door:
             raise ValueError("who must be a text: the name that the log tells")
         name = " ".join(name.split())[:LONGEST_NAME]
         who = f"{name} (process {link.peer}, outside)"
-        holding.take(link, who, self._now_ns(), lockstep, patience_s)
-        tell(link, op="welcome", lockstep=lockstep, offer=offer, stamp_ns=self._now_ns())
+        controlled.begin_control(link, who, self._now_ns(), lockstep, patience_s)
+        answer(link, op="welcome", lockstep=lockstep, offer=offer, stamp_ns=self._now_ns())
 
     def _ports_of(self, port: str) -> str:
         return next(topic for topic, name in self._ports.items() if name == port)
 
     def _leave(self, link: Link) -> None:
-        for holding in self.holdings.values():
-            if holding.holder is link:
-                holding.hand_back(self._now_ns(), f"has left {holding.topic}")
+        for controlled in self.controlled.values():
+            if controlled.controller is link:
+                controlled.end_control(self._now_ns(), f"has left {controlled.topic}")
 
     def _take(self, link: Link, port: str, message: Message) -> None:
-        holding = self.holdings.get(port)
-        if holding is not None and holding.holder is not link:
-            raise ValueError(f"{holding.topic} is not this program's to give: it has to attach first")
+        controlled = self.controlled.get(port)
+        if controlled is not None and controlled.controller is not link:
+            raise ValueError(f"{controlled.topic} is not this program's to give: it has to attach first")
         try:
-            if holding is not None and (late := holding.late(message.header.stamp_ns, self._now_ns())):
+            if controlled is not None and (late := controlled.mistimed(message.header.stamp_ns, self._now_ns())):
                 raise ValueError(late)
             self._node.admit(port, message)
         except ValueError as error:
-            self._refuse(port, holding, str(error))
+            self._refuse(port, controlled, str(error))
             raise
-        if holding is not None:
+        if controlled is not None:
             self._node.count("outside_actions")
-            holding.put(message)
+            controlled.put(message)
         else:
             self._node.receive(port, message)
-        tell(link, op="taken", stamp_ns=self._now_ns())
+        answer(link, op="taken", stamp_ns=self._now_ns())
 
-    def _refuse(self, port: str, holding: Holding | None, why: str) -> None:
+    def _refuse(self, port: str, controlled: ControlledInput | None, why: str) -> None:
         """All are counted, and the first of each controller is told: it may send a thousand in a second."""
         self._node.count(f"refused_{port}s")
-        if holding is None:
+        if controlled is None:
             self._say("warning", f"refused: {why}")
             return
-        holding.refused += 1
-        if holding.refused == 1:
-            self._say("warning", f"refused from {holding.who}: {why}; the next ones are only counted")
+        controlled.refused += 1
+        if controlled.refused == 1:
+            self._say("warning", f"refused from {controlled.controller_name}: {why}; the next ones are only counted")

@@ -12,14 +12,15 @@ from collections.abc import Mapping
 from typing import Any
 
 from evis.bus import END
-from evis.runtime.clock import Pacer
-from evis.runtime.host import Host, Inside
+from evis.runtime.hosting.host import Host
+from evis.runtime.hosting.node_call import NodeCall
+from evis.runtime.pacing import Pacer
 from evis.runtime.profile import Profile
 from evis.runtime.telemetry import Telemetry
 
 
-class Calls:
-    """Calls the nodes of one process. `stopping`: sources and services are to end."""
+class Scheduler:
+    """Decides which node of one process is called next, and calls it. `stopping`: sources and services are to end."""
 
     def __init__(self, hosts: Mapping[str, Host], profile: Profile, telemetry: Telemetry, realtime: bool) -> None:
         """realtime: sources are held back so that stamps follow the wall clock."""
@@ -30,19 +31,19 @@ class Calls:
         self._telemetry = telemetry
         self._realtime = realtime
 
-    def grant(self, steps: int | None) -> None:
+    def allow_steps(self, steps: int | None) -> None:
         """Lets every source that has not ended make one step from now on, or none, or, of None, as many as it can."""
         sources = {h.name for h in self._hosts.values() if h.node.SOURCE and not h.ended}
         self._granted = None if steps is None else sources if steps else set()
 
-    def owed(self) -> list[Host]:
+    def sources_with_steps_left(self) -> list[Host]:
         """Lists the sources that have not made the step that they were granted."""
         return [self._hosts[name] for name in self._granted or ()]
 
     @staticmethod
     def takes(host: Host, port: str) -> bool:
         """Says whether a port takes a message now: a queue always, as the window bounds it; a call if it has credit."""
-        return host.ended or port in host.join.queues or port in host.delayed or host.open()
+        return host.ended or port in host.join.queues or port in host.delayed or host.has_credit()
 
     def accept(self, host: Host, port: str, topic: str, message: Any) -> None:
         """Takes over one message (with one pin) or the end of a topic."""
@@ -60,14 +61,14 @@ class Calls:
                     replaced.release()
                 host.delayed[port][message.header.stamp_ns] = message
         elif message is END:
-            host.single_open.discard(topic)
-            host.waiting.discard(topic)
+            host.open_unjoined.discard(topic)
+            host.unseen_latched.discard(topic)
         else:
             try:
-                with Inside(self._profile, host.name) as profile:
+                with NodeCall(self._profile, host.name) as profile:
                     host.node.receive(topic if host.node.INPUTS[port].topic == "*" else port, message)
                     profile.updates += 1
-                host.waiting.discard(topic)
+                host.unseen_latched.discard(topic)
             finally:
                 message.release()
 
@@ -82,27 +83,27 @@ class Calls:
             host.active = False
 
     def _update(self, host: Host) -> bool:
-        progress = self._update_all(host) if host.many else False
-        while not host.many and not host.waiting and host.join.ready() and host.open():
+        progress = self._update_all(host) if host.takes_several else False
+        while not host.takes_several and not host.unseen_latched and host.join.ready() and host.has_credit():
             inputs = host.join.take()
             try:
-                with Inside(self._profile, host.name) as profile:
+                with NodeCall(self._profile, host.name) as profile:
                     host.node.update(inputs)
                     profile.updates += 1
             finally:
                 for message in inputs.values():
                     message.release()
             progress = True
-        if self._over(host) and host.open():
+        if self._over(host) and host.has_credit():
             self._end(host)
             progress = True
         return progress
 
     def _update_all(self, host: Host) -> bool:
         progress = False
-        while not host.waiting and host.open() and (found := host.join.gather(host.node.gathers)):
+        while not host.unseen_latched and host.has_credit() and (found := host.join.gather(host.node.gathers)):
             try:
-                with Inside(self._profile, host.name) as profile:
+                with NodeCall(self._profile, host.name) as profile:
                     host.node.update_all(found)
                     profile.updates += len(found)
             finally:
@@ -118,7 +119,7 @@ class Calls:
         return host.inputs_over()
 
     def _step(self, host: Host) -> bool:
-        if not host.open():
+        if not host.has_credit():
             return False
         if self.stopping:
             self._end(host)
@@ -129,13 +130,13 @@ class Calls:
         if inputs is None or (host.pacer and host.pacer.wait_s(self._stamp(host)) > 0):
             return False
         try:
-            with Inside(self._profile, host.name) as profile:
+            with NodeCall(self._profile, host.name) as profile:
                 alive = host.node.step(inputs)
                 profile.updates += 1
                 if alive is None:  # a forgotten return would end the run after one step, without a word
                     raise ValueError("step returned None; it returns True, or False when there is nothing more")
         finally:
-            host.had(inputs)
+            host.release_delayed(inputs)
         if self._granted is not None:
             self._granted.discard(host.name)
         if self._realtime:
@@ -163,7 +164,7 @@ class Calls:
         profile.results["pace"] = host.pacer.result()
 
     def _end(self, host: Host) -> None:
-        with Inside(self._profile, host.name):
+        with NodeCall(self._profile, host.name):
             host.node.finish()
         counters = self._profile.node(host.name).counters
         if unmatched := host.join.skipped + host.join.drop_rest():

@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from evis.config.document import LaunchError
-from evis.launch.graph.wiring import Wired
+from evis.launch.graph.wiring import WiredNode
 from evis.runtime.plan import Plan
-from msgs.topics import find_topic
 
 BATCH = "batch"
 """Parameter of nodes that can process several keyframes at once: how many, 0 = as many as make them faster."""
 SEVERAL_PROCESSES = "its nodes run as several processes (--compose makes them one)"
 
 
-def who_waits(plan: Plan, nodes: Sequence[Wired], stepped: bool) -> tuple[str, str]:
+def who_waits(plan: Plan, nodes: Sequence[WiredNode], stepped: bool) -> tuple[str, str]:
     """Says why somebody waits for what comes of each keyframe of a graph, and why every keyframe is made by itself,
     which has the same reason or another; "" where nobody does, and where several may be made at once.
 
@@ -69,11 +68,11 @@ def _waits(plan: Plan, stepped: bool) -> str:
     return f"{closed[0]} closes the loop" if closed else ""
 
 
-def _awake(plan: Plan, nodes: Sequence[Wired]) -> list[Wired]:
+def _awake(plan: Plan, nodes: Sequence[WiredNode]) -> list[WiredNode]:
     return [node for node in nodes if not node.spec.tap and not plan.nodes[node.name].dormant]
 
 
-def _in_one_process(plan: Plan, awake: Sequence[Wired]) -> bool:
+def _in_one_process(plan: Plan, awake: Sequence[WiredNode]) -> bool:
     """Tells whether one process makes all that several keyframes at once go through, and others only take of it.
 
     A process takes a message of a topic when it has room. One that joins two topics may wait for the second with no
@@ -94,7 +93,6 @@ def _in_one_process(plan: Plan, awake: Sequence[Wired]) -> bool:
     return True
 
 
-def _joins(node: Wired, topic: str) -> bool:
+def _joins(node: WiredNode, topic: str) -> bool:
     """Tells whether a node takes messages of a topic together with those of others."""
-    ports = [port for port, name in node.inputs.items() if name == topic]
-    return not find_topic(topic).latched and any(node.cls.INPUTS[port].join for port in ports)
+    return any(node.cls.INPUTS[port].joins(topic) for port, name in node.inputs.items() if name == topic)

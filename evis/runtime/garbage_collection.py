@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def uncollected() -> Iterator[None]:
+def without_garbage_collection() -> Iterator[None]:
     """Keeps the collector from looking, in a block that makes what stays: imports, kernels, scenes.
 
     It would look through all of that again and again, and find next to nothing. One that was off before stays off.

@@ -25,7 +25,7 @@ class Packet:
     signal: np.ndarray
 
 
-class Pairing:
+class EventPairing:
     """Takes labels, packets and their signals; gives them in threes.
 
     A sensor that looks ahead publishes a last packet with the stamp of the one before; that comes without labels.
@@ -68,8 +68,8 @@ class Pairing:
         """
         if not self._packets or not self._signals:
             return None
-        key = _key(self._packets[0])
-        due = bool(self._labels) and _key(self._labels[0][0]) == key
+        key = self._packets[0].header.instant
+        due = bool(self._labels) and self._labels[0][0].header.instant == key
         if not due and not self._labels and not (ended and key == self._given):
             return None
         packet, signal = self._packets.popleft(), self._signals.popleft()
@@ -82,7 +82,3 @@ class Pairing:
             raise ValueError(f"events of {key[1]} ns came where those of {labels.header.stamp_ns} ns were due")
         self._given = key
         return labels, state, own
-
-
-def _key(message: Message) -> tuple[int, int]:
-    return message.header.episode, message.header.stamp_ns

@@ -12,7 +12,7 @@ from evis.geometry import pinhole, se3
 from evis.geometry.distortion import Lens, unproject
 from evis.gpu.host_copies import HostCopies
 from evis.warp_start import start_warp
-from nodes.labeler import kernels
+from nodes.labeler import image_label_kernels as kernels
 
 start_warp()
 
