@@ -185,7 +185,7 @@ class PhysicsNode(Node):
         self.names = [body.name for body in scene.bodies]
         self._begin()
         self.count_all = keyframe_count(round(p["duration"] * NS), p["keyframe_rate"]) if p["duration"] else None
-        self._told = 0
+        self._faults_told = 0
         """Faults that were told of."""
         if self.count_all is not None:
             self._say_end(self.count_all - 1)
@@ -389,10 +389,10 @@ class PhysicsNode(Node):
         for env, text in interval.faults:
             self.episodes[env] += 1
             self.count("diverged")
-            self._told += 1
-            if self._told <= MOST_TOLD:
+            self._faults_told += 1
+            if self._faults_told <= MOST_TOLD:
                 again = f"it starts again as episode {self.episodes[env]} at {stamp * 1e-9:g} s"
-                last = "; from now on such faults are only counted (diverged)" if self._told == MOST_TOLD else ""
+                last = "; from now on such faults are only counted (diverged)" if self._faults_told == MOST_TOLD else ""
                 self.warn(f"environment {env}: {text}; {again}{last}")
         if interval.faults and len(self.episodes) == 1:
             self.episode += 1
