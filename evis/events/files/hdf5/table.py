@@ -98,7 +98,7 @@ class Table:
                 raise ValueError(f"damaged: a chunk of {self.name} of {size}")
         self._checked = corners
 
-    def _head(self, at: int) -> bytes:
+    def _head(self, at: int) -> Any:
         """The first bytes of a chunk; none where the library reads another way, or counts from elsewhere."""
         file = self.data.file
         plain = file.driver == "sec2" and not file.userblock_size
