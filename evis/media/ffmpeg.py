@@ -1,0 +1,10 @@
+"""Names files as FFmpeg has to be told of them."""
+
+from __future__ import annotations
+
+import os
+
+
+def address(path: str | os.PathLike[str]) -> str:
+    """Returns the address of a file: FFmpeg takes what stands before a colon for a protocol, as of 12:30.mp4."""
+    return f"file:{os.fspath(path)}"
