@@ -170,9 +170,8 @@ def test_render_mp4_gives_ffmpeg_every_pixel(capsys, tmp_path, monkeypatch):
         with pytest.raises(ValueError, match=r"needs the program ffmpeg or .*video"):
             command.run(parse("render", tmp_path / "a.npz", tmp_path / "a.mp4"))
     stand_in = tmp_path / "ffmpeg"
-    stand_in.write_text(
-        f"#!{sys.executable}\nimport sys\nopen(sys.argv[-1].removeprefix('file:'), 'wb').write(sys.stdin.buffer.read())\n"
-    )
+    kept = "open(sys.argv[-1].removeprefix('file:'), 'wb').write(sys.stdin.buffer.read())"
+    stand_in.write_text(f"#!{sys.executable}\nimport sys\n{kept}\n")
     stand_in.chmod(0o755)
     assert call(capsys, "render", tmp_path / "a.npz", tmp_path / "a.mp4")["pictures"] == 3
     assert (tmp_path / "a.mp4").stat().st_size == 3 * 40 * 30 * 3
