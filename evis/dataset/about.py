@@ -88,7 +88,11 @@ class About:
         end_ns = self.start_ns + self.duration_ns
         if self.duration_ns < 0 or max(abs(self.start_ns), abs(end_ns)) >= 1 << 63:
             raise ValueError(f"it lasts from {self.start_ns} to {end_ns} ns")
-        for name in (self.name, *self.cameras):
+        self.check_names()
+
+    def check_names(self) -> None:
+        """Raises ValueError where the name of the sequence or of a camera, as files have, leads out of its folder."""
+        for name in filter(None, (self.name, *self.cameras)):
             below(name)
 
 
