@@ -195,3 +195,30 @@ def test_names_of_a_bucket_stay_in_the_copy(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"leads out of its folder; it is not fetched"), store.local("0"):
         pass
     assert not (tmp_path / "written").exists()
+
+
+@pytest.mark.extras
+def test_zarr_is_of_numbers_and_of_the_size_that_it_says(tmp_path: Path) -> None:
+    """A chunk of 100 kB unpacked to 3 GB, and the package knows codecs that EVIS does not write."""
+    pytest.importorskip("zarr", reason="zarr is not installed: make test-extras")
+    import zstandard
+
+    size = 3 << 30
+    packer = zstandard.ZstdCompressor().compressobj(size=size)
+    bomb = b"".join(packer.compress(bytes(1 << 24)) for _ in range(size >> 24)) + packer.flush()
+    folder = sequence("zarr", tmp_path / "s")
+    column = folder / "sequence.zarr" / "cam0" / "events" / "x"
+    whole, chunk = (column / "zarr.json").read_text(), (column / "c" / "0").read_bytes()
+    grid = {"name": "regular", "configuration": {"chunk_shape": [size // 2]}}
+    for values, content, told in (
+        ({"chunk_grid": grid}, bomb, "over the limit of"),
+        ({}, bomb, "unpacks to more than the"),
+        ({"data_type": "string"}, chunk, "is an array of string"),
+        ({"codecs": [{"name": "bytes"}, {"name": "gzip"}]}, chunk, "is packed by gzip"),
+        ({"codecs": 3}, chunk, "zarr.json cannot be read"),
+    ):
+        (column / "zarr.json").write_text(whole)
+        changed(column / "zarr.json", **values)
+        (column / "c" / "0").write_bytes(content)
+        with pytest.raises(LayoutError, match=told):
+            reader_of("zarr")(folder).events(0, 10**12)
