@@ -78,6 +78,8 @@ class BagReader(DescriptorOwner):
             inside = sorted(p.name for p in self.path.glob("*.mcap"))
             there = f"it holds {', '.join(inside[:3])}" if inside else "it holds none"
             raise BagError(f"{self.path} is a folder; name the .mcap in it ({there})")
+        if self.path.exists() and not self.path.is_file():  # a pipe that nobody writes to would be waited for
+            raise BagError(f"{self.path} is no file, and a bag is read at more than one place: save it to a file first")
         try:
             self._descriptor = os.open(self.path, os.O_RDONLY | os.O_CLOEXEC)
             try:

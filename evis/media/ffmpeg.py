@@ -6,5 +6,7 @@ import os
 
 
 def address(path: str | os.PathLike[str]) -> str:
-    """Returns the address of a file: FFmpeg takes what stands before a colon for a protocol, as of 12:30.mp4."""
-    return f"file:{os.fspath(path)}"
+    """Returns the address of a file: FFmpeg takes what stands before a colon for a protocol, as of 12:30.mp4, and not
+    where a slash comes first."""
+    name = os.fspath(path)
+    return f"./{name}" if ":" in name and not os.path.isabs(name) else name

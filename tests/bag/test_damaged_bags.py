@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -110,3 +111,12 @@ def test_an_index_that_names_a_chunk_many_times(tmp_path):
     with BagReader(tmp_path / "a.mcap") as reader:
         assert len(reader.scanner.layout.chunks) == len({c.at for c in reader.scanner.layout.chunks})
         assert sum(1 for _ in reader.messages()) == want
+
+
+def test_a_pipe_is_no_bag(tmp_path):
+    """One that nobody writes to was waited for."""
+    os.mkfifo(tmp_path / "a.mcap")
+    code = "import sys; from evis.bag.reader import BagReader; BagReader(sys.argv[1])"
+    assert "a.mcap is no file" in refused_by(code, tmp_path / "a.mcap")
+    with pytest.raises(BagError, match="is no file"):
+        BagReader("/dev/zero")
