@@ -18,6 +18,7 @@ from evis.bag import BagError, environments
 from evis.bag.mcap import scan
 from evis.bag.ros import jsonform, mapping
 from evis.bag.ros import messages as ros
+from evis.bag.waiting import Held, Waiting
 from evis.bag.writer import ENV_KEY, MESSAGE_KEY, SUFFIX_KEY, TOPIC_KEY
 from evis.files.damage import faults_as
 from evis.files.descriptor import DescriptorOwner
@@ -56,10 +57,12 @@ class _Found:
     parts: dict[str, list[memoryview]]
     body: dict[str, Any] | None
     raw: memoryview
+    held: tuple[Held, ...]
+    """The chunks that `parts` and `raw` lie in."""
 
 
-_Pending = dict[tuple[str, int | None], list[tuple[int, str, memoryview]]]
-"""(topic, environment) -> (sequence number, name, bytes) of each part of a message."""
+_Pending = dict[tuple[str, int | None], list[tuple[int, str, memoryview, Held]]]
+"""(topic, environment) -> (sequence number, name, bytes, chunk) of each part of a message."""
 
 
 class BagReader(DescriptorOwner):
@@ -75,6 +78,8 @@ class BagReader(DescriptorOwner):
             inside = sorted(p.name for p in self.path.glob("*.mcap"))
             there = f"it holds {', '.join(inside[:3])}" if inside else "it holds none"
             raise BagError(f"{self.path} is a folder; name the .mcap in it ({there})")
+        if self.path.exists() and not self.path.is_file():  # a pipe that nobody writes to would be waited for
+            raise BagError(f"{self.path} is no file, and a bag is read at more than one place: save it to a file first")
         try:
             self._descriptor = os.open(self.path, os.O_RDONLY | os.O_CLOEXEC)
             try:
@@ -87,6 +92,7 @@ class BagReader(DescriptorOwner):
                 raise
         except OSError as error:
             raise BagError(f"cannot read {self.path}: {error.strerror}") from None
+        self._waiting = Waiting(self.path, self.scanner.size)
         self.problem = layout.problem
         self.metadata: Mapping[str, Mapping[str, str]] = layout.metadata
         self.topics = {s.topic: s.kind for s in self.streams.values() if s.kind}
@@ -245,7 +251,9 @@ class BagReader(DescriptorOwner):
         bag anew may have put it into the next chunk.
         """
         try:
-            for opcode, _, record in scan.records(self.scanner.chunk_data(chunk)):
+            data = self.scanner.chunk_data(chunk)
+            held = self._waiting.hold(len(data))
+            for opcode, _, record in scan.records(data):
                 if opcode != Opcode.MESSAGE:
                     continue
                 channel, sequence, log_time, payload = scan.message(record)
@@ -254,16 +262,18 @@ class BagReader(DescriptorOwner):
                 stream = self.streams[channel]
                 key = stream.topic, stream.env
                 if not stream.part:
-                    yield _Found(stream, log_time, sequence, {}, None, payload)
+                    yield _Found(stream, log_time, sequence, {}, None, payload, (held,))
                 elif stream.part != "meta":
-                    pending.setdefault(key, []).append((sequence, stream.part, payload))
+                    pending.setdefault(key, []).append((sequence, stream.part, payload, held))
                 else:
                     body = jsonform.parse(ros.read_text(payload))
                     parts: dict[str, list[memoryview]] = {}
-                    for number, part, held in pending.pop(key, ()):
+                    chunks = {held: None}
+                    for number, part, content, its in pending.pop(key, ()):
                         if number == sequence:  # not those of a message whose JSON is lost
-                            parts.setdefault(part, []).append(held)
-                    yield _Found(stream, log_time, sequence, parts, body, payload)
+                            parts.setdefault(part, []).append(content)
+                            chunks[its] = None
+                    yield _Found(stream, log_time, sequence, parts, body, payload, tuple(chunks))
         except scan.TooLargeError:
             raise
         except BagError as error:

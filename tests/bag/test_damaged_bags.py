@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 
 import numpy as np
 import pytest
+from limited import refused_by
+from mcap.opcode import Opcode
+from mcap.writer import CompressionType, Writer
 
 from evis.bag import BagError
 from evis.bag.info import describe
@@ -57,3 +61,62 @@ def test_false_types(counted, tmp_path, monkeypatch):
     about = describe(tmp_path / "a.mcap")
     assert not about["complete"] and "damaged" in about["problem"]
     json.dumps(about)
+
+
+def zeros(path, count, size, log_time):
+    """A bag of `count` chunks, each a few kB that unpack to `size` bytes of a picture."""
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=1, compression=CompressionType.ZSTD, use_statistics=False)
+        writer.start()
+        schema = writer.register_schema("sensor_msgs/msg/Image", "ros2msg", b"")
+        channel = writer.register_channel("/cam0/image", "cdr", schema)
+        for k in range(count):
+            writer.add_message(channel, log_time(k), bytes(size), log_time(k))
+        writer.finish()
+
+
+WAITED = (
+    "import sys; from evis.bag.reader import BagReader; reader = BagReader(sys.argv[1]); "
+    "raise ValueError(f'{sum(1 for _ in reader.messages())} {reader.skipped}')"
+)
+
+
+def test_chunks_that_wait_for_one_another_are_not_all_held(tmp_path):
+    """Each may be unpacked alone; a later one that begins earlier kept all of them in memory."""
+    path = tmp_path / "a.mcap"
+    zeros(path, 12, 100 << 20, lambda k: 12 - k)
+    assert path.stat().st_size < 1 << 20
+    told = refused_by(WAITED, path, memory=2_000_000_000)
+    assert "its chunks overlap in time and are held at once" in told and "EVIS_UNPACK_LIMIT" in told
+    zeros(path, 12, 100 << 20, lambda k: k)
+    assert refused_by(WAITED, path, memory=2_000_000_000) == "0 12"  # pictures of no size, one after another
+
+
+def test_an_index_that_names_a_chunk_many_times(tmp_path):
+    """It is read once: a file of kilobytes could ask for hours."""
+    data = bag(tmp_path / "a.mcap")
+    with BagReader(tmp_path / "a.mcap") as reader:
+        want = sum(1 for _ in reader.messages())
+    start = int.from_bytes(data[-28:-20], "little")
+    summary, index = data[start:-37], b""
+    at = 0
+    while at < len(summary):
+        length = 9 + int.from_bytes(summary[at + 1 : at + 9], "little")
+        index += summary[at : at + length] if summary[at] in (Opcode.CHUNK_INDEX, Opcode.METADATA_INDEX) else b""
+        at += length
+    assert index
+    tail = bytearray(data[-37:])
+    tail[25:29] = bytes(4)  # no checksum
+    (tmp_path / "a.mcap").write_bytes(data[:start] + summary + 100 * index + tail)
+    with BagReader(tmp_path / "a.mcap") as reader:
+        assert len(reader.scanner.layout.chunks) == len({c.at for c in reader.scanner.layout.chunks})
+        assert sum(1 for _ in reader.messages()) == want
+
+
+def test_a_pipe_is_no_bag(tmp_path):
+    """One that nobody writes to was waited for."""
+    os.mkfifo(tmp_path / "a.mcap")
+    code = "import sys; from evis.bag.reader import BagReader; BagReader(sys.argv[1])"
+    assert "a.mcap is no file" in refused_by(code, tmp_path / "a.mcap")
+    with pytest.raises(BagError, match="is no file"):
+        BagReader("/dev/zero")

@@ -168,3 +168,16 @@ def test_what_a_layout_does_not_get_is_said(recorded: Any, tmp_path: Path, capsy
             writer.write("/cam0/events", step.events)
     assert main(["bag", "export", str(tmp_path / "b.mcap"), "--layout", "npz", str(tmp_path / "b")]) == 0
     assert "images on /cam0/image are left out: no exposure is told" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("camera", ["../../other", "{place}/other"])
+@pytest.mark.parametrize("layout", ["npz", "coco"])
+def test_a_bag_names_no_folder_outside(recorded: Any, camera: str, layout: str, tmp_path: Path) -> None:
+    """Its cameras are what its topics say, and their files lie in folders of these names."""
+    path, out = tmp_path / "b.mcap", tmp_path / "a" / "b" / "s"
+    with BagReader(recorded[0]) as reader, BagWriter(path) as writer:
+        for topic, message in reader.messages(["/cam0/events", "/cam0/info"]):
+            writer.write(f"/{camera.format(place=tmp_path)}/{topic.rpartition('/')[2]}", message)
+    with pytest.raises(ValueError, match="leads out of its folder"):
+        export(path, layout, out)
+    assert [p.name for p in tmp_path.iterdir()] == ["b.mcap"]

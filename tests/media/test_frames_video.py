@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import struct
 import sys
 
@@ -228,3 +229,26 @@ def test_no_video(av, tmp_path):
     (tmp_path / "w.mkv").write_bytes((tmp_path / "w.mkv").read_bytes()[:300])
     with pytest.raises(FramesError, match=r"w\.mkv"):
         frames_of(tmp_path / "w.mkv")
+
+
+def test_a_name_with_a_colon(av, tmp_path, monkeypatch):
+    """Named as the moment it was taken: FFmpeg took what stands before the colon for a protocol."""
+    write(av, tmp_path / "a.mkv", noise(3))
+    for name in ("b.mkv", "2024-01-01T12:30:00.mkv"):
+        shutil.copy(tmp_path / "a.mkv", tmp_path / name)
+    monkeypatch.chdir(tmp_path)
+    np.testing.assert_array_equal(frames_of("2024-01-01T12:30:00.mkv")[1], frames_of(tmp_path / "b.mkv")[1])
+
+
+@pytest.mark.parametrize("name", ["list.m3u8", "list.mp4"])
+def test_a_list_of_other_files_is_refused(name, av, tmp_path):
+    """By what is in it: FFmpeg would read any file that it names."""
+    (tmp_path / "outside").mkdir()
+    write(av, tmp_path / "outside" / "a.ts", noise(3), codec="mpeg2video", pixels="yuv420p", rate=25)
+    text = "ffconcat version 1.0\nfile outside/a.ts\n"
+    if name.endswith(".m3u8"):
+        place = tmp_path / "outside" / "a.ts"
+        text = f"#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:0.4,\n{place}\n#EXT-X-ENDLIST\n"
+    (tmp_path / name).write_text(text)
+    with pytest.raises(FramesError, match=rf"{name}: a list of other files \((hls|concat)"):
+        open_frames(tmp_path / name)

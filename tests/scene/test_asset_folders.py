@@ -269,3 +269,31 @@ def test_a_name_left_by_another_machine_is_looked_for_beside_the_mesh(place: Pat
     (place.parent / "outside" / "red.png").rename(place / "red.png")
     scene = load_scene(write(place, "obj image", "/home/somebody/else/red.png"))
     assert scene.cameras
+
+
+def test_names_are_spelled_as_mujoco_spells_them(place: Path) -> None:
+    """With one of HTML's entities the file that was looked for was not the one that MuJoCo reads."""
+    (place / "a&sol;b").mkdir()
+    for name in ("a&sol;b/../../outside/part.xml", "..&#47;outside&#x2F;part.xml"):
+        (place / "m.xml").write_text(
+            f'<mujoco><include file="{name}"/><worldbody><geom size="1"/></worldbody></mujoco>'
+        )
+        with pytest.raises(SceneError, match="outside of the scene's folders"):
+            load_scene(place / "m.xml")
+
+
+def test_a_urdf_is_read_in_the_encoding_in_which_it_was_checked(place: Path) -> None:
+    """In UTF-16 nothing that it names was found, and all of it was read."""
+    inertia = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    ball = '<visual><geometry><sphere radius="1"/></geometry></visual>'
+    text = f'<?xml version="1.0" encoding="{{}}"?><robot name="r"><link name="l">{inertia}{ball}</link></robot>'
+    (place / "r.urdf").write_bytes(text.format("utf-16").encode("utf-16"))
+    with pytest.raises(SceneError, match=r"r\.urdf: XML parse error"):
+        load_scene(place / "r.urdf")
+    # What says that it is Latin-1 has letters of that in its comments; with the mark of UTF-8 it is as good.
+    (place / "r.urdf").write_bytes(
+        text.format("iso-8859-1").replace("<link", "<!-- R\u00fcssel --><link").encode("latin-1")
+    )
+    assert load_scene(place / "r.urdf").bodies
+    (place / "r.urdf").write_bytes(text.format("utf-8").encode("utf-8-sig"))
+    assert load_scene(place / "r.urdf").bodies

@@ -5,6 +5,7 @@ Nothing in the file is believed: every length is checked against the bytes that 
 
 from __future__ import annotations
 
+import itertools
 import os
 import struct
 import zlib
@@ -175,7 +176,7 @@ class Scanner:
         summary = self._read(start, end - start)
         if footer.summary_crc and zlib.crc32(tail[: _FOOTER_BYTES - 4], zlib.crc32(summary)) != footer.summary_crc:
             return None
-        layout = Layout(library=self._library())
+        layout, named = Layout(library=self._library()), 0
         for opcode, _, body in records(memoryview(summary)):
             record = parse(opcode, body)
             if isinstance(record, Schema):
@@ -186,6 +187,9 @@ class Scanner:
                 layout.counts = dict(record.channel_message_counts)
             elif isinstance(record, MetadataIndex):
                 opcode, data = self._record(record.offset, start)
+                named += len(data)
+                if named > start:
+                    return None  # it names the same record many times
                 self._add_metadata(layout, parse(opcode, data), record.offset)
             elif isinstance(record, ChunkIndex):
                 channels = frozenset(record.message_index_offsets)
@@ -193,6 +197,8 @@ class Scanner:
         if not layout.chunks and layout.counts and any(layout.counts.values()):
             return None  # written without chunks, or without an index of them
         layout.chunks.sort(key=lambda c: c.at)
+        if any(a.at + a.size > b.at for a, b in itertools.pairwise(layout.chunks)):
+            return None  # it names a chunk many times, or one within another, each to be unpacked
         return layout
 
     def _library(self) -> str:

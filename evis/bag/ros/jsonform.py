@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from evis.bag import BagError
+from evis.files.json_text import parsed
 from msgs.fields import ArraySpec, array_specs
 from msgs.header import Header, Message
 
@@ -101,8 +102,8 @@ def dump(message: Message, skip: Iterable[str] = (), **extra: Any) -> bytes:
 def parse(raw: bytes | memoryview) -> dict[str, Any]:
     """Parses the JSON object of `dump`. Raises BagError."""
     try:
-        body = json.loads(bytes(raw))
-    except (ValueError, RecursionError) as error:
+        body = parsed(bytes(raw))
+    except ValueError as error:
         raise BagError(f"a JSON message is damaged: {error}") from None
     if not isinstance(body, dict) or not isinstance(body.get("header"), dict):
         raise BagError("a JSON message is not an object with a header")

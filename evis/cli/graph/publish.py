@@ -13,6 +13,7 @@ import numpy as np
 from evis.cli.graph.attach import find_run
 from evis.cli.numbers import number_up_to
 from evis.cli.parser import UsageError
+from evis.files.json_text import parsed
 
 _RATE = number_up_to(10_000, "is no rate in Hz above 0, up to 10000")
 
@@ -106,7 +107,7 @@ def message_of(words: list[str]) -> dict[str, Any]:
         except ValueError as error:
             raise UsageError(f"values are numbers or JSON: {error}") from None
     try:
-        body = json.loads(text)
+        body = parsed(text)
     except ValueError as error:
         raise UsageError(f"'{text:.80}' is no JSON: {error}") from None
     if isinstance(body, list):

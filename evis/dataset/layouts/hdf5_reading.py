@@ -1,4 +1,6 @@
-"""Reads parts of HDF5 files, and says in a line what is not there, or which package is not."""
+"""Reads parts of HDF5 files, of each its own data alone, and says in a line what is not there, or which package is
+not.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,10 @@ import h5py
 from evis.dataset.layouts import LayoutError
 from evis.dataset.layouts.hdf5_rows import blosc
 from evis.dataset.layouts.reader import ANEW
+from evis.events.files.hdf5.table import Table, member
+from evis.events.recording import RecordingError, RecordingInfo
 from evis.files import hdf5_open
+from evis.files.allowance import BASE
 
 _BLOSC = 32001
 """Of the filters registered with the HDF Group."""
@@ -23,11 +28,25 @@ def opened(path: Path) -> h5py.File:
     return hdf5_open.opened(path)
 
 
-def dataset(file: h5py.File, name: str) -> h5py.Dataset:
-    """Finds a dataset, of which slices may be read. Raises LayoutError."""
-    if not isinstance(found := file.get(name), h5py.Dataset):
+def dataset(file: h5py.File, name: str) -> Table:
+    """Finds a dataset, of which slices may be read. Raises LayoutError, also for one that lies in another file."""
+    if (found := _member(file, name)) is None:
         raise LayoutError(f"{file.filename} has no {name}; {ANEW}")
-    filters = found.id.get_create_plist()
-    if not blosc() and any(filters.get_filter(k)[0] == _BLOSC for k in range(filters.get_nfilters())):
+    if not blosc() and _BLOSC in found.filters:
         raise LayoutError(f"{file.filename} is packed with Blosc, which needs hdf5plugin: pip install 'evis[files]'")
     return found
+
+
+def has(file: h5py.File, name: str) -> bool:
+    """Tells whether there is a dataset of this name. Raises LayoutError for one that lies in another file."""
+    return _member(file, name) is not None
+
+
+def _member(file: h5py.File, name: str) -> Table | None:
+    path = Path(file.filename)
+    info = RecordingInfo(str(path), "hdf5", "", 0, 0, "", path.stat().st_size)
+    try:
+        found = member(file, name, info, spare=BASE)
+    except RecordingError as error:
+        raise LayoutError(str(error)) from None
+    return found if isinstance(found, Table) else None

@@ -22,6 +22,8 @@ BLOCK_NS = 20_000_000
 """Where a layout has no rows of events, they are counted by blocks so long, of which one is read for a row."""
 UNBOUNDED_NS = 2**63 - 1
 """End of an interval that takes all events: the readout may delay some past the end of the sequence."""
+MOST_BLOCKS = 100_000
+"""Blocks that a sequence is read in at most: one that lasts for years, as a file may say, has longer ones."""
 LABELS_NS = 500_000_000
 """Labels are gone over so much at a time, so that memory does not grow with length."""
 
@@ -168,8 +170,7 @@ class SequenceReader(ABC):
     def _edges(self, camera: str) -> tuple[np.ndarray, np.ndarray]:
         """Borders of blocks of BLOCK_NS [ns], and the number of events before each; found in one pass, and kept."""
         if camera not in self._blocks:
-            start = self.about.start_ns
-            edges = np.array([*range(start, start + self.duration_ns + 1, BLOCK_NS), UNBOUNDED_NS])
+            edges = np.array(edges_of(self.about, BLOCK_NS))
             counts = [len(self._events(int(t0), int(t1), camera).t) for t0, t1 in itertools.pairwise(edges)]
             self._blocks[camera] = edges, np.concatenate([[0], np.cumsum(counts)])
         return self._blocks[camera]
@@ -177,13 +178,18 @@ class SequenceReader(ABC):
     def _intervals(self, kind: str, camera: str) -> np.ndarray:
         """As `stamps`; a layout that keeps them by themselves overrides it."""
         if (kind, camera) not in self._times:
-            start, found = self.about.start_ns, []
-            edges = [*range(start, start + self.duration_ns + 1, LABELS_NS), UNBOUNDED_NS]
-            for t0, t1 in itertools.pairwise(edges):
+            found = []
+            for t0, t1 in itertools.pairwise(edges_of(self.about, LABELS_NS)):
                 labels = self._labels(kind, t0, t1, camera)
                 found.append(spans(labels["t"], labels.get("flow_t")))
             self._times[kind, camera] = np.concatenate(found)
         return self._times[kind, camera]
+
+
+def edges_of(about: About, block_ns: int) -> list[int]:
+    """Returns the borders [ns] of the blocks in which a sequence is read, the last of which has no end."""
+    step = max(block_ns, -(-about.duration_ns // MOST_BLOCKS))
+    return [*range(about.start_ns, about.start_ns + about.duration_ns + 1, step), UNBOUNDED_NS]
 
 
 def spans(t: np.ndarray, flow_t: np.ndarray | None) -> np.ndarray:

@@ -31,6 +31,10 @@ class SequenceWriter(ABC):
     def __init__(self, directory: Path, about: About) -> None:
         """Begins a sequence. Raises LayoutError for a folder that is not empty, and for what the layout cannot hold."""
         self.directory, self.about = Path(directory), about
+        try:
+            about.check_names()
+        except ValueError as error:
+            raise LayoutError(f"{about.name} has a camera whose files would lie elsewhere: {error}") from None
         if missing := [name for name, info in about.cameras.items() if not isinstance(info, CameraInfo)]:
             raise LayoutError(f"{about.name} has no CameraInfo of {missing[0]}; it is the output info of a first step")
         self.counts = dict.fromkeys(about.cameras, 0)

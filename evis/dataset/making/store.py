@@ -17,7 +17,9 @@ from typing import Any
 
 from evis.dataset.errors import DatasetError
 from evis.dataset.making.finished import ENTRY, Entry
+from evis.dataset.names import below
 from evis.files.folder_sync import sync_folder
+from evis.files.json_text import parsed
 from evis.files.whole_file import whole_file
 
 INDEX = "dataset.json"
@@ -214,7 +216,10 @@ class RemoteStore(Store):
         with tempfile.TemporaryDirectory(prefix="evis-dataset-") as folder:
             place = f"{self._root}/{path}"
             for name in self._files.find(place):
-                here = Path(folder, os.path.relpath(name, place))
+                try:
+                    here = Path(folder, below(name.removeprefix(f"{place}/")))
+                except ValueError as error:  # a name there may have .. in it, and here would be another folder
+                    raise DatasetError(f"{self._out}/{path}: {error}; it is not fetched") from None
                 here.parent.mkdir(parents=True, exist_ok=True)
                 self._files.get_file(name, str(here))
             yield Path(folder)
@@ -237,7 +242,7 @@ def text_of(value: dict[str, Any]) -> str:
 
 def _parsed(text: str, name: str) -> dict[str, Any]:
     try:
-        value = json.loads(text)
+        value = parsed(text)
         if isinstance(value, dict):
             return value
     except ValueError:

@@ -6,6 +6,7 @@ from collections import Counter
 from typing import Any
 
 from evis.dataset.errors import DatasetError
+from evis.dataset.index_check import check_index
 from evis.dataset.making.store import INDEX_FORMAT, Store, store_of
 
 
@@ -17,6 +18,7 @@ def opened(out: str) -> tuple[Store, dict[str, Any]]:
         raise DatasetError(f"{out} holds no data set; `evis dataset make RECIPE --out {out}` makes one")
     if index.get("format") != INDEX_FORMAT:
         raise DatasetError(f"{out}: dataset.json has the format {index.get('format')}; this evis reads {INDEX_FORMAT}")
+    check_index(index, out)
     return store, index
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from evis.dataset.layouts import reader_of
-from evis.dataset.layouts.reader import UNBOUNDED_NS
+from evis.dataset.layouts.reader import edges_of
 from evis.dataset.making.finished import ENTRY, sha256_of
 from evis.dataset.report.summary import opened
 from evis.files.damage import error_text
@@ -64,6 +64,5 @@ def _sequence(folder: Path, entry: dict[str, Any], layout: str) -> tuple[list[st
 
 def _count(reader: Any, camera: str) -> int:
     """Reads all events of a camera."""
-    start = reader.about.start_ns
-    edges = [*range(start, start + reader.duration_ns + 1, BLOCK_NS), UNBOUNDED_NS]
+    edges = edges_of(reader.about, BLOCK_NS)
     return sum(len(reader.events(t0, t1, camera).t) for t0, t1 in itertools.pairwise(edges))

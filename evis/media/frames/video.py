@@ -12,6 +12,7 @@ import numpy as np
 
 from evis.files.allowance import Allowance
 from evis.files.damage import faults_as
+from evis.media.ffmpeg import address
 from evis.media.frames.ends import ends_of
 from evis.media.frames.source import PIXEL_BYTES, FrameOptions, FramesError, ImageSource, NamedImage
 from evis.media.frames.tone import shaped
@@ -19,6 +20,8 @@ from evis.media.frames.tone import shaped
 _BT709, _BT601, _UNKNOWN = 1, 5, 2
 """Numbers of colour spaces in ITU-T H.273, which video files and ffmpeg use."""
 _HD = 720
+LISTS = frozenset(("hls", "applehttp", "dash", "concat", "sdp", "rtsp", "imf", "mlv"))
+"""Formats of FFmpeg's that lead to other files, whatever the name of the one that says so ends in."""
 _FULL_RANGE = 2
 """Number of the range of codes in which luma goes from 0 to the largest one, in ffmpeg."""
 
@@ -39,9 +42,13 @@ class VideoFrames(ImageSource):
         self._error = av.error.FFmpegError
         self._tables: dict[int, np.ndarray] = {}
         try:
-            self._file = av.open(str(path))
+            self._file = av.open(address(path))
         except (av.error.FFmpegError, OSError, ValueError) as error:
             raise FramesError(f"{path}: not frames that can be read, or damaged: {_text(error)}") from None
+        if LISTS.intersection(self._file.format.name.split(",")):
+            kind = self._file.format.name
+            self._file.close()
+            raise FramesError(f"{path}: a list of other files ({kind}), not a video; give the video itself")
         if not self._file.streams.video:
             self._file.close()
             raise FramesError(f"{path}: has no video track")
@@ -69,7 +76,7 @@ class VideoFrames(ImageSource):
         Only a decoded frame tells it, which a second reading of the file gives; what cannot be decoded is not turned.
         """
         try:
-            with av.open(str(self._path)) as file:
+            with av.open(address(self._path)) as file:
                 frame = next(file.decode(video=0), None)
         except (self._error, OSError, ValueError):
             return 0

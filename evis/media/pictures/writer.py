@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from evis.files.whole_file import whole_file
+from evis.media.ffmpeg import address
 
 Pictures = Iterator[tuple[int, np.ndarray]]
 """(time [ns], uint8 [H, W, 3]) of each picture, all of one size."""
@@ -79,7 +80,7 @@ def _save_by_pyav(path: str, pictures: Pictures, rate: Fraction) -> None:
 
     _, first = _first(path, pictures)
     height, width = first.shape[:2]
-    with whole_file(path) as partial, av.open(os.fspath(partial), "w", format="mp4") as film:
+    with whole_file(path) as partial, av.open(address(partial), "w", format="mp4") as film:
         stream = film.add_stream("libx264", rate=rate)
         # most players want even sizes and this pixel format
         stream.width, stream.height, stream.pix_fmt = width + width % 2, height + height % 2, "yuv420p"
@@ -97,7 +98,7 @@ def _save_by_program(program: str, path: str, pictures: Pictures, rate: Fraction
     # most players want even sizes and this pixel format
     target = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:0:0:white", "-pix_fmt", "yuv420p", "-f", "mp4"]
     with whole_file(path) as partial:
-        _feed([program, "-y", "-loglevel", "error", *source, *target, os.fspath(partial)], path, first, pictures)
+        _feed([program, "-y", "-loglevel", "error", *source, *target, address(partial)], path, first, pictures)
 
 
 def _feed(command: list[str], path: str, first: tuple[int, np.ndarray], pictures: Pictures) -> None:

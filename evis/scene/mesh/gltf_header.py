@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import json
 import math
 import struct
 from collections.abc import Callable
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from evis.files.allowance import Allowance
+from evis.files.json_text import parsed
 from evis.scene.errors import SceneError
 from evis.scene.images.pictures import check_picture
 
@@ -30,7 +30,7 @@ def read_header(path: Path) -> tuple[dict[str, Any], bytes]:
         (length,) = struct.unpack_from("<I", data, 12)
         binary = data[28 + length :]
         data = data[20 : 20 + length]
-    tree = json.loads(data)
+    tree = parsed(data)
     if not isinstance(tree, dict):
         raise ValueError("its JSON is no map")
     return tree, binary

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import sys
 from collections.abc import Callable
@@ -16,6 +17,8 @@ import evis
 from evis.dataset import Augment
 from evis.dataset.bag_sequence import export
 from evis.dataset.errors import DatasetError
+from evis.dataset.report.summary import summary
+from evis.dataset.report.verify import verify
 
 Made = tuple[Path, Path]
 
@@ -197,3 +200,25 @@ def test_streams_that_cannot_be(small: Made) -> None:
     assert "5 sequences in a row gave no window" in refusal(lambda: next(iter(never)))
     few = evis.dataset.stream(small[0], arrays="numpy", sequences=1, events=10**8)
     assert "none of 1 sequences gave a window: spinning_disk_00000 is shorter than a window of" in refusal(list, few)
+
+
+def test_a_dataset_json_that_evis_did_not_write(small: Made, tmp_path: Path) -> None:
+    """What it lacks is named, and it leads to no other folder."""
+    whole = json.loads((small[1] / "dataset.json").read_text())
+    first, *others = whole["sequences"]
+    cases: list[tuple[dict[str, Any], str]] = [
+        ({"sequences": [first | {"path": "../../other"}, *others]}, "'../../other' leads out of its folder"),
+        ({"sequences": [first | {"path": "/etc"}]}, "'/etc' leads out of its folder"),
+        ({"sequences": [first | {"files": {"../../other": "0"}}]}, "'../../other' leads out of its folder"),
+        ({"sequences": [*others, 3]}, "sequence 2 is no map"),
+        ({"sequences": [first | {"events": "many"}]}, "sequence 0 has the events 'many'"),
+        ({"sequences": None}, "it has the sequences None"),
+        ({"recipe": {}}, "its recipe has no name"),
+    ]
+    for change, told in cases:
+        (tmp_path / "dataset.json").write_text(json.dumps(whole | change))
+        for read in (evis.dataset.open, summary, verify):
+            text = refusal(read, str(tmp_path))
+            assert told in text and text.startswith(f"{tmp_path}: dataset.json is damaged"), text
+    (tmp_path / "dataset.json").write_text("[" * 100_000)
+    assert "dataset.json is damaged" in refusal(summary, str(tmp_path))

@@ -170,7 +170,8 @@ def test_render_mp4_gives_ffmpeg_every_pixel(capsys, tmp_path, monkeypatch):
         with pytest.raises(ValueError, match=r"needs the program ffmpeg or .*video"):
             command.run(parse("render", tmp_path / "a.npz", tmp_path / "a.mp4"))
     stand_in = tmp_path / "ffmpeg"
-    stand_in.write_text(f"#!{sys.executable}\nimport sys\nopen(sys.argv[-1], 'wb').write(sys.stdin.buffer.read())\n")
+    kept = "open(sys.argv[-1].removeprefix('file:'), 'wb').write(sys.stdin.buffer.read())"
+    stand_in.write_text(f"#!{sys.executable}\nimport sys\n{kept}\n")
     stand_in.chmod(0o755)
     assert call(capsys, "render", tmp_path / "a.npz", tmp_path / "a.mp4")["pictures"] == 3
     assert (tmp_path / "a.mp4").stat().st_size == 3 * 40 * 30 * 3
@@ -180,15 +181,16 @@ def test_render_mp4_gives_ffmpeg_every_pixel(capsys, tmp_path, monkeypatch):
 
 
 def test_render_mp4_without_ffmpeg_plays(capsys, tmp_path, monkeypatch):
-    """PyAV writes a film of even size, in which each picture shows its event's column of colour."""
+    """PyAV writes a film of even size, in which each picture shows its event's column of colour; under any name."""
     av = pytest.importorskip("av")
     with open_writer(tmp_path / "a.npz", 41, 31) as writer:
         for k in range(3):
             x = np.full(31, 10 * k + 5)
             writer.write(Events.of(np.full(31, k * 20_000_000), x, np.arange(31), np.ones(31, int)))
     monkeypatch.setenv("PATH", str(tmp_path))
-    assert call(capsys, "render", tmp_path / "a.npz", tmp_path / "a.mp4")["pictures"] == 3
-    with av.open(str(tmp_path / "a.mp4")) as film:
+    monkeypatch.chdir(tmp_path)
+    assert call(capsys, "render", "a.npz", "12:30.mp4")["pictures"] == 3
+    with av.open(f"file:{tmp_path}/12:30.mp4") as film:
         frames = [f.to_ndarray(format="rgb24") for f in film.decode(video=0)]
     assert [f.shape for f in frames] == [(32, 42, 3)] * 3
     assert [int(f[:31, :41].astype(int).sum((0, 2)).argmin()) for f in frames] == [5, 15, 25]

@@ -15,9 +15,10 @@ def run_lengths(mask: np.ndarray) -> dict[str, Any]:
     return {"size": list(mask.shape), "counts": np.diff(bounds).tolist()}
 
 
-def mask_of(coded: dict[str, Any]) -> np.ndarray:
-    """Returns the mask [H, W] of run lengths."""
+def mask_of(coded: dict[str, Any], shape: tuple[int, int]) -> np.ndarray:
+    """Returns the mask of run lengths, which must be of this shape [H, W]. Raises ValueError."""
     counts = np.array(coded["counts"], np.int64)
-    flat = np.repeat(np.arange(len(counts)) % 2 == 1, counts)
-    height, width = coded["size"]
-    return flat.reshape(width, height).T
+    height, width = shape
+    if tuple(coded["size"]) != shape or (counts < 0).any() or sum(counts.tolist()) != height * width:
+        raise ValueError(f"a mask is not of {width} x {height} pixels")
+    return np.repeat(np.arange(len(counts)) % 2 == 1, counts).reshape(width, height).T

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from functools import cached_property
 from typing import Any
 
@@ -14,6 +13,7 @@ from evis.dataset.layouts.coco.writer import ANNOTATIONS, EVENTS
 from evis.dataset.layouts.joined import joined
 from evis.dataset.layouts.npz.reader import NpzReader
 from evis.dataset.layouts.reader import ANEW, EventArrays, SequenceReader
+from evis.files.json_text import parsed
 
 
 class CocoReader(SequenceReader):
@@ -30,7 +30,7 @@ class CocoReader(SequenceReader):
         """Camera -> (stamp, annotations) of its images, in order of time."""
         path = self.directory / ANNOTATIONS
         try:
-            whole = json.loads(path.read_text())
+            whole = parsed(path.read_text())
             found: dict[int, list[dict[str, Any]]] = {image["id"]: [] for image in whole["images"]}
             for annotation in whole["annotations"]:
                 found[annotation["image_id"]].append(annotation)
@@ -64,7 +64,7 @@ class CocoReader(SequenceReader):
             if kind == "segmentation":
                 ids = np.zeros((info.height, info.width), np.int32)
                 for annotation in things:
-                    ids[mask_of(annotation["segmentation"])] = annotation["track_id"]
+                    ids[mask_of(annotation["segmentation"], ids.shape)] = annotation["track_id"]
                 pieces.append((stamp, {"segmentation": ids}))
                 continue
             box = np.array([a["bbox"] for a in things], np.float32).reshape(-1, 4)

@@ -7,7 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from evis.dataset.layouts.hdf5_reading import dataset, opened
+from evis.dataset.layouts.hdf5_reading import dataset, has, opened
 from evis.dataset.layouts.mvsec.event_table import first_row, nanoseconds
 from evis.dataset.layouts.npz.archive import mapped
 from evis.dataset.layouts.reader import EventArrays, SequenceReader, framed, within
@@ -38,8 +38,7 @@ class MvsecReader(SequenceReader):
     def _kinds(self, camera: str) -> tuple[str, ...]:
         found = []
         for kind, (part, name) in _PLACES.items():
-            file = self._file(part)
-            found += [kind] if f"davis/{self._sides[camera]}/{name}" in file else []
+            found += [kind] if has(self._file(part), f"davis/{self._sides[camera]}/{name}") else []
         return (*found, *(["forward_flow"] if self._sides[camera] == "left" and self._flow.exists() else []))
 
     def _count_of(self, camera: str) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import tarfile
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,8 +14,10 @@ import numpy as np
 from evis.dataset.layouts import LayoutError
 from evis.dataset.layouts.columns import EVENT_TYPES
 from evis.dataset.layouts.joined import joined, no_rows, of_events
+from evis.dataset.layouts.npz.archive import unpacked
 from evis.dataset.layouts.reader import ANEW, EventArrays, SequenceReader, framed, within
 from evis.dataset.layouts.sample import EVENTS
+from evis.files.json_text import parsed
 from evis.media.frames.images import codes
 
 
@@ -50,8 +51,11 @@ class WebdatasetReader(SequenceReader):
         for key, entry in found.items():
             if "json" not in entry.parts:
                 raise LayoutError(f"{self.directory} has no {key}.json in its shards; {ANEW}")
-            entry.told = json.loads(_bytes(entry.parts["json"]))
-            cameras[entry.told["camera"]].append(entry)
+            try:
+                entry.told = _said(_bytes(entry.parts["json"]))
+                cameras[entry.told["camera"]].append(entry)
+            except (KeyError, TypeError, ValueError) as error:
+                raise LayoutError(f"{self.directory}: {key}.json cannot be read ({error!s:.80}); {ANEW}") from None
         for camera, count in self.about.counts.items():
             there = sum(entry.told["events"] for entry in cameras[camera])
             if there != count:
@@ -95,6 +99,15 @@ class WebdatasetReader(SequenceReader):
         return joined(kind, [(entry.told["stamp_ns"], _arrays(entry, kind)) for entry in there], info)
 
 
+def _said(text: bytes) -> dict[str, Any]:
+    """What a sample says of itself. Raises ValueError, KeyError, TypeError for what no writer says."""
+    told: dict[str, Any] = parsed(text)
+    for name in ("events", "stamp_ns", *(("first_ns", "last_ns") if told["events"] else ())):
+        if type(told[name]) is not int:
+            raise ValueError(f"its {name} is {told[name]!r:.40}")
+    return told | {"event_labels": bool(told["event_labels"])}
+
+
 def _check_end(shard: Path) -> None:
     """Raises LayoutError for a shard that ends between two samples, which tarfile takes for its end."""
     with shard.open("rb") as file:
@@ -112,5 +125,5 @@ def _bytes(place: tuple[Path, int, int]) -> bytes:
 
 
 def _arrays(entry: _Entry, part: str) -> dict[str, np.ndarray]:
-    with np.load(io.BytesIO(_bytes(entry.parts[f"{part}.npz"])), allow_pickle=False) as archive:
-        return dict(archive)
+    place = entry.parts[f"{part}.npz"]
+    return unpacked(_bytes(place), f"{place[0]}: {part}.npz")

@@ -23,6 +23,8 @@ VARIABLE = "EVIS_OTHER_FILES"
 """Environment variable that allows a recording to name other files to be read: 1."""
 _MOST_LINKS = 16
 _STEP = 1 << 20
+_HEAD = 16
+"""Bytes of a chunk in which a filter of _TOLD says how much it unpacks to."""
 
 
 def outside(info: RecordingInfo, name: str, what: str) -> None:
@@ -35,10 +37,11 @@ def outside(info: RecordingInfo, name: str, what: str) -> None:
 class Table:
     """Reads a dataset of the file.
 
-    Its attributes are the library's; `table[...]` checks the chunks that it takes first.
+    Its attributes are the library's; `table[...]` checks the chunks that it takes first. spare: bytes that a chunk may
+    unpack to beyond its room, so that small ones need not be unpacked twice.
     """
 
-    def __init__(self, data: h5py.Dataset, info: RecordingInfo) -> None:
+    def __init__(self, data: h5py.Dataset, info: RecordingInfo, spare: int = 0) -> None:
         self.data, self.id, self.name, self.dtype = data, data.id, str(data.name), data.dtype
         self.shape: tuple[int, ...] = data.shape or ()
         self.ndim, self.size = len(self.shape), math.prod(self.shape) if data.shape is not None else 0
@@ -51,6 +54,7 @@ class Table:
         self.filters = [creation.get_filter(i)[0] for i in range(creation.get_nfilters())]
         self._room = math.prod(self.chunks) * self.dtype.itemsize if self.chunks else 0
         Allowance(info.size_bytes).check(self._room)
+        self._most = self._room + spare
         self._checked: set[tuple[int, ...]] = set()
 
     @property
@@ -63,9 +67,10 @@ class Table:
 
     def __getitem__(self, which: Any) -> Any:
         if self.filters and self.chunks:
-            rows = (
-                which if isinstance(which, slice) else which[0] if isinstance(which, tuple) and which else slice(None)
-            )
+            rows = which[0] if isinstance(which, tuple) and which else which
+            if isinstance(rows, int):
+                rows = slice(rows, rows + 1)
+            rows = rows if isinstance(rows, slice) else slice(None)
             first, last, _ = rows.indices(self.shape[0]) if self.shape else (0, 0, 1)
             self._check(first, last)
         return self.data[which]
@@ -77,22 +82,32 @@ class Table:
         rest = [range(0, side, step) for side, step in zip(self.shape[1:], self.chunks[1:])]
         corners = set(itertools.product(range(first - first % length, last, length), *rest))
         for corner in sorted(corners - self._checked):
+            last = self.filters[-1]
             try:
-                mask, data = self.id.read_direct_chunk(corner)
+                stored = self.id.get_chunk_info_by_coord(corner)
+                if last not in _SIZES or not stored.size or stored.filter_mask >> (len(self.filters) - 1) & 1:
+                    continue
+                if stored.size * _LARGEST_RATIO.get(last, self._most + 1) <= self._most:
+                    continue
+                data = self._head(stored.byte_offset) if last in _TOLD else b""
+                data = data or self.id.read_direct_chunk(corner)[1]
             except (RuntimeError, OSError, ValueError, KeyError):
                 continue  # it is not there, which reading finds out
-            if self.filters[-1] not in _SIZES or mask >> (len(self.filters) - 1) & 1:
-                continue
-            if _SIZES[self.filters[-1]](data, self._room) > self._room:
-                raise ValueError(
-                    f"damaged: a chunk of {self.name} of {len(data)} bytes unpacks to more than its {self._room} bytes"
-                )
+            if _SIZES[last](data, self._most) > self._most:
+                size = f"{stored.size} bytes unpacks to more than its {self._room} bytes"
+                raise ValueError(f"damaged: a chunk of {self.name} of {size}")
         self._checked = corners
 
+    def _head(self, at: int) -> Any:
+        """The first bytes of a chunk; none where the library reads another way, or counts from elsewhere."""
+        file = self.data.file
+        plain = file.driver == "sec2" and not file.userblock_size
+        return os.pread(file.id.get_vfd_handle(), _HEAD, at) if plain else b""
 
-def member(group: Any, name: str, info: RecordingInfo, links: int = 0) -> Table | h5py.Group | None:
+
+def member(group: Any, name: str, info: RecordingInfo, links: int = 0, spare: int = 0) -> Table | h5py.Group | None:
     """Finds the object at a path from a group, None where there is none. Raises RecordingError for one of another
-    file.
+    file, AllowanceError for one whose chunks have too much room. spare: of a Table.
     """
     at = group["/"] if name.startswith("/") else group
     for part in name.split("/"):
@@ -116,7 +131,7 @@ def member(group: Any, name: str, info: RecordingInfo, links: int = 0) -> Table 
             return None
         if at is None:
             return None
-    return Table(at, info) if isinstance(at, h5py.Dataset) else at if isinstance(at, h5py.Group) else None
+    return Table(at, info, spare) if isinstance(at, h5py.Dataset) else at if isinstance(at, h5py.Group) else None
 
 
 # -- what a chunk says that it unpacks to, or does: by the filter that is undone first ---------------------------------
@@ -126,8 +141,6 @@ def _unpacked(make: Callable[[], Any]) -> Callable[[bytes, int], int]:
     """Bytes that come out, counted up to a little more than there is room for."""
 
     def size(data: bytes, room: int) -> int:
-        if len(data) * _LARGEST_RATIO.get(make, room + 1) <= room:
-            return 0
         unpacker, total = make(), 0
         try:
             while total <= room and not unpacker.eof:
@@ -141,9 +154,6 @@ def _unpacked(make: Callable[[], Any]) -> Callable[[bytes, int], int]:
         return total
 
     return size
-
-
-_LARGEST_RATIO: dict[Callable[[], Any], int] = {zlib.decompressobj: 1032}
 
 
 def _told(at: int, length: int, order: Any) -> Callable[[bytes, int], int]:
@@ -165,3 +175,7 @@ _SIZES: dict[int, Callable[[bytes, int], int]] = {
 }  # fmt: skip
 """By the number of the filter: deflate and bzip2 are unpacked to see, Blosc, Blosc 2, LZ4, bitshuffle and Zstandard
 say it in their headers."""
+_TOLD = (32001, 32026, 32004, 32008)
+"""Those of them whose first bytes say it, so that no more of a chunk need be read twice."""
+_LARGEST_RATIO = {1: 1032}
+"""The most that a byte can unpack to, by the number of the filter."""

@@ -51,7 +51,7 @@ def compile_urdf(path: Path, folders: Folders) -> tuple[Any, Any, str | None]:
 def unused_textures(path: Path) -> str | None:
     """Tells which pictures a URDF names for its materials, which MuJoCo does not read; None where there are none."""
     try:
-        found = [texture.get("filename", "") for texture in ET.parse(path).getroot().iterfind(".//material/texture")]
+        found = [texture.get("filename", "") for texture in _root(path).iterfind(".//material/texture")]
     except (ET.ParseError, OSError):
         return None
     named = ", ".join(dict.fromkeys(found))
@@ -83,10 +83,17 @@ def drawn(model: Any) -> np.ndarray:
     return visual | ~np.isin(model.geom_bodyid, model.geom_bodyid[visual])
 
 
+def _root(path: Path) -> ET.Element:
+    """Parses a file of XML as UTF-8, whatever encoding it says: `check_model` has read it so, and MuJoCo does. Raises
+    ET.ParseError, OSError.
+    """
+    return ET.fromstring(path.read_text(encoding="utf-8-sig", errors="replace"))
+
+
 def _text(path: Path, folders: Folders, visuals: bool) -> str:
     """The file with every mesh by its whole path: a model that is given as text has no folder of its own."""
     folders = folders.also(*_own_package(path))
-    root = ET.parse(path).getroot()
+    root = _root(path)
     _refuse_xacro(root, path)
     extension = root.find("mujoco")
     if extension is None:
@@ -175,6 +182,6 @@ def _own_package(urdf: Path) -> tuple[Path, ...]:
 
 def _name_in(manifest: Path) -> str:
     try:
-        return (ET.parse(manifest).getroot().findtext("name") or "").strip()
+        return (_root(manifest).findtext("name") or "").strip()
     except (OSError, ET.ParseError):
         return ""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -17,6 +16,9 @@ _SPANS = (("<!--", "-->"), ("<![CDATA[", "]]>"), ("<?", "?>"), ("<!", ">"))
 """What begins and ends text that has no elements."""
 _STOP = re.compile("[>\"']")
 _NAME = re.compile(r"[^\s/>=]+")
+_ENTITY = re.compile(r"&(?:#([0-9]{1,8})|#x([0-9A-Fa-f]{1,8})|(quot|amp|apos|lt|gt));")
+_NAMED = {"quot": '"', "amp": "&", "apos": "'", "lt": "<", "gt": ">"}
+"""All names that XML and MuJoCo's reader know; with one of HTML's, such as &sol;, a file would be another here."""
 _ATTRIBUTE = re.compile(r"([^\s=/\"']+)(?:\s*=\s*(?:\"([^\"]*)\"|'([^']*)'))?")
 
 
@@ -57,7 +59,7 @@ def read_xml(path: Path) -> Element:
             if inside.startswith("/") and len(open_ones) > 1:
                 open_ones.pop()
             continue
-        attributes = {key: html.unescape(a or b) for key, a, b in _ATTRIBUTE.findall(inside, name.end())}
+        attributes = {key: _ENTITY.sub(_character, a or b) for key, a, b in _ATTRIBUTE.findall(inside, name.end())}
         element = Element(name[0].lower(), attributes, path, line)
         open_ones[-1].children.append(element)
         if not inside.endswith("/"):
@@ -65,6 +67,15 @@ def read_xml(path: Path) -> Element:
             if len(open_ones) > MAX_DEPTH:
                 raise SceneError(f"{path.name}:{line}: elements nested deeper than {MAX_DEPTH} levels")
     return root
+
+
+def _character(entity: re.Match[str]) -> str:
+    """What an entity stands for; itself where that is no character."""
+    decimal, sixteenths, name = entity.groups()
+    if name:
+        return _NAMED[name]
+    code = int(decimal) if decimal else int(sixteenths, 16)
+    return chr(code) if 0 < code < 0x110000 else entity[0]
 
 
 def _pieces(text: str) -> Iterator[tuple[int, str]]:
