@@ -258,10 +258,15 @@ class MujocoEngine:
                 self.data.cancel(sorted(begun))
                 self._foreseen = self._foreseen - begun
 
+    def _followed(self) -> bool:
+        """Tells whether the shadow follows its environment, which is stepped."""
+        env = self._shadowed
+        return self._shadow is not None and env not in self._left and not self._rests[env].now
+
     def _measure(self, data: Any, steps: int, begins: bool) -> None:
         """Has the shadow follow the steps just taken, to the state of `data`; begins: whether an episode does."""
         env, bodies = self._shadowed, self.model.nbody - 1
-        if self._shadow is None or env in self._left or self._rests[env].now:
+        if self._shadow is None or not self._followed():
             return
         if begins:
             self._shadow.begin(data)
@@ -302,7 +307,7 @@ class MujocoEngine:
             for k in sorted(faults):
                 course.restart(k, self._restart(k))
         # After this the batch may be ahead.
-        shadowed = None if self._shadow is None else self.data[self._shadowed]
+        shadowed = self.data[self._shadowed] if self._followed() else None
         if then_ns is not None:
             self._go_on(then_ns)
         interval = course.close()
