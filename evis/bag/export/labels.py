@@ -11,21 +11,27 @@ import numpy as np
 
 from evis.bag import BagError
 from msgs.camera import Labels
+from msgs.fields import array_specs, environment_key
 from msgs.header import Message
 
 Messages = Callable[[], Iterator[Message]]
 """Gives the messages of a topic from the start, each of one environment."""
-DENSE = (
-    "flow", "forward_flow", "forward_valid", "backward_flow", "backward_valid", "depth", "segmentation", "semantic",
-    "pose", "velocity", "acceleration", "qpos", "qvel",
-)  # fmt: skip
+DENSE = tuple(name for name, spec in array_specs(Labels).items() if spec.dims[0] == "E")
 """One per message and environment, of the same shape in all of them."""
-TABLES = {
-    "box": ("box", "box_id"),
-    "box3d": ("box3d_id", "box3d_size", "box3d_pose", "box3d_in_camera"),
-    "contact": ("contact_body", "contact_position", "contact_force"),
-    "event": ("event_instance", "event_flow", "event_signal"),
-}
+
+
+def _tables_of_labels() -> dict[str, tuple[str, ...]]:
+    """Groups the arrays that have a row for each of something by what that is: box, box3d, contact, event."""
+    tables: dict[str, tuple[str, ...]] = {}
+    for name in array_specs(Labels):
+        owner = environment_key(name, Labels)
+        if owner and owner != name:
+            kind = owner.removesuffix("_env")
+            tables[kind] = (*tables.get(kind, ()), name)
+    return tables
+
+
+TABLES = _tables_of_labels()
 """As many rows in a message as there are boxes, contacts or events."""
 COLUMNS = ("t", "x", "y", "p")
 """Of the labelled events, which the bag holds on a topic of their own."""
@@ -145,7 +151,7 @@ def _checked(messages: Messages, topic: str) -> Iterator[Labels]:
     for message in messages():
         if not isinstance(message, Labels):
             raise BagError(f"{topic} holds {type(message).__name__} messages, no labels")
-        owners = (message.box_env, message.box3d_env, message.contact_env, message.event_env)
+        owners = [getattr(message, f"{kind}_env") for kind in TABLES]
         tables = [a for a in owners if a is not None and len(a)]
         if environments.count(message) > 1 or any(int(a.max()) > 0 for a in tables):
             raise BagError(f"{topic} has several environments; name one of them: /env0{topic}")

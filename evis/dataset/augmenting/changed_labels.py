@@ -9,26 +9,25 @@ import numpy as np
 from evis.dataset.augmenting.arrays import cast, module_of
 from evis.dataset.augmenting.augmentation import Drawn
 from evis.dataset.augmenting.changed_events import mirrored
-from msgs.camera import FLOWS
+from msgs.camera import FLOWS, Labels
+from msgs.fields import array_specs
 
-IMAGES = frozenset(
-    (
-        "flow", "depth", "segmentation", "semantic", "disparity", "image",
-        "forward_flow", "forward_valid", "backward_flow", "backward_valid",
-    )
-)  # fmt: skip
-"""Labels with a value for each pixel, [H, W, ...]."""
+IMAGES = frozenset(name for name, spec in array_specs(Labels).items() if spec.dims[:3] == ("E", "H", "W")) | {
+    "disparity",
+    "image",
+}
+"""Labels with a value for each pixel, [H, W, ...]; disparity and images are no part of the message."""
 VECTORS = frozenset(FLOWS)
 RATES = frozenset(("flow", "velocity", "qvel"))
 """Labels that change their sign where time runs backwards."""
 _HALF = 0.5
 """A flow is valid up to half a pixel beyond the outermost centres."""
 
-Labels = dict[str, Any]
+LabelArrays = dict[str, Any]
 """Arrays by the names of msgs' Labels, without the axis of stamps; numpy's or PyTorch's."""
 
 
-def reversed_labels(labels: Labels, t0: int, t1: int) -> Labels:
+def reversed_labels(labels: LabelArrays, t0: int, t1: int) -> LabelArrays:
     """Returns labels of a window [t0, t1) ns whose time runs backwards, made of those at its start.
 
     Flow from the end of an interval to its start becomes flow from start to end, as it is.
@@ -46,7 +45,7 @@ def reversed_labels(labels: Labels, t0: int, t1: int) -> Labels:
     return found
 
 
-def placed_labels(labels: Labels, drawn: Drawn, height: int, width: int) -> Labels:
+def placed_labels(labels: LabelArrays, drawn: Drawn, height: int, width: int) -> LabelArrays:
     """Returns the labels of a window that is mirrored and cropped as drawn."""
     found = dict(labels)
     for axis, size, flip in ((0, width, drawn.flip_x), (1, height, drawn.flip_y)):
@@ -57,7 +56,7 @@ def placed_labels(labels: Labels, drawn: Drawn, height: int, width: int) -> Labe
     return found
 
 
-def _flipped(labels: Labels, axis: int, size: int) -> Labels:
+def _flipped(labels: LabelArrays, axis: int, size: int) -> LabelArrays:
     """axis: 0 = x, 1 = y."""
     found = {}
     for name, array in labels.items():
@@ -72,7 +71,7 @@ def _flipped(labels: Labels, axis: int, size: int) -> Labels:
     return found
 
 
-def _cropped(labels: Labels, drawn: Drawn) -> Labels:
+def _cropped(labels: LabelArrays, drawn: Drawn) -> LabelArrays:
     rows, columns = slice(drawn.top, drawn.top + drawn.height), slice(drawn.left, drawn.left + drawn.width)
     found = {name: array[rows, columns] for name, array in labels.items() if name in IMAGES}
     for way in ("forward", "backward"):
@@ -94,7 +93,7 @@ def _still_inside(flow: Any, valid: Any) -> Any:
     return valid * cast(inside, valid.dtype)
 
 
-def _cropped_boxes(labels: Labels, drawn: Drawn) -> Labels:
+def _cropped_boxes(labels: LabelArrays, drawn: Drawn) -> LabelArrays:
     """Boxes x0, y0, x1, y1, both ends in them, cut at the borders; those of which nothing is left are not there."""
     box = labels["box"]
     module = module_of(box)
@@ -102,5 +101,5 @@ def _cropped_boxes(labels: Labels, drawn: Drawn) -> Labels:
     y0, y1 = (module.clip(box[:, i] - drawn.top, 0, drawn.height - 1) for i in (1, 3))
     seen = (box[:, 2] >= drawn.left) & (box[:, 0] <= drawn.left + drawn.width - 1)
     seen &= (box[:, 3] >= drawn.top) & (box[:, 1] <= drawn.top + drawn.height - 1)
-    others: Labels = {name: labels[name][seen] for name in ("box_id", "class_id") if name in labels}
+    others: LabelArrays = {name: labels[name][seen] for name in ("box_id", "class_id") if name in labels}
     return {"box": module.stack((x0, y0, x1, y1), -1)[seen], **others}

@@ -13,6 +13,7 @@ from evis.events.arrays import Events
 from evis.gpu.host_copies import host_array
 from evis.simulation.step import CameraOutputs, Step
 from msgs.camera import Image, Labels
+from msgs.fields import array_specs
 
 DENSE = {
     "flow": ("flow",),
@@ -35,7 +36,8 @@ TABLES = {
 """Kinds with as many rows at a stamp as there are boxes or contacts."""
 EVENTS = ("event_instance", "event_flow", "event_signal")
 """Of the kind `events`: a row for each event."""
-ENVIRONMENT_AXIS = frozenset(name for kind in DENSE.values() for name in kind) - {"flow_t"}
+ENVIRONMENT_AXIS = frozenset(name for name, spec in array_specs(Labels).items() if spec.dims[0] == "E")
+"""Arrays of Labels that have one row for each environment, which those of a sample have not."""
 
 
 @dataclass

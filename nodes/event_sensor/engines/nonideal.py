@@ -41,9 +41,8 @@ class NonIdealEngine:
         self._active: wp.array = wp.zeros(size.width * size.channels + 1, dtype=wp.int32, device=device)
         struct: Any = Rare
         rare: Any = np.zeros((1 if self.in_place else 2, total), struct.numpy_dtype())
-        for name, values in zip(("c_on", "c_off", "leak", "hot"), pattern_of(size, seed, p)):
-            if values.size:
-                rare[name] = values.reshape(-1)
+        for name, values in pattern_of(size, seed, p).items():
+            rare[name] = values
         self._rare: wp.array = wp.array(rare, dtype=Rare, device=device)
 
     def kernels(self) -> list[tuple[wp.Kernel, int]]:

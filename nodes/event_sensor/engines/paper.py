@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
@@ -12,6 +13,9 @@ from nodes.event_sensor.input.batch import Batch, Size
 from nodes.event_sensor.model import paper_kernels
 from nodes.event_sensor.model.faults.fixed_pattern import pattern_of
 from nodes.event_sensor.model.sensor_kernels import Sensor
+
+PATTERN = ("c_on", "c_off", "leak", "hot")
+"""What the kernel reads of the fixed pattern, in its order; an empty array stands for what pixels do not differ in."""
 
 
 class PaperEngine:
@@ -26,7 +30,10 @@ class PaperEngine:
         self._threads = (size.envs, size.height, row // self._columns)
         self._device, self.in_place = device, False
         pattern = pattern_of(size, seed, p)
-        self._pattern: tuple[wp.array, ...] = tuple(wp.array(a, dtype=wp.float32, device=device) for a in pattern)
+        none = np.zeros(0, np.float32)
+        self._pattern: tuple[wp.array, ...] = tuple(
+            wp.array(pattern.get(name, none), dtype=wp.float32, device=device) for name in PATTERN
+        )
         self._before: wp.array = wp.zeros(total, dtype=paper_kernels.PaperPixel, device=device)
         self._after: wp.array = wp.zeros(total, dtype=paper_kernels.PaperPixel, device=device)
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from nodes.event_sensor.engines import nonideal
 from nodes.event_sensor.model.faults import fixed_pattern
 from nodes.event_sensor.sensor import EventSensor
 from nodes.event_sensor.simulate import simulate_frames
@@ -53,6 +54,13 @@ def test_each_pixel_counts_by_its_own_threshold():
     downs = np.floor((ups * on - 0.5 + 2**-21) / off)
     assert np.bincount(index[events["p"] == 1], minlength=1200).tolist() == ups.tolist()
     assert np.bincount(index[events["p"] == 0], minlength=1200).tolist() == downs.tolist()
+
+
+def test_a_fixed_pattern_that_pixels_have_no_field_for_is_refused(monkeypatch):
+    """Without a word the fault would have no effect."""
+    monkeypatch.setattr(nonideal, "pattern_of", lambda size, seed, p: {"c_of": np.ones(size.pixels, np.float32)})
+    with pytest.raises(ValueError, match="c_of"):
+        simulate_frames(np.ones((2, 3, 4)), np.arange(2) * MS, refractory_us=1.0)
 
 
 # -- refractory period -------------------------------------------------------------------------------------------------

@@ -15,11 +15,11 @@ from evis.dataset.layouts.sample import ENVIRONMENT_AXIS, Sample
 from evis.dataset.layouts.writer import SequenceWriter
 from evis.events.arrays import Events
 from msgs.camera import EventPacket, Labels
+from msgs.fields import environment_key
 from msgs.header import Header, Message
 
 FILE = "sequence.mcap"
 COUNTS = "events"
-_OWNERS = {"box_env": "box", "box3d_env": "box3d_id", "contact_env": "contact_body", "event_env": "event_instance"}
 
 
 class McapWriter(SequenceWriter):
@@ -70,7 +70,7 @@ def _message(sample: Sample) -> Labels:
     arrays: dict[str, Any] = {
         name: array[None] if name in ENVIRONMENT_AXIS else array for name, array in sample.labels.items()
     }
-    for owner, rows in _OWNERS.items():
-        if rows in sample.labels:
-            arrays[owner] = np.zeros(len(sample.labels[rows]), np.int32)
+    for name, array in sample.labels.items():
+        if owner := environment_key(name, Labels):
+            arrays[owner] = np.zeros(len(array), np.int32)
     return Labels(Header(sample.stamp_ns), names=list(sample.bodies), **arrays)

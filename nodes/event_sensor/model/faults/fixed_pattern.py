@@ -64,16 +64,18 @@ def hot_rates(
     return np.where(hot, own, 0).astype(np.float32)
 
 
-def pattern_of(size: Size, seed: int, p: Mapping[str, Any]) -> tuple[np.ndarray, ...]:
-    """Draws the fixed pattern of a sensor: ON and OFF thresholds, leak rates, rates as a hot pixel; empty where it has
-    none."""
+def pattern_of(size: Size, seed: int, p: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """Draws the fixed pattern of a sensor: float32 [E * pixels] by the field of state_kernels.Rare that holds it; only
+    what pixels differ in."""
     envs, pixels = size.envs, size.pixels
-    on = off = leaks = hots = np.zeros(0, np.float32)
+    pattern = {}
     if p["threshold_mismatch"] > 0:
         mean = (p["threshold_on"], p["threshold_off"])
         on, off = thresholds(seed, envs, pixels, mean, p["threshold_mismatch"], p["threshold_floor"])
+        pattern |= {"c_on": on, "c_off": off}
     if p["leak_rate"] > 0:
-        leaks = leak_rates(seed, envs, pixels, p["leak_rate"], p["leak_jitter"])
+        pattern["leak"] = leak_rates(seed, envs, pixels, p["leak_rate"], p["leak_jitter"])
     if has_noise(p):
-        hots = hot_rates(seed, envs, pixels, p["hot_pixel_fraction"], p["hot_pixel_rate"], p["hot_pixel_spread"])
-    return on, off, leaks, hots
+        fraction, rate, spread = (p[f"hot_pixel_{name}"] for name in ("fraction", "rate", "spread"))
+        pattern["hot"] = hot_rates(seed, envs, pixels, fraction, rate, spread)
+    return pattern
