@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from evis.events.representations.columns import check_flag
-from nodes.physics.from_outside import NO_ACTUATORS
+from nodes.physics.actuators import NO_ACTUATORS
 
 SLACK = 1e-6
 """By how much of its range a float32 may lie outside it, from rounding."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from evis.scene.model import Scene
 from evis.simulation.errors import SimulationError
-from nodes.physics.from_outside import Actuators, check_controls
+from nodes.physics.actuators import Actuators, check_controls_in_range
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def controls_of(action: Any, envs: int, actuators: Actuators) -> np.ndarray:
     if values.ndim == 1 and envs == 1:
         values = values[None]
     try:
-        check_controls(values, envs, actuators)
+        check_controls_in_range(values, envs, actuators)
     except ValueError as error:
         raise SimulationError(str(error)) from None
     return np.clip(values, actuators.low, actuators.high)

@@ -27,7 +27,7 @@ from evis.simulation.each import together
 from evis.simulation.errors import SimulationError, SimulationWarning
 from evis.simulation.outputs import LABELS, RequestedOutputs
 from msgs.topics import SYSTEM_TOPICS
-from nodes.physics.from_outside import Actuators
+from nodes.physics.actuators import Actuators
 
 CALLER = "caller"
 """Name of the caller's node."""

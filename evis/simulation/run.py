@@ -21,7 +21,7 @@ from evis.simulation.graph import CALLER, Graph, needs_sockets
 from evis.simulation.outputs import OF_CAMERA, RequestedOutputs
 from evis.simulation.step import IMAGE, IMAGES, Step, value_of
 from evis.supervisor.run_directory import RunDirectory
-from nodes.physics.from_outside import NO_ACTUATORS
+from nodes.physics.actuators import NO_ACTUATORS
 
 MOST_KEPT = 64_000_000
 """Most bytes of actions that are kept for `replay`."""

@@ -14,7 +14,9 @@ import numpy as np
 
 from evis.runtime.clock import keyframe_stamp
 from msgs.own_time import CONFIGURED, NUMBER, ORIGIN, SEED, STAMP
-from nodes.physics.interval import Contacts, Engine, Interval, check_controls, prepares
+from nodes.physics.actuators import check_controls
+from nodes.physics.engine import Engine, prepares
+from nodes.physics.interval import Contacts, Interval
 
 EACH_ONE = ("acceleration", "gravity")
 """What an environment has once in an interval, if it has it."""
@@ -41,7 +43,7 @@ class Environments:
     def __init__(self, engine: Engine, envs: int, keyframe_rate: float) -> None:
         """engine: of E environments, at their start. keyframe_rate [Hz]."""
         self._envs, self._rate = envs, keyframe_rate
-        self._controls = engine.controls
+        self._actuators = engine.actuators
         self._groups = [Group(np.arange(envs), engine, 0, np.ones(envs, bool))]
         self._seeds = np.full(envs, CONFIGURED, np.int64)
         self._configured = True
@@ -61,7 +63,7 @@ class Environments:
         """
         before, self._now = self._now, k
         if controls is not None and len(self._groups) > 1:
-            check_controls(controls, self._envs, self._controls)
+            check_controls(controls, self._envs, self._actuators)
         going = [group for group in self._groups if k != group.first]
         stamps = [keyframe_stamp(k - group.first, self._rate) for group in going]
         for group, stamp in zip(going, stamps):

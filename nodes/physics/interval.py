@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, TypeGuard
+from typing import Any
 
 import numpy as np
 
 from msgs.world import moving_bodies
-from nodes.physics.from_outside import Actuators
 
 
 @dataclass
@@ -85,76 +83,6 @@ class Interval:
             self.qpos, self.qvel = self.qpos[:, last], self.qvel[:, last]
         if self.own_t is not None:
             self.own_t = self.own_t[:, last]
-
-
-class Engine(Protocol):
-    """Moves the bodies of a scene."""
-
-    controls: int
-    """Number of actuators."""
-    actuators: Actuators
-
-    def start(self) -> Interval:
-        """Gives the state at stamp 0, S = 1."""
-
-    def advance(self, to_ns: int, controls: np.ndarray | None = None) -> Interval:
-        """Moves on to stamp `to_ns` [ns] under controls float64 [E, nu] (None: as before, zero at first)."""
-
-    def rewind(self, seed: int) -> None:
-        """Goes back to stamp 0, as it is made with this seed."""
-
-    def leave(self, env: int) -> None:
-        """Leaves an environment where it is from now on, for nobody wants its states any more."""
-
-    def missed(self) -> int:
-        """Counts the steps that were less exact than was asked for."""
-
-    def anew(self, envs: Sequence[int], seeds: Sequence[int | None], numbers: Sequence[int]) -> Engine:
-        """Makes an engine of these environments alone, at their start and stamp 0.
-
-        seeds: of each, None = its own of now. numbers: how often each has begun anew since it got its seed.
-        """
-
-
-class Preparing(Engine, Protocol):
-    """Defines an engine that steps its environments in one batch with those of other engines."""
-
-    def advance(self, to_ns: int, controls: np.ndarray | None = None, then_ns: int | None = None) -> Interval:
-        """Moves on as of Engine.
-
-        then_ns: stamp [ns] to which the steps after it begin, as of `foresee` and `begin`, once nothing of this one
-        needs the batch any more; None = none do. No other engine may share the batch then.
-        """
-
-    def prepare(self, to_ns: int, controls: np.ndarray | None = None) -> None:
-        """Takes the controls up to a stamp, and requests the steps that engines which belong together take at once;
-        `advance` to it, without controls, then waits for that.
-        """
-
-    def foresee(self, to_ns: int) -> None:
-        """Asks for the steps to a stamp under the present controls, before it is known whether they will be wanted."""
-
-    def begin(self) -> None:
-        """Begins the steps asked for by `foresee`, of this engine and of those that share a batch with it, while others
-        work.
-        """
-
-
-def prepares(engine: Engine) -> TypeGuard[Preparing]:
-    """Tells whether an engine is a Preparing one, without a look at all methods of the protocol as isinstance has."""
-    return hasattr(engine, "prepare")
-
-
-def check_controls(controls: np.ndarray, envs: int, actuators: int) -> None:
-    """Raises ValueError for controls that are not finite float64 [envs, actuators]."""
-    if controls.shape != (envs, actuators):
-        raise ValueError(
-            f"an action has controls {list(controls.shape)}, the model takes [{envs}, {actuators}] "
-            "(environments, actuators)"
-        )
-    if not np.isfinite(controls).all():
-        k, u = np.argwhere(~np.isfinite(controls))[0]
-        raise ValueError(f"an action has {controls[k, u]} for actuator {u} of environment {k}; it must be finite")
 
 
 def grid_inside(start_ns: int, end_ns: int, step_ns: int) -> np.ndarray:

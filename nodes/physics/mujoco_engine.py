@@ -19,6 +19,7 @@ from evis.geometry.interpolate_kernels import place_between
 from evis.gpu.building import LAUNCH_BLOCK, build_together
 from evis.runtime.workers import Workers
 from evis.scene.model import Scene
+from nodes.physics.actuators import check_controls
 from nodes.physics.dynamics.actuators import actuators_of
 from nodes.physics.dynamics.assembly import Assembly
 from nodes.physics.dynamics.batch.batch_stepper import BatchStepper, make_batch_stepper, why_not_batched
@@ -34,7 +35,7 @@ from nodes.physics.dynamics.states import State, snapshot
 from nodes.physics.dynamics.stepped_model import prepared_model
 from nodes.physics.dynamics.traced_steps import SavedState, Trace, take_steps
 from nodes.physics.dynamics.watch import Watch
-from nodes.physics.interval import Interval, check_controls
+from nodes.physics.interval import Interval
 from nodes.physics.precision.errors import Errors
 from nodes.physics.precision.sampled import shadow_of
 from nodes.physics.precision.sub_steps import FINEST, SubSteps
@@ -98,7 +99,6 @@ class MujocoEngine:
         batched = not unbatched and (envs > 1 or warp is not None)
         self.model, self.step_ns = prepared_model(scene, timestep, tolerance, deepest=batched and warp is None)
         self._sub_steps = [SubSteps(self.model, tolerance) for _ in range(envs)] if tolerance is not None else None
-        self.controls: int = self.model.nu
         self.actuators = actuators_of(self.model)
         self._batch: BatchStepper | None = None
         if batched:
@@ -146,7 +146,7 @@ class MujocoEngine:
         self._seeds, self._numbers = seeds, numbers
         self._left: set[int] = set()
         self._rests = [Rest() for _ in range(self.envs)]
-        self._controls = np.zeros((self.envs, self.controls))
+        self._controls = np.zeros((self.envs, self.actuators.count))
         for k in range(self.envs):
             self._reset(k)
         if self._shadow is not None:
@@ -189,7 +189,7 @@ class MujocoEngine:
         """
         others: list[int] = []
         if controls is not None:
-            check_controls(controls, self.envs, self.controls)
+            check_controls(controls, self.envs, self.actuators)
             changed = np.flatnonzero((self._controls != controls).any(axis=1)).tolist()
             others = [k for k in changed if k not in self._left]
         wrong = self._foreseen if self._prepared != to_ns else self._foreseen & set(others)

@@ -24,9 +24,10 @@ from msgs.header import Header, Message
 from msgs.own_time import CONFIGURED
 from msgs.physics_error import PhysicsError
 from msgs.world import Action, Reset, WorldState
+from nodes.physics.actuators import NO_ACTUATORS, check_controls_in_range
+from nodes.physics.engine import Engine
 from nodes.physics.environments import Environments
-from nodes.physics.from_outside import NO_ACTUATORS, check_action
-from nodes.physics.interval import Engine, Interval
+from nodes.physics.interval import Interval
 from nodes.physics.precision.errors import Errors
 from nodes.physics.precision.notice import notice
 from nodes.physics.precision.tolerance import Tolerance
@@ -255,10 +256,11 @@ class PhysicsNode(Node):
         made = []
         for scene, members in groups:
             engine = self._engine(scene, 0, len(members), self.errors if 0 in members else None)
-            if engine.controls != self.engine.controls:
+            now, before = engine.actuators.count, self.engine.actuators.count
+            if now != before:
                 raise ValueError(
-                    f"scene {scene.name}: environment {members[0]} has {engine.controls} actuators with its new seed, "
-                    f"and had {self.engine.controls}; worlds side by side need the same ones"
+                    f"scene {scene.name}: environment {members[0]} has {now} actuators with its new seed, "
+                    f"and had {before}; worlds side by side need the same ones"
                 )
             own = [worlds.seeds[env] for env in members]
             made.append((members.tolist(), engine.anew(range(len(members)), own, [0] * len(members))))
@@ -295,7 +297,7 @@ class PhysicsNode(Node):
     def admit(self, port: str, message: Message) -> None:
         """Raises ValueError for an action that is not finite or out of range, a reset of what is not there."""
         if isinstance(message, Action):
-            check_action(message, self.params["envs"], self.engine.actuators)
+            check_controls_in_range(np.asarray(message.controls), self.params["envs"], self.engine.actuators)
         elif isinstance(message, Reset):
             checked(message.envs, message.seeds, self.params["envs"])
 

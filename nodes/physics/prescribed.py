@@ -10,16 +10,15 @@ import numpy as np
 from evis.scene.model import Scene, Trajectory
 from evis.scene.motion import Prescribed
 from nodes.physics.accelerations import prescribed_accelerations
+from nodes.physics.actuators import Actuators
 from nodes.physics.closed_form.ahead import BLOCK, StatesAhead
 from nodes.physics.closed_form.prescribed_batch import PrescribedBatch
-from nodes.physics.from_outside import Actuators
 from nodes.physics.interval import Interval
 
 
 class PrescribedEngine:
     """Gives closed-form poses on the scene's sub-step grid. All environments are alike: nothing in them is random."""
 
-    controls = 0
     actuators = Actuators()
 
     def __init__(

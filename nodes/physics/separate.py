@@ -7,7 +7,9 @@ from dataclasses import fields
 
 import numpy as np
 
-from nodes.physics.interval import Contacts, Engine, Interval, check_controls, prepares
+from nodes.physics.actuators import check_controls
+from nodes.physics.engine import Engine, prepares
+from nodes.physics.interval import Contacts, Interval
 
 
 class SeparateEngines:
@@ -16,11 +18,12 @@ class SeparateEngines:
     def __init__(self, engines: Sequence[Engine]) -> None:
         """Raises ValueError where the engines have not the same actuators."""
         self.engines = list(engines)
-        self.controls, self.actuators = self.engines[0].controls, self.engines[0].actuators
+        self.actuators = self.engines[0].actuators
         for env, engine in enumerate(self.engines):
-            if engine.controls != self.controls:
+            if engine.actuators.count != self.actuators.count:
                 raise ValueError(
-                    f"environment {env} has {engine.controls} actuators, environment 0 has {self.controls}; "
+                    f"environment {env} has {engine.actuators.count} actuators, environment 0 has "
+                    f"{self.actuators.count}; "
                     "worlds side by side need the same ones"
                 )
 
@@ -31,7 +34,7 @@ class SeparateEngines:
     def prepare(self, to_ns: int, controls: np.ndarray | None = None) -> None:
         """Hands the controls on. Raises ValueError for controls of a wrong shape or not finite."""
         if controls is not None:
-            check_controls(controls, len(self.engines), self.controls)
+            check_controls(controls, len(self.engines), self.actuators)
         for k, engine in enumerate(self.engines):
             if prepares(engine):
                 engine.prepare(to_ns, None if controls is None else controls[k : k + 1])

@@ -257,12 +257,12 @@ def test_controls_act_from_their_stamp(scene_of):
     world = "<body name='cart'><joint name='x' type='slide' axis='1 0 0'/><geom size='0.1' mass='1'/></body>"
     rest = "<actuator><motor joint='x' ctrlrange='-5 5' ctrllimited='true'/></actuator>"
     engine = MujocoEngine(scene_of(world, "gravity='0 0 0'", rest), envs=2)
-    assert engine.controls == 1
+    assert engine.actuators.count == 1
     assert np.abs(engine.advance(100 * MS).twist).max() == 0
     push = engine.advance(200 * MS, np.array([[1.0], [2.0]])).twist[:, -1, 0, 0]
     assert np.allclose(push, [0.1, 0.2])
     assert np.allclose(engine.advance(300 * MS, np.zeros((2, 1))).twist[:, -1, 0, 0], push)
     with pytest.raises(ValueError, match=r"controls \[1, 1\], the model takes \[2, 1\]"):
         engine.advance(400 * MS, np.zeros((1, 1)))
-    with pytest.raises(ValueError, match="nan for actuator 0 of environment 1; it must be finite"):
+    with pytest.raises(ValueError, match="nan for actuator 'x' of environment 1; it must be finite"):
         engine.advance(400 * MS, np.array([[0.0], [np.nan]]))

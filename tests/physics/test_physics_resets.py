@@ -145,7 +145,7 @@ def test_actions_reach_who_was_reset():
     """Under the same controls the arm moves as in a run of its own."""
     controls = np.tile(np.linspace(-0.4, 0.5, 6), (3, 1))
     node, single = node_of(scene="robot_arm", envs=3), node_of(scene="robot_arm", seed=9)
-    controls = controls[:, : node.engine.controls]
+    controls = controls[:, : node.engine.actuators.count]
     step(node, 1), step(node, 3, controls)
     node.restart([1], [9])
     made = [node.runtime.messages[-1], *step(node, 5, controls)]

@@ -20,7 +20,7 @@ FALL = """<mujoco><option timestep="0.001" gravity="0 0 -18000"/><worldbody>
 def course(engine: MujocoEngine, stamps: list[int]) -> Iterator[tuple]:
     """What the engine gives at each stamp, as bytes and texts, under controls that change."""
     for n, stamp in enumerate(stamps):
-        found = engine.advance(stamp, np.full((engine.envs, engine.controls), 0.3 * np.sin(n)))
+        found = engine.advance(stamp, np.full((engine.envs, engine.actuators.count), 0.3 * np.sin(n)))
         arrays = (found.t, found.end_pose, found.moving_pose, found.moving_twist, found.qpos, found.qvel)
         assert found.contacts is not None
         contacts = tuple(np.asarray(a).tobytes() for a in vars(found.contacts).values())

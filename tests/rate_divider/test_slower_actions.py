@@ -100,7 +100,7 @@ def course(action_rate: float | None) -> np.ndarray:
             stamp = stamps["action"]
             asked.append(stamp // 1_000_000)
             value = 0.3 * (1 + stamp // 40_000_000)
-            inputs = {"action": Action(Header(stamp), np.full((1, node.engine.controls), value))}
+            inputs = {"action": Action(Header(stamp), np.full((1, node.engine.actuators.count), value))}
         alive = node.step(inputs)
     assert asked == ([0, 40, 80, 120] if action_rate else [0, 20, 40, 60, 80, 100, 120, 140])
     return np.concatenate(node.runtime.joints)

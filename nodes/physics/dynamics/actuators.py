@@ -7,7 +7,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from nodes.physics.from_outside import Actuators
+from nodes.physics.actuators import Actuators
 
 
 def actuators_of(model: Any) -> Actuators:

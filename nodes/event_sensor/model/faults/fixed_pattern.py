@@ -68,7 +68,7 @@ def pattern_of(size: Size, seed: int, p: Mapping[str, Any]) -> dict[str, np.ndar
     """Draws the fixed pattern of a sensor: float32 [E * pixels] by the field of state_kernels.Rare that holds it; only
     what pixels differ in."""
     envs, pixels = size.envs, size.pixels
-    pattern = {}
+    pattern: dict[str, np.ndarray] = {}
     if p["threshold_mismatch"] > 0:
         mean = (p["threshold_on"], p["threshold_off"])
         on, off = thresholds(seed, envs, pixels, mean, p["threshold_mismatch"], p["threshold_floor"])

@@ -1,12 +1,10 @@
-"""Checks actions from a program outside a running graph, or from its caller, before they act."""
+"""Describes the actuators of a model, and checks the controls that they are given."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
 import numpy as np
-
-from msgs.world import Action
 
 NO_ACTUATORS = "has no actuators (`actuators:` in a scene file gives them to joints of its MJCF or URDF)"
 
@@ -23,21 +21,18 @@ class Actuators:
     low: np.ndarray = field(default_factory=lambda: np.empty(0))
     high: np.ndarray = field(default_factory=lambda: np.empty(0))
 
-
-def check_action(action: Action, envs: int, actuators: Actuators) -> None:
-    """Raises ValueError as `check_controls` does."""
-    check_controls(np.asarray(action.controls), envs, actuators)
+    @property
+    def count(self) -> int:
+        """Counts the controls, nu."""
+        return len(self.names)
 
 
 def check_controls(controls: np.ndarray, envs: int, actuators: Actuators) -> None:
-    """Raises ValueError naming environment and actuator unless controls [E, nu] are finite and within their ranges, or
-    beyond them by no more than the rounding of a bound to float32, which networks give.
-    """
-    count = len(actuators.names)
-    if controls.shape != (envs, count):
+    """Raises ValueError, which names environment and actuator, unless controls are finite and [envs, nu]."""
+    if controls.shape != (envs, actuators.count):
         raise ValueError(
-            f"an action has controls {list(controls.shape)}, the model takes [{envs}, {count}] (environments, "
-            f"actuators: {', '.join(actuators.names)})"
+            f"an action has controls {list(controls.shape)}, the model takes [{envs}, {actuators.count}] "
+            f"(environments, actuators: {', '.join(actuators.names) or 'none'})"
         )
     wrong = ~np.isfinite(controls)
     if wrong.any():
@@ -46,6 +41,16 @@ def check_controls(controls: np.ndarray, envs: int, actuators: Actuators) -> Non
             f"an action has {controls[env, u]} for actuator '{actuators.names[u]}' of environment {env}; it must be "
             "finite"
         )
+
+
+def check_controls_in_range(controls: np.ndarray, envs: int, actuators: Actuators) -> None:
+    """Raises ValueError as check_controls does, and unless controls are within their ranges, or beyond them by no more
+    than the rounding of a bound to float32, which networks give.
+
+    For what comes from a program outside the graph, or from its caller: a controller within it may rely on the model,
+    which clips.
+    """
+    check_controls(controls, envs, actuators)
     wrong = (controls < np.minimum(actuators.low, _rounded(actuators.low))) | (
         controls > np.maximum(actuators.high, _rounded(actuators.high))
     )
