@@ -70,7 +70,7 @@ class EmulatedDevice(abc.ABC):
         self._reads = 0
         self._unplugged = False
 
-    # -- families ------------------------------------------------------------------------------------------------------
+    # -- the maker's protocol ------------------------------------------------------------------------------------------
 
     @abc.abstractmethod
     def streaming(self) -> bool:

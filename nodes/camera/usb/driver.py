@@ -45,16 +45,20 @@ class UsbSettings(Configuration):
 
 
 class UsbDriver(Driver):
-    """Drives a camera on USB. Families say how it is asked, configured, started and stopped.
+    """Drives a camera on USB: reading, decoding, counters, unplugging. A subclass has the maker's protocol.
 
-    live: the stream runs with the device's clock (real devices, emulated ones at real pace); wait_when_full: see
-    Reader.
+    It is called `Camera`, in the module that the model's row in `models.py` names, and says how the device is asked who
+    it is, configured, started and stopped: ENDPOINT, `_connect`, `_apply`, `_begin` and `_end`; its own settings are a
+    dataclass on UsbSettings. What it raises of USB is worded for users here.
     """
 
     SETTINGS: ClassVar[type[Configuration]] = UsbSettings
     ENDPOINT: ClassVar[int]
+    """Address of the bulk endpoint on which the events come."""
 
     def __init__(self, bus: Bus, device: Any, model: Model, live: bool = True, wait_when_full: bool = False) -> None:
+        """device: pyusb's, found on the bus. live: the stream runs with the device's clock (real devices, emulated ones
+        at real pace). wait_when_full: see Reader."""
         self.bus, self.device, self.model = bus, device, model
         self._live, self.wait_when_full = live, wait_when_full
         self._settings: Any = None
@@ -69,7 +73,7 @@ class UsbDriver(Driver):
         self.emulated: Any = None
         """The emulated device behind it, for whoever feeds or inspects it; None for a real one."""
 
-    # -- families ------------------------------------------------------------------------------------------------------
+    # -- the maker's protocol ------------------------------------------------------------------------------------------
 
     @abc.abstractmethod
     def _connect(self) -> DeviceInfo:
@@ -257,12 +261,16 @@ class UsbDriver(Driver):
 
     def _let_go(self) -> None:
         """Close what is left of a stream and a device, keeping the counters."""
+        self._close_stream()
+        release(self.device)
+
+    def _close_stream(self) -> None:
+        """Close the stream, if there is one, keeping what it has counted."""
         if self._stream is not None:
             self._stream.close()
             self._before += Counter(self._stream_counts())
             self._bytes += self._stream.reader.bytes
-        self._stream = None
-        release(self.device)
+            self._stream = None
 
     def _come_back(self, timeout_s: float) -> None:
         """Look for the camera by its serial and take the stream up again; device time starts anew: a new episode."""
@@ -329,24 +337,17 @@ class UsbDriver(Driver):
     def stop(self) -> None:
         if self._stream is None:
             return
-        stream, self._stream = self._stream, None
         try:
-            self._end()
-        except (usb.core.USBError, OSError):
-            pass  # a camera that is gone is silent
-        stream.close()
-        self._stream = stream
-        self._before += Counter(self._stream_counts())
-        self._bytes += stream.reader.bytes
-        self._stream = None
+            with contextlib.suppress(OSError):  # a camera that is gone is silent
+                self._end()
+        finally:
+            self._close_stream()
 
     def close(self) -> None:
         if self._info is None:
             return
-        try:
+        with contextlib.suppress(OSError):  # a camera that is gone needs no leave
             self._disconnect()
-        except (usb.core.USBError, OSError):
-            pass
         release(self.device)
         self._info = None
         if self.emulated is not None:
