@@ -26,14 +26,15 @@ from nodes.physics.dynamics.batch.batch_stepper import BatchStepper, make_batch_
 from nodes.physics.dynamics.batch.environment_data import EnvironmentData
 from nodes.physics.dynamics.batch.stepped_states import Records, SteppedStates
 from nodes.physics.dynamics.batch.unsupported import Unsupported
+from nodes.physics.dynamics.checked_steps import take_checked_steps
 from nodes.physics.dynamics.contacts import contacts_of, gather
 from nodes.physics.dynamics.course import JOINTS, Course
 from nodes.physics.dynamics.rest import Rest
-from nodes.physics.dynamics.sleep import wake
+from nodes.physics.dynamics.saved_state import SavedState
 from nodes.physics.dynamics.start import put_to_start
 from nodes.physics.dynamics.states import State, snapshot
 from nodes.physics.dynamics.stepped_model import prepared_model
-from nodes.physics.dynamics.traced_steps import SavedState, Trace, take_steps
+from nodes.physics.dynamics.traced_steps import steps_alone
 from nodes.physics.dynamics.watch import Watch
 from nodes.physics.interval import Interval
 from nodes.physics.precision.errors import Errors
@@ -374,50 +375,25 @@ class MujocoEngine:
                 continue
             before = SavedState(self.model, self.data[k])
             level = self._sub_steps[k].snapshot() if self._sub_steps is not None else None
-            if self._take_part(np.array([k]), self._alone(k, grid), slice(None)):
+            alone = steps_alone(self.model, self.data[k], grid, self._step_function(k))
+            if self._take_part(np.array([k]), alone, slice(None)):
                 before.restore(self.model, self.data[k])
                 if self._sub_steps is not None and level is not None:
                     self._sub_steps[k].restore(level)
                 odd.append(k)
         return odd
 
-    def _alone(self, k: int, grid: range) -> SteppedStates:
-        """Takes the steps of environment k outside any batch."""
-        trace = Trace.empty(self.model, len(grid))
-        take_steps(self.model, self.data[k], grid, trace, self._step_function(k))
-        twist, pose = trace.twist_and_pose(self.model)
-        state = {"pose": pose, "twist": twist, "qpos": trace.qpos, "qvel": trace.qvel}
-        nearest, warnings, constrained = (
-            np.array([value]) for value in (trace.nearest, trace.warnings, trace.constrained)
-        )
-        part = lambda which: {name: values[None] for name, values in state.items()}
-        return SteppedStates(nearest, warnings, constrained, part, np.zeros(1, bool))
-
     def _stepped_with_checks(self, k: int, grid: range, faults: dict[int, str]) -> State:
         """Takes the steps of environment k, checking each state; adds to `faults` if the environment diverges."""
-        data, states = self.data[k], list[State]()
         self.checked += 1
-        wake(self.model, data)
-        for t in grid:
-            # MuJoCo adds up its time in floating point; ours is exact.
-            data.time = t * 1e-9
-            self._step_function(k)(self.model, data)
-            # mj_step leaves poses and velocities of the state before the step.
-            mujoco.mj_kinematics(self.model, data)
-            mujoco.mj_comPos(self.model, data)
-            mujoco.mj_comVel(self.model, data)
-            states.append(snapshot(self.model, [data], self._assembly.followers))
-            pose, twist = (states[-1][name][0, : self.model.nbody - 1] for name in ("pose", "twist"))
-            fault = self._watch.dogs[k].check(data, twist)
-            if fault:
-                faults[k] = fault
-                break
-            self._warnings += [(k, text) for text in self._watch.dogs[k].notices(data, pose, twist)]
-        wake(self.model, data)
+        dog, followers = self._watch.dogs[k], self._assembly.followers
+        found = take_checked_steps(self.model, self.data[k], grid, self._step_function(k), dog, followers)
+        self._warnings += [(k, text) for text in found.notices]
+        if found.fault:
+            faults[k] = found.fault
         if k == self._shadowed:
-            self._constrained = bool(data.nefc)
-        states += states[-1:] * (len(grid) - len(states))
-        return {name: np.concatenate([state[name] for state in states])[None] for name in states[0]}
+            self._constrained = bool(self.data[k].nefc)
+        return found.state
 
     def _step_function(self, k: int) -> Callable[[Any, Any], None]:
         """Gives the function that steps environment k."""

@@ -18,13 +18,14 @@ from evis.config.params import EACH, Param
 from evis.runtime.clock import NS, keyframe_count, keyframe_stamp, times_slower
 from evis.runtime.node import Input, Node, Output
 from evis.scene.digest import motion
-from evis.scene.model import Scene
+from evis.scene.load import drawn_places, is_dynamic, may_be_driven, parse_args, starts_at_random
 from evis.scene.parameters import SCENE, seeds_of, worlds_of
 from msgs.header import Header, Message
 from msgs.own_time import CONFIGURED
 from msgs.physics_error import PhysicsError
 from msgs.world import Action, Reset, WorldState
 from nodes.physics.actuators import NO_ACTUATORS, check_controls_in_range
+from nodes.physics.choice import EngineMaker
 from nodes.physics.engine import Engine
 from nodes.physics.environments import Environments
 from nodes.physics.interval import Interval
@@ -88,8 +89,6 @@ class PhysicsNode(Node):
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
         """Raises ValueError for contacts or joints in a scene that has none."""
-        from evis.scene.load import is_dynamic
-
         scene = params.get("scene")
         asked = [name for name in ("contacts", "joints") if params[name]]
         if asked and scene:
@@ -101,8 +100,6 @@ class PhysicsNode(Node):
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
         """Names the parameters of integration, where motion is in closed form."""
-        from evis.scene.load import is_dynamic
-
         scene = params.get("scene")
         with contextlib.suppress(OSError, ValueError):  # who loads it says so
             if scene and not is_dynamic(scene):
@@ -113,8 +110,6 @@ class PhysicsNode(Node):
     @classmethod
     def moved_from_outside(cls, params: Mapping[str, Any]) -> bool:
         """Says whether there may be actuators."""
-        from evis.scene.load import may_be_driven
-
         scene = params.get("scene")
         with contextlib.suppress(OSError, ValueError):  # who loads it says so
             return not scene or may_be_driven(scene)
@@ -123,8 +118,6 @@ class PhysicsNode(Node):
     @classmethod
     def on_gpu(cls, params: Mapping[str, Any]) -> bool:
         """Says no where MuJoCo takes the steps: a process of its own keeps the interpreter from nobody else."""
-        from evis.scene.load import is_dynamic
-
         scene = params.get("scene")
         with contextlib.suppress(OSError, ValueError):  # who loads it says so
             if params["engine"] == "mujoco" and scene and is_dynamic(scene):
@@ -134,8 +127,6 @@ class PhysicsNode(Node):
     @classmethod
     def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
         """Names MuJoCo as spared where all motion is prescribed."""
-        from evis.scene.load import is_dynamic
-
         scene = params.get("scene")
         if scene and not is_dynamic(scene):
             return {"mujoco": f"all motion of scene {scene} is prescribed in closed form"}
@@ -144,8 +135,6 @@ class PhysicsNode(Node):
     @classmethod
     def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
         """Names what is random of the world: what the scene draws, and where bodies and joints start at random."""
-        from evis.scene.load import drawn_places, parse_args, starts_at_random
-
         scene = params.get("scene")
         found: list[str] = []
         with contextlib.suppress(OSError, ValueError):  # who loads it says so
@@ -170,18 +159,10 @@ class PhysicsNode(Node):
         scene = self.scene = worlds.scenes[0]
         for note in scene.notes:
             self.warn(f"scene {scene.name}: {note}")
-        self._told: set[str] = set()
         self.errors = Errors()
         """Of environment 0, which stands for the others."""
-        self.engine: Engine
-        apart = p.get(EACH) and scene.dynamic
-        if len(worlds.groups(motion)) == 1 and not apart:
-            self.engine = self._engine(scene, p["seed"], p["envs"], self.errors)
-        else:
-            from nodes.physics.separate import SeparateEngines
-
-            each = zip(worlds.scenes, worlds.seeds, [self.errors, *[None] * (p["envs"] - 1)])
-            self.engine = SeparateEngines([self._engine(own, seed, 1, errors) for own, seed, errors in each])
+        self._make = EngineMaker(p, partial(self.wants, "state", "moving_pose"), self.warn)
+        self.engine = self._make.of_worlds(worlds, self.errors)
         self.held = self.divides(p)
         self.names = [body.name for body in scene.bodies]
         self._begin()
@@ -221,33 +202,6 @@ class PhysicsNode(Node):
         self._begin()
         return True
 
-    def _engine(self, scene: Scene, seed: int, envs: int, errors: Errors | None) -> Engine:
-        """Makes the engine of environments that have one world, of seeds from `seed` on."""
-        p = self.params
-        if not scene.dynamic:
-            from nodes.physics.prescribed import PrescribedEngine
-
-            inside = partial(self.wants, "state", "moving_pose")
-            return PrescribedEngine(scene, envs, p["accelerations"], p["keyframe_rate"], p["envs"], inside)
-        from nodes.physics.dynamics.batch.mujoco_threads import threads_for
-        from nodes.physics.dynamics.batch.unsupported import Unsupported
-        from nodes.physics.mujoco_engine import MujocoEngine
-
-        make = partial(
-            MujocoEngine, scene, seed, envs, timestep=p["timestep"], contacts=p["contacts"], joints=p["joints"],
-            accelerations=p["accelerations"], speed_limit=p["speed_limit"], errors=errors,
-            tolerance=Tolerance.of(p["physics_tolerance"]), threads=threads_for(p["threads"], envs),
-        )  # fmt: skip
-        if p["engine"] == "mujoco_warp":
-            try:
-                return make(warp=p["device"])
-            except Unsupported as why:
-                text = f"MuJoCo Warp cannot take scene {scene.name}: {why}; MuJoCo itself moves it"
-                if text not in self._told:  # each environment may have an engine
-                    self._told.add(text)
-                    self.warn(text)
-        return make()
-
     def _other_engines(self, envs: list[int], seeds: list[int]) -> list[tuple[list[int], Engine]]:
         """Engines of those environments that move otherwise with the seeds that they are given."""
         worlds = self.worlds.with_seeds(*_given(envs, seeds))
@@ -255,7 +209,7 @@ class PhysicsNode(Node):
         self.worlds = worlds
         made = []
         for scene, members in groups:
-            engine = self._engine(scene, 0, len(members), self.errors if 0 in members else None)
+            engine = self._make.of_scene(scene, 0, len(members), self.errors if 0 in members else None)
             now, before = engine.actuators.count, self.engine.actuators.count
             if now != before:
                 raise ValueError(

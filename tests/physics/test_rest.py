@@ -32,10 +32,10 @@ def steps_of(monkeypatch) -> list[int]:
         count[0] += len(grid)
         return take(model, data, grid, *rest)
 
-    import nodes.physics.mujoco_engine as engine
+    from nodes.physics.dynamics import traced_steps
 
-    take = engine.take_steps
-    monkeypatch.setattr(engine, "take_steps", step)
+    take = traced_steps.take_steps
+    monkeypatch.setattr(traced_steps, "take_steps", step)
     return count
 
 

@@ -13,8 +13,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from nodes.physics.dynamics.saved_state import SavedState
+
 _SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
-_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 AWAKE = -1 - mujoco.mjMINAWAKE
 """What MuJoCo keeps of a tree that is awake and was not slow at its last step; it counts up to -1 and falls asleep."""
 
@@ -52,8 +53,6 @@ def wake(model: Any, data: Any) -> None:
     """
     if not sleeps(model) or np.all(data.tree_asleep == AWAKE):
         return
-    state, counts = np.empty(mujoco.mj_stateSize(model, _STATE)), np.array(data.warning.number)
-    mujoco.mj_getState(model, data, state, _STATE)
+    saved = SavedState(model, data)
     mujoco.mj_resetData(model, data)
-    mujoco.mj_setState(model, data, state, _STATE)
-    data.warning.number[:] = counts
+    saved.restore(model, data)

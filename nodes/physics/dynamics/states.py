@@ -19,6 +19,20 @@ from nodes.physics.dynamics.poses_between import poses_between
 State = dict[str, np.ndarray]
 
 
+def twist_and_pose(
+    model: Any, xpos: np.ndarray, xquat: np.ndarray, cvel: np.ndarray, com: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Computes twists [..., bodies, 6] and poses [..., bodies, 7] of all bodies but the world, in the world.
+
+    xpos, xquat, cvel, com (subtree_com): as MuJoCo has them, of all bodies.
+    """
+    pose = np.concatenate((xpos[..., 1:, :], se3.from_mujoco(xquat[..., 1:, :])), axis=-1)
+    # cvel is (omega, v) of the point of the body that is at the centre of mass of its kinematic tree
+    omega, v = cvel[..., 1:, :3], cvel[..., 1:, 3:]
+    arm = xpos[..., 1:, :] - com[..., model.body_rootid[1:], :]
+    return np.concatenate((v + se3.cross(omega, arm), omega), axis=-1), pose
+
+
 def snapshot(model: Any, datas: Sequence[Any], followers: Followers) -> State:
     """Reads the state of every environment, after mj_kinematics, mj_comPos and mj_comVel."""
     bodies = model.nbody - 1
@@ -27,13 +41,8 @@ def snapshot(model: Any, datas: Sequence[Any], followers: Followers) -> State:
     result["qpos"], result["qvel"] = np.empty((len(datas), model.nq)), np.empty((len(datas), model.nv))
     for k, data in enumerate(datas):
         pose, twist = result["pose"][k], result["twist"][k]
-        pose[:bodies, :3] = data.xpos[1:]
-        pose[:bodies, 3:] = se3.from_mujoco(data.xquat[1:])
-        # cvel is (omega, v) of the point of the body that is at the centre of mass of its kinematic tree
-        omega, v = data.cvel[1:, :3], data.cvel[1:, 3:]
-        arm = data.xpos[1:] - data.subtree_com[model.body_rootid[1:]]
-        twist[:bodies, :3] = v + se3.cross(omega, arm)
-        twist[:bodies, 3:] = omega
+        places = data.xpos, data.xquat, data.cvel, data.subtree_com
+        twist[:bodies], pose[:bodies] = twist_and_pose(model, *places)
         if len(followers):
             velocity = np.concatenate((np.zeros((1, 6)), twist[:bodies]))
             pose[bodies:], twist[bodies:] = followers.state(data, velocity)

@@ -13,10 +13,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from evis.geometry import se3
+from nodes.physics.dynamics.batch.stepped_states import SteppedStates
 from nodes.physics.dynamics.sleep import fell_asleep, sleeps
-
-STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+from nodes.physics.dynamics.states import twist_and_pose
 
 
 @dataclass
@@ -49,34 +48,6 @@ class Trace:
         return twist_and_pose(model, self.xpos, self.xquat, self.cvel, self.com)
 
 
-def twist_and_pose(
-    model: Any, xpos: np.ndarray, xquat: np.ndarray, cvel: np.ndarray, com: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Computes twists [..., bodies, 6] and poses [..., bodies, 7] of all bodies but the world, in the world.
-
-    xpos, xquat, cvel, com (subtree_com): as MuJoCo has them, of all bodies.
-    """
-    pose = np.concatenate((xpos[..., 1:, :], se3.from_mujoco(xquat[..., 1:, :])), axis=-1)
-    # cvel is (omega, v) of the point of the body that is at the centre of mass of its kinematic tree
-    omega, v = cvel[..., 1:, :3], cvel[..., 1:, 3:]
-    arm = xpos[..., 1:, :] - com[..., model.body_rootid[1:], :]
-    return np.concatenate((v + se3.cross(omega, arm), omega), axis=-1), pose
-
-
-class SavedState:
-    """Holds a copy of an environment's state, so that its steps can be taken again."""
-
-    def __init__(self, model: Any, data: Any) -> None:
-        self._state = np.empty(mujoco.mj_stateSize(model, STATE))
-        mujoco.mj_getState(model, data, self._state, STATE)
-        self._counts = np.array(data.warning.number)
-
-    def restore(self, model: Any, data: Any) -> None:
-        """Writes the state back into the environment's MjData."""
-        mujoco.mj_setState(model, data, self._state, STATE)
-        data.warning.number[:] = self._counts
-
-
 def take_steps(
     model: Any, data: Any, grid: Sequence[int], trace: Trace, step: Callable[[Any, Any], None] = mujoco.mj_step
 ) -> None:
@@ -102,3 +73,14 @@ def take_steps(
         if data.ncon:
             trace.nearest = min(trace.nearest, float(data.contact.dist.min()))
     trace.warnings, trace.constrained = np.array(data.warning.number), bool(data.nefc)
+
+
+def steps_alone(model: Any, data: Any, grid: Sequence[int], step: Callable[[Any, Any], None]) -> SteppedStates:
+    """Takes the steps of one environment as `take_steps` does; gives them as those of a batch of one."""
+    trace = Trace.empty(model, len(grid))
+    take_steps(model, data, grid, trace, step)
+    twist, pose = trace.twist_and_pose(model)
+    state = {"pose": pose, "twist": twist, "qpos": trace.qpos, "qvel": trace.qvel}
+    nearest, warnings, constrained = (np.array([value]) for value in (trace.nearest, trace.warnings, trace.constrained))
+    part = lambda which: {name: values[None] for name, values in state.items()}
+    return SteppedStates(nearest, warnings, constrained, part, np.zeros(1, bool))

@@ -17,12 +17,12 @@ import mujoco
 import numpy as np
 
 from evis.geometry import se3
+from nodes.physics.dynamics.saved_state import STATE
 from nodes.physics.mujoco_warnings import BAD
 from nodes.physics.precision.errors import Errors, Kept
 from nodes.physics.precision.reach import Reach
 from nodes.physics.stiffness import modes
 
-STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 ORDER = {mujoco.mjtIntegrator.mjINT_RK4: 4}
 """Of the integrators in smooth motion; the others are of order 1, as every one is where constraints come and go."""
 LENGTH = {mujoco.mjtIntegrator.mjINT_RK4: 4}

@@ -14,7 +14,8 @@ import mujoco
 import numpy as np
 
 from evis.geometry import se3
-from nodes.physics.precision.shadow import ORDER, STATE
+from nodes.physics.dynamics.saved_state import STATE
+from nodes.physics.precision.shadow import ORDER
 from nodes.physics.precision.tolerance import Tolerance
 from nodes.physics.stiffness import modes
 

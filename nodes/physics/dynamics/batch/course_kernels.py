@@ -1,6 +1,6 @@
 """Writes what MuJoCo has recorded of environments into their course, in float64 on a CPU.
 
-The arithmetic is that of traced_steps.twist_and_pose, to the bit: single products and sums, which no compiler joins.
+The arithmetic is that of states.twist_and_pose, to the bit: single products and sums, which no compiler joins.
 """
 
 from typing import Any

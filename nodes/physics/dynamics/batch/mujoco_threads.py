@@ -22,9 +22,9 @@ import numpy as np
 from mujoco.batch import Batch
 
 from nodes.physics.dynamics.batch.stepped_states import Records, SteppedStates
+from nodes.physics.dynamics.saved_state import STATE
 from nodes.physics.dynamics.sleep import AWAKE, fell_asleep, sleeps
-from nodes.physics.dynamics.states import State
-from nodes.physics.dynamics.traced_steps import STATE, twist_and_pose
+from nodes.physics.dynamics.states import State, twist_and_pose
 
 _PLACES = ("xpos", "xquat", "cvel", "subtree_com")
 """Fields that a step leaves as they were before it, as `twist_and_pose` takes them."""
