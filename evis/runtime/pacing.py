@@ -7,6 +7,26 @@ import time
 from evis.runtime.clock import NS
 from msgs.header import Header
 
+FAST = 0.0
+"""Speed of a source that waits for nobody's clock."""
+FASTEST = 1e6
+"""Largest speed of one that does: whoever wants more wants FAST."""
+
+
+def parse_pace(text: str) -> float:
+    """Reads a pace as a speed, seconds of stamps per second of the wall clock: `realtime` is 1, `fast` is FAST, and a
+    number such as 2, 0.5 or 2x is itself. Raises ValueError."""
+    named = {"realtime": 1.0, "fast": FAST}
+    if text in named:
+        return named[text]
+    try:
+        speed = float(text.removesuffix("x"))
+    except ValueError:
+        speed = -1.0
+    if not 0 < speed <= FASTEST:
+        raise ValueError(f"pace is '{text}', must be realtime, fast or a speed such as 2 or 0.5, at most {FASTEST:g}")
+    return speed
+
 
 class RateLimit:
     """Says which messages of a topic are due to somebody who reads `rate_hz` of them a second in stamps and no more."""

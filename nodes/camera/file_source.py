@@ -11,6 +11,7 @@ from pathlib import Path
 
 from evis.events import Recording, open_recording
 from evis.runtime.clock import NS
+from evis.runtime.pacing import FAST, FASTEST
 from nodes.camera.interface.driver import LONG_GAP, DeviceInfo, Driver, Reading
 from nodes.camera.interface.settings import Configuration, setting
 
@@ -20,23 +21,9 @@ class FileSettings(Configuration):
     """Holds the settings by which a recording is played. All times are the device's."""
 
     packet_ms: float = setting(10.0, "length of a packet's interval", "ms", 0.01, 10_000)
-    speed: float = setting(1.0, "device time per real time; 0 = as fast as it is read", "", 0, 1e6)
+    speed: float = setting(1.0, "device time per real time; 0 = as fast as it is read", "", FAST, FASTEST)
     duration_s: float = setting(0.0, "stop so long after the first event; 0 = all", "s", 0, 1e9)
     raw: bool = setting(False, "also give the wire bytes, where the file has them")
-
-
-def parse_pace(text: str) -> float:
-    """Reads a pace as a speed: `realtime` is 1, `fast` is 0 (no waiting), a number is itself. Raises ValueError."""
-    named = {"realtime": 1.0, "fast": 0.0}
-    if text in named:
-        return named[text]
-    try:
-        speed = float(text)
-    except ValueError:
-        speed = -1.0
-    if not 0 < speed <= 1e6:
-        raise ValueError(f"pace is '{text}', must be realtime, fast or a speed such as 2.0")
-    return speed
 
 
 class FileSource(Driver):

@@ -12,6 +12,7 @@ import numpy as np
 from evis.config.params import Param, ParamError
 from evis.events.codecs.buffer import Columns, plain
 from evis.runtime.node import Node, Output
+from evis.runtime.pacing import parse_pace
 from msgs.header import Message
 from nodes.camera.interface.messages import camera_info, packets
 
@@ -97,7 +98,7 @@ class CameraNode(Node):
         self._open()
 
     def _open(self) -> None:
-        from nodes.camera.file_source import FileSettings, FileSource, parse_pace
+        from nodes.camera.file_source import FileSettings, FileSource
         from nodes.camera.find import find_driver, is_model
 
         p = self.params

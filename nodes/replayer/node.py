@@ -12,7 +12,7 @@ import numpy as np
 
 from evis.config.params import Param, ParamError, resolve
 from evis.runtime.node import Node, Output
-from evis.runtime.pacing import Pacer
+from evis.runtime.pacing import FAST, Pacer, parse_pace
 from msgs.header import Header, Message
 from nodes.replayer.descriptions import Descriptions, description_at
 
@@ -42,19 +42,6 @@ REST_S = 1.0
 """Between two rounds, so that the end can be seen."""
 
 
-def speed(pace: str) -> float | None:
-    """Returns the speed against the recording of a `pace`, None = as fast as possible. Raises ParamError."""
-    if pace in ("fast", "realtime"):
-        return 1.0 if pace == "realtime" else None
-    try:
-        value = float(pace.removesuffix("x"))
-    except ValueError:
-        value = 0.0
-    if not 0 < value < float("inf"):
-        raise ParamError(f"replayer: pace is '{pace}', must be fast, realtime or a speed above 0 such as 0.5")
-    return value
-
-
 class ReplayerNode(Node):
     """Publishes what a bag holds; each topic is a port of its own name."""
 
@@ -72,7 +59,10 @@ class ReplayerNode(Node):
         given = resolve("replayer", cls.PARAMS, params)
         if not given["bag"]:
             raise ParamError("replayer: which bag? give bag:=FILE.mcap")
-        speed(given["pace"])  # wrong, it is told before anything starts
+        try:
+            parse_pace(given["pace"])
+        except ValueError as error:
+            raise ParamError(f"replayer: {error}") from None
         with BagReader(given["bag"]) as reader:
             if reader.problem and not reader.topics:
                 raise BagError(f"{reader.path} ends before its first topic ({reader.problem}); nothing can be played")
@@ -88,13 +78,13 @@ class ReplayerNode(Node):
         """Opens the bag and publishes the latched descriptions of the cameras."""
         from evis.bag.reader import BagReader
 
-        factor = speed(self.params["pace"])
-        self.pacer = Pacer(factor) if factor is not None else None
+        ports = list(self.dynamic_outputs(self.params))
+        speed = parse_pace(self.params["pace"])
+        self.pacer = None if speed == FAST else Pacer(speed)
         self.paced = Header(0)
         self.first_episode = self.last_episode = 0
         self.rest_until = 0.0
         self.told = False
-        ports = list(self.dynamic_outputs(self.params))
         self.reader: BagReader = BagReader(self.params["bag"])
         if self.reader.problem:
             self.warn(f"{self.reader.path} is torn: {self.reader.problem}; replaying what can be read")

@@ -416,7 +416,7 @@ def test_a_paced_replay_tells_how_late_it_was(tmp_path):
 def test_a_pace_that_is_none_is_told_before_anything_starts(tmp_path):
     with BagWriter(tmp_path / "a.mcap") as bag:
         bag.write("/cam0/depth", Depth(Header(0), PIXEL))
-    with pytest.raises(ParamError, match="pace is 'quick', must be fast, realtime or a speed"):
+    with pytest.raises(ParamError, match="pace is 'quick', must be realtime, fast or a speed"):
         ReplayerNode.dynamic_outputs({"bag": str(tmp_path / "a.mcap"), "pace": "quick"})
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from camera_rig import WallClock, write
 
-from nodes.camera.file_source import FileSettings, FileSource, parse_pace
+from nodes.camera.file_source import FileSettings, FileSource
 from nodes.camera.interface.settings import Configuration, setting
 
 MS = 1_000_000
@@ -74,14 +74,6 @@ def test_lateness_is_told_and_nothing_is_dropped(tmp_path):
                     clock.ns += 35 * MS
     assert late == [0, 0, 25, 15, 5, 0, 0, 0, 0, 0]
     assert n == 99
-
-
-def test_pace_words():
-    """realtime, fast and numbers; nothing else."""
-    assert [parse_pace(w) for w in ("realtime", "fast", "2.0", "0.5")] == [1.0, 0.0, 2.0, 0.5]
-    for word in ("0", "nan", "inf", "slow", ""):
-        with pytest.raises(ValueError, match="pace"):
-            parse_pace(word)
 
 
 def test_life_of_a_driver(tmp_path):

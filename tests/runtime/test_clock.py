@@ -3,12 +3,13 @@
 from fractions import Fraction
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from evis.runtime import pacing
 from evis.runtime.clock import keyframe_count, keyframe_stamp, subframe_stamps
-from evis.runtime.pacing import Pacer
+from evis.runtime.pacing import FAST, Pacer, parse_pace
 
 
 @given(st.integers(0, 10**12), st.integers(1, 10**5))
@@ -49,3 +50,12 @@ def test_a_pacer_measures_what_was_reached_over_all_its_rounds(monkeypatch):
         now[0] = at_ms * 10**6
         assert pacer.passed(stamp_ms * 10**6) == 0
     assert pacer.result() == {"wanted": 2.0, "reached": round(4 / 2.5, 6), "late_ms_max": 500}
+
+
+def test_pace_words():
+    """realtime, fast and numbers; nothing else."""
+    words = ("realtime", "fast", "2.0", "0.5", "2x", "1e6")
+    assert [parse_pace(word) for word in words] == [1.0, FAST, 2.0, 0.5, 2.0, 1e6]
+    for word in ("0", "-1", "nan", "inf", "slow", "x", "1e7", ""):
+        with pytest.raises(ValueError, match=f"pace is '{word}', must be realtime, fast or a speed"):
+            parse_pace(word)

@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
 
         print(rules(), end="")
         return 0
-    from nodes.camera.file_source import parse_pace
+    from evis.runtime.pacing import parse_pace
     from nodes.camera.find import find_driver, is_model
     from nodes.camera.usb.models import model_named
 
