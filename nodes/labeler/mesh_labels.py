@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
 from evis.scene.digest import appearance
 from evis.scene.model import Scene
+from evis.scene.parameters import camera_of
 from evis.scene.worlds import Worlds
+from msgs.camera import INTERVAL_FLOWS
 from msgs.world import WorldState
 from nodes.labeler.event_labels import EventLabeler, EventLabels
 from nodes.labeler.interval_flow import IntervalFlow
+from nodes.labeler.kinds import RAY_CAST
 from nodes.labeler.motion_history import MotionHistories
 from nodes.labeler.oriented_boxes import Boxes3D, OrientedBoxes
 from nodes.labeler.ray_caster import RayCaster
@@ -32,6 +36,27 @@ class WorldLabelers:
     caster: RayCaster | None = None
     events: EventLabeler | None = None
     interval_flow: IntervalFlow | None = None
+
+
+def make_world_labelers(scene: Scene, params: Mapping[str, Any], kinds: Collection[str]) -> WorldLabelers:
+    """Makes what labels environments that look like a scene.
+
+    params: of LabelerNode. kinds: labels that are asked for, of which those of meshes count.
+    """
+    camera, labelers = camera_of(scene, params["camera"]), WorldLabelers()
+    if "boxes3d" in kinds:
+        labelers.boxes = OrientedBoxes(scene, params["camera"])
+    if RAY_CAST.isdisjoint(kinds):
+        return labelers
+    caster = labelers.caster = RayCaster(scene, camera, params["device"])
+    if "events" in kinds:
+        caster.prepare(len(scene.bodies))
+        step = 1e9 / (params["keyframe_rate"] * params["upsampling"])
+        labelers.events = EventLabeler(caster, step, 1e9 * params["time_tolerance"])
+    if not set(INTERVAL_FLOWS).isdisjoint(kinds):
+        labelers.interval_flow = IntervalFlow(scene, camera, caster)
+        labelers.interval_flow.prepare(caster.still_motion(len(scene.bodies)))
+    return labelers
 
 
 class MeshLabels:

@@ -3,47 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from functools import partial
+from typing import Any, ClassVar
 
 import numpy as np
 
 from evis.config.params import Param
-from evis.config.suggestions import nearest
 from evis.gpu.host_copies import host_array
 from evis.runtime.node import Input, Node, Output
-from evis.scene.model import Scene
-from evis.scene.parameters import SCENE, SEED, camera_of, seeds_of, worlds_of
+from evis.scene.parameters import SCENE, SEED, seeds_of, worlds_of
 from msgs.camera import INTERVAL_FLOWS, CameraInfo, Depth, Ids, Labels
 from msgs.header import Header, Message
 from msgs.world import WorldState
+from nodes.labeler.body_labels import add_body_labels
 from nodes.labeler.box_groups import OF, groups
-
-if TYPE_CHECKING:
-    from nodes.labeler.mesh_labels import WorldLabelers
-
-NEEDS = {
-    "flow": {"state", "depth", "ids", "info"},
-    "depth": {"depth"},
-    "segmentation": {"ids"},
-    "semantic": {"ids", "info"},
-    "boxes": {"ids"},
-    "poses": {"state"},
-    "velocities": {"state"},
-    "accelerations": {"state"},
-    "joints": {"state"},
-    "contacts": {"state"},
-    "boxes3d": {"state"},
-    "forward_flow": {"state"},
-    "backward_flow": {"state"},
-    "events": {"state", "events", "signal"},
-}
-"""Inputs that each kind of label is made of."""
-RAY_CAST = frozenset({"events", *INTERVAL_FLOWS})
-"""Labels of surfaces at instants that no image shows: rays are cast at the scene's meshes."""
-OF_MESHES = RAY_CAST | {"boxes3d"}
-"""Labels for which the scene is loaded: they look at its meshes."""
-DEFAULT = ("flow", "depth", "segmentation", "boxes")
-"""Labels for a reader who did not say which."""
+from nodes.labeler.kinds import DEFAULT, NEEDS, OF_MESHES, RAY_CAST, kinds_of
 
 
 class LabelerNode(Node):
@@ -90,14 +64,14 @@ class LabelerNode(Node):
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
         """Names the inputs of the labels asked for. Raises ValueError for one that does not exist."""
-        asked = kinds(params.get("labels"))
+        asked = kinds_of(params.get("labels"))
         found = frozenset().union(*(NEEDS[kind] for kind in asked)) if wanted else frozenset()
         return found | {"info"} if "ids" in found and _some_boxes(params) else found
 
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
         """Names the parameters of flow over an interval, and of boxes, where no such label is asked for."""
-        asked = set(kinds(params.get("labels")))
+        asked = set(kinds_of(params.get("labels")))
         idle: dict[str, str] = {}
         if asked.isdisjoint(INTERVAL_FLOWS):
             why = "no label is a flow over an interval (labels:=forward_flow)"
@@ -111,7 +85,7 @@ class LabelerNode(Node):
         from nodes.labeler import image_labels
 
         self.image_labels = image_labels
-        self.kinds = kinds(self.params["labels"])
+        self.kinds = kinds_of(self.params["labels"])
         self.info: CameraInfo | None = None
         self.box_ids: np.ndarray | None = None
         self.flow_fields: dict[str, list[image_labels.FlowField]] = {}
@@ -125,9 +99,10 @@ class LabelerNode(Node):
         p = self.params
         if p["flow_from"] >= p["flow_to"]:
             raise ValueError(f"flow_from {p['flow_from']:g} must be less than flow_to {p['flow_to']:g}")
-        from nodes.labeler.mesh_labels import MeshLabels
+        from nodes.labeler.mesh_labels import MeshLabels, make_world_labelers
 
-        self.mesh_labels = MeshLabels(worlds_of(self.name, p, textures=False), self._world_labelers)
+        make = partial(make_world_labelers, params=p, kinds=self.kinds)
+        self.mesh_labels = MeshLabels(worlds_of(self.name, p, textures=False), make)
         if RAY_CAST & set(self.kinds):
             from nodes.labeler.motion_history import MotionHistories
 
@@ -136,32 +111,6 @@ class LabelerNode(Node):
             from nodes.labeler.event_pairing import EventPairing
 
             self.pairing = EventPairing()
-
-    def _world_labelers(self, scene: Scene) -> WorldLabelers:
-        """Makes what labels environments that look like a scene."""
-        from nodes.labeler.mesh_labels import WorldLabelers
-
-        p, camera, labelers = self.params, camera_of(scene, self.params["camera"]), WorldLabelers()
-        if "boxes3d" in self.kinds:
-            from nodes.labeler.oriented_boxes import OrientedBoxes
-
-            labelers.boxes = OrientedBoxes(scene, p["camera"])
-        if RAY_CAST & set(self.kinds):
-            from nodes.labeler.ray_caster import RayCaster
-
-            labelers.caster = RayCaster(scene, camera, p["device"])
-        if "events" in self.kinds and labelers.caster is not None:
-            from nodes.labeler.event_labels import EventLabeler
-
-            labelers.caster.prepare(len(scene.bodies))
-            step = 1e9 / (p["keyframe_rate"] * p["upsampling"])
-            labelers.events = EventLabeler(labelers.caster, step, 1e9 * p["time_tolerance"])
-        if set(INTERVAL_FLOWS) & set(self.kinds) and labelers.caster is not None:
-            from nodes.labeler.interval_flow import IntervalFlow
-
-            labelers.interval_flow = IntervalFlow(scene, camera, labelers.caster)
-            labelers.interval_flow.prepare(labelers.caster.still_motion(len(scene.bodies)))
-        return labelers
 
     def rewind(self, params: Mapping[str, Any]) -> bool:
         """Keeps everything but worlds that are others: no label knows of another stamp."""
@@ -205,7 +154,7 @@ class LabelerNode(Node):
                 self._ids_of_boxes(seen) if _some_boxes(self.params) else seen
             )
         if state is not None:
-            self._label_bodies(out, state)
+            add_body_labels(out, state, self.kinds, self.name)
             self._label_meshes(out, state)
         if self.pairing is None:
             self.publish("labels", out)
@@ -323,25 +272,6 @@ class LabelerNode(Node):
                 fields.append(self.image_labels.FlowField(k, size, bodies, camera, lens, device))
         return self.flow_fields[device]
 
-    def _label_bodies(self, out: Labels, state: WorldState) -> None:
-        if "poses" in self.kinds:
-            out.pose, out.names = np.array(state.end_pose), list(state.names)
-        if "velocities" in self.kinds:
-            out.velocity, out.names = state.end_twist(), list(state.names)
-        if "accelerations" in self.kinds:
-            if state.acceleration is None:
-                raise ValueError(f"{self.name}: /state has no accelerations; start physics with accelerations:=true")
-            out.acceleration, out.names = np.array(state.acceleration), list(state.names)
-        if "joints" in self.kinds:
-            if state.qpos is None or state.qvel is None:
-                raise ValueError(f"{self.name}: /state has no joints; start physics with joints:=true")
-            out.qpos, out.qvel = np.array(state.qpos[:, -1]), np.array(state.qvel[:, -1])
-        if "contacts" in self.kinds:
-            if state.contact_env is None:
-                raise ValueError(f"{self.name}: /state has no contacts; start physics with contacts:=true")
-            for part in ("env", "body", "position", "force"):
-                setattr(out, f"contact_{part}", np.array(getattr(state, f"contact_{part}")))
-
     def _label_meshes(self, out: Labels, state: WorldState) -> None:
         """Labels where meshes are at this stamp, and how their points move within its interval."""
         if self.mesh_labels is not None:
@@ -368,15 +298,6 @@ class LabelerNode(Node):
 def _some_boxes(params: Mapping[str, Any]) -> bool:
     """Whether not every instance has a box of its own."""
     return params.get("box_of", OF[0]) != OF[0] or params.get("box_classes") is not None
-
-
-def kinds(asked: Any) -> list[str]:
-    """Gives the labels asked for, those of DEFAULT for None. Raises ValueError that names the nearest one."""
-    names = [n.strip() for n in asked.split(",")] if isinstance(asked, str) else [str(n) for n in asked or DEFAULT]
-    for name in names:
-        if name not in NEEDS:
-            raise ValueError(f"no label '{name}'; {nearest(name, NEEDS)}")
-    return names
 
 
 def _same_view(a: CameraInfo, b: CameraInfo) -> bool:

@@ -1,8 +1,8 @@
 """Defines the interface of a physics engine: what moves the bodies of a scene from one stamp to the next.
 
 `prescribed.py` computes motion in closed form, `mujoco_engine.py` integrates that of an MJCF model; `separate.py` makes
-one engine of several. PhysicsNode chooses one (`_engine`), and `environments.py` moves environments by it that are
-reset at different times.
+one engine of several. `choice.py` makes the one that a run asks for, and `environments.py` moves environments by it
+that are reset at different times.
 """
 
 from __future__ import annotations

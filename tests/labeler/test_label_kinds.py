@@ -9,7 +9,7 @@ from evis.bag.export import labels as archive
 from evis.dataset.layouts import sample
 from msgs.camera import Labels
 from msgs.fields import array_specs, environment_key
-from nodes.labeler.node import NEEDS
+from nodes.labeler.kinds import NEEDS
 
 KINDS = {**sample.DENSE, **sample.TABLES, "events": sample.EVENTS}
 """Kind -> its arrays, as sequences of data sets hold them."""
