@@ -1,4 +1,9 @@
-"""Reads worlds, a small YAML file each, or any MJCF, into one Scene."""
+"""Reads worlds, a small YAML file each, or any MJCF, into one Scene.
+
+`load.py` finds the file and gives its arguments values; `yaml/`, `mjcf/`, `mesh/` and `images/` read what it names into a
+Scene (`model.py`), whose prescribed motion is `motion.py`. Where a scene draws values, the seed of an environment
+decides them (`draws.py`), and a node holds the worlds of its environments (`worlds.py`, `parameters.py`).
+"""
 
 from evis.scene.errors import SceneError
 from evis.scene.load import is_dynamic, load_scene, scene_args
