@@ -1,7 +1,7 @@
 """Reads worlds, a small YAML file each, or any MJCF, into one Scene.
 
-`load.py` finds the file and gives its arguments values; `yaml/`, `mjcf/`, `mesh/` and `images/` read what it names into a
-Scene (`model.py`), whose prescribed motion is `motion.py`. Where a scene draws values, the seed of an environment
+`load.py` finds the file and gives its arguments values; `yaml/`, `mjcf/`, `mesh/` and `images/` read what it names into
+a Scene (`model.py`), whose prescribed motion is `motion.py`. Where a scene draws values, the seed of an environment
 decides them (`draws.py`), and a node holds the worlds of its environments (`worlds.py`, `parameters.py`).
 """
 
