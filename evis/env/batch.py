@@ -134,8 +134,6 @@ class Batch:
         if not is_number(seconds) or not 0 <= seconds < np.inf:
             raise ValueError(f"seconds is {seconds!r:.60}; an episode takes some time, or has no end with 0")
         self._last_step = round(seconds * self.rate) if seconds else None
-        self._stamps = [0]
-        """Stamps of the keyframes since a reset, as far as they were needed [ns]."""
         self._seeds = np.zeros(self.envs, np.int64)
         self._episodes = np.zeros(self.envs, np.int64)
         """Episodes of each environment since it was given its seed."""
@@ -219,10 +217,7 @@ class Batch:
         return found
 
     def _observed(self, step: Any, fresh: np.ndarray) -> Observed:
-        while len(self._stamps) <= self.steps.max():
-            self._stamps.append(keyframe_stamp(len(self._stamps), self.rate))
-        stamps = np.array(self._stamps)
-        ends, starts = (self._begun + stamps[steps] for steps in (self.steps, np.maximum(self.steps - 1, 0)))
+        starts, ends = (self._begun + self._stamps(steps) for steps in (np.maximum(self.steps - 1, 0), self.steps))
         if self._painter:
             self._painter.take(step, fresh)
         moment = Moment(step, starts, ends, self._actions, fresh)
@@ -233,6 +228,10 @@ class Batch:
         # Copies, as the arrays are the caller's from here on.
         self._seen = {name: values.copy() for name, values in made.items()}
         return made[""] if "" in made else made
+
+    def _stamps(self, steps: np.ndarray) -> np.ndarray:
+        """Computes the stamps of each environment's keyframe of this number since its reset, int64 [E] ns."""
+        return np.array([keyframe_stamp(k, self.rate) for k in steps.tolist()], np.int64)
 
     def paint(self, env: int) -> np.ndarray:
         """Returns the picture of an environment after the last step, uint8 [H, W, 3]. Raises ValueError."""

@@ -253,7 +253,10 @@ class Simulation:
     def finish(self) -> Step:
         """Ends the run, and returns what the nodes had held back: the last events of a sensor that looks ahead."""
         self._check_usable()
-        return self._run.finish()
+        try:
+            return self._run.finish()
+        finally:
+            self._run.warn()
 
     def save(self, bag: str | Path) -> None:
         """Writes the bag that `evis launch --record` would have made of the run since time 0.
@@ -315,7 +318,10 @@ class Simulation:
         """Ends the run and releases memory and files. A second call does nothing."""
         if not self._closed:
             self._closed = True
-            self._run.close()
+            try:
+                self._run.close()
+            finally:
+                self._run.warn()  # some things are known at the end of a run only
 
     def __enter__(self) -> Self:
         return self

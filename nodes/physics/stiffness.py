@@ -34,7 +34,8 @@ class Mode:
     source: what it belongs to. stiffness [1/s^2]; implicit, explicit: damping [1/s] that the integrator takes at the
     end and at the beginning of its step. MuJoCo takes that of joints at the end with Euler, that of actuators too with
     `implicit` and `implicitfast`, none with RK4; springs always at the beginning, but with `discrete`.
-    contact: it acts while things touch, or a joint or tendon is at its limit.
+    contact: it acts while things touch, or a joint or tendon is at its limit. activation: x' is that of an actuator,
+    which decays, and which `discrete` takes a step of as Euler does.
     """
 
     source: str
@@ -43,6 +44,7 @@ class Mode:
     implicit: float
     explicit: float
     contact: bool = False
+    activation: bool = False
 
     @property
     def rate(self) -> float:
@@ -51,7 +53,8 @@ class Mode:
 
     def grows(self, dt: float) -> bool:
         """Tells whether a step of dt [s] makes a small disturbance larger."""
-        return self.integrator != "discrete" and _spectral_radius(self._step(dt)) > 1 + _GROWTH
+        always = self.integrator == "discrete" and not self.activation
+        return not always and _spectral_radius(self._step(dt)) > 1 + _GROWTH
 
     @property
     def oscillates(self) -> bool:
@@ -82,10 +85,10 @@ class Mode:
 
 
 def modes(model: Any) -> list[Mode]:
-    """Finds the joints and tendons with springs, dampers and servos, and contacts, limits and equalities with a direct
-    solref.
+    """Finds the joints and tendons with springs, dampers and servos, contacts, limits and equalities with a direct
+    solref, and actuators with a filter.
     """
-    return [*_joints(model), *_tendons(model), *_direct(model)]
+    return [*_joints(model), *_tendons(model), *_direct(model), *_filters(model)]
 
 
 def _joints(model: Any) -> Iterator[Mode]:
@@ -168,6 +171,20 @@ def _direct(model: Any) -> Iterator[Mode]:
         if solref[0] < 0:
             stiffness, damping = (-float(value) for value in solref)
             yield Mode(f"the direct solref of {source}", integrator_of(model), stiffness, 0.0, damping, contact)
+
+
+def _filters(model: Any) -> Iterator[Mode]:
+    """Actuators whose activation follows the control with a time constant: act' = (control - act) / dynprm[0].
+
+    `filterexact` is a step's exponential, which nothing makes grow; but RK4 takes it of the mean of its four rates,
+    which grows as they do.
+    """
+    integrator = integrator_of(model)
+    explicit = [mujoco.mjtDyn.mjDYN_FILTER] + [mujoco.mjtDyn.mjDYN_FILTEREXACT] * (integrator == "RK4")
+    for actuator in np.flatnonzero(np.isin(model.actuator_dyntype, explicit)).tolist():
+        name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, actuator) or f"actuator{actuator}"
+        rate = 1 / max(float(model.actuator_dynprm[actuator, 0]), mujoco.mjMINVAL)
+        yield Mode(f"the activation of actuator '{name}'", integrator, 0.0, 0.0, rate, activation=True)
 
 
 def thicknesses(model: Any) -> np.ndarray:

@@ -227,7 +227,8 @@ def _alike(growing: Sequence[Mode], dt: float) -> list[list[Mode]]:
     """Groups those of which `_remedy` says the same: a cable has hundreds of joints."""
     groups: dict[tuple[bool, ...], list[Mode]] = {}
     for mode in growing:
-        groups.setdefault((mode.contact, mode.oscillates, mode.grows(dt / 2**FINEST)), []).append(mode)
+        alike = mode.contact, mode.activation, mode.oscillates, mode.grows(dt / 2**FINEST)
+        groups.setdefault(alike, []).append(mode)
     return list(groups.values())
 
 
@@ -255,8 +256,11 @@ def _remedy(mode: Mode, dt: float, tolerant: bool) -> str:
     if mode.contact:  # a bounce of few steps gains or loses energy, however stable they are
         close = f"a timestep below {FOLLOWED / mode.rate:.2g} s does so nearly"
         return f'{exact}{close}; integrator="discrete" is stable, and erases its bounce'
-    erased = "which erases its oscillation" if mode.oscillates else "which erases what is faster than a step"
     longest = _rounded_down(mode.longest_step(dt))
+    if mode.activation:
+        exactly = 'dyntype="filterexact" with an integrator other than RK4'
+        return f"{exact}stable are a timestep below {longest:g} s, which is not exact, and {exactly}, which nearly is"
+    erased = "which erases its oscillation" if mode.oscillates else "which erases what is faster than a step"
     return f'{exact}stable, but not exact, are a timestep below {longest:g} s and integrator="discrete", {erased}'
 
 

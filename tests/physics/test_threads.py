@@ -8,6 +8,8 @@ import pytest
 from evis.scene import load_scene
 
 pytest.importorskip("mujoco")
+from evis.runtime.workers import Workers
+from nodes.physics import mujoco_engine
 from nodes.physics.environments import Environments
 from nodes.physics.interval import Interval
 from nodes.physics.mujoco_engine import MujocoEngine
@@ -95,6 +97,37 @@ def test_resets_of_single_ones_share_the_threads(tmp_path: Path) -> None:
             found.append([told(interval, env) for env in range(4)])
         runs.append(found)
     assert runs[0] == runs[1]
+
+
+@pytest.mark.parametrize("least", [1, 1000])
+def test_those_reset_by_themselves_move_as_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, least: int) -> None:
+    """Several begin anew at keyframes of their own, so that each is one of many in what MuJoCo's threads recorded:
+    written from there by a kernel (from `least` environments on) or by numpy, and by no thread beside the caller's."""
+    monkeypatch.setattr(mujoco_engine, "RECORDED_FROM", least)
+    # 50 Hz: stamps since any reset are whole steps from one another.
+    worlds = Environments(engine_of(tmp_path, 4, 2, contacts=False), 4, 50.0)
+    worlds.advance(0)
+    begun = {3: 1, 5: 2, 6: 0, 9: 2}
+    first = dict.fromkeys(range(4), 0)
+    for k in range(1, 15):
+        if k in begun:
+            worlds.restart([begun[k]], [40 + k], [0], k - 1)
+            worlds.present()
+            first[begun[k]] = k - 1
+        if k == 10:
+            monkeypatch.setattr(Workers, "submit", _no_thread)
+        last = worlds.advance(k, np.zeros((4, 1)))
+    monkeypatch.undo()
+    seeds = {1: 43, 2: 49, 0: 46, 3: 6}
+    for env, seed in seeds.items():
+        alone, n = engine_of(tmp_path, 1, seed=seed, contacts=False), 14 - first[env]
+        for k in range(1, n + 1):
+            interval = alone.advance(20_000_000 * k, np.zeros((1, 1)))
+        assert told(last, env) == told(interval, 0)
+
+
+def _no_thread(*_given: object) -> None:
+    raise AssertionError("to hand over one environment takes longer than to do it")
 
 
 @pytest.mark.parametrize("contacts", [False, True])

@@ -220,6 +220,26 @@ def test_a_model_that_diverges_is_named_and_goes_on(tmp_path: Path) -> None:
         assert sim.reset().episodes.tolist() == [0]
 
 
+@pytest.mark.parametrize("ends", ["finish", "close"])
+def test_what_is_known_at_the_end_of_a_run_is_told_then_and_once(tmp_path, ends):
+    """A body that falls for a second is g dt t / 2 = 4.9 mm off in Euler's steps of 1 ms."""
+    model = tmp_path / "rock.xml"
+    model.write_text(
+        "<mujoco><option timestep='.001' gravity='0 0 -9.81'/><worldbody><body name='rock' pos='0 0 9'><freejoint/>"
+        "<geom size='.1'/></body></worldbody></mujoco>"
+    )
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        sim = evis.Simulation(model, outputs=["state"], **SIZE)
+        sim.run(1.0)
+        before = [str(one.message) for one in said]
+        getattr(sim, ends)()
+        sim.close()
+    (told,) = [str(one.message) for one in said if one.category is evis.SimulationWarning]
+    assert told not in before
+    assert "body 'rock' was up to 0.0049 m and 0 degrees" in told
+
+
 def test_what_nodes_warn_of_comes_as_warnings(tmp_path: Path) -> None:
     """A spring that the integrator cannot follow is told when the simulation is made or first steps."""
     model = tmp_path / "stiff.xml"

@@ -20,12 +20,11 @@ from evis.geometry import se3
 from nodes.physics.dynamics.saved_state import STATE
 from nodes.physics.mujoco_warnings import BAD
 from nodes.physics.precision.errors import Errors, Kept
+from nodes.physics.precision.order import RK4, order_of
 from nodes.physics.precision.reach import Reach
 from nodes.physics.stiffness import modes
 
-ORDER = {mujoco.mjtIntegrator.mjINT_RK4: 4}
-"""Of the integrators in smooth motion; the others are of order 1, as every one is where constraints come and go."""
-LENGTH = {mujoco.mjtIntegrator.mjINT_RK4: 4}
+LENGTH = {RK4: 4}
 """Steps of the environment that are one of its shadow's; 2 for the others."""
 STEPS_BETWEEN_ACTIONS = 4
 """From so many steps on, an action that comes between two steps of twice the length is waited for with a single one."""
@@ -57,6 +56,7 @@ class Shadow:
     def __init__(self, model: Any, errors: Errors) -> None:
         self._model, self._errors = model, errors
         self._data = mujoco.MjData(model)
+        self._smooth_order = order_of(model)
         self.reach = Reach(model).of_body[1:]
         self._length, dt = LENGTH.get(model.opt.integrator, 2), model.opt.timestep
         errors.erased = [mode.source for mode in modes(model) if mode.integrator == "discrete" and mode.too_fast(dt)]
@@ -171,7 +171,8 @@ class Shadow:
         return finite and not any(data.warning[w].number for w in BAD)
 
     def _order(self) -> int:
-        return ORDER.get(self._model.opt.integrator, 1) if self._smooth else 1
+        """The order of the steps, which is 1 of every integrator where constraints come and go."""
+        return self._smooth_order if self._smooth else 1
 
     def _scale(self) -> float:
         """The error over the difference to longer steps. Where constraints come and go it is taken whole."""

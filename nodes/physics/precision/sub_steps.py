@@ -15,7 +15,7 @@ import numpy as np
 
 from evis.geometry import se3
 from nodes.physics.dynamics.saved_state import STATE
-from nodes.physics.precision.shadow import ORDER
+from nodes.physics.precision.order import RK4, order_of
 from nodes.physics.precision.tolerance import Tolerance
 from nodes.physics.stiffness import modes
 
@@ -28,24 +28,40 @@ STABLE_IN = 6
 
 
 def take_best_integrator(model: Any) -> None:
-    """Gives the model RK4, which is exact soonest, unless something in it is too stiff for that."""
+    """Gives the model RK4, which is exact soonest, unless something in it is too stiff for that.
+
+    What makes RK4 one of order 1 is taken as the equation that it stands for: the step's exponential of an activation,
+    and the activation after the step.
+    """
     before = int(model.opt.integrator)
-    model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    model.opt.integrator = RK4
     if any(mode.grows(model.opt.timestep / 2**STABLE_IN) for mode in modes(model)):
         model.opt.integrator = before
+        return
+    model.actuator_dyntype[model.actuator_dyntype == mujoco.mjtDyn.mjDYN_FILTEREXACT] = mujoco.mjtDyn.mjDYN_FILTER
+    model.actuator_actearly[:] = False
+
+
+def _least_level(model: Any) -> int:
+    """Finds the logarithm of the fewest parts in which no activation grows, which poses do not tell near its rest."""
+    filters = [mode for mode in modes(model) if mode.activation]
+    levels = range(FINEST - 1)
+    fit = (k for k in levels if not any(mode.grows(model.opt.timestep / 2**k) for mode in filters))
+    return next(fit, FINEST - 1)
 
 
 class SubSteps:
     """Takes the steps of one environment. missed: how many of them were not exact enough in 2^FINEST parts."""
 
     def __init__(self, model: Any, tolerance: Tolerance) -> None:
-        self._tolerance = tolerance
+        self._tolerance, self._smooth_order = tolerance, order_of(model)
         self._state = np.empty(mujoco.mj_stateSize(model, STATE))
+        self._least = _least_level(model)
         self.begin()
 
     def begin(self) -> None:
         """Begins an episode, before its first step."""
-        self.level = 0
+        self.level = self._least
         self.missed = 0
         self.taken: list[int] = []
         """Parts of each step since this was emptied last."""
@@ -68,14 +84,14 @@ class SubSteps:
             mujoco.mj_setState(model, data, self._state, STATE)
             data.warning.number[:] = counts
             fine = self._try(model, data, 2 << self.level)
-            order = 1 if data.nefc else ORDER.get(model.opt.integrator, 1)
+            order = 1 if data.nefc else self._smooth_order
             off = self._off(coarse, fine, model.opt.timestep) / (2**order - 1)
             if off <= 1 or self.level == FINEST - 1:
                 break
             self.level, coarse = self.level + 1, fine
         self.taken.append(2 << self.level)
         self.missed += not off <= 1
-        if self.level and off * 2 ** (order + 1) < 1:
+        if self.level > self._least and off * 2 ** (order + 1) < 1:
             self.level -= 1
 
     @staticmethod

@@ -33,6 +33,8 @@ class RecordedCourse:
         self._of_bodies.append(cpu_array(np.asarray(reach, np.float64)))
         self._bodies, self._threads = model.nbody - 1, threads
         self._pool = Workers(threads, "course") if threads > 1 else None
+        self._given: tuple[Records, Any] | None = None
+        """The last records, and what the kernel takes them as."""
 
     @staticmethod
     def kernels() -> list[tuple[wp.Kernel, int]]:
@@ -49,13 +51,7 @@ class RecordedCourse:
         speed of any point [m], not finite where anything is not; and the greatest component of a velocity before the
         last step [m].
         """
-        recorded: Any = Recorded()
-        for name, field in PLACES.items():
-            setattr(recorded, field, cpu_array(records.each[name]))
-            now = records.each[name][:, -1] if records.now is None else records.now[name]
-            setattr(recorded, f"now_{field}", cpu_array(np.ascontiguousarray(now)))
-        recorded.qpos, recorded.qvel = (cpu_array(records.each[name]) for name in ("qpos", "qvel"))
-        recorded.late = int(records.now is not None)
+        recorded = self._of(records)
         pose, twist = (np.empty((len(envs), 2, self._bodies, n)) for n in (7, 6))
         speed, fastest = np.empty(len(envs)), np.empty(len(envs))
         written: Any = Written()
@@ -72,6 +68,20 @@ class RecordedCourse:
             wp.launch(write_course, len(part), inputs, device="cpu")
 
         parts = np.array_split(np.arange(len(envs)), min(self._threads, len(envs)))
-        for _done in (map if self._pool is None else self._pool.map)(work, parts):
+        # To hand over a single part takes longer than most of them do.
+        for _done in (map if self._pool is None or len(parts) == 1 else self._pool.map)(work, parts):
             pass
         return pose, twist, speed, fastest
+
+    def _of(self, records: Records) -> Any:
+        """Gives records to the kernel; environments that began at different times have them in common."""
+        if self._given is None or self._given[0] is not records:
+            recorded: Any = Recorded()
+            for name, field in PLACES.items():
+                setattr(recorded, field, cpu_array(records.each[name]))
+                now = records.each[name][:, -1] if records.now is None else records.now[name]
+                setattr(recorded, f"now_{field}", cpu_array(np.ascontiguousarray(now)))
+            recorded.qpos, recorded.qvel = (cpu_array(records.each[name]) for name in ("qpos", "qvel"))
+            recorded.late = int(records.now is not None)
+            self._given = records, recorded
+        return self._given[1]
