@@ -19,13 +19,13 @@ from nodes.interpolator.refine.evaluation.evaluator import Evaluator, make_look_
 from nodes.interpolator.refine.instants import Instants, instants_of, least_parts
 from nodes.interpolator.refine.light.flicker import Flicker
 from nodes.interpolator.refine.light.highlights import Highlights, tolerance_for
-from nodes.interpolator.refine.light.passing import Passing
-from nodes.interpolator.refine.paths.grain import least_spacing
+from nodes.interpolator.refine.light.light_visibility import Passing
+from nodes.interpolator.refine.paths.albedo_scale import least_spacing
 from nodes.interpolator.refine.probing.probes import Ahead, Probes
 from nodes.interpolator.refine.rounds import Kernels, Rounds, Window
-from nodes.interpolator.refine.samples.further_kernels import count_samples, make_sort, place_samples
 from nodes.interpolator.refine.samples.means import Means
-from nodes.interpolator.refine.stage_kernels import Cut, Stage
+from nodes.interpolator.refine.samples.sort_kernels import count_samples, make_sort, place_samples
+from nodes.interpolator.refine.window_kernels import Cut, Stage
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.sampling import pixels_per_radian
 from nodes.interpolator.rigid.slots import Poses

@@ -14,19 +14,19 @@ import warp as wp
 from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.cuda_graph import CudaGraphs
 from nodes.interpolator.refine.evaluation.evaluator import Evaluator, changes_of
-from nodes.interpolator.refine.evaluation.see_kernels import see
+from nodes.interpolator.refine.evaluation.trace_kernels import see
 from nodes.interpolator.refine.halving.check_kernels import make_check
 from nodes.interpolator.refine.halving.interval_kernels import make_intervals
 from nodes.interpolator.refine.halving.split_kernels import make_split
 from nodes.interpolator.refine.instants import Instants
-from nodes.interpolator.refine.light.passing import Passing
-from nodes.interpolator.refine.paths.listing_kernels import make_instances
+from nodes.interpolator.refine.light.light_visibility import Passing
 from nodes.interpolator.refine.paths.motion_kernels import find_bends
-from nodes.interpolator.refine.runs.change_kernels import Changes, Several, find_breaks, make_find_changes
-from nodes.interpolator.refine.runs.edge_kernels import find_times
-from nodes.interpolator.refine.runs.plain_kernels import make_find_plain
 from nodes.interpolator.refine.runs.run_kernels import make_find_ends, make_find_runs
+from nodes.interpolator.refine.runs.single_surface_kernels import make_find_plain
+from nodes.interpolator.refine.runs.transition_kernels import Changes, Several, find_breaks, make_find_changes
+from nodes.interpolator.refine.runs.transition_time_kernels import find_times
 from nodes.interpolator.refine.samples.lists import Lists, Samples
+from nodes.interpolator.refine.samples.request_kernels import make_instances
 from nodes.interpolator.refine.samples.tally import Counts, Tally
 from nodes.interpolator.rigid.method import Rigid
 from nodes.renderer.lighting import LIST_WORKERS

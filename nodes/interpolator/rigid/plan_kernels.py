@@ -15,9 +15,9 @@ from evis.gpu.append_kernels import take_place
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.relight.line_kernels import Lit, make_light_in
+from nodes.interpolator.rigid.body_motion_kernels import Walk
 from nodes.interpolator.rigid.look_up.look_up_kernels import SAME_SHEET
 from nodes.interpolator.rigid.patch_kernels import patch_of
-from nodes.interpolator.rigid.walk_kernels import Walk
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, face_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
 

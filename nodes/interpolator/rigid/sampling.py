@@ -21,10 +21,10 @@ from nodes.interpolator.relight.change import LightChange
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid import plan_kernels
+from nodes.interpolator.rigid.body_motion_kernels import Walk, walk_bodies
 from nodes.interpolator.rigid.keyframes import Prepared
 from nodes.interpolator.rigid.layout import Layout
 from nodes.interpolator.rigid.plan_kernels import make_plan, make_refine
-from nodes.interpolator.rigid.walk_kernels import Walk, walk_bodies
 from nodes.renderer.raster.row_tiles import launch_in_threads
 from nodes.renderer.raster.visibility import Visibility
 

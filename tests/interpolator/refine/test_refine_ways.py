@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 
 from nodes.interpolator.refine.paths.motion_kernels import find_bends, stride_of
-from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, shows_one
+from nodes.interpolator.refine.window_kernels import Cut, Spot, Stage, shows_one
 
 K, SLOTS, PROBES = 2, 15, 8
 """Coarse intervals, instants inside each, and parts that z-buffers make of each: instants 2, 4 .. 14."""

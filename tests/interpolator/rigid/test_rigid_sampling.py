@@ -10,9 +10,9 @@ from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Body
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
 from nodes.interpolator.rigid import Rigid, sparse_raster
+from nodes.interpolator.rigid.body_motion_kernels import Walk, walk_bodies
 from nodes.interpolator.rigid.layout import TOLERANCE
 from nodes.interpolator.rigid.sampling import pixels_per_radian
-from nodes.interpolator.rigid.walk_kernels import Walk, walk_bodies
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.renderer import Renderer
 

@@ -9,8 +9,8 @@ import numpy as np
 import warp as wp
 
 from nodes.interpolator.keyframe import Span
-from nodes.interpolator.refine.evaluation.sight_kernels import Targets
-from nodes.interpolator.refine.paths.grain import grain_of
+from nodes.interpolator.refine.evaluation.visibility_kernels import Targets
+from nodes.interpolator.refine.paths.albedo_scale import grain_of
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.look_up.gather_kernels import make_gather, make_place

@@ -5,10 +5,10 @@ from typing import Any
 
 import warp as wp
 
-from nodes.interpolator.refine.halving.beside_kernels import make_beside, make_is_painted
 from nodes.interpolator.refine.halving.interval_kernels import make_interval, make_intervals, make_put, take_samples
-from nodes.interpolator.refine.paths.listing_kernels import PARTS, TOLD, UNKNOWN, make_instances
-from nodes.interpolator.refine.stage_kernels import FEW_REGISTERS, Cut, Stage
+from nodes.interpolator.refine.halving.request_interval_kernels import make_beside, make_is_painted
+from nodes.interpolator.refine.samples.request_kernels import PARTS, TOLD, UNKNOWN, make_instances
+from nodes.interpolator.refine.window_kernels import FEW_REGISTERS, Cut, Stage
 from nodes.interpolator.rigid.look_up.log_kernels import apart
 from nodes.interpolator.rigid.plan_kernels import joined
 

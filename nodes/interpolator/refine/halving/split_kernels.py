@@ -13,8 +13,8 @@ from nodes.interpolator.refine.halving.interval_kernels import (
     make_put,
     take_samples,
 )
-from nodes.interpolator.refine.paths.listing_kernels import PARTS
-from nodes.interpolator.refine.stage_kernels import Cut
+from nodes.interpolator.refine.samples.request_kernels import PARTS
+from nodes.interpolator.refine.window_kernels import Cut
 from nodes.interpolator.rigid.keyframe_kernels import log_of
 from nodes.interpolator.rigid.look_up.log_kernels import apart
 from nodes.interpolator.rigid.plan_kernels import joined

@@ -14,9 +14,9 @@ from evis.geometry import se3
 from evis.gpu.exchange import cpu_array
 from evis.scene.model import WORLD, Mesh, Scene
 from evis.scene.motion import Path, Prescribed, Shift
-from nodes.interpolator.refine.light.chords import CORNERS, Chords
-from nodes.interpolator.refine.light.outlines import finest_hole
-from nodes.interpolator.refine.probing.visit_kernels import Boxes, find_briefest
+from nodes.interpolator.refine.light.box_shadows import CORNERS, Chords
+from nodes.interpolator.refine.light.silhouettes import finest_hole
+from nodes.interpolator.refine.probing.appearance_kernels import Boxes, find_briefest
 from nodes.renderer.geometry.triangles import Geometry
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.shadows.boxes import half_extents

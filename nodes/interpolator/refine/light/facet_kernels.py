@@ -4,7 +4,7 @@ from functools import cache
 
 import warp as wp
 
-from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, entry_at, slot_row
+from nodes.interpolator.refine.window_kernels import Cut, Spot, Stage, entry_at, slot_row
 from nodes.interpolator.relight.change_kernels import MOVED, Change, point_of
 from nodes.interpolator.relight.features import LightChanges
 from nodes.renderer.lights.light_kernels import make_directions

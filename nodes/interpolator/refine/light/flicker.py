@@ -13,8 +13,8 @@ from evis.runtime.clock import NS
 from evis.scene.model import Waveform
 from evis.scene.sampling import FOLLOWED
 from nodes.interpolator.refine.light.flicker_kernels import Marks
-from nodes.interpolator.refine.paths.listing_kernels import PARTS, SHARP
 from nodes.interpolator.refine.samples.lists import SPARE
+from nodes.interpolator.refine.samples.request_kernels import PARTS, SHARP
 from nodes.renderer.lights.lights import waveform_strength, waveform_strengths
 
 ROUNDED = 1e-6

@@ -5,9 +5,9 @@ from typing import Any
 
 import warp as wp
 
-from nodes.interpolator.refine.paths.listing_kernels import PARTS, TOLD, make_instances, make_note
-from nodes.interpolator.refine.paths.path_kernels import STEEPEST, outside
-from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, entry_at, slot_row
+from nodes.interpolator.refine.paths.keyframe_path_kernels import STEEPEST, outside
+from nodes.interpolator.refine.samples.request_kernels import PARTS, TOLD, make_instances, make_note
+from nodes.interpolator.refine.window_kernels import Cut, Spot, Stage, entry_at, slot_row
 from nodes.interpolator.rigid.keyframe_kernels import log_of
 from nodes.interpolator.rigid.look_up.log_kernels import apart, make_radiance_of
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes

@@ -7,7 +7,7 @@ import warp as wp
 
 from evis.gpu.reading_kernels import element, number, whole_number
 from nodes.interpolator.refine.paths.motion_kernels import motion_since
-from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage
+from nodes.interpolator.refine.window_kernels import Cut, Spot, Stage
 from nodes.interpolator.rigid.look_up.log_kernels import apart, log_type
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
 from nodes.renderer.raster.lens.displacement_kernels import make_displacement

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, slot_row
+from nodes.interpolator.refine.window_kernels import Cut, Spot, Stage, slot_row
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 
 wp.set_module_options({"enable_backward": False})

@@ -15,9 +15,9 @@ from evis.gpu.cuda_graph import CudaGraphs
 from nodes.interpolator.displacement_kernels import displace
 from nodes.interpolator.keyframe import Span
 from nodes.interpolator.refine.instants import Instants
+from nodes.interpolator.refine.probing.brief_appearances import Visits
+from nodes.interpolator.refine.probing.curved_motion import Strays
 from nodes.interpolator.refine.probing.probe_kernels import find_brief, make_find_thin
-from nodes.interpolator.refine.probing.strays import Strays
-from nodes.interpolator.refine.probing.visits import Visits
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.slots import Poses, Slots
 from nodes.renderer.raster.visibility import Visibility
@@ -66,7 +66,7 @@ class Probes:
     """Draws z-buffers at instants of one gap after another.
 
     packed uint64 [rows, H, W]: at the middle of each coarse interval, then at its quarters, at its odd eighths, and so
-    on, all coarse intervals of a kind after each other; see stage_kernels.entry_at. each int32 [E]: how many there are
+    on, all coarse intervals of a kind after each other; see window_kernels.entry_at. each int32 [E]: how many there are
     per coarse interval, itself included, that an environment goes by; most: of all environments.
     """
 

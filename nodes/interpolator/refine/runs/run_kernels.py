@@ -10,8 +10,9 @@ from typing import Any
 import warp as wp
 
 from nodes.interpolator.refine.light.flicker_kernels import Marks
-from nodes.interpolator.refine.paths.along_kernels import make_through, make_untold
-from nodes.interpolator.refine.paths.listing_kernels import (
+from nodes.interpolator.refine.paths.run_path_kernels import make_through, make_untold
+from nodes.interpolator.refine.runs.transition_kernels import Changes, Several
+from nodes.interpolator.refine.samples.request_kernels import (
     FRAME_AFTER,
     FRAME_BEFORE,
     PARTS,
@@ -20,8 +21,7 @@ from nodes.interpolator.refine.paths.listing_kernels import (
     make_instances,
     make_note,
 )
-from nodes.interpolator.refine.runs.change_kernels import Changes, Several
-from nodes.interpolator.refine.stage_kernels import (
+from nodes.interpolator.refine.window_kernels import (
     FEW_REGISTERS,
     Cut,
     Stage,

@@ -6,10 +6,10 @@ from typing import Any
 
 import warp as wp
 
-from nodes.interpolator.refine.paths.grain import EVEN
-from nodes.interpolator.refine.paths.listing_kernels import PAINTED, UNKNOWN, make_instances, make_note
+from nodes.interpolator.refine.paths.albedo_scale import EVEN
 from nodes.interpolator.refine.paths.motion_kernels import motion_since
-from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, entry_at
+from nodes.interpolator.refine.samples.request_kernels import PAINTED, UNKNOWN, make_instances, make_note
+from nodes.interpolator.refine.window_kernels import Cut, Spot, Stage, entry_at
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView, ray_steps

@@ -7,12 +7,12 @@ import warp as wp
 
 from evis.gpu.append_kernels import take_place
 from nodes.interpolator.refine.light.flicker_kernels import Marks, make_note_marks
-from nodes.interpolator.refine.paths.along_kernels import make_relit_between, make_through, make_untold
-from nodes.interpolator.refine.paths.listing_kernels import UNKNOWN, make_instances, make_note
 from nodes.interpolator.refine.paths.motion_kernels import moves
-from nodes.interpolator.refine.runs.change_kernels import Several
-from nodes.interpolator.refine.runs.graze_kernels import beside_outline
-from nodes.interpolator.refine.stage_kernels import (
+from nodes.interpolator.refine.paths.run_path_kernels import make_relit_between, make_through, make_untold
+from nodes.interpolator.refine.runs.silhouette_kernels import beside_outline
+from nodes.interpolator.refine.runs.transition_kernels import Several
+from nodes.interpolator.refine.samples.request_kernels import UNKNOWN, make_instances, make_note
+from nodes.interpolator.refine.window_kernels import (
     FEW_REGISTERS,
     Cut,
     Stage,

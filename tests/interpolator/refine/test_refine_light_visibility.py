@@ -14,7 +14,7 @@ from evis.scene.model import Mesh, Waveform
 from evis.scene.motion import Linear, Path, Prescribed, Sinusoid, Spin
 from evis.scene.spline import Spline
 from nodes.interpolator.refine.light.lamp_kernels import key_of
-from nodes.interpolator.refine.light.outlines import PLACES, finest_half
+from nodes.interpolator.refine.light.silhouettes import PLACES, finest_half
 from nodes.interpolator.refine.method import Refined
 from nodes.interpolator.rigid import Rigid, RigidOptions
 from nodes.interpolator.samples import Parting

@@ -6,8 +6,8 @@ from typing import Any
 import warp as wp
 
 from nodes.interpolator.refine.halving.interval_kernels import make_interval
-from nodes.interpolator.refine.paths.listing_kernels import FRAME_AFTER, FRAME_BEFORE, PAINTED, TOLD, make_instances
-from nodes.interpolator.refine.stage_kernels import Cut, Stage, entry_after, entry_before, frame_after, frame_before
+from nodes.interpolator.refine.samples.request_kernels import FRAME_AFTER, FRAME_BEFORE, PAINTED, TOLD, make_instances
+from nodes.interpolator.refine.window_kernels import Cut, Stage, entry_after, entry_before, frame_after, frame_before
 from nodes.interpolator.rigid.keyframe_kernels import log_of
 from nodes.interpolator.rigid.look_up.log_kernels import apart, light
 from nodes.renderer.raster.depth_kernels import MISS, triangle_of

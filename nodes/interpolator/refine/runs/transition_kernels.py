@@ -5,9 +5,9 @@ from functools import cache
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
-from nodes.interpolator.refine.evaluation.sight_kernels import make_seen_between
-from nodes.interpolator.refine.runs.graze_kernels import grazed
-from nodes.interpolator.refine.stage_kernels import FEW_REGISTERS, Cut, Stage, ends_of, entry_at, slot_row, spot_of
+from nodes.interpolator.refine.evaluation.visibility_kernels import make_seen_between
+from nodes.interpolator.refine.runs.silhouette_kernels import grazed
+from nodes.interpolator.refine.window_kernels import FEW_REGISTERS, Cut, Stage, ends_of, entry_at, slot_row, spot_of
 from nodes.interpolator.rigid.plan_kernels import joined
 from nodes.renderer.raster.depth_kernels import MISS, NO_ENTRY, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView

@@ -5,10 +5,10 @@ from functools import cache
 
 import warp as wp
 
-from nodes.interpolator.refine.evaluation.sight_kernels import make_seen_between
+from nodes.interpolator.refine.evaluation.visibility_kernels import make_seen_between
 from nodes.interpolator.refine.light.facet_kernels import make_facets_between, sections_of
 from nodes.interpolator.refine.light.lamp_kernels import NOTHING, make_hidden_lamps, make_turned_lamps
-from nodes.interpolator.refine.stage_kernels import (
+from nodes.interpolator.refine.window_kernels import (
     FEW_REGISTERS,
     Cut,
     Spot,

@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from nodes.interpolator.refine.evaluation.sight_kernels import Targets
+from nodes.interpolator.refine.evaluation.visibility_kernels import Targets
 from nodes.interpolator.refine.frame_kernels import light_at_start
 from nodes.interpolator.rigid.plan_kernels import joined
 from nodes.renderer.raster.depth_kernels import triangle_of

@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
-from nodes.interpolator.refine.stage_kernels import Cut, Spot, slot_row
+from nodes.interpolator.refine.window_kernels import Cut, Spot, slot_row
 
 wp.set_module_options({"enable_backward": False})
 

@@ -2,10 +2,10 @@
 
 import warp as wp
 
-from nodes.interpolator.refine.evaluation.sight_kernels import OUTSIDE, Targets, weights_then
-from nodes.interpolator.refine.paths.listing_kernels import PARTS, SHARP
-from nodes.interpolator.refine.runs.change_kernels import Changes, Several
-from nodes.interpolator.refine.stage_kernels import FEW_REGISTERS, Cut, Stage, slot_row, spot_of
+from nodes.interpolator.refine.evaluation.visibility_kernels import OUTSIDE, Targets, weights_then
+from nodes.interpolator.refine.runs.transition_kernels import Changes, Several
+from nodes.interpolator.refine.samples.request_kernels import PARTS, SHARP
+from nodes.interpolator.refine.window_kernels import FEW_REGISTERS, Cut, Stage, slot_row, spot_of
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView
 

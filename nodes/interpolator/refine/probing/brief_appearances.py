@@ -9,7 +9,7 @@ import warp as wp
 
 from evis.gpu.exchange import cpu_array
 from nodes.interpolator.refine.instants import Instants
-from nodes.interpolator.refine.probing.visit_kernels import Boxes, find_visits
+from nodes.interpolator.refine.probing.appearance_kernels import Boxes, find_visits
 from nodes.interpolator.rigid.placement import Placement
 from nodes.interpolator.rigid.slots import Poses
 from nodes.renderer.raster.visibility import Visibility

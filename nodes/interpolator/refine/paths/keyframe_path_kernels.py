@@ -6,9 +6,9 @@ from typing import Any
 import warp as wp
 
 from nodes.interpolator.refine.paths.keyframe_point_kernels import make_looks, make_place_then
-from nodes.interpolator.refine.paths.listing_kernels import UNKNOWN, make_instances, make_note
 from nodes.interpolator.refine.paths.motion_kernels import stride_of
-from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, entry_at
+from nodes.interpolator.refine.samples.request_kernels import UNKNOWN, make_instances, make_note
+from nodes.interpolator.refine.window_kernels import Cut, Spot, Stage, entry_at
 from nodes.interpolator.rigid.look_up.log_kernels import log_type
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
 from nodes.interpolator.rigid.patch_kernels import patch_of

@@ -7,11 +7,11 @@ from typing import Any
 import warp as wp
 
 from nodes.interpolator.refine.light.flicker_kernels import Marks, entry_near, marks_of
-from nodes.interpolator.refine.light.passing_kernels import part_at
-from nodes.interpolator.refine.paths.grain_kernels import finer_than_pixels, make_follow
-from nodes.interpolator.refine.paths.listing_kernels import UNKNOWN, make_instances, make_note
-from nodes.interpolator.refine.paths.path_kernels import make_walk
-from nodes.interpolator.refine.stage_kernels import Cut, Ends, Spot, Stage, parts_of, slot_row
+from nodes.interpolator.refine.light.light_visibility_kernels import part_at
+from nodes.interpolator.refine.paths.albedo_path_kernels import finer_than_pixels, make_follow
+from nodes.interpolator.refine.paths.keyframe_path_kernels import make_walk
+from nodes.interpolator.refine.samples.request_kernels import UNKNOWN, make_instances, make_note
+from nodes.interpolator.refine.window_kernels import Cut, Ends, Spot, Stage, parts_of, slot_row
 from nodes.interpolator.relight.change_kernels import Change, make_asked
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.look_up.log_kernels import apart

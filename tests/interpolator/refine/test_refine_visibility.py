@@ -9,7 +9,7 @@ from refine_rig import box
 from rigid_rig import GAP, START, closed_form, keyframe, lamp, painted, plain, pose, quad, world
 
 from evis.scene.motion import Linear, Prescribed, Spin
-from nodes.interpolator.refine.evaluation.sight_kernels import FAR, Targets, make_seen_of_all
+from nodes.interpolator.refine.evaluation.visibility_kernels import FAR, Targets, make_seen_of_all
 from nodes.interpolator.refine.method import Refined
 from nodes.interpolator.rigid import Rigid, RigidOptions
 from nodes.renderer.raster.depth_kernels import MISS

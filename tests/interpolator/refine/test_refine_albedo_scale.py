@@ -9,7 +9,7 @@ from evis.geometry import se3
 from evis.scene.mesh.shapes import cylinder
 from evis.scene.model import Material, Mesh
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
-from nodes.interpolator.refine.paths.grain import BENT, EVEN, grain_of
+from nodes.interpolator.refine.paths.albedo_scale import BENT, EVEN, grain_of
 from nodes.renderer.geometry.triangles import geometry_of
 from nodes.renderer.renderer import Renderer
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from nodes.interpolator.refine.paths.listing_kernels import PARTS
+from nodes.interpolator.refine.samples.request_kernels import PARTS
 
 wp.set_module_options({"enable_backward": False})
 

@@ -10,8 +10,8 @@ import warp as wp
 from evis.geometry import se3
 from evis.gpu.exchange import cpu_array
 from nodes.interpolator.refine.instants import Instants
-from nodes.interpolator.refine.probing.stray_kernels import Balls, find_strays
-from nodes.interpolator.refine.probing.visits import sides_of
+from nodes.interpolator.refine.probing.brief_appearances import sides_of
+from nodes.interpolator.refine.probing.curved_motion_kernels import Balls, find_strays
 from nodes.interpolator.rigid.placement import Placement
 from nodes.interpolator.rigid.slots import Poses
 from nodes.renderer.raster.visibility import Visibility

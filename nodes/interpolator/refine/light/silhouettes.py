@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from evis.scene.model import Mesh
-from nodes.interpolator.refine.light.outline_kernels import look_along
+from nodes.interpolator.refine.light.silhouette_kernels import look_along
 from nodes.renderer.geometry.triangles import SHELL_CONVEX
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.shadows.boxes import box_halves, half_extents

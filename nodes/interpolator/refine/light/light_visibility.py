@@ -15,12 +15,12 @@ from evis.gpu.exchange import cpu_array
 from nodes.interpolator.refine.evaluation.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.light.assemblies import Assemblies, thinnest_between
-from nodes.interpolator.refine.light.chords import Chords
+from nodes.interpolator.refine.light.box_shadows import Chords
 from nodes.interpolator.refine.light.facets import BOXES, FEWEST, Facets
-from nodes.interpolator.refine.light.outlines import finest_halves
-from nodes.interpolator.refine.light.passing_kernels import make_find_passing
-from nodes.interpolator.refine.probing.visit_kernels import find_briefest, find_turns
-from nodes.interpolator.refine.probing.visits import boxes_of
+from nodes.interpolator.refine.light.light_visibility_kernels import make_find_passing
+from nodes.interpolator.refine.light.silhouettes import finest_halves
+from nodes.interpolator.refine.probing.appearance_kernels import find_briefest, find_turns
+from nodes.interpolator.refine.probing.brief_appearances import boxes_of
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.slots import Poses
 from nodes.renderer.lights.lights import fixed_vectors

@@ -2,9 +2,18 @@
 
 import warp as wp
 
-from nodes.interpolator.refine.evaluation.sight_kernels import OUTSIDE, weights_then
+from nodes.interpolator.refine.evaluation.visibility_kernels import OUTSIDE, weights_then
 from nodes.interpolator.refine.paths.motion_kernels import way_of
-from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, ends_of, entry_at, entry_before, slot_row, spot_at
+from nodes.interpolator.refine.window_kernels import (
+    Cut,
+    Spot,
+    Stage,
+    ends_of,
+    entry_at,
+    entry_before,
+    slot_row,
+    spot_at,
+)
 from nodes.interpolator.rigid.plan_kernels import joined
 from nodes.renderer.raster.depth_kernels import MISS, NO_ENTRY, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView

@@ -2,8 +2,8 @@
 
 import warp as wp
 
-from nodes.interpolator.refine.evaluation.sight_kernels import make_seen_between
-from nodes.interpolator.refine.stage_kernels import FEW_REGISTERS, Cut, Stage
+from nodes.interpolator.refine.evaluation.visibility_kernels import make_seen_between
+from nodes.interpolator.refine.window_kernels import FEW_REGISTERS, Cut, Stage
 from nodes.renderer.raster.depth_kernels import NO_ENTRY
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
 
