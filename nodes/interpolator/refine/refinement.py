@@ -19,13 +19,13 @@ from nodes.interpolator.refine.evaluation.evaluator import Evaluator, make_look_
 from nodes.interpolator.refine.instants import Instants, instants_of, least_parts
 from nodes.interpolator.refine.light.flicker import Flicker
 from nodes.interpolator.refine.light.highlights import Highlights, tolerance_for
-from nodes.interpolator.refine.light.light_visibility import Passing
+from nodes.interpolator.refine.light.light_visibility import LightVisibility
 from nodes.interpolator.refine.paths.albedo_scale import least_spacing
-from nodes.interpolator.refine.probing.probes import Ahead, Probes
+from nodes.interpolator.refine.probing.probes import ProbeForecast, Probes
 from nodes.interpolator.refine.rounds import Kernels, Rounds, Window
 from nodes.interpolator.refine.samples.means import Means
 from nodes.interpolator.refine.samples.sort_kernels import count_samples, make_sort, place_samples
-from nodes.interpolator.refine.window_kernels import Cut, Stage
+from nodes.interpolator.refine.window_kernels import WindowParameters, WindowScene
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.sampling import pixels_per_radian
 from nodes.interpolator.rigid.slots import Poses
@@ -54,13 +54,13 @@ class Motion:
     """Holds what the motion of the bodies tells of a gap.
 
     stamps: of all instants, int64 [n] or [E, n] ns. poses: at these. probes: see Probes.foresee. parts, unseen: see
-    Passing.parts.
+    LightVisibility.parts.
     """
 
     gap: Span
     stamps: np.ndarray
     poses: Poses
-    probes: Ahead | None
+    probes: ProbeForecast | None
     parts: np.ndarray
     unseen: np.ndarray
 
@@ -90,7 +90,7 @@ class Refinement:
         waveforms = (light.waveform for light in v.scene.lights)
         self._flicker = Flicker(waveforms, FLICKERING * layout.tolerance, v.device, layout.waveforms)
         self._sort_each, self._rank = make_sort(channels)
-        self._kernels, self._passing = Kernels.of(rigid), Passing(rigid)
+        self._kernels, self._passing = Kernels.of(rigid), LightVisibility(rigid)
         self._means = Means(rigid, fineness, tolerance_ns) if fineness > 1 else None
         self._held = wp.zeros(layout.envs, dtype=wp.int32, device=v.device)
         self._parts = wp.zeros((2, layout.envs), dtype=wp.int32, device=v.device)
@@ -160,9 +160,9 @@ class Refinement:
         total = 0
         for first, last in instants.windows():
             evaluator.send(instants.of_window(first), instants.count)
-            cut = self._cut(instants, evaluator, first)
-            cut.parts = int(motion.parts.max())
-            window = Window(last - first, cut, self._stage(rounds), self._held, self._flicker.kernel, frames)
+            params = self._parameters(instants, evaluator, first)
+            params.parts = int(motion.parts.max())
+            window = Window(last - first, params, self._scene_of(rounds), self._held, self._flicker.kernel, frames)
             total, shaded = rounds.run(window, total, while_it_works, share)
             self.shaded += shaded
         self.evaluated = total
@@ -222,27 +222,32 @@ class Refinement:
             self._rounds[shape] = Rounds(self._rigid, evaluator, instants, self._kernels, self._passing)
         return self._rounds[shape]
 
-    def _cut(self, instants: Instants, evaluator: Evaluator, first: int) -> Any:
-        cut: Any = Cut()
+    def _parameters(self, instants: Instants, evaluator: Evaluator, first: int) -> Any:
+        params: Any = WindowParameters()
         layout = self._rigid.layout
-        cut.jump = cut.bend = PART * layout.tolerance
-        cut.straight, cut.rough = PLAIN * layout.tolerance, ROUGH * layout.tolerance
-        cut.first, cut.coarse, cut.slots, cut.depth = first, instants.coarse, instants.inside, instants.depth
-        cut.probes = self._probes.most
-        cut.rows = self._rigid.visibility.envs
-        cut.envs, cut.margin = layout.envs, evaluator.visibility.margin
-        cut.height, cut.width = evaluator.size
-        cut.gain, cut.even, cut.spacing = self._gain, EVEN * layout.tolerance, self._spacing
-        return cut
+        params.jump = params.bend = PART * layout.tolerance
+        params.straight, params.rough = PLAIN * layout.tolerance, ROUGH * layout.tolerance
+        params.first, params.coarse, params.slots, params.depth = (
+            first,
+            instants.coarse,
+            instants.inside,
+            instants.depth,
+        )
+        params.probes = self._probes.most
+        params.rows = self._rigid.visibility.envs
+        params.envs, params.margin = layout.envs, evaluator.visibility.margin
+        params.height, params.width = evaluator.size
+        params.gain, params.even, params.spacing = self._gain, EVEN * layout.tolerance, self._spacing
+        return params
 
-    def _stage(self, rounds: Rounds) -> Any:
-        stage: Any = Stage()
-        evaluator, stage.bends = rounds.evaluator, rounds.bends
-        stage.turn, stage.shift = evaluator.moved
-        stage.packed, stage.targets = self._rigid.visibility.packed, evaluator.targets
-        stage.probed, stage.probes = self._probes.packed, self._probes.each
-        stage.parts, stage.alpha = self._parts, evaluator.change.alpha
-        return stage
+    def _scene_of(self, rounds: Rounds) -> Any:
+        scene: Any = WindowScene()
+        evaluator, scene.bends = rounds.evaluator, rounds.bends
+        scene.turn, scene.shift = evaluator.moved
+        scene.packed, scene.targets = self._rigid.visibility.packed, evaluator.targets
+        scene.probed, scene.probes = self._probes.packed, self._probes.each
+        scene.parts, scene.alpha = self._parts, evaluator.change.alpha
+        return scene
 
     def _sorted(self, samples: list[wp.array], total: int, since: wp.array) -> Further:
         """Sorts the samples by pixel and time. since: int32 [E, instants], ns from the gap's start to each instant."""

@@ -18,7 +18,7 @@ FEW_REGISTERS = 64
 
 
 @wp.struct
-class Cut:
+class WindowParameters:
     """Holds the limits beyond which an interval is halved, and the sizes of the present window.
 
     jump: difference of ln I between the ends of an interval. bend: distance of ln I inside it from the straight line,
@@ -52,7 +52,7 @@ class Cut:
 
 
 @wp.struct
-class Spot:
+class PixelInterval:
     """Holds a pixel and a coarse interval.
 
     env: environment. x, y: pixel in the image with its margin. q: its index into [E, h, w]. k: number of the coarse
@@ -68,13 +68,13 @@ class Spot:
 
 
 @wp.struct
-class Stage:
+class WindowScene:
     """Holds the scene at the instants of a window.
 
     turn, shift: [2 R, N + 2], motion of the bodies since A, then since B. packed: [rows, H, W], z-buffers of B and of
     sub-frames 1 .. K - 1. probed, probes: `packed` and `each` of Probes. bends: as of find_bends. parts: of each
-    environment [2, E], see Cut: for shadows and beams, and for facets. passing: as of find_passing. alpha: of each
-    instance's material, -1 for a plain one. targets: what rays can meet.
+    environment [2, E], see WindowParameters: for shadows and beams, and for facets. passing: as of find_light_changes.
+    alpha: of each instance's material, -1 for a plain one. targets: what rays can meet.
     """
 
     turn: wp.array2d(dtype=wp.mat33)
@@ -90,7 +90,7 @@ class Stage:
 
 
 @wp.struct
-class Ends:
+class EndEntries:
     """Holds a pixel's z-buffer entries at both ends of a coarse interval."""
 
     before: wp.uint64
@@ -98,112 +98,122 @@ class Ends:
 
 
 @wp.func
-def spot_at(view: CameraView, cut: Cut, env: int, k: int, y: int, x: int):
-    """Makes the Spot of coarse interval k and the pixel in row y and column x of a frame."""
-    spot = Spot()
-    spot.k = k
-    spot.q = (env * cut.height + y) * cut.width + x
-    spot.x = x + cut.margin
-    spot.y = y + cut.margin
-    spot.env = env
-    spot.d = pixel_ray(view, spot.x, spot.y)
-    return spot
+def pixel_interval_at(view: CameraView, params: WindowParameters, env: int, k: int, y: int, x: int):
+    """Makes the PixelInterval of coarse interval k and the pixel in row y and column x of a frame."""
+    px = PixelInterval()
+    px.k = k
+    px.q = (env * params.height + y) * params.width + x
+    px.x = x + params.margin
+    px.y = y + params.margin
+    px.env = env
+    px.d = pixel_ray(view, px.x, px.y)
+    return px
 
 
 @wp.func
-def spot_of(view: CameraView, cut: Cut, k: int, q: int):
-    """Makes the Spot of coarse interval k and pixel q, an index into [E, h, w]."""
-    return spot_at(view, cut, q // (cut.width * cut.height), k, q // cut.width % cut.height, q % cut.width)
+def pixel_interval_of(view: CameraView, params: WindowParameters, k: int, q: int):
+    """Makes the PixelInterval of coarse interval k and pixel q, an index into [E, h, w]."""
+    return pixel_interval_at(
+        view, params, q // (params.width * params.height), k, q // params.width % params.height, q % params.width
+    )
 
 
 @wp.func
 def frame_before(
-    cut: Cut, image: wp.array3d(dtype=Any), frames: wp.array3d(dtype=Any), env: int, k: int, y: int, x: int
+    params: WindowParameters,
+    image: wp.array3d(dtype=Any),
+    frames: wp.array3d(dtype=Any),
+    env: int,
+    k: int,
+    y: int,
+    x: int,
 ):
     """Reads a pixel of the frame at which coarse interval k begins; image: of keyframe A, at which the first does."""
-    return light_at_start(image, frames, cut.coarse, cut.margin, env, k, y, x)
+    return light_at_start(image, frames, params.coarse, params.margin, env, k, y, x)
 
 
 @wp.func
-def frame_after(cut: Cut, frames: wp.array3d(dtype=Any), env: int, k: int, y: int, x: int):
+def frame_after(params: WindowParameters, frames: wp.array3d(dtype=Any), env: int, k: int, y: int, x: int):
     """Reads a pixel of the frame at which coarse interval k ends."""
-    return frames[env * cut.coarse + k, y, x]
+    return frames[env * params.coarse + k, y, x]
 
 
 @wp.func
-def entry_before(cut: Cut, stage: Stage, start: wp.array3d(dtype=wp.uint64), env: int, k: int, y: int, x: int):
+def entry_before(
+    params: WindowParameters, scene: WindowScene, start: wp.array3d(dtype=wp.uint64), env: int, k: int, y: int, x: int
+):
     """Reads the z-buffer entry of `frame_before`; start: z-buffer of keyframe A."""
     if k == 0:
-        return start[env, y + cut.margin, x + cut.margin]
-    return stage.packed[k * cut.envs + env, y + cut.margin, x + cut.margin]
+        return start[env, y + params.margin, x + params.margin]
+    return scene.packed[k * params.envs + env, y + params.margin, x + params.margin]
 
 
 @wp.func
-def entry_after(cut: Cut, stage: Stage, env: int, k: int, y: int, x: int):
+def entry_after(params: WindowParameters, scene: WindowScene, env: int, k: int, y: int, x: int):
     """Reads the z-buffer entry of `frame_after`: that of B, the last frame, stands first."""
-    row = wp.where(k + 1 == cut.coarse, 0, k + 1) * cut.envs + env
-    return stage.packed[row, y + cut.margin, x + cut.margin]
+    row = wp.where(k + 1 == params.coarse, 0, k + 1) * params.envs + env
+    return scene.packed[row, y + params.margin, x + params.margin]
 
 
 @wp.func
-def ends_of(cut: Cut, stage: Stage, start: wp.array3d(dtype=wp.uint64), spot: Spot):
+def end_entries_of(params: WindowParameters, scene: WindowScene, start: wp.array3d(dtype=wp.uint64), px: PixelInterval):
     """Reads the z-buffer entries at both ends of a coarse interval; start: z-buffer of keyframe A."""
-    y = spot.y - cut.margin
-    x = spot.x - cut.margin
-    ends = Ends()
-    ends.before = entry_before(cut, stage, start, spot.env, spot.k, y, x)
-    ends.after = entry_after(cut, stage, spot.env, spot.k, y, x)
+    y = px.y - params.margin
+    x = px.x - params.margin
+    ends = EndEntries()
+    ends.before = entry_before(params, scene, start, px.env, px.k, y, x)
+    ends.after = entry_after(params, scene, px.env, px.k, y, x)
     return ends
 
 
 @wp.func
-def entry_at(cut: Cut, stage: Stage, spot: Spot, i: int):
+def entry_at(params: WindowParameters, scene: WindowScene, px: PixelInterval, i: int):
     """Reads the z-buffer entry of the probe at instant i of the coarse interval."""
-    half = (cut.slots + 1) >> 1
+    half = (params.slots + 1) >> 1
     odd = i
     while (odd & 1) == 0:
         odd = odd >> 1
         half = half >> 1
-    row = cut.coarse * (half - 1) + spot.k * half + (odd >> 1)
-    return stage.probed[row * cut.envs + spot.env, spot.y, spot.x]
+    row = params.coarse * (half - 1) + px.k * half + (odd >> 1)
+    return scene.probed[row * params.envs + px.env, px.y, px.x]
 
 
 @wp.func
-def shows_one(cut: Cut, stage: Stage, spot: Spot, before: wp.uint64, after: wp.uint64):
+def shows_one(params: WindowParameters, scene: WindowScene, px: PixelInterval, before: wp.uint64, after: wp.uint64):
     """Tells whether a pixel shows one piece of surface at both ends of a coarse interval and at all probes."""
     t = triangle_of(before)
     alike = triangle_of(after) == t
-    probes = stage.probes[spot.env]
+    probes = scene.probes[px.env]
     # Mostly it is one triangle; then the order of the probes does not matter.
     half = wp.int32(1)
     while alike and half < probes:
-        row = cut.coarse * (half - 1) + spot.k * half
+        row = params.coarse * (half - 1) + px.k * half
         for i in range(half):
-            alike = alike and triangle_of(stage.probed[(row + i) * cut.envs + spot.env, spot.y, spot.x]) == t
+            alike = alike and triangle_of(scene.probed[(row + i) * params.envs + px.env, px.y, px.x]) == t
         half = 2 * half
     if alike:
         return True
-    each = (cut.slots + 1) // probes
+    each = (params.slots + 1) // probes
     one = wp.bool(True)
     hit = before
     for i in range(1, probes + 1):
         if one:
             then = after
             if i < probes:
-                then = entry_at(cut, stage, spot, i * each)
-            one = joined(hit, then, stage.targets.pieces)
+                then = entry_at(params, scene, px, i * each)
+            one = joined(hit, then, scene.targets.pieces)
             hit = then
     return one
 
 
 @wp.func
-def parts_of(stage: Stage, env: int):
+def parts_of(scene: WindowScene, env: int):
     """Gives into how many parts a coarse interval of an environment is divided, at whose ends it is known which lamps
     shine."""
-    return wp.max(stage.parts[0, env], stage.parts[1, env])
+    return wp.max(scene.parts[0, env], scene.parts[1, env])
 
 
 @wp.func
-def slot_row(cut: Cut, env: int, k: int, i: int):
+def slot_row(params: WindowParameters, env: int, k: int, i: int):
     """Gives the row of instant i of coarse interval k in arrays of all slots, [slots E, ...]."""
-    return ((k - cut.first) * cut.slots + i - 1) * cut.envs + env
+    return ((k - params.first) * params.slots + i - 1) * params.envs + env

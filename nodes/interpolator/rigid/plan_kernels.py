@@ -322,16 +322,16 @@ def make_refine(channels: int) -> wp.Kernel:
                     frames[base + start + k, y, x] = a + float(k) / float(length) * (b - a)
             else:
                 # From the sub-frame in the middle, or from the first one on.
-                cut = length // 2
-                until = cut + 1
+                set_divisors = length // 2
+                until = set_divisors + 1
                 if length <= SHORT:
-                    cut = 1
+                    set_divisors = 1
                     until = length
                 else:
-                    put_span(at, start, cut, spans0, band, halves, span_count)
-                    put_span(at, start + cut, length - cut, spans0, band, halves, span_count)
-                while cut < until:
-                    todo[todo0 + take_place(todo_count, band)] = (start + cut - start0 - 1) * envs * inner + at
-                    cut += 1
+                    put_span(at, start, set_divisors, spans0, band, halves, span_count)
+                    put_span(at, start + set_divisors, length - set_divisors, spans0, band, halves, span_count)
+                while set_divisors < until:
+                    todo[todo0 + take_place(todo_count, band)] = (start + set_divisors - start0 - 1) * envs * inner + at
+                    set_divisors += 1
 
     return refine

@@ -16,7 +16,7 @@ from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.keyframes import Pair, Prepared
 from nodes.interpolator.rigid.layout import Layout
 from nodes.interpolator.rigid.look_up.gather_kernels import make_gather, make_place
-from nodes.interpolator.rigid.look_up.portion_kernels import Portion, cut
+from nodes.interpolator.rigid.look_up.portion_kernels import Portion, set_divisors
 from nodes.interpolator.rigid.look_up.texture_kernels import make_take_bare
 from nodes.interpolator.rigid.sampling import Sampling, SubframeRange, Todo
 from nodes.renderer.lighting import LIST_WORKERS, Shading
@@ -163,7 +163,7 @@ class Reprojection:
         portion.slot0, portion.count, portion.envs = part.slot0, part.count, self._envs
         portion.frames = portion.upsampling = self._upsampling
         m = 2 * self._v.margin
-        cut(portion, self._v.shape[2] - m, self._v.shape[1] - m)
+        set_divisors(portion, self._v.shape[2] - m, self._v.shape[1] - m)
         portion.pace = self._pace
         portion.tolerance, portion.relight = self._tolerance, self._relight
         portion.keyframes = wp.vec2i(pair.a.first, pair.b.first)

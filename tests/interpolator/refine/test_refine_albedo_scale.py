@@ -9,7 +9,7 @@ from evis.geometry import se3
 from evis.scene.mesh.shapes import cylinder
 from evis.scene.model import Material, Mesh
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
-from nodes.interpolator.refine.paths.albedo_scale import BENT, EVEN, grain_of
+from nodes.interpolator.refine.paths.albedo_scale import BENT, EVEN, albedo_scale_of
 from nodes.renderer.geometry.triangles import geometry_of
 from nodes.renderer.renderer import Renderer
 
@@ -82,17 +82,17 @@ def test_the_stripes_of_a_drum_that_turns(count):
     assert missed <= 0.02 * total
 
 
-def grain(mesh, material):
+def albedo_scale(mesh, material):
     scene = world([(mesh, material, "world")])
-    return grain_of(scene, geometry_of(scene), 0.1)
+    return albedo_scale_of(scene, geometry_of(scene), 0.1)
 
 
 def test_grain_is_half_a_period():
     side = 3.0
     # What swings by more than 1 in ln has so much of the way to go.
-    assert np.allclose(grain(quad(side / 2), stripes(8)), side / 16 / np.log(BRIGHT / DARK), rtol=0.01)
+    assert np.allclose(albedo_scale(quad(side / 2), stripes(8)), side / 16 / np.log(BRIGHT / DARK), rtol=0.01)
     # Of `wave` ln goes up and down twice along u; where it is steepest it is pi / 2 times as steep as on the average.
-    waves = grain(quad(side / 2), painted())
+    waves = albedo_scale(quad(side / 2), painted())
     assert (waves > 0.5 * side / 4).all() and (waves < 1.2 * side / 4).all()
 
 
@@ -100,16 +100,16 @@ def test_grain_is_half_a_period():
 def test_grain_of_what_is_sparse_is_as_wide_as_things_are(count, width):
     """Between two of the lines there is nothing for 4 to 64 times their width."""
     side, swing = 3.0, np.log(BRIGHT / (0.9 * DARK))
-    assert np.allclose(grain(quad(side / 2), joints(count, width, 1024)), side * width / 1024 / swing, rtol=0.01)
+    assert np.allclose(albedo_scale(quad(side / 2), joints(count, width, 1024)), side * width / 1024 / swing, rtol=0.01)
 
 
 def test_what_is_even_has_no_grain():
-    assert (grain(quad(1.0), plain(0.5)) == EVEN).all()
+    assert (albedo_scale(quad(1.0), plain(0.5)) == EVEN).all()
     faint = painted()
     faint.texture = np.float32(0.5) + np.float32(0.01) * faint.texture
-    assert (grain(quad(1.0), faint) == EVEN).all()
+    assert (albedo_scale(quad(1.0), faint) == EVEN).all()
     # No uv, no texture.
-    assert (grain(Mesh(quad(1.0).vertices, quad(1.0).faces), painted()) == EVEN).all()
+    assert (albedo_scale(Mesh(quad(1.0).vertices, quad(1.0).faces), painted()) == EVEN).all()
 
 
 def coloured(points, faces, values):
@@ -123,13 +123,13 @@ def coloured(points, faces, values):
 def test_colours_at_vertices_go_up_as_steeply_as_their_slope_says(height):
     """From the base of a triangle, of one colour, to its tip: a sliver's slope is steep, however long its sides are."""
     points, values = [(0, 0, 0), (3, 0, 0), (1, height, 0)], [(0.5, 0.5, 0.9)]
-    assert grain(coloured(points, [(0, 1, 2)], values), plain(0.5)).tolist() == pytest.approx([BENT * height])
+    assert albedo_scale(coloured(points, [(0, 1, 2)], values), plain(0.5)).tolist() == pytest.approx([BENT * height])
     # By more than 1 in ln there is so much less of the way.
     steeper = coloured(points, [(0, 1, 2)], [(0.1, 0.1, 0.9)])
-    assert grain(steeper, plain(0.5)).tolist() == pytest.approx([BENT * height / np.log(9.0)])
+    assert albedo_scale(steeper, plain(0.5)).tolist() == pytest.approx([BENT * height / np.log(9.0)])
     # Along the base it has all of its length.
     along = coloured(points, [(0, 1, 2)], [(0.5, 0.9, 0.5 ** (2 / 3) * 0.9 ** (1 / 3))])
-    assert grain(along, plain(0.5)).tolist() == pytest.approx([BENT * 3.0], rel=1e-3)
+    assert albedo_scale(along, plain(0.5)).tolist() == pytest.approx([BENT * 3.0], rel=1e-3)
 
 
 def test_triangles_of_one_colour_each_are_as_fine_as_they_are_wide_where_another_begins():
@@ -140,12 +140,12 @@ def test_triangles_of_one_colour_each_are_as_fine_as_they_are_wide_where_another
     wide = 0.4 / np.hypot(0.2, 2.0)
     # Of the second strip the triangle beside the third one alone.
     expected = [EVEN, EVEN, wide, EVEN, EVEN, wide]
-    assert grain(coloured(points, faces, values), plain(0.5)).tolist() == pytest.approx(expected)
+    assert albedo_scale(coloured(points, faces, values), plain(0.5)).tolist() == pytest.approx(expected)
 
 
 def test_a_triangle_without_area_has_no_grain():
     points, values = [(0, 0, 0), (1, 0, 0), (2, 0, 0)], [(0.1, 0.5, 0.9)]
-    assert grain(coloured(points, [(0, 1, 2)], values), plain(0.5)).tolist() == pytest.approx([EVEN])
+    assert albedo_scale(coloured(points, [(0, 1, 2)], values), plain(0.5)).tolist() == pytest.approx([EVEN])
 
 
 @pytest.mark.parametrize(("width", "tolerance", "most"), [(2 / 3, 200_000, 0.8), (1 / 3, TOLERANCE, 0.4)])

@@ -9,7 +9,7 @@ from refine_rig import box
 from rigid_rig import GAP, START, closed_form, keyframe, lamp, painted, plain, pose, quad, world
 
 from evis.scene.motion import Linear, Prescribed, Spin
-from nodes.interpolator.refine.evaluation.visibility_kernels import FAR, Targets, make_seen_of_all
+from nodes.interpolator.refine.evaluation.visibility_kernels import FAR, Targets, make_trace_all
 from nodes.interpolator.refine.method import Refined
 from nodes.interpolator.rigid import Rigid, RigidOptions
 from nodes.renderer.raster.depth_kernels import MISS
@@ -55,16 +55,16 @@ def after_a_gap(scene, device):
 
 def seen(evaluator, trees):
     """Z-buffer entries uint64 [slots, h, w] of all pixels' rays."""
-    seen_of_all = make_seen_of_all(trees)
+    trace_all = make_trace_all(trees)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def see(view: CameraView, targets: Targets, found: wp.array3d(dtype=wp.uint64)):
+    def trace_pixels(view: CameraView, targets: Targets, found: wp.array3d(dtype=wp.uint64)):
         n, y, x = wp.tid()
-        found[n, y, x] = seen_of_all(view, targets, n, pixel_ray(view, x, y), FAR, MISS)
+        found[n, y, x] = trace_all(view, targets, n, pixel_ray(view, x, y), FAR, MISS)
 
     v = evaluator.visibility
     found = wp.zeros(v.shape, dtype=wp.uint64, device=v.device)
-    wp.launch(see, v.shape, [v.view, evaluator.targets], [found], device=v.device)
+    wp.launch(trace_pixels, v.shape, [v.view, evaluator.targets], [found], device=v.device)
     return found.numpy()
 
 

@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 
 from nodes.interpolator.refine.paths.motion_kernels import find_bends, stride_of
-from nodes.interpolator.refine.window_kernels import Cut, Spot, Stage, shows_one
+from nodes.interpolator.refine.window_kernels import PixelInterval, WindowParameters, WindowScene, shows_one
 
 K, SLOTS, PROBES = 2, 15, 8
 """Coarse intervals, instants inside each, and parts that z-buffers make of each: instants 2, 4 .. 14."""
@@ -16,40 +16,40 @@ WORLD = 1
 
 @wp.kernel(module="unique", enable_backward=False)
 def strides(
-    cut: Cut,
-    stage: Stage,
+    params: WindowParameters,
+    scene: WindowScene,
     which: int,
     k: int,
     d: wp.array(dtype=wp.vec3),
     away: wp.array(dtype=float),
     found: wp.array(dtype=int),
 ):
-    spot = Spot()
-    spot.k = k
-    spot.d = d[wp.tid()]
-    found[wp.tid()] = stride_of(cut, stage, spot, which, WORLD, away[wp.tid()])
+    px = PixelInterval()
+    px.k = k
+    px.d = d[wp.tid()]
+    found[wp.tid()] = stride_of(params, scene, px, which, WORLD, away[wp.tid()])
 
 
 @wp.kernel(module="unique", enable_backward=False)
 def alike(
-    cut: Cut,
-    stage: Stage,
+    params: WindowParameters,
+    scene: WindowScene,
     before: wp.array(dtype=wp.uint64),
     after: wp.array(dtype=wp.uint64),
     one: wp.array(dtype=int),
 ):
-    spot = Spot()
-    spot.k = 1
-    spot.x = wp.tid()
-    one[wp.tid()] = int(shows_one(cut, stage, spot, before[wp.tid()], after[wp.tid()]))
+    px = PixelInterval()
+    px.k = 1
+    px.x = wp.tid()
+    one[wp.tid()] = int(shows_one(params, scene, px, before[wp.tid()], after[wp.tid()]))
 
 
 def sizes(probes=PROBES):
-    cut = Cut()
-    cut.coarse, cut.slots, cut.depth, cut.probes = K, SLOTS, (SLOTS + 1).bit_length() - 1, probes
-    cut.rows = cut.envs = 1
-    cut.rows, cut.gain, cut.even = K, GAIN, EVEN
-    return cut
+    params = WindowParameters()
+    params.coarse, params.slots, params.depth, params.probes = K, SLOTS, (SLOTS + 1).bit_length() - 1, probes
+    params.rows = params.envs = 1
+    params.rows, params.gain, params.even = K, GAIN, EVEN
+    return params
 
 
 def skew(w):
@@ -72,23 +72,23 @@ def moved(kind, t):
     return np.sin(angle) * axis + (1 - np.cos(angle)) * axis @ axis, shift
 
 
-def scene(kind, cut):
+def made_scene(kind, params):
     """The motion since A of the world at all instants of both coarse intervals, in a Stage, and as `moved` gives it."""
     each = SLOTS + 1
     every = [moved(kind, n / (K * each)) for n in range(K * each + 1)]
     inside = [k * each + i for k in range(K) for i in range(1, each)]
     # Since B it is the same here; at coarse frames B has the first row.
     rows = [*inside, *inside]
-    stage = Stage()
-    stage.turn = wp.array(np.array([[every[n][0]] * 3 for n in rows], np.float32), dtype=wp.mat33)
-    stage.shift = wp.array(np.array([[every[n][1]] * 3 for n in rows], np.float32), dtype=wp.vec3)
-    stage.probes = wp.array([cut.probes], dtype=wp.int32)
-    stage.bends = wp.zeros((2 * K, 3, cut.depth + 1), dtype=wp.vec2)
+    scene = WindowScene()
+    scene.turn = wp.array(np.array([[every[n][0]] * 3 for n in rows], np.float32), dtype=wp.mat33)
+    scene.shift = wp.array(np.array([[every[n][1]] * 3 for n in rows], np.float32), dtype=wp.vec3)
+    scene.probes = wp.array([params.probes], dtype=wp.int32)
+    scene.bends = wp.zeros((2 * K, 3, params.depth + 1), dtype=wp.vec2)
     frames = [K * each, *range(each, K * each, each)] * 2
     turn = wp.array(np.array([[every[n][0]] * 3 for n in frames], np.float32), dtype=wp.mat33)
     shift = wp.array(np.array([[every[n][1]] * 3 for n in frames], np.float32), dtype=wp.vec3)
-    wp.launch(find_bends, (2 * K, 3), [cut, stage, turn, shift], [stage.bends], device="cpu")
-    return stage, every
+    wp.launch(find_bends, (2 * K, 3), [params, scene, turn, shift], [scene.bends], device="cpu")
+    return scene, every
 
 
 def off_line(every, k, stride, d, away):
@@ -106,13 +106,13 @@ def off_line(every, k, stride, d, away):
 @pytest.mark.parametrize("kind", ["even", "vibrating", "turning", "drifting", "swinging"])
 @pytest.mark.parametrize("k", range(K))
 def test_what_is_passed_over_is_on_the_straight_way(kind, k):
-    cut = sizes()
-    stage, every = scene(kind, cut)
+    params = sizes()
+    scene, every = made_scene(kind, params)
     rng = np.random.default_rng(3)
     d = np.concatenate([rng.uniform(-0.7, 0.7, (60, 2)), np.ones((60, 1))], axis=1)
     away = rng.uniform(0.3, 20.0, 60)
     found = wp.zeros(60, dtype=wp.int32)
-    given = [cut, stage, 0, k, wp.array(d, dtype=wp.vec3), wp.array(away, dtype=float), found]
+    given = [params, scene, 0, k, wp.array(d, dtype=wp.vec3), wp.array(away, dtype=float), found]
     wp.launch(strides, 60, given, device="cpu")
     each = (SLOTS + 1) // PROBES
     for ray, far, stride in zip(d, away, found.numpy().tolist()):
@@ -128,20 +128,20 @@ def test_what_is_passed_over_is_on_the_straight_way(kind, k):
 
 def test_of_intervals_beyond_the_end_of_a_gap_nothing_is_found():
     """A window has room for as many intervals as others have, also where the gap ends before."""
-    cut = sizes()
-    stage, _every = scene("swinging", cut)
-    cut.first = 1
-    marked = wp.full((2 * K, 3, cut.depth + 1), wp.vec2(-1.0, -1.0), dtype=wp.vec2, device="cpu")
+    params = sizes()
+    scene, _every = made_scene("swinging", params)
+    params.first = 1
+    marked = wp.full((2 * K, 3, params.depth + 1), wp.vec2(-1.0, -1.0), dtype=wp.vec2, device="cpu")
     # Where what moves is one interval further on, the first of the window is the last of the gap.
-    later = Stage()
-    later.probes = stage.probes
+    later = WindowScene()
+    later.probes = scene.probes
     half = SLOTS
     later.turn, later.shift = (
         wp.array(np.concatenate([a.numpy()[half : 2 * half]] * 4), dtype=kind)
-        for a, kind in ((stage.turn, wp.mat33), (stage.shift, wp.vec3))
+        for a, kind in ((scene.turn, wp.mat33), (scene.shift, wp.vec3))
     )
     frames = [wp.zeros((2 * K, 3), dtype=kind, device="cpu") for kind in (wp.mat33, wp.vec3)]
-    wp.launch(find_bends, (2 * K, 3), [cut, later, *frames], [marked], device="cpu")
+    wp.launch(find_bends, (2 * K, 3), [params, later, *frames], [marked], device="cpu")
     found = marked.numpy()
     assert (found[1] == -1).all() and (found[3] == -1).all()
     # As many times as probes can be halved.
@@ -161,7 +161,7 @@ def test_a_pixel_shows_one_surface_where_each_look_goes_on_from_the_one_before(p
     triangles = np.where(rng.random((n, 1)) < 0.3, triangles[:, :1], triangles)
     depths = np.where(rng.random((n, probes + 1)) < 0.1, 2.0, 1.0)
     entries = np.array([[entry(t, z) for t, z in zip(*row)] for row in zip(triangles.tolist(), depths)], np.uint64)
-    cut, stage = sizes(probes), Stage()
+    params, scene = sizes(probes), WindowScene()
     packed = np.zeros((K * max(probes - 1, 1), 1, n), np.uint64)
     # At the middle of each coarse interval, then at its quarters, and so on; here of the second interval.
     half, row = 1, 0
@@ -172,11 +172,11 @@ def test_a_pixel_shows_one_surface_where_each_look_goes_on_from_the_one_before(p
                     packed[row, 0] = entries[:, (2 * j + 1) * probes // (2 * half)]
                 row += 1
         half *= 2
-    stage.probed, stage.probes = wp.array(packed, dtype=wp.uint64), wp.array([probes], dtype=wp.int32)
-    stage.targets.pieces = wp.array([(0, p) for p in patches], dtype=wp.vec2i)
+    scene.probed, scene.probes = wp.array(packed, dtype=wp.uint64), wp.array([probes], dtype=wp.int32)
+    scene.targets.pieces = wp.array([(0, p) for p in patches], dtype=wp.vec2i)
     one = wp.zeros(n, dtype=wp.int32)
     ends = [wp.array(np.ascontiguousarray(entries[:, i]), dtype=wp.uint64) for i in (0, -1)]
-    wp.launch(alike, n, [cut, stage, *ends, one], device="cpu")
+    wp.launch(alike, n, [params, scene, *ends, one], device="cpu")
 
     def goes_on(a, b, far_a, far_b):
         if a == b:

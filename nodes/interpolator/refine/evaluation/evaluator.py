@@ -10,11 +10,11 @@ import warp as wp
 
 from nodes.interpolator.keyframe import Span
 from nodes.interpolator.refine.evaluation.visibility_kernels import Targets
-from nodes.interpolator.refine.paths.albedo_scale import grain_of
+from nodes.interpolator.refine.paths.albedo_scale import albedo_scale_of
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.look_up.gather_kernels import make_gather, make_place
-from nodes.interpolator.rigid.look_up.portion_kernels import Portion, cut
+from nodes.interpolator.rigid.look_up.portion_kernels import Portion, set_divisors
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.patches import neighbours_of
 from nodes.interpolator.rigid.reprojection import textured_in
@@ -86,7 +86,7 @@ class Evaluator:
         targets.two_sided, targets.pieces = v.two_sided, self._rigid.pieces
         targets.first = v.put(v.geometry.first, wp.int32)
         targets.neighbours = v.put(neighbours_of(v.scene), wp.vec3i)
-        targets.grain = v.put(grain_of(v.scene, v.geometry, self._rigid.layout.tolerance), wp.float32)
+        targets.albedo_scale = v.put(albedo_scale_of(v.scene, v.geometry, self._rigid.layout.tolerance), wp.float32)
         return targets
 
     @property
@@ -183,7 +183,7 @@ class Evaluator:
         portion: Any = Portion()
         layout, rigid = self._rigid.layout, self._rigid
         portion.slot0, portion.count, portion.envs, portion.frames = 0, self._slots, self._envs, 1
-        cut(portion, self.size[1], self.size[0])
+        set_divisors(portion, self.size[1], self.size[0])
         portion.tolerance, portion.relight = layout.tolerance, int(layout.relight)
         portion.pace = layout.pace
         portion.index, portion.frame, portion.strength = self._index, self._frame, self.strength

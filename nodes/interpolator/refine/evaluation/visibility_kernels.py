@@ -28,8 +28,8 @@ class Targets:
 
     vertices: as of triangle_kernels.corner. triangles: corners of each triangle. instance: of each triangle. two_sided:
     of each instance, 0 or 1. first: first triangle of each instance. pieces: body and front's patch of each triangle.
-    grain, neighbours: of each triangle, as of grain_of and neighbours_of. casters: poses [R, I] of the instances in the
-    camera's frame, with an acceleration structure for each mesh.
+    albedo_scale, neighbours: of each triangle, as of albedo_scale_of and neighbours_of. casters: poses [R, I] of the
+    instances in the camera's frame, with an acceleration structure for each mesh.
     """
 
     vertices: wp.array2d(dtype=wp.vec3)
@@ -38,7 +38,7 @@ class Targets:
     two_sided: wp.array(dtype=int)
     first: wp.array(dtype=int)
     pieces: wp.array(dtype=wp.vec2i)
-    grain: wp.array(dtype=float)
+    albedo_scale: wp.array(dtype=float)
     neighbours: wp.array(dtype=wp.vec3i)
     casters: Casters
 
@@ -94,7 +94,7 @@ def weights_then(view: CameraView, targets: Targets, rows: wp.vec2i, t: int, d: 
 
 
 @wp.func
-def met(view: CameraView, targets: Targets, row: int, t: int, d: wp.vec3):
+def intersect(view: CameraView, targets: Targets, row: int, t: int, d: wp.vec3):
     """Computes the depth [m] at which a ray meets the plane of a triangle, the least weight of a corner there, and the
     face, as of `weights_of`."""
     z, weights, face = weights_of(view, targets, row, t, d)
@@ -102,7 +102,7 @@ def met(view: CameraView, targets: Targets, row: int, t: int, d: wp.vec3):
 
 
 @wp.func
-def traced(view: CameraView, targets: Targets, row: int, i: int, d: wp.vec3, until: float):
+def trace_instance(view: CameraView, targets: Targets, row: int, i: int, d: wp.vec3, until: float):
     """Casts a ray at instance i: gives depth [m] and face, or `until` and MISS if it meets none before that."""
     casters = targets.casters
     centre = casters.translation[row, i]
@@ -132,18 +132,18 @@ def traced(view: CameraView, targets: Targets, row: int, i: int, d: wp.vec3, unt
 @wp.func
 def nearest(view: CameraView, targets: Targets, row: int, i: int, d: wp.vec3, z: float, face: int):
     """Gives depth [m] and face where a ray meets instance i, or z and `face` if it meets none of it before that."""
-    nearer, hit = traced(view, targets, row, i, d, z)
+    nearer, hit = trace_instance(view, targets, row, i, d, z)
     if hit == MISS:
         return z, face
     return nearer, hit
 
 
 @cache
-def make_seen_of_all(trees: bool) -> wp.Function:
-    """Makes the function `seen_of_all`; trees: whether there are any among the casters, as of `make_occlusion`."""
+def make_trace_all(trees: bool) -> wp.Function:
+    """Makes the function `trace_all`; trees: whether there are any among the casters, as of `make_occlusion`."""
 
     @wp.func
-    def seen_of_all(view: CameraView, targets: Targets, row: int, d: wp.vec3, behind: float, backdrop: int):
+    def trace_all(view: CameraView, targets: Targets, row: int, d: wp.vec3, behind: float, backdrop: int):
         """Casts a ray at all instances before a depth [m], where a face or nothing (MISS) is met in any case, and
         gives its z-buffer entry."""
         casters = targets.casters
@@ -201,16 +201,16 @@ def make_seen_of_all(trees: bool) -> wp.Function:
             return SKY
         return entry_of(z, face)
 
-    return seen_of_all
+    return trace_all
 
 
 @cache
-def make_seen_between(trees: bool) -> wp.Function:
-    """Makes the function `seen_between`; trees: as of `make_seen_of_all`."""
-    seen_of_all = make_seen_of_all(trees)
+def make_trace_between(trees: bool) -> wp.Function:
+    """Makes the function `trace_between`; trees: as of `make_trace_all`."""
+    trace_all = make_trace_all(trees)
 
     @wp.func
-    def seen_between(
+    def trace_between(
         view: CameraView,
         targets: Targets,
         row: int,
@@ -232,12 +232,12 @@ def make_seen_between(trees: bool) -> wp.Function:
         face_t = wp.int32(MISS)
         face_u = wp.int32(MISS)
         if t != MISS:
-            z_t, in_t, face_t = met(view, targets, row, t, d)
+            z_t, in_t, face_t = intersect(view, targets, row, t, d)
             if in_t >= 0.0:
                 z = z_t
                 hit = face_t
         if u != MISS and u != t:
-            z_u, in_u, face_u = met(view, targets, row, u, d)
+            z_u, in_u, face_u = intersect(view, targets, row, u, d)
             if in_u >= 0.0 and z_u < z:
                 z = z_u
                 hit = face_u
@@ -264,9 +264,9 @@ def make_seen_between(trees: bool) -> wp.Function:
                 if hit == MISS and t != MISS and u != MISS:
                     anything = True
         if anything:
-            return seen_of_all(view, targets, row, d, z, hit)
+            return trace_all(view, targets, row, d, z, hit)
         if hit == MISS:
             return SKY
         return entry_of(z, hit)
 
-    return seen_between
+    return trace_between

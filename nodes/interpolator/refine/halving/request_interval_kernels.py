@@ -6,8 +6,21 @@ from typing import Any
 import warp as wp
 
 from nodes.interpolator.refine.halving.interval_kernels import make_interval
-from nodes.interpolator.refine.samples.request_kernels import FRAME_AFTER, FRAME_BEFORE, PAINTED, TOLD, make_instances
-from nodes.interpolator.refine.window_kernels import Cut, Stage, entry_after, entry_before, frame_after, frame_before
+from nodes.interpolator.refine.samples.request_kernels import (
+    FRAME_AFTER,
+    FRAME_BEFORE,
+    PAINTED,
+    PREDICTED,
+    make_requests,
+)
+from nodes.interpolator.refine.window_kernels import (
+    WindowParameters,
+    WindowScene,
+    entry_after,
+    entry_before,
+    frame_after,
+    frame_before,
+)
 from nodes.interpolator.rigid.keyframe_kernels import log_of
 from nodes.interpolator.rigid.look_up.log_kernels import apart, light
 from nodes.renderer.raster.depth_kernels import MISS, triangle_of
@@ -17,17 +30,17 @@ wp.set_module_options({"enable_backward": False})
 
 @cache
 def make_is_painted(channels: int, glossy: bool) -> Any:
-    """Makes the function `is_painted`; arguments as of make_beside."""
+    """Makes the function `is_painted`; arguments as of make_request_intervals."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
 
     @wp.func
-    def is_painted(stage: Stage, rise: pixel, hit: wp.uint64):
+    def is_painted(scene: WindowScene, rise: pixel, hit: wp.uint64):
         """Tells whether light goes up and down in an interval that ends with a z-buffer entry, and never in a step:
         the rise is PAINTED, or a highlight may pass."""
         if wp.static(glossy):
             t = triangle_of(hit)
             if t != MISS:
-                if stage.alpha[stage.targets.instance[t]] >= 0.0:
+                if scene.alpha[scene.targets.instance[t]] >= 0.0:
                     return True
         return apart(rise, pixel(0.0)) >= PAINTED
 
@@ -35,106 +48,106 @@ def make_is_painted(channels: int, glossy: bool) -> Any:
 
 
 @cache
-def make_beside(channels: int, glossy: bool) -> tuple[Any, Any, Any]:
-    """Makes the functions `value_of`, `interval_to` and `interval_after`.
+def make_request_intervals(channels: int, glossy: bool) -> tuple[Any, Any, Any]:
+    """Makes the functions `value_of`, `interval_before` and `interval_after`.
 
     channels: 1 (luminance) or 3 (RGB). glossy: whether highlights may pass over surfaces.
     """
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
     Interval: Any = make_interval(channels)
-    Instances: Any = make_instances(channels)
+    Requests: Any = make_requests(channels)
     is_painted = make_is_painted(channels, glossy)
 
     @wp.func
     def value_of(
-        cut: Cut,
+        params: WindowParameters,
         j: int,
         image: wp.array3d(dtype=pixel),
         frames: wp.array3d(dtype=pixel),
-        instances: Instances,
+        requests: Requests,
         radiance: wp.array(dtype=pixel),
     ):
         """Gives the light of entry j of a list."""
-        inner = cut.envs * cut.height * cut.width
-        k = cut.first + instances.at[j] // inner // cut.slots
-        q = instances.at[j] % inner
-        x = q % cut.width
-        y = q // cut.width % cut.height
-        env = q // (cut.width * cut.height)
+        inner = params.envs * params.height * params.width
+        k = params.first + requests.at[j] // inner // params.slots
+        q = requests.at[j] % inner
+        x = q % params.width
+        y = q // params.width % params.height
+        env = q // (params.width * params.height)
         value = radiance[j]
-        if instances.shown[j] == FRAME_AFTER:
-            value = frame_after(cut, frames, env, k, y, x)
-        elif instances.shown[j] == FRAME_BEFORE:
-            value = frame_before(cut, image, frames, env, k, y, x)
-        elif instances.shown[j] == TOLD:
-            value = light(instances.rise[j])
+        if requests.shown[j] == FRAME_AFTER:
+            value = frame_after(params, frames, env, k, y, x)
+        elif requests.shown[j] == FRAME_BEFORE:
+            value = frame_before(params, image, frames, env, k, y, x)
+        elif requests.shown[j] == PREDICTED:
+            value = light(requests.rise[j])
         return value
 
     @wp.func
-    def interval_to(
-        cut: Cut,
+    def interval_before(
+        params: WindowParameters,
         j: int,
         image: wp.array3d(dtype=pixel),
         start: wp.array3d(dtype=wp.uint64),
         frames: wp.array3d(dtype=pixel),
-        stage: Stage,
-        instances: Instances,
+        scene: WindowScene,
+        requests: Requests,
         hits: wp.array(dtype=wp.uint64),
         radiance: wp.array(dtype=pixel),
     ):
         """Gives the interval that ends with entry j of a list: from the entry before it, or the coarse frame."""
-        inner = cut.envs * cut.height * cut.width
-        slot = instances.at[j] // inner
-        q = instances.at[j] % inner
-        k = cut.first + slot // cut.slots
-        x = q % cut.width
-        y = q // cut.width % cut.height
-        env = q // (cut.width * cut.height)
-        p = instances.previous[j]
+        inner = params.envs * params.height * params.width
+        slot = requests.at[j] // inner
+        q = requests.at[j] % inner
+        k = params.first + slot // params.slots
+        x = q % params.width
+        y = q // params.width % params.height
+        env = q // (params.width * params.height)
+        p = requests.previous[j]
         one = Interval()
-        one.high = slot % cut.slots + 1
-        one.last = log_of(value_of(cut, j, image, frames, instances, radiance))
+        one.high = slot % params.slots + 1
+        one.last = log_of(value_of(params, j, image, frames, requests, radiance))
         one.after = hits[j]
-        one.rise = instances.rise[j]
-        one.painted = is_painted(stage, one.rise, one.after)
+        one.rise = requests.rise[j]
+        one.painted = is_painted(scene, one.rise, one.after)
         if p >= 0:
-            one.low = instances.at[p] // inner % cut.slots + 1
+            one.low = requests.at[p] // inner % params.slots + 1
             one.first = log_of(radiance[p])
             one.before = hits[p]
         else:
-            one.first = log_of(frame_before(cut, image, frames, env, k, y, x))
-            one.before = entry_before(cut, stage, start, env, k, y, x)
+            one.first = log_of(frame_before(params, image, frames, env, k, y, x))
+            one.before = entry_before(params, scene, start, env, k, y, x)
         return one
 
     @wp.func
     def interval_after(
-        cut: Cut,
+        params: WindowParameters,
         j: int,
         value: pixel,
         frames: wp.array3d(dtype=pixel),
-        stage: Stage,
-        instances: Instances,
+        scene: WindowScene,
+        requests: Requests,
         hits: wp.array(dtype=wp.uint64),
     ):
         """Gives the interval from entry j of a list, where ln I is `value`, to the coarse frame after it; an empty one
         where another entry follows."""
         one = Interval()
-        if instances.ends[j] == 1:
-            inner = cut.envs * cut.height * cut.width
-            slot = instances.at[j] // inner
-            q = instances.at[j] % inner
-            k = cut.first + slot // cut.slots
-            x = q % cut.width
-            y = q // cut.width % cut.height
-            env = q // (cut.width * cut.height)
-            one.low = slot % cut.slots + 1
-            one.high = cut.slots + 1
+        if requests.ends[j] == 1:
+            inner = params.envs * params.height * params.width
+            slot = requests.at[j] // inner
+            q = requests.at[j] % inner
+            k = params.first + slot // params.slots
+            x = q % params.width
+            y = q // params.width % params.height
+            env = q // (params.width * params.height)
+            one.low = slot % params.slots + 1
+            one.high = params.slots + 1
             one.first = value
-            one.last = log_of(frame_after(cut, frames, env, k, y, x))
+            one.last = log_of(frame_after(params, frames, env, k, y, x))
             one.before = hits[j]
-            one.after = entry_after(cut, stage, env, k, y, x)
-            one.rise = instances.tail[j]
-            one.painted = is_painted(stage, one.rise, one.before)
+            one.after = entry_after(params, scene, env, k, y, x)
+            one.rise = requests.tail[j]
+            one.painted = is_painted(scene, one.rise, one.before)
         return one
 
-    return value_of, interval_to, interval_after
+    return value_of, interval_before, interval_after

@@ -8,13 +8,13 @@ import warp as wp
 from nodes.interpolator.refine.halving.interval_kernels import (
     LENGTHS,
     PAINTED_ENDS,
+    make_add_interval,
     make_interval,
     make_intervals,
-    make_put,
     take_samples,
 )
 from nodes.interpolator.refine.samples.request_kernels import PARTS
-from nodes.interpolator.refine.window_kernels import Cut
+from nodes.interpolator.refine.window_kernels import WindowParameters
 from nodes.interpolator.rigid.keyframe_kernels import log_of
 from nodes.interpolator.rigid.look_up.log_kernels import apart
 from nodes.interpolator.rigid.plan_kernels import joined
@@ -28,12 +28,12 @@ def make_split(channels: int) -> wp.Kernel:
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
     Intervals: Any = make_intervals(channels)
     Interval: Any = make_interval(channels)
-    put = make_put(channels)
+    add_interval = make_add_interval(channels)
 
     @wp.kernel(module="unique", enable_backward=False)
     def split(
         # in
-        cut: Cut,
+        params: WindowParameters,
         workers: int,
         band: int,
         most: int,
@@ -59,16 +59,16 @@ def make_split(channels: int) -> wp.Kernel:
         last = first + wp.min(count[band], most)
         known = take_samples(made, number, count, most, band, wp.tid())
         j = first + wp.tid()
-        inner = cut.envs * cut.height * cut.width
+        inner = params.envs * params.height * params.width
         while j < last:
             at = intervals.at[j]
             slot = at // inner
             middle = radiance[j]
-            place = slot % cut.slots + 1
+            place = slot % params.slots + 1
             sample = known + j - first
             if sample < pixels.shape[0]:
                 pixels[sample] = at % inner
-                instants[sample] = ((cut.first + slot // cut.slots) * (cut.slots + 1) + place) * PARTS
+                instants[sample] = ((params.first + slot // params.slots) * (params.slots + 1) + place) * PARTS
                 values[sample] = middle
             painted = intervals.ends[j] >= PAINTED_ENDS
             low = intervals.ends[j] % PAINTED_ENDS // LENGTHS
@@ -77,7 +77,7 @@ def make_split(channels: int) -> wp.Kernel:
             log_b = intervals.end[j]
             log_m = log_of(middle)
             share = float(place - low) / float(high - low)
-            bent = apart(log_m, log_a + share * (log_b - log_a)) > cut.bend
+            bent = apart(log_m, log_a + share * (log_b - log_a)) > params.bend
             for side in range(2):
                 start = wp.where(side == 0, low, place)
                 end = wp.where(side == 0, place, high)
@@ -92,7 +92,7 @@ def make_split(channels: int) -> wp.Kernel:
                     to_there = log_b
                 if end > start + 1:
                     # Before and behind a peak what is painted, or glossy, has the same light.
-                    taken = bent and (painted or apart(from_here, to_there) > cut.jump)
+                    taken = bent and (painted or apart(from_here, to_there) > params.jump)
                     if taken or not joined(ahead, behind, pieces):
                         half = Interval()
                         half.low = start
@@ -102,7 +102,7 @@ def make_split(channels: int) -> wp.Kernel:
                         half.before = ahead
                         half.after = behind
                         half.painted = painted
-                        put(cut, halves, band, room, at, half, found)
+                        add_interval(params, halves, band, room, at, half, found)
             j += workers
 
     return split

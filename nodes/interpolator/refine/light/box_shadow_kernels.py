@@ -57,7 +57,7 @@ def chord(sides: wp.mat33d, ray: wp.vec3d, way: wp.vec3d, share: wp.float64):
 
 
 @wp.kernel
-def find_chords(
+def find_box_shadow_times(
     # in
     boxes: Boxes,
     share: wp.array(dtype=wp.float64),

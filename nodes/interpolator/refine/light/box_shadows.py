@@ -9,7 +9,7 @@ import warp as wp
 
 from evis.geometry import se3
 from evis.gpu.exchange import cpu_array
-from nodes.interpolator.refine.light.box_shadow_kernels import find_chords
+from nodes.interpolator.refine.light.box_shadow_kernels import find_box_shadow_times
 from nodes.interpolator.refine.probing.brief_appearances import boxes_of
 from nodes.renderer.lights.lights import fixed_vectors
 from nodes.renderer.raster.visibility import Visibility
@@ -24,7 +24,7 @@ CORNERS = 1 / 14
 many as of a round thing's are on less than half of its width."""
 
 
-class Chords:
+class BoxShadows:
     """Finds the shortest time for which the shadow of a box, or the light through a hole as such, that moves is on a
     point."""
 
@@ -48,7 +48,7 @@ class Chords:
     @classmethod
     def of(
         cls, visibility: Visibility, movers: np.ndarray, which: np.ndarray, fine: np.ndarray, still: bool = False
-    ) -> Chords:
+    ) -> BoxShadows:
         """Makes those of the shadows of boxes and flat things. which: instances on movers, or that stand still before
         lamps that move, that may be such. fine: of all instances, as of Boxes."""
         sides = np.sort(fine, axis=1)
@@ -82,7 +82,7 @@ class Chords:
         poses = cpu_array(np.ascontiguousarray(moved), wp.transformd)
         given = [self._boxes, cpu_array(self._share), cpu_array(at, wp.vec3d), cpu_array(gone_by, wp.vec3d)]
         given += [cpu_array(far), cpu_array(on), cpu_array(first), poses]
-        wp.launch(find_chords, shape, given, [cpu_array(times), cpu_array(gone)], device="cpu")
+        wp.launch(find_box_shadow_times, shape, given, [cpu_array(times), cpu_array(gone)], device="cpu")
         return _but_for(times, gone).min(axis=(0, 2))
 
     def _lamp(self, n: int, mover: int, moved: np.ndarray, rest: np.ndarray) -> np.ndarray:

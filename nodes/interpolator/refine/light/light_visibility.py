@@ -15,11 +15,11 @@ from evis.gpu.exchange import cpu_array
 from nodes.interpolator.refine.evaluation.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.light.assemblies import Assemblies, thinnest_between
-from nodes.interpolator.refine.light.box_shadows import Chords
+from nodes.interpolator.refine.light.box_shadows import BoxShadows
 from nodes.interpolator.refine.light.facets import BOXES, FEWEST, Facets
-from nodes.interpolator.refine.light.light_visibility_kernels import make_find_passing
+from nodes.interpolator.refine.light.light_visibility_kernels import make_find_light_changes
 from nodes.interpolator.refine.light.silhouettes import finest_halves
-from nodes.interpolator.refine.probing.appearance_kernels import find_briefest, find_turns
+from nodes.interpolator.refine.probing.appearance_kernels import find_shortest_oscillations, find_shortest_shadows
 from nodes.interpolator.refine.probing.brief_appearances import boxes_of
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.slots import Poses
@@ -48,9 +48,9 @@ SOFT = 4
 """Looks in that time under a light with an area, where a shadow is at its darkest for a part of it alone."""
 
 
-class Passing:
+class LightVisibility:
     """Finds when lamps stop to shine on what pixels see, and begin to: `bits` uint64 [intervals E, h, w] of one window
-    after another, as of find_passing.
+    after another, as of find_light_changes.
 
     Only where a shadow of something thin and fast, or a beam that turns, may be gone again before the next look: half a
     coarse interval is close enough for all others.
@@ -70,7 +70,7 @@ class Passing:
         fine = finest_halves(v, asked)
         self._boxes, self._count = boxes_of(v, movers, np.flatnonzero(moving), fine)
         self._assemblies = Assemblies(v, movers, np.flatnonzero(moving & asked), rigid.placement.worlds)
-        self._chords = Chords.of(v, movers, np.flatnonzero(moving & asked), fine)
+        self._box_shadows = BoxShadows.of(v, movers, np.flatnonzero(moving & asked), fine)
         self._facets = Facets(v, movers, moving & self._changes.facets)
         self._lamp_mover = np.searchsorted(movers, [scene.lights[l].body for l in lamps]).astype(np.int64)
         # A light far away sweeps over what throws shadows as one does that is as far as these may fall.
@@ -78,11 +78,11 @@ class Passing:
         far = FALL * (solid or float(geometry.radius[moving].max(initial=0.0)) or 1.0)
         self._lamps = np.array([places[l] * (far if scene.lights[l].kind == "directional" else 1.0) for l in lamps])
         self._fixed = np.array([scene.lights[l].kind == "directional" for l in lamps], bool)
-        beams = [l for l in carried if scene.lights[l].kind == "spot"]
+        beams = [l for l in carried if scene.lights[l].kind == "px"]
         self._beam_mover = np.searchsorted(movers, [scene.lights[l].body for l in beams]).astype(np.int64)
         self._beams, self._cones = axes[beams], np.array([2 * ROUND * scene.lights[l].cone[1] for l in beams])
         still = np.flatnonzero(~moving & asked & not_camera & bool(lamps))
-        self._still_chords = Chords.of(v, movers, still, fine, still=True)
+        self._still_box_shadows = BoxShadows.of(v, movers, still, fine, still=True)
         self._thinnest = self._thinnest_far = self._thinnest_still(moving, fine, still, np.ones(len(fine)))
         if self._fixed.any():
             # The shadow of what is flat falls farther where that is larger than all that is not.
@@ -105,7 +105,7 @@ class Passing:
     @cached_property
     def kernel(self) -> wp.Kernel:
         """Returns the kernel that finds them, made when it is first asked for."""
-        return make_find_passing(self._changes, self._rigid.shading.occluders.trees)
+        return make_find_light_changes(self._changes, self._rigid.shading.occluders.trees)
 
     def likely(self) -> bool:
         """Predicts whether gaps will have such shadows, as far as prescribed motion tells; beside a GPU there are cores
@@ -156,21 +156,32 @@ class Passing:
         found[1][missed[1]] = 0
         return np.stack(found), missed[0] | missed[1]
 
-    def find(self, intervals: int, cut: Any, stage: Any, held: wp.array, evaluator: Evaluator) -> None:
+    def find(self, intervals: int, params: Any, scene: Any, held: wp.array, evaluator: Evaluator) -> None:
         """Finds the bits of a window whose bodies are placed: launches only. intervals: of the window."""
         v, sampling = evaluator.visibility, self._rigid.sampling
         start = self._rigid.pair.a.packed
-        edges = [cut.height * k // evaluator.bands for k in range(evaluator.bands + 1)]
-        span = cut.width if v.device.is_cpu else 1
+        edges = [params.height * k // evaluator.bands for k in range(evaluator.bands + 1)]
+        span = params.width if v.device.is_cpu else 1
         launches: list[tuple[wp.Kernel, Any, list[Any]]] = []
         for low, high in pairwise(edges):
-            given = [v.view, cut, low, span, held, stage, evaluator.change, self._facets.lean, start, self.bits]
-            launches.append((self.kernel, (intervals * cut.envs, high - low, cut.width // span), given))
+            given = [
+                v.view,
+                params,
+                low,
+                span,
+                held,
+                scene,
+                evaluator.change,
+                self._facets.normal_deviation,
+                start,
+                self.bits,
+            ]
+            launches.append((self.kernel, (intervals * params.envs, high - low, params.width // span), given))
         sampling.launch(launches)
 
-    def make_room(self, intervals: int, cut: Any) -> None:
+    def make_room(self, intervals: int, params: Any) -> None:
         """Makes room for the bits of a window."""
-        shape = (intervals * cut.envs, cut.height, cut.width)
+        shape = (intervals * params.envs, params.height, params.width)
         if self.bits.shape != shape:
             self.bits = wp.zeros(shape, dtype=wp.uint64, device=self._rigid.visibility.device)
 
@@ -209,18 +220,18 @@ class Passing:
             apart = np.linalg.norm(se3.rotate(after, self._beams) - se3.rotate(before, self._beams), axis=-1)
             turned = 2 * np.arcsin(np.minimum(apart / 2, 1.0))
             shortest = np.minimum(shortest, (self._cones / np.maximum(turned, 1e-30)).min(axis=(0, 2)))
-        for chords in (self._chords, self._still_chords):
-            if chords.any:
-                shortest = np.minimum(shortest, chords.shortest(moved, rest, first))
+        for shadows_of in (self._box_shadows, self._still_box_shadows):
+            if shadows_of.any:
+                shortest = np.minimum(shortest, shadows_of.shortest(moved, rest, first))
         if self._count:
             eye = rest[:, self._rigid.visibility.camera_body]
             poses = cpu_array(np.ascontiguousarray(moved), wp.transformd)
             found, turns = np.empty((times, envs, self._count)), np.empty((envs, self._count))
             given = [self._boxes, cpu_array(shine), cpu_array(first), poses]
-            wp.launch(find_briefest, found.shape, given, [cpu_array(found)], device="cpu")
+            wp.launch(find_shortest_shadows, found.shape, given, [cpu_array(found)], device="cpu")
             given = [self._boxes, max(1, len(moved) // LOOKED_FOR), wp.float64(self._near)]
             given += [cpu_array(np.ascontiguousarray(eye), wp.transformd), poses]
-            wp.launch(find_turns, turns.shape, given, [cpu_array(turns)], device="cpu")
+            wp.launch(find_shortest_oscillations, turns.shape, given, [cpu_array(turns)], device="cpu")
             # A shadow's edge is on most points that it comes over for a part of the time between two turns.
             turned = turns.min(axis=1) / PER_TURN
             shortest = np.minimum(shortest, np.minimum(found.min(axis=(0, 2)), turned))

@@ -5,19 +5,19 @@ from functools import cache
 
 import warp as wp
 
-from nodes.interpolator.refine.evaluation.visibility_kernels import make_seen_between
+from nodes.interpolator.refine.evaluation.visibility_kernels import make_trace_between
 from nodes.interpolator.refine.light.facet_kernels import make_facets_between, sections_of
 from nodes.interpolator.refine.light.lamp_kernels import NOTHING, make_hidden_lamps, make_turned_lamps
 from nodes.interpolator.refine.window_kernels import (
     FEW_REGISTERS,
-    Cut,
-    Spot,
-    Stage,
-    ends_of,
+    PixelInterval,
+    WindowParameters,
+    WindowScene,
+    end_entries_of,
     entry_at,
     parts_of,
+    pixel_interval_at,
     slot_row,
-    spot_at,
 )
 from nodes.interpolator.relight.change_kernels import MOVED, SHADED, Change, make_narrowed
 from nodes.interpolator.relight.features import LightChanges
@@ -31,43 +31,45 @@ ONE = wp.constant(wp.uint64(1))
 
 
 @wp.func
-def part_at(cut: Cut, parts: int, n: int):
+def part_at(params: WindowParameters, parts: int, n: int):
     """Gives the instant at which part n of `parts` of a coarse interval begins, of those that lie within it."""
-    return wp.clamp(n * ((cut.slots + 1) // parts), 1, cut.slots)
+    return wp.clamp(n * ((params.slots + 1) // parts), 1, params.slots)
 
 
 @cache
-def make_find_passing(changes: LightChanges, trees: bool) -> wp.Kernel:
-    """Makes the kernel `find_passing`; changes: of light in the scene; trees: as of `make_occlusion`."""
+def make_find_light_changes(changes: LightChanges, trees: bool) -> wp.Kernel:
+    """Makes the kernel `find_light_changes`; changes: of light in the scene; trees: as of `make_occlusion`."""
     hidden_lamps, turned_lamps = make_hidden_lamps(changes, trees), make_turned_lamps(changes)
     facets_between = make_facets_between(changes)
-    seen_between = make_seen_between(False)
+    trace_between = make_trace_between(False)
     narrowed = make_narrowed(changes)
 
     @wp.func
-    def between_probes(cut: Cut, stage: Stage, spot: Spot, i: int, start: wp.uint64, end: wp.uint64):
+    def between_probes(
+        params: WindowParameters, scene: WindowScene, px: PixelInterval, i: int, start: wp.uint64, end: wp.uint64
+    ):
         """Gives the z-buffer entries of the probes before and after instant i; start, end: of the coarse interval."""
-        each = (cut.slots + 1) // stage.probes[spot.env]
+        each = (params.slots + 1) // scene.probes[px.env]
         before = start
         after = end
         probe = i // each * each
         if probe > 0:
-            before = entry_at(cut, stage, spot, probe)
-        if probe + each <= cut.slots:
-            after = entry_at(cut, stage, spot, probe + each)
+            before = entry_at(params, scene, px, probe)
+        if probe + each <= params.slots:
+            after = entry_at(params, scene, px, probe + each)
         return before, after
 
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FEW_REGISTERS)
-    def find_passing(
+    def find_light_changes(
         # in
         view: CameraView,
-        cut: Cut,
+        params: WindowParameters,
         row0: int,
         span: int,
         held: wp.array(dtype=int),
-        stage: Stage,
+        scene: WindowScene,
         change: Change,
-        lean: wp.array(dtype=float),
+        normal_deviation: wp.array(dtype=float),
         start: wp.array3d(dtype=wp.uint64),
         # out
         passing: wp.array3d(dtype=wp.uint64),
@@ -76,25 +78,25 @@ def make_find_passing(changes: LightChanges, trees: bool) -> wp.Kernel:
         coarse interval than at its beginning.
 
         Where an environment has no parts none is set. Of several parts that shadows are looked for at both ends of,
-        those at these ends stand for all. span: pixels of a thread. held: 1 for environments that have no gap. lean: of
-        Facets. start: z-buffer of keyframe A.
+        those at these ends stand for all. span: pixels of a thread. held: 1 for environments that have no gap.
+        normal_deviation: of Facets. start: z-buffer of keyframe A.
         """
         n, row, part = wp.tid()
-        env = n % cut.envs
+        env = n % params.envs
         if held[env] == 1:
             return
         y = row0 + row
-        parts = parts_of(stage, env)
-        casts = stage.parts[0, env]
+        parts = parts_of(scene, env)
+        casts = scene.parts[0, env]
         every = parts // wp.max(casts, 1)
-        sections = sections_of(stage, env)
-        for x in range(part * span, wp.min(part * span + span, cut.width)):
-            spot = spot_at(view, cut, env, cut.first + n // cut.envs, y, x)
-            ends = ends_of(cut, stage, start, spot)
+        sections = sections_of(scene, env)
+        for x in range(part * span, wp.min(part * span + span, params.width)):
+            px = pixel_interval_at(view, params, env, params.first + n // params.envs, y, x)
+            ends = end_entries_of(params, scene, start, px)
             facets = wp.int32(0)
             if wp.static(changes.facets):
-                if stage.parts[1, env] > 0:
-                    facets = facets_between(cut, stage, change, lean, spot, ends.before, ends.after)
+                if scene.parts[1, env] > 0:
+                    facets = facets_between(params, scene, change, normal_deviation, px, ends.before, ends.after)
             bits = wp.uint64(0)
             known = wp.bool(False)
             last = wp.uint64(0)
@@ -107,28 +109,28 @@ def make_find_passing(changes: LightChanges, trees: bool) -> wp.Kernel:
             step = wp.where(facets == 0, every, 1)
             k = wp.where(parts == 0 or (casts == 0 and facets == 0), parts + 1, 0)
             while k <= parts:
-                i = part_at(cut, parts, k)
+                i = part_at(params, parts, k)
                 cast = casts > 0 and k % every == 0
-                look = ((facets >> (i * sections // (cut.slots + 1))) & 1) == 1
+                look = ((facets >> (i * sections // (params.slots + 1))) & 1) == 1
                 if cast or look:
-                    there = slot_row(cut, env, spot.k, i)
-                    hit, after = between_probes(cut, stage, spot, i, ends.before, ends.after)
+                    there = slot_row(params, env, px.k, i)
+                    hit, after = between_probes(params, scene, px, i, ends.before, ends.after)
                     # Where both entries are equal neither the camera nor the surface moves.
                     if hit != after:
-                        hit = seen_between(view, stage.targets, there, spot.d, hit, after, False)
+                        hit = trace_between(view, scene.targets, there, px.d, hit, after, False)
                     t = triangle_of(hit)
                     if t != MISS and t != asked:
-                        flag = change.flags[env, stage.targets.pieces[t][0]] & (MOVED | SHADED)
+                        flag = change.flags[env, scene.targets.pieces[t][0]] & (MOVED | SHADED)
                         if flag != 0:
-                            flag = narrowed(change, flag, env, there, change.instance[t], depth_of(hit) * spot.d)
+                            flag = narrowed(change, flag, env, there, change.instance[t], depth_of(hit) * px.d)
                         asked = t
                     if wp.static(changes.facets):
                         if look:
                             away = NOTHING
                             if t != MISS:
-                                if lean[t] > 0.0 and (flag & MOVED) != 0:
-                                    away = turned_lamps(change, there, hit, spot.d)
-                            if facing and away != turned and joined(seen, hit, stage.targets.pieces):
+                                if normal_deviation[t] > 0.0 and (flag & MOVED) != 0:
+                                    away = turned_lamps(change, there, hit, px.d)
+                            if facing and away != turned and joined(seen, hit, scene.targets.pieces):
                                 bits = bits | (ONE << wp.uint64(k - 1))
                             turned = away
                             seen = hit
@@ -136,8 +138,8 @@ def make_find_passing(changes: LightChanges, trees: bool) -> wp.Kernel:
                     if cast:
                         now = NOTHING
                         if t != MISS and flag != 0:
-                            now = hidden_lamps(change, flag, there, hit, spot.d)
-                        if known and now != hidden and joined(last, hit, stage.targets.pieces):
+                            now = hidden_lamps(change, flag, there, hit, px.d)
+                        if known and now != hidden and joined(last, hit, scene.targets.pieces):
                             bits = bits | (ONE << wp.uint64(k - every)) | (ONE << wp.uint64(k - 1))
                         known = t != MISS
                         hidden = now
@@ -147,4 +149,4 @@ def make_find_passing(changes: LightChanges, trees: bool) -> wp.Kernel:
                 k += step
             passing[n, y, x] = bits
 
-    return find_passing
+    return find_light_changes

@@ -6,7 +6,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.kernel
-def look_along(
+def trace_silhouette(
     # in
     mesh: wp.uint64,
     size: wp.vec3,

@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from evis.scene.model import Mesh
-from nodes.interpolator.refine.light.silhouette_kernels import look_along
+from nodes.interpolator.refine.light.silhouette_kernels import trace_silhouette
 from nodes.renderer.geometry.triangles import SHELL_CONVEX
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.shadows.boxes import box_halves, half_extents
@@ -49,7 +49,7 @@ def finest_half(mesh: Mesh, narrower: float = FINE) -> np.ndarray:
     below, of its outline seen along another axis, float64 [3] m; that of a place where it is so thin that none shows
     it."""
     finest = np.ptp(_points(mesh), axis=(0, 1)) / 2
-    for along, place, seen in outlines_of(mesh):
+    for along, place, seen in silhouettes_of(mesh):
         widths = widths_of(seen)
         places = float(np.quantile(widths, narrower)) if len(widths) else 1.0
         finest[along] = min(finest[along], places * place / 2)
@@ -60,7 +60,7 @@ def finest_hole(mesh: Mesh) -> np.ndarray:
     """Measures half of how wide the holes in the outline of a mesh are along each axis, float64 [3] m: so that as many
     as a share FINE of all parts and holes are narrower; inf where there are fewer."""
     finest = np.full(3, np.inf)
-    for along, place, seen in outlines_of(mesh):
+    for along, place, seen in silhouettes_of(mesh):
         holes = np.sort(holes_of(seen))
         few = int(FINE * len(widths_of(seen)))
         if len(holes) > few:
@@ -68,7 +68,7 @@ def finest_hole(mesh: Mesh) -> np.ndarray:
     return finest
 
 
-def outlines_of(mesh: Mesh) -> Iterator[tuple[int, float, np.ndarray]]:
+def silhouettes_of(mesh: Mesh) -> Iterator[tuple[int, float, np.ndarray]]:
     """Looks at a mesh along each axis at which it is no line: gives, for both others, the axis that lines follow, the
     length [m] of a place on them, and what is seen there, int8 [LINES, PLACES]."""
     points = _points(mesh)
@@ -85,7 +85,7 @@ def outlines_of(mesh: Mesh) -> Iterator[tuple[int, float, np.ndarray]]:
         for along, beside in (across, across[::-1]):
             seen: wp.array = wp.empty((LINES, PLACES), dtype=wp.int8, device="cpu")
             given = [there.id, wp.vec3(*size), along, beside, ahead]
-            wp.launch(look_along, seen.shape, given, [seen], device="cpu")
+            wp.launch(trace_silhouette, seen.shape, given, [seen], device="cpu")
             yield along, size[along] / PLACES, seen.numpy()
 
 

@@ -8,8 +8,8 @@ import warp as wp
 
 from nodes.interpolator.refine.paths.albedo_scale import EVEN
 from nodes.interpolator.refine.paths.motion_kernels import motion_since
-from nodes.interpolator.refine.samples.request_kernels import PAINTED, UNKNOWN, make_instances, make_note
-from nodes.interpolator.refine.window_kernels import Cut, Spot, Stage, entry_at
+from nodes.interpolator.refine.samples.request_kernels import PAINTED, UNKNOWN, make_request, make_requests
+from nodes.interpolator.refine.window_kernels import PixelInterval, WindowParameters, WindowScene, entry_at
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView, ray_steps
@@ -26,51 +26,51 @@ there how far it goes."""
 
 
 @wp.func
-def width_of_pixel(view: CameraView, spot: Spot, hit: wp.uint64):
+def width_of_pixel(view: CameraView, px: PixelInterval, hit: wp.uint64):
     """Computes the width of a pixel [m] where it sees a z-buffer entry, on what faces the camera."""
-    across, down = ray_steps(view, spot.x, spot.y)
+    across, down = ray_steps(view, px.x, px.y)
     return depth_of(hit) * wp.max(wp.length(across), wp.length(down))
 
 
 @wp.func
-def finer_than_pixels(view: CameraView, stage: Stage, spot: Spot, hit: wp.uint64):
+def finer_than_pixels(view: CameraView, scene: WindowScene, px: PixelInterval, hit: wp.uint64):
     """Tells whether the triangle of a z-buffer entry is painted more finely than the pixels of an image show."""
     t = triangle_of(hit)
     if t == MISS:
         return False
-    return stage.targets.grain[t] < width_of_pixel(view, spot, hit)
+    return scene.targets.albedo_scale[t] < width_of_pixel(view, px, hit)
 
 
 @wp.func
-def pixels_along(view: CameraView, spot: Spot, away: float, step: wp.vec3):
+def pixels_along(view: CameraView, px: PixelInterval, away: float, step: wp.vec3):
     """Computes how many pixels wide a step [m] in the camera's frame appears, from where a pixel sees something.
 
-    away: of that, in multiples of `spot.d`. What is along the ray does not count, so that a surface which is seen
+    away: of that, in multiples of `px.d`. What is along the ray does not count, so that a surface which is seen
     obliquely has long pixels.
     """
-    across, down = ray_steps(view, spot.x, spot.y)
+    across, down = ray_steps(view, px.x, px.y)
     normal = wp.cross(across, down)
-    u = wp.dot(step, wp.cross(down, spot.d))
-    v = wp.dot(step, wp.cross(spot.d, across))
-    return wp.sqrt(u * u + v * v) / wp.max(away * wp.abs(wp.dot(normal, spot.d)), 1.0e-30)
+    u = wp.dot(step, wp.cross(down, px.d))
+    v = wp.dot(step, wp.cross(px.d, across))
+    return wp.sqrt(u * u + v * v) / wp.max(away * wp.abs(wp.dot(normal, px.d)), 1.0e-30)
 
 
 @cache
-def make_follow(channels: int, ways: int) -> Any:
-    """Makes the function `follow`; arguments as of make_look_up."""
+def make_request_albedo_path(channels: int, ways: int) -> Any:
+    """Makes the function `request_albedo_path`; arguments as of make_look_up."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
     Keyframes: Any = make_keyframes(channels, ways)
-    Instances: Any = make_instances(channels)
-    note = make_note(channels)
+    Requests: Any = make_requests(channels)
+    request = make_request(channels)
 
     @wp.func
-    def follow(
+    def request_albedo_path(
         view: CameraView,
-        cut: Cut,
+        params: WindowParameters,
         keys: Keyframes,
-        stage: Stage,
-        instances: Instances,
-        spot: Spot,
+        scene: WindowScene,
+        requests: Requests,
+        px: PixelInterval,
         start: int,
         end: int,
         before: wp.uint64,
@@ -82,48 +82,51 @@ def make_follow(channels: int, ways: int) -> Any:
         count: wp.array(dtype=int),
     ):
         """Lists instants from `start` to `end` between which a pixel goes over part of a swing of what is painted on
-        the surface, and by `cut.spacing` at least, and those at which it turns back. Arguments as of `walk`;
-        gives the index of the last entry listed, and PAINTED, or UNKNOWN where it goes nowhere."""
-        body = stage.targets.pieces[triangle_of(before)][0]
-        each = (cut.slots + 1) // stage.probes[spot.env]
+        the surface, and by `params.spacing` at least, and those at which it turns back. Arguments as of
+        `request_keyframe_path`; gives the index of the last entry listed, and PAINTED, or UNKNOWN where it goes
+        nowhere."""
+        body = scene.targets.pieces[triangle_of(before)][0]
+        each = (params.slots + 1) // scene.probes[px.env]
         listed = start
         moved = wp.bool(False)
         gone = wp.float32(0.0)
         i = start
         hit = before
         # Points of one body keep their distances in the frame of keyframe A's camera.
-        motion = motion_since(cut, stage, keys.turn, keys.shift, spot.env, spot.k, 0, i, body)
-        point = depth_of(hit) * spot.d
+        motion = motion_since(params, scene, keys.turn, keys.shift, px.env, px.k, 0, i, body)
+        point = depth_of(hit) * px.d
         here = point + motion.turn * point + motion.shift
         heading = wp.vec3(0.0)
         while i < end:
             following = wp.min(end, (i | (each - 1)) + 1)
             seen = after
             if following < end:
-                seen = entry_at(cut, stage, spot, following)
-            motion = motion_since(cut, stage, keys.turn, keys.shift, spot.env, spot.k, 0, following, body)
-            point = depth_of(seen) * spot.d
+                seen = entry_at(params, scene, px, following)
+            motion = motion_since(params, scene, keys.turn, keys.shift, px.env, px.k, 0, following, body)
+            point = depth_of(seen) * px.d
             there = point + motion.turn * point + motion.shift
             step = there - here
             way = wp.length(step)
-            wide = pixels_along(view, spot, depth_of(seen), step + wp.transpose(motion.turn) * step)
-            grain = wp.min(stage.targets.grain[triangle_of(hit)], stage.targets.grain[triangle_of(seen)])
+            wide = pixels_along(view, px, depth_of(seen), step + wp.transpose(motion.turn) * step)
+            albedo_scale = wp.min(
+                scene.targets.albedo_scale[triangle_of(hit)], scene.targets.albedo_scale[triangle_of(seen)]
+            )
             # Pixels are long on what is seen obliquely: by that alone tunnel_exit has 0.048 in place of 0.034.
-            narrow = wp.min(way / wp.max(wide, 1.0e-30), width_of_pixel(view, spot, seen))
-            spacing = wp.max(grain / PER_SWING, cut.spacing * narrow)
-            moved = moved or (grain < PLAIN and gone + way > TURNED * spacing)
-            if grain < PLAIN and i > listed and gone > TURNED * spacing and wp.dot(step, heading) < 0.0:
-                last = note(cut, instances, spot, i, hit, hit, pixel(PAINTED), last, room, most, band, count)
+            narrow = wp.min(way / wp.max(wide, 1.0e-30), width_of_pixel(view, px, seen))
+            spacing = wp.max(albedo_scale / PER_SWING, params.spacing * narrow)
+            moved = moved or (albedo_scale < PLAIN and gone + way > TURNED * spacing)
+            if albedo_scale < PLAIN and i > listed and gone > TURNED * spacing and wp.dot(step, heading) < 0.0:
+                last = request(params, requests, px, i, hit, hit, pixel(PAINTED), last, room, most, band, count)
                 listed = i
                 gone = 0.0
-            if grain < PLAIN and gone + way >= spacing:
+            if albedo_scale < PLAIN and gone + way >= spacing:
                 to_next = wp.max(spacing - gone, 0.0)
                 pace = float(following - i) / way
                 while to_next < way:
                     place = i + int(to_next * pace)
                     if place > listed and place < end:
-                        last = note(
-                            cut, instances, spot, place, hit, seen, pixel(PAINTED), last, room, most, band, count
+                        last = request(
+                            params, requests, px, place, hit, seen, pixel(PAINTED), last, room, most, band, count
                         )
                         listed = place
                     gone = way - to_next
@@ -139,4 +142,4 @@ def make_follow(channels: int, ways: int) -> Any:
             rise = pixel(PAINTED)
         return last, rise
 
-    return follow
+    return request_albedo_path

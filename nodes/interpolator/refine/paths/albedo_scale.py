@@ -1,4 +1,4 @@
-"""Measures how finely surfaces are painted: over which lengths their albedo goes up or down."""
+"""Measures the albedo scale of surfaces: the lengths over which ln albedo goes up or down."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from evis.scene.model import Material, Scene
 from nodes.renderer.geometry.triangles import Geometry
 
 EVEN = 1.0e30
-"""Stands for the grain of what is of one colour [m]."""
+"""Stands for the albedo scale of what is of one colour [m]."""
 DARKEST = 1e-3
 """Albedo below which differences do not matter."""
 SWING = 1.0
@@ -17,12 +17,12 @@ SWING = 1.0
 MOST_TEXELS = 1024
 """Texels along a side of a texture that are looked at; of a larger one every n-th."""
 BLOCKS = 16
-"""Parts along each side of a texture, of which the one with the finest grain counts."""
+"""Parts along each side of a texture, of which the one with the finest scale counts."""
 
 BENT = 0.25
-"""Part of the length over which colours of corners go up or down that counts as grain: they bend at every edge, and no
-filter rounds that, as one does with textures. A lump whose triangles are 1.5 px wide has errors of 0.090, 0.049 and
-0.021 with 0.8, 0.3 and 0.1 ms, and of 0.122, 0.069 and 0.034 with all of that length, in the same time."""
+"""Part of the length over which colours of corners go up or down that counts as their scale: they bend at every edge,
+and no filter rounds that, as one does with textures. A lump whose triangles are 1.5 px wide has errors of 0.090, 0.049
+and 0.021 with 0.8, 0.3 and 0.1 ms, and of 0.122, 0.069 and 0.034 with all of that length, in the same time."""
 
 SPACING, FINEST_SPACING = 0.6, 0.15
 """Least ways between two samples, of a pixel's width along that way, for textures are filtered to that: peaks between
@@ -39,13 +39,13 @@ def least_spacing(tolerance_ns: float) -> float:
     return max(SPACING * min(tolerance_ns / WHOLE_NS, 1.0), FINEST_SPACING)
 
 
-def grain_of(scene: Scene, geometry: Geometry, least: float) -> np.ndarray:
+def albedo_scale_of(scene: Scene, geometry: Geometry, least: float) -> np.ndarray:
     """Computes over which length float32 [T] [m] ln albedo goes up or down on each triangle, EVEN without that.
 
     It is the swing of a texture, or of a triangle's colours, over the mean of its gradient's magnitude, or how wide
     things on the texture are, if that is less. least: change of ln albedo that matters.
     """
-    grain = np.full(len(geometry.triangles), EVEN, np.float32)
+    albedo_scale = np.full(len(geometry.triangles), EVEN, np.float32)
     corners = geometry.vertices[geometry.triangles].astype(np.float64)
     known: dict[int, tuple[float, float] | None] = {}
     for number, instance in enumerate(scene.instances):
@@ -55,14 +55,14 @@ def grain_of(scene: Scene, geometry: Geometry, least: float) -> np.ndarray:
         fine = known[instance.material]
         if fine is not None and instance.mesh.uv is not None:
             along_u, along_v = _per_unit(corners[own], np.asarray(instance.mesh.uv, np.float64))
-            grain[own] = np.minimum(np.minimum(along_u * fine[0], along_v * fine[1]), EVEN)
+            albedo_scale[own] = np.minimum(np.minimum(along_u * fine[0], along_v * fine[1]), EVEN)
         if instance.mesh.colours is not None:
-            grain[own] = np.minimum(grain[own], _of_colours(corners[own], instance.mesh.colours, least))
-    return grain
+            albedo_scale[own] = np.minimum(albedo_scale[own], _of_colours(corners[own], instance.mesh.colours, least))
+    return albedo_scale
 
 
 def _of_texture(material: Material, least: float) -> tuple[float, float] | None:
-    """Computes the grain along u and v, in units of these; None of what is even."""
+    """Computes the albedo scale along u and v, in units of these; None of what is even."""
     if material.texture is None:
         return None
     step = -(-max(material.texture.shape[:2]) // MOST_TEXELS)
@@ -132,8 +132,8 @@ def _per_unit(corners: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def _of_colours(corners: np.ndarray, colours: np.ndarray, least: float) -> np.ndarray:
-    """Computes the grain [m] of coloured triangles: BENT of the length over which ln albedo goes from the least to the
-    greatest of their corners', and how high they are where it is another one beyond an edge.
+    """Computes the albedo scale [m] of coloured triangles: BENT of the length over which ln albedo goes from the least
+    to the greatest of their corners', and how high they are where it is another one beyond an edge.
 
     corners, colours [F, 3, 3].
     """
@@ -145,11 +145,11 @@ def _of_colours(corners: np.ndarray, colours: np.ndarray, least: float) -> np.nd
     steep = np.linalg.norm(rise[:, :1] * np.cross(second, normal) + rise[:, 1:] * np.cross(normal, first), axis=1)
     swing = np.ptp(log, axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        grain = np.where(swing >= least, BENT * np.minimum(swing, SWING) * twice**2 / steep, EVEN)
+        albedo_scale = np.where(swing >= least, BENT * np.minimum(swing, SWING) * twice**2 / steep, EVEN)
         high = twice / np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    grain = np.where(_changes_beyond(corners, log) >= least, np.minimum(grain, high), grain)
+    albedo_scale = np.where(_changes_beyond(corners, log) >= least, np.minimum(albedo_scale, high), albedo_scale)
     # What has no area is never seen.
-    return np.where(twice > 0, np.nan_to_num(grain, nan=EVEN, posinf=EVEN), EVEN)
+    return np.where(twice > 0, np.nan_to_num(albedo_scale, nan=EVEN, posinf=EVEN), EVEN)
 
 
 def _changes_beyond(corners: np.ndarray, log: np.ndarray) -> np.ndarray:

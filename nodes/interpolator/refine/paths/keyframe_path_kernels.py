@@ -7,8 +7,8 @@ import warp as wp
 
 from nodes.interpolator.refine.paths.keyframe_point_kernels import make_looks, make_place_then
 from nodes.interpolator.refine.paths.motion_kernels import stride_of
-from nodes.interpolator.refine.samples.request_kernels import UNKNOWN, make_instances, make_note
-from nodes.interpolator.refine.window_kernels import Cut, Spot, Stage, entry_at
+from nodes.interpolator.refine.samples.request_kernels import UNKNOWN, make_request, make_requests
+from nodes.interpolator.refine.window_kernels import PixelInterval, WindowParameters, WindowScene, entry_at
 from nodes.interpolator.rigid.look_up.log_kernels import log_type
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
 from nodes.interpolator.rigid.patch_kernels import patch_of
@@ -46,7 +46,15 @@ def outside(rise: Any, low: Any, high: Any):  # noqa: F811 - overloaded by its t
 
 @wp.func
 def entries_about(
-    cut: Cut, stage: Stage, spot: Spot, place: int, each: int, i: int, hit: wp.uint64, following: int, seen: wp.uint64
+    params: WindowParameters,
+    scene: WindowScene,
+    px: PixelInterval,
+    place: int,
+    each: int,
+    i: int,
+    hit: wp.uint64,
+    following: int,
+    seen: wp.uint64,
 ):
     """Gives the z-buffer entries known before and after instant `place`, of `hit` at i and `seen` at `following`."""
     ahead = hit
@@ -55,30 +63,30 @@ def entries_about(
         # What is nearer in time tells more of what is between.
         probe = place // each * each
         if probe > i:
-            ahead = entry_at(cut, stage, spot, probe)
+            ahead = entry_at(params, scene, px, probe)
         if probe + each < following:
-            behind = entry_at(cut, stage, spot, probe + each)
+            behind = entry_at(params, scene, px, probe + each)
     return ahead, behind
 
 
 @cache
-def make_walk(lens: str, channels: int, ways: int) -> Any:
-    """Makes the function `walk`; arguments as of make_look_up."""
+def make_request_keyframe_path(lens: str, channels: int, ways: int) -> Any:
+    """Makes the function `request_keyframe_path`; arguments as of make_look_up."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
     looked_up: Any = log_type(channels, ways)
     Keyframes: Any = make_keyframes(channels, ways)
-    Instances: Any = make_instances(channels)
+    Requests: Any = make_requests(channels)
     place_then, (in_view, look) = make_place_then(lens, channels, ways), make_looks(channels, ways)
-    note = make_note(channels)
+    request = make_request(channels)
 
     @wp.func
-    def walk(
+    def request_keyframe_path(
         view: CameraView,
-        cut: Cut,
+        params: WindowParameters,
         keys: Keyframes,
-        stage: Stage,
-        instances: Instances,
-        spot: Spot,
+        scene: WindowScene,
+        requests: Requests,
+        px: PixelInterval,
         which: int,
         start: int,
         end: int,
@@ -91,7 +99,7 @@ def make_walk(lens: str, channels: int, ways: int) -> Any:
         count: wp.array(dtype=int),
     ):
         """Follows a pixel over one surface from instant `start` to `end` in keyframe `which`, and lists the instants
-        between which ln I is straight within cut.straight.
+        between which ln I is straight within params.straight.
 
         before, after: z-buffer entries at `start` and `end`. last: index of the entry listed before, -1 = none. Gives
         the index of the last entry listed, the change of ln I since, and whether the keyframe shows all of the way.
@@ -101,12 +109,12 @@ def make_walk(lens: str, channels: int, ways: int) -> Any:
         from_here = wp.float32(1.0)
         t = triangle_of(before)
         if t != MISS:
-            patch = patch_of(before, stage.targets.pieces[t])
-            body = stage.targets.pieces[t][0]
+            patch = patch_of(before, scene.targets.pieces[t])
+            body = scene.targets.pieces[t][0]
             from_here = depth_of(before)
-        base = keys.first[which] + spot.env * view.width * view.height
-        each = (cut.slots + 1) // stage.probes[spot.env]
-        here = place_then(view, cut, keys, stage, spot, which, start, body, from_here)
+        base = keys.first[which] + px.env * view.width * view.height
+        each = (params.slots + 1) // scene.probes[px.env]
+        here = place_then(view, params, keys, scene, px, which, start, body, from_here)
         nothing = pixel(UNKNOWN)
         if not in_view(view, keys, base, here, t == MISS):
             return last, nothing, False
@@ -117,10 +125,10 @@ def make_walk(lens: str, channels: int, ways: int) -> Any:
         told = anchor
         listed = start
         gone = wp.float32(0.0)
-        bend = looked_up(cut.straight)
+        bend = looked_up(params.straight)
         low = looked_up(-STEEPEST)
         high = looked_up(STEEPEST)
-        stride = stride_of(cut, stage, spot, which, body, from_here)
+        stride = stride_of(params, scene, px, which, body, from_here)
         i = start
         hit = before
         while i < end:
@@ -134,11 +142,11 @@ def make_walk(lens: str, channels: int, ways: int) -> Any:
                 following = wp.min(end, (i | (stride - 1)) + 1)
                 seen = after
                 if following < end:
-                    seen = entry_at(cut, stage, spot, following)
+                    seen = entry_at(params, scene, px, following)
                 away = from_here
                 if t != MISS:
                     away = depth_of(seen)
-                there = place_then(view, cut, keys, stage, spot, which, following, body, away)
+                there = place_then(view, params, keys, scene, px, which, following, body, away)
                 if not in_view(view, keys, base, there, t == MISS):
                     return last, nothing, False
                 step = there - here
@@ -157,7 +165,7 @@ def make_walk(lens: str, channels: int, ways: int) -> Any:
                     if not shown:
                         return last, nothing, False
                     gone += length * share
-                    rough = gone > ROUGH_STEP and spread > cut.rough
+                    rough = gone > ROUGH_STEP and spread > params.rough
                     rise = fresh - anchor
                     if outside(rise, (now - anchored) * low, (now - anchored) * high) or rough:
                         # The sample before is the last one that a straight line reaches.
@@ -166,9 +174,9 @@ def make_walk(lens: str, channels: int, ways: int) -> Any:
                             change = pixel(UNKNOWN)
                             if wp.static(ways == 0):
                                 change = value - told
-                            ahead, behind = entries_about(cut, stage, spot, place, each, i, hit, following, seen)
-                            last = note(
-                                cut, instances, spot, place, ahead, behind, change, last, room, most, band, count
+                            ahead, behind = entries_about(params, scene, px, place, each, i, hit, following, seen)
+                            last = request(
+                                params, requests, px, place, ahead, behind, change, last, room, most, band, count
                             )
                             told = value
                             listed = place
@@ -191,4 +199,4 @@ def make_walk(lens: str, channels: int, ways: int) -> Any:
             change = value - told
         return last, change, True
 
-    return walk
+    return request_keyframe_path

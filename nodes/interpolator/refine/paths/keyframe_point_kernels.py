@@ -7,7 +7,7 @@ import warp as wp
 
 from evis.gpu.reading_kernels import element, number, whole_number
 from nodes.interpolator.refine.paths.motion_kernels import motion_since
-from nodes.interpolator.refine.window_kernels import Cut, Spot, Stage
+from nodes.interpolator.refine.window_kernels import PixelInterval, WindowParameters, WindowScene
 from nodes.interpolator.rigid.look_up.log_kernels import apart, log_type
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
 from nodes.renderer.raster.lens.displacement_kernels import make_displacement
@@ -28,10 +28,10 @@ def make_place_then(lens: str, channels: int, ways: int) -> Any:
     @wp.func
     def place_then(
         view: CameraView,
-        cut: Cut,
+        params: WindowParameters,
         keys: Keyframes,
-        stage: Stage,
-        spot: Spot,
+        scene: WindowScene,
+        px: PixelInterval,
         which: int,
         i: int,
         body: int,
@@ -40,16 +40,16 @@ def make_place_then(lens: str, channels: int, ways: int) -> Any:
         """Computes where (x, y) [px] keyframe `which` shows the point that a pixel sees at instant i, and the inverse
         of its distance there [1/m].
 
-        body: that the point is on. away: its distance along the ray, in multiples of `spot.d`.
+        body: that the point is on. away: its distance along the ray, in multiples of `px.d`.
         """
-        point = away * spot.d
-        motion = motion_since(cut, stage, keys.turn, keys.shift, spot.env, spot.k, which, i, body)
+        point = away * px.d
+        motion = motion_since(params, scene, keys.turn, keys.shift, px.env, px.k, which, i, body)
         m = motion.turn * point + motion.shift
         near = wp.where(body == keys.turn.shape[1] - 1, 1.0e-6, view.near)
-        moved = displacement(view, spot.d, point, m, near)
+        moved = displacement(view, px.d, point, m, near)
         q = point + m
         return wp.vec3(
-            float(spot.x) + moved[0], float(spot.y) + moved[1], 1.0 / wp.where(wp.static(bent), wp.length(q), q[2])
+            float(px.x) + moved[0], float(px.y) + moved[1], 1.0 / wp.where(wp.static(bent), wp.length(q), q[2])
         )
 
     return place_then

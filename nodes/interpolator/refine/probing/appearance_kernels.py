@@ -16,7 +16,7 @@ QUICK = wp.constant(0.25)
 class Boxes:
     """Holds the boxes of things: which of the bodies that move they are on [J], where on it, and half their sides.
 
-    fine: half of how wide their parts and holes are along these sides, for `find_briefest`.
+    fine: half of how wide their parts and holes are along these sides, for `find_shortest_shadows`.
     """
 
     mover: wp.array(dtype=int)
@@ -34,7 +34,7 @@ def reach(normal: wp.vec3d, centre: wp.vec3d, axes: wp.mat33d, half: wp.vec3d):
 
 
 @wp.struct
-class Way:
+class ImageReach:
     """Holds how far into the image a box reaches, as a part of how far ahead it does, and beyond which of its sides it
     is: a bit for each, 0 inside."""
 
@@ -44,11 +44,11 @@ class Way:
 
 
 @wp.func
-def way_in(centre: wp.vec3d, axes: wp.mat33d, half: wp.vec3d, near: wp.float64, sides: wp.vec4d):
-    """Finds how far a box reaches into the image. sides: as of find_visits."""
+def image_reach(centre: wp.vec3d, axes: wp.mat33d, half: wp.vec3d, near: wp.float64, sides: wp.vec4d):
+    """Finds how far a box reaches into the image. sides: as of find_appearances."""
     zero = wp.float64(0.0)
     one = wp.float64(1.0)
-    way = Way()
+    way = ImageReach()
     way.inside = -one
     ahead = reach(wp.vec3d(zero, zero, one), centre, axes, half)
     way.ahead = wp.max(ahead, near)
@@ -66,7 +66,7 @@ def way_in(centre: wp.vec3d, axes: wp.mat33d, half: wp.vec3d, near: wp.float64, 
 
 
 @wp.kernel
-def find_visits(
+def find_appearances(
     # in
     boxes: Boxes,
     camera: int,
@@ -92,7 +92,7 @@ def find_visits(
     stay = wp.int32(0)
     far_in = wp.float64(0.0)
     zero = wp.float64(0.0)
-    last = Way()
+    last = ImageReach()
     last.inside = -wp.float64(1.0)
     last_centre = wp.vec3d()
     last_axes = wp.mat33d()
@@ -107,7 +107,7 @@ def find_visits(
             wp.transform_get_translation(pose) - wp.transform_get_translation(at)
         )
         axes = turn * boxes.rotation[j]
-        way = way_in(centre, axes, half, near, sides)
+        way = image_reach(centre, axes, half, near, sides)
         if way.inside >= zero:
             if not before:
                 stay += 1
@@ -132,7 +132,7 @@ def find_visits(
             if most_in + gone / wp.min(last.ahead, way.ahead) > deep:
                 for k in range(1, PIECES):
                     g = wp.float64(k) / wp.float64(PIECES)
-                    between = way_in(
+                    between = image_reach(
                         last_centre + g * (centre - last_centre), last_axes + g * (axes - last_axes), half, near, sides
                     )
                     if between.inside > deep:
@@ -147,7 +147,7 @@ def width_over(fine: wp.vec3d, along: wp.vec3d, length: wp.float64):
     """Gives half the width [m] of a box of half sides `fine` along a way, in its own frame, of a length: how far it
     reaches along it or, if that is less, what of the way lies in it, as of a long wire that goes aslant.
 
-    A plate counts there as thick as it is wide: where a lamp shines along it `Chords` tells.
+    A plate counts there as thick as it is wide: where a lamp shines along it `BoxShadows` tells.
     """
     thick = fine[0] + fine[1] + fine[2] - wp.min(fine) - wp.max(fine)
     width = (wp.abs(along[0]) * fine[0] + wp.abs(along[1]) * fine[1] + wp.abs(along[2]) * fine[2]) / length
@@ -158,7 +158,7 @@ def width_over(fine: wp.vec3d, along: wp.vec3d, length: wp.float64):
 
 
 @wp.kernel
-def find_briefest(
+def find_shortest_shadows(
     # in
     boxes: Boxes,
     shine: wp.array(dtype=wp.float64),
@@ -195,7 +195,7 @@ def find_briefest(
 
 
 @wp.kernel
-def find_turns(
+def find_shortest_oscillations(
     # in
     boxes: Boxes,
     step: int,
@@ -208,7 +208,7 @@ def find_turns(
     """Computes how many instants [E, J] pass between two turns of a box that goes to and fro, at least.
 
     Its middle and a corner are looked at at every step-th instant. near: part of the distance from the camera, eye [E],
-    that it goes from one turn to the next, or none counts. poses: as of `find_briefest`.
+    that it goes from one turn to the next, or none counts. poses: as of `find_shortest_shadows`.
     """
     env, j = wp.tid()
     shortest = wp.float64(wp.inf)

@@ -9,7 +9,7 @@ import warp as wp
 
 from evis.gpu.exchange import cpu_array
 from nodes.interpolator.refine.instants import Instants
-from nodes.interpolator.refine.probing.appearance_kernels import Boxes, find_visits
+from nodes.interpolator.refine.probing.appearance_kernels import Boxes, find_appearances
 from nodes.interpolator.rigid.placement import Placement
 from nodes.interpolator.rigid.slots import Poses
 from nodes.renderer.raster.visibility import Visibility
@@ -23,7 +23,7 @@ LEAST_Z = 0.05
 """z of a ray of length 1 below which the image is too wide to have four sides."""
 
 
-class Visits:
+class BriefAppearances:
     """Finds the shortest visit of what moves by itself, in one gap after another."""
 
     def __init__(self, visibility: Visibility, placement: Placement) -> None:
@@ -51,7 +51,7 @@ class Visits:
         eye = cpu_array(np.ascontiguousarray(poses.rest[:, self._camera_body]), wp.transformd)
         moved = cpu_array(np.ascontiguousarray(poses.moved), wp.transformd)
         given = [self._boxes, self._camera, self._near, wp.vec4d(*sides), deep, eye, moved]
-        wp.launch(find_visits, (envs, self._count), given, [shortest, passing], device="cpu")
+        wp.launch(find_appearances, (envs, self._count), given, [shortest, passing], device="cpu")
         found = shortest.numpy()
         apart = np.maximum(found // TWICE, 1)
         needed = np.clip(most >> np.floor(np.log2(apart)).astype(np.int64), least, None)

@@ -11,7 +11,7 @@ from evis.geometry import se3
 from evis.gpu.exchange import cpu_array
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.probing.brief_appearances import sides_of
-from nodes.interpolator.refine.probing.curved_motion_kernels import Balls, find_strays
+from nodes.interpolator.refine.probing.curved_motion_kernels import BoundingSpheres, find_curved_motion
 from nodes.interpolator.rigid.placement import Placement
 from nodes.interpolator.rigid.slots import Poses
 from nodes.renderer.raster.visibility import Visibility
@@ -26,7 +26,7 @@ FAR = 1e6
 """Distance [m] taken where there is nothing but the sky."""
 
 
-class Strays:
+class CurvedMotion:
     """Finds how far what moves in the image is off straight ways, in one gap after another."""
 
     def __init__(self, visibility: Visibility, placement: Placement, tolerance_ns: float) -> None:
@@ -52,7 +52,7 @@ class Strays:
         self._pixel = 1.0 / max(v.view.fx, v.view.fy)
         # All that is here is on the host, where the poses are.
         with wp.ScopedDevice("cpu"):
-            self._balls: Any = Balls()
+            self._balls: Any = BoundingSpheres()
             self._balls.mover = wp.array(np.searchsorted(movers, bodies).astype(np.int32), dtype=wp.int32)
             self._balls.radius = wp.array(radius, dtype=wp.float64)
 
@@ -72,7 +72,7 @@ class Strays:
         moved = cpu_array(np.ascontiguousarray(poses.moved), wp.transformd)
         given = [balls, self._camera, int(self._sides is None), wp.vec4d(*sides), instants.coarse, least, most]
         given += [EVEN * self._pixel, late, start, moved]
-        wp.launch(find_strays, (envs, balls.mover.size + 1), given, [cpu_array(needed)], device="cpu")
+        wp.launch(find_curved_motion, (envs, balls.mover.size + 1), given, [cpu_array(needed)], device="cpu")
         return needed.astype(np.int64)
 
     def _away(self, poses: Poses) -> np.ndarray:

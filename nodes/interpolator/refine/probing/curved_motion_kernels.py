@@ -8,7 +8,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.struct
-class Balls:
+class BoundingSpheres:
     """Holds balls about bodies: which of the bodies that move they are [C], their radius [m], and how far they are from
     the camera at least [E, C + 1] m; behind the last one stands the world, as a ball of that radius about the camera at
     the end of the gap, eye [E]."""
@@ -37,7 +37,7 @@ def pose_at(start: wp.array2d(dtype=wp.transformd), poses: wp.array3d(dtype=wp.t
 
 @wp.func
 def seen_at(
-    balls: Balls,
+    balls: BoundingSpheres,
     camera: int,
     back: wp.mat33d,
     start: wp.array2d(dtype=wp.transformd),
@@ -71,7 +71,7 @@ def angle_of(turn: wp.mat33d, place: wp.vec3d, radius: wp.float64, away: wp.floa
 
 @wp.func
 def in_view(seen: Seen, radius: wp.float64, sides: wp.vec4d):
-    """Tells whether a ball reaches into the image. sides: as of find_visits."""
+    """Tells whether a ball reaches into the image. sides: as of find_appearances."""
     p = seen.place
     if p[2] + radius <= wp.float64(0.0):
         return False
@@ -86,8 +86,8 @@ def in_view(seen: Seen, radius: wp.float64, sides: wp.vec4d):
 
 
 @wp.func
-def strays(
-    balls: Balls,
+def is_curved(
+    balls: BoundingSpheres,
     camera: int,
     whole: int,
     sides: wp.vec4d,
@@ -125,9 +125,9 @@ def strays(
 
 
 @wp.kernel
-def find_strays(
+def find_curved_motion(
     # in
-    balls: Balls,
+    balls: BoundingSpheres,
     camera: int,
     whole: int,
     sides: wp.vec4d,
@@ -145,8 +145,8 @@ def find_strays(
     straight way in each: needed [E], 2 most where `most` are too few.
 
     camera: its place among what moves, -1 where it stands still. whole: 1 for a camera that may see in all directions.
-    sides: as of find_visits. even: angle [rad] up to which a way is straight; late: time [instants] up to which what is
-    off it is only early or late. start, poses: of what moves at the start of the gap [E, M] and at its instants
+    sides: as of find_appearances. even: angle [rad] up to which a way is straight; late: time [instants] up to which
+    what is off it is only early or late. start, poses: of what moves at the start of the gap [E, M] and at its instants
     [n, E, M].
     """
     env, j = wp.tid()
@@ -161,7 +161,7 @@ def find_strays(
     n = wp.int32(0)
     while n < count and each <= most:
         step = count // (coarse * each)
-        if step > 1 and strays(balls, camera, whole, sides, even, late, start, poses, env, j, radius, n, step):
+        if step > 1 and is_curved(balls, camera, whole, sides, even, late, start, poses, env, j, radius, n, step):
             # What comes before goes straight in shorter parts too.
             each = 2 * each
         else:

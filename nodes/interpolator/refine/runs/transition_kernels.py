@@ -5,9 +5,17 @@ from functools import cache
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
-from nodes.interpolator.refine.evaluation.visibility_kernels import make_seen_between
-from nodes.interpolator.refine.runs.silhouette_kernels import grazed
-from nodes.interpolator.refine.window_kernels import FEW_REGISTERS, Cut, Stage, ends_of, entry_at, slot_row, spot_of
+from nodes.interpolator.refine.evaluation.visibility_kernels import make_trace_between
+from nodes.interpolator.refine.runs.silhouette_kernels import entry_across_silhouette
+from nodes.interpolator.refine.window_kernels import (
+    FEW_REGISTERS,
+    WindowParameters,
+    WindowScene,
+    end_entries_of,
+    entry_at,
+    pixel_interval_of,
+    slot_row,
+)
 from nodes.interpolator.rigid.plan_kernels import joined
 from nodes.renderer.raster.depth_kernels import MISS, NO_ENTRY, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView
@@ -23,11 +31,12 @@ SEEN_THEN = wp.types.vector(length=16, dtype=wp.uint64)
 
 
 @wp.struct
-class Several:
+class ChangingPixels:
     """Holds a list of pixels that show several surfaces in a coarse interval.
 
-    at: indices into [coarse intervals, E, h, w]. grazing: 1 of those that `beside_outline` tells of. first: index of
-    the first change of each pixel and probe, -1 = none. begun, seen, opened: of each pixel's last run, as of Changes.
+    at: indices into [coarse intervals, E, h, w]. grazing: 1 of those that `is_beside_silhouette` tells of. first: index
+    of the first change of each pixel and probe, -1 = none. begun, seen, opened: of each pixel's last run, as of
+    Transitions.
     """
 
     at: wp.array(dtype=int)
@@ -39,16 +48,16 @@ class Several:
 
 
 @wp.struct
-class Changes:
+class Transitions:
     """Holds a list of changes from one surface to another.
 
-    job: index of the pixel in Several. low: the last instant of the old surface. before, after: z-buffer entries at
-    `low` and at the next instant. later: time of the change, in PARTS after `low`, 0 = unknown. following: index of the
-    next change between the same probes, -1 = none.
+    job: index of the pixel in ChangingPixels. low: the last instant of the old surface. before, after: z-buffer entries
+    at `low` and at the next instant. later: time of the change, in PARTS after `low`, 0 = unknown. following: index of
+    the next change between the same probes, -1 = none.
 
     Of the run of the old surface: begun, the instant at which it begins, at the end of the interval where there is no
     such run; seen, the z-buffer entry there. opened, closed: where the samples at both of its ends are in the list of
-    Instances, -1 = at a coarse frame.
+    Requests, -1 = at a coarse frame.
     """
 
     job: wp.array(dtype=int)
@@ -64,63 +73,63 @@ class Changes:
 
 
 @wp.kernel(module="unique", enable_backward=False)
-def find_breaks(
+def find_changed_spans(
     # in
     view: CameraView,
-    cut: Cut,
+    params: WindowParameters,
     workers: int,
     room: int,
     most: int,
-    others0: int,
+    changing0: int,
     band: int,
-    others_count: wp.array(dtype=int),
-    stage: Stage,
+    changing_count: wp.array(dtype=int),
+    scene: WindowScene,
     start: wp.array3d(dtype=wp.uint64),
-    several: Several,
+    changing: ChangingPixels,
     # out
-    changes: Changes,
+    transitions: Transitions,
     count: wp.array(dtype=int),
-    breaks: wp.array(dtype=int),
+    changed_spans: wp.array(dtype=int),
 ):
-    """Lists between which probes pixels that show several surfaces pass from one to another: others_count[band] of
-    these, from others0 on.
+    """Lists between which probes pixels that show several surfaces pass from one to another: changing_count[band] of
+    these, from changing0 on.
 
-    changes: the number of the probe in `low`, the entries at both ends in `before` and `after`, that of the other side
-    of an outline that the pixel grazes, or NO_ENTRY, in `seen`, and the pixel; written
-    from `room` on, at most `most`. count[band], breaks[band]: how many there are, also where that is more than `most`.
+    transitions: the number of the probe in `low`, the entries at both ends in `before` and `after`, that of the other
+    side of an outline that the pixel grazes, or NO_ENTRY, in `seen`, and the pixel; written from `room` on, at most
+    `most`. count[band], changed_spans[band]: how many there are, also where that is more than `most`.
     """
-    inner = cut.envs * cut.height * cut.width
+    inner = params.envs * params.height * params.width
     job = wp.tid()
-    while job < others_count[band] * cut.probes:
-        n = job % cut.probes
-        listed = others0 + job // cut.probes
-        at = several.at[listed]
-        spot = spot_of(view, cut, cut.first + at // inner, at % inner)
-        ends = ends_of(cut, stage, start, spot)
-        probes = stage.probes[spot.env]
-        several.first[job + others0 * cut.probes] = -1
+    while job < changing_count[band] * params.probes:
+        n = job % params.probes
+        listed = changing0 + job // params.probes
+        at = changing.at[listed]
+        px = pixel_interval_of(view, params, params.first + at // inner, at % inner)
+        ends = end_entries_of(params, scene, start, px)
+        probes = scene.probes[px.env]
+        changing.first[job + changing0 * params.probes] = -1
         if n < probes:
             hit = ends.before
             then = ends.after
             if n > 0:
-                hit = entry_at(cut, stage, spot, n * (cut.slots + 1) // probes)
+                hit = entry_at(params, scene, px, n * (params.slots + 1) // probes)
             if n + 1 < probes:
-                then = entry_at(cut, stage, spot, (n + 1) * (cut.slots + 1) // probes)
+                then = entry_at(params, scene, px, (n + 1) * (params.slots + 1) // probes)
             beside = wp.uint64(NO_ENTRY)
-            if several.grazing[listed] == 1:
-                each = (cut.slots + 1) // probes
-                beside = grazed(view, cut, stage, start, spot, n * each, (n + 1) * each, hit)
-            if beside != NO_ENTRY or not joined(hit, then, stage.targets.pieces):
+            if changing.grazing[listed] == 1:
+                each = (params.slots + 1) // probes
+                beside = entry_across_silhouette(view, params, scene, start, px, n * each, (n + 1) * each, hit)
+            if beside != NO_ENTRY or not joined(hit, then, scene.targets.pieces):
                 place = take_place(count, band)
-                take_place(breaks, band)
+                take_place(changed_spans, band)
                 if place < most:
                     place += room
-                    changes.job[place] = listed
-                    changes.low[place] = n
-                    changes.before[place] = hit
-                    changes.after[place] = then
-                    changes.seen[place] = beside
-                    several.first[job + others0 * cut.probes] = place
+                    transitions.job[place] = listed
+                    transitions.low[place] = n
+                    transitions.before[place] = hit
+                    transitions.after[place] = then
+                    transitions.seen[place] = beside
+                    changing.first[job + changing0 * params.probes] = place
         job += workers
 
 
@@ -142,45 +151,46 @@ def halvings(length: int):
 
 
 @cache
-def make_find_changes(trees: bool) -> wp.Kernel:
-    """Makes the kernel `find_changes`; trees: as of `make_seen_of_all`."""
-    seen_between = make_seen_between(trees)
+def make_find_transitions(trees: bool) -> wp.Kernel:
+    """Makes the kernel `find_transitions`; trees: as of `make_trace_all`."""
+    trace_between = make_trace_between(trees)
 
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FEW_REGISTERS)
-    def find_changes(
+    def find_transitions(
         # in
         view: CameraView,
-        cut: Cut,
+        params: WindowParameters,
         workers: int,
         room: int,
         most: int,
         band: int,
-        breaks: wp.array(dtype=int),
-        stage: Stage,
+        changed_spans: wp.array(dtype=int),
+        scene: WindowScene,
         # in or out
-        several: Several,
-        changes: Changes,
+        changing: ChangingPixels,
+        transitions: Transitions,
         count: wp.array(dtype=int),
     ):
-        """Finds the changes between two probes, breaks[band] pairs of which `find_breaks` has listed from `room` on:
-        the first one takes the place of the pair, others those after all. Arguments as of `find_breaks`."""
-        inner = cut.envs * cut.height * cut.width
+        """Finds the changes between two probes, changed_spans[band] pairs of which `find_changed_spans` has listed from
+        `room` on: the first one takes the place of the pair, others those after all. Arguments as of
+        `find_changed_spans`."""
+        inner = params.envs * params.height * params.width
         j = room + wp.tid()
-        while j < room + wp.min(breaks[band], most):
-            listed = changes.job[j]
-            at = several.at[listed]
-            spot = spot_of(view, cut, cut.first + at // inner, at % inner)
-            probes = stage.probes[spot.env]
-            n = changes.low[j]
-            low = n * (cut.slots + 1) // probes
-            hit = changes.before[j]
+        while j < room + wp.min(changed_spans[band], most):
+            listed = transitions.job[j]
+            at = changing.at[listed]
+            px = pixel_interval_of(view, params, params.first + at // inner, at % inner)
+            probes = scene.probes[px.env]
+            n = transitions.low[j]
+            low = n * (params.slots + 1) // probes
+            hit = transitions.before[j]
             own = hit
-            beside = changes.seen[j]
+            beside = transitions.seen[j]
             pending = PENDING()
             entries = SEEN_THEN()
             waiting = wp.int32(0)
-            pending[0] = (n + 1) * (cut.slots + 1) // probes
-            entries[0] = changes.after[j]
+            pending[0] = (n + 1) * (params.slots + 1) // probes
+            entries[0] = transitions.after[j]
             last = wp.int32(-1)
             # The first instant of the present run, whether `hit` is of a z-buffer or a ray at everything there is, and
             # the same of the ends: a bit each.
@@ -191,7 +201,7 @@ def make_find_changes(trees: bool) -> wp.Kernel:
                 high = pending[waiting]
                 then = entries[waiting]
                 known = (certain >> waiting) & 1 == 1
-                alike = joined(hit, then, stage.targets.pieces)
+                alike = joined(hit, then, scene.targets.pieces)
                 if alike and (beside == NO_ENTRY or high - low == 1):
                     low = high
                     hit = then
@@ -209,7 +219,7 @@ def make_find_changes(trees: bool) -> wp.Kernel:
                     elif not sure and farther(hit, then):
                         ask = low
                     if ask >= 0:
-                        row = slot_row(cut, spot.env, spot.k, ask)
+                        row = slot_row(params, px.env, px.k, ask)
                         ahead = hit
                         behind = then
                         if ask == high:
@@ -219,16 +229,16 @@ def make_find_changes(trees: bool) -> wp.Kernel:
                         if alike and beside != NO_ENTRY:
                             # A ray that just misses the surface of both entries would be taken to meet it.
                             behind = beside
-                            if joined(hit, beside, stage.targets.pieces):
+                            if joined(hit, beside, scene.targets.pieces):
                                 behind = own
-                        seen = seen_between(view, stage.targets, row, spot.d, ahead, behind, wholly)
+                        seen = trace_between(view, scene.targets, row, px.d, ahead, behind, wholly)
                         if ask == low:
                             sure = True
-                            if not joined(hit, seen, stage.targets.pieces):
+                            if not joined(hit, seen, scene.targets.pieces):
                                 if low == begun or waiting + 2 + halvings(low - begun) > MOST_PENDING:
                                     hit = seen
                                     if last >= 0:
-                                        changes.after[last] = hit
+                                        transitions.after[last] = hit
                                 else:
                                     waiting += 1
                                     pending[waiting] = low
@@ -249,12 +259,12 @@ def make_find_changes(trees: bool) -> wp.Kernel:
                             place = room + take_place(count, band)
                         if place < room + most:
                             if last >= 0:
-                                changes.following[last] = place
-                            changes.job[place] = listed
-                            changes.low[place] = low
-                            changes.before[place] = hit
-                            changes.after[place] = then
-                            changes.following[place] = -1
+                                transitions.following[last] = place
+                            transitions.job[place] = listed
+                            transitions.low[place] = low
+                            transitions.before[place] = hit
+                            transitions.after[place] = then
+                            transitions.following[place] = -1
                             last = place
                         low = high
                         hit = then
@@ -263,8 +273,8 @@ def make_find_changes(trees: bool) -> wp.Kernel:
                         waiting -= 1
             if last < 0:
                 # Step by step it is one surface after all.
-                several.first[listed * cut.probes + n] = -1
-                changes.begun[j] = cut.slots + 1
+                changing.first[listed * params.probes + n] = -1
+                transitions.begun[j] = params.slots + 1
             j += workers
 
-    return find_changes
+    return find_transitions

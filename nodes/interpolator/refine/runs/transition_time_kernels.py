@@ -3,9 +3,15 @@
 import warp as wp
 
 from nodes.interpolator.refine.evaluation.visibility_kernels import OUTSIDE, Targets, weights_then
-from nodes.interpolator.refine.runs.transition_kernels import Changes, Several
+from nodes.interpolator.refine.runs.transition_kernels import ChangingPixels, Transitions
 from nodes.interpolator.refine.samples.request_kernels import PARTS, SHARP
-from nodes.interpolator.refine.window_kernels import FEW_REGISTERS, Cut, Stage, slot_row, spot_of
+from nodes.interpolator.refine.window_kernels import (
+    FEW_REGISTERS,
+    WindowParameters,
+    WindowScene,
+    pixel_interval_of,
+    slot_row,
+)
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView
 
@@ -33,7 +39,7 @@ def crossing(leaves: bool, at_low: wp.vec3, at_high: wp.vec3):
 
 
 @wp.func
-def passing_patch(
+def leaves_patch(
     view: CameraView,
     targets: Targets,
     low: wp.vec2i,
@@ -119,7 +125,7 @@ def passing(
             nearer = t
             u_low = t_low
             u_high = t_high
-        return passing_patch(view, targets, low, high, d, nearer, leaves, u_low, u_high)
+        return leaves_patch(view, targets, low, high, d, nearer, leaves, u_low, u_high)
     both = wp.min(wp.min(t_low), wp.min(t_high)) >= 0.0 and wp.min(wp.min(u_low), wp.min(u_high)) >= 0.0
     if both and ahead_low > 0.0 and ahead_high < 0.0:
         return ahead_low / (ahead_low - ahead_high)
@@ -127,37 +133,37 @@ def passing(
 
 
 @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FEW_REGISTERS)
-def find_times(
+def find_transition_times(
     # in
     view: CameraView,
-    cut: Cut,
+    params: WindowParameters,
     workers: int,
     room: int,
     most: int,
     band: int,
     count: wp.array(dtype=int),
-    stage: Stage,
-    several: Several,
+    scene: WindowScene,
+    changing: ChangingPixels,
     # in or out
-    changes: Changes,
+    transitions: Transitions,
 ):
     """Finds when between two instants changes are, those from `room` on, count[band] of them; arguments as of
-    `find_breaks`."""
-    inner = cut.envs * cut.height * cut.width
+    `find_changed_spans`."""
+    inner = params.envs * params.height * params.width
     c = room + wp.tid()
     while c < room + wp.min(count[band], most):
-        at = several.at[changes.job[c]]
-        spot = spot_of(view, cut, cut.first + at // inner, at % inner)
-        low = changes.low[c]
+        at = changing.at[transitions.job[c]]
+        px = pixel_interval_of(view, params, params.first + at // inner, at % inner)
+        low = transitions.low[c]
         later = wp.int32(0)
-        if cut.slots > 1:
-            rows_low = wp.vec2i(slot_row(cut, spot.env, spot.k, wp.max(low, 1)), -1)
-            rows_high = wp.vec2i(slot_row(cut, spot.env, spot.k, wp.min(low + 1, cut.slots)), -1)
+        if params.slots > 1:
+            rows_low = wp.vec2i(slot_row(params, px.env, px.k, wp.max(low, 1)), -1)
+            rows_high = wp.vec2i(slot_row(params, px.env, px.k, wp.min(low + 1, params.slots)), -1)
             if low == 0:
-                rows_low[1] = slot_row(cut, spot.env, spot.k, 2)
-            if low == cut.slots:
-                rows_high[1] = slot_row(cut, spot.env, spot.k, low - 1)
-            share = passing(view, stage.targets, rows_low, rows_high, spot.d, changes.before[c], changes.after[c])
+                rows_low[1] = slot_row(params, px.env, px.k, 2)
+            if low == params.slots:
+                rows_high[1] = slot_row(params, px.env, px.k, low - 1)
+            share = passing(view, scene.targets, rows_low, rows_high, px.d, transitions.before[c], transitions.after[c])
             later = wp.clamp(int(share * float(PARTS)), SHARP, PARTS - SHARP)
-        changes.later[c] = later
+        transitions.later[c] = later
         c += workers

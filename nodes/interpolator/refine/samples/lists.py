@@ -14,7 +14,7 @@ VALUES = ("start", "end", "rise", "tail")
 """Fields that hold ln I or changes of it."""
 
 
-class Lists:
+class GrowingList:
     """Holds a growing list on a device, as a struct of arrays for kernels: `kernel`, of `size` entries.
 
     Each of so many bands has an equal part of it, of `most` entries.

@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
-from nodes.interpolator.refine.window_kernels import Cut, Spot, slot_row
+from nodes.interpolator.refine.window_kernels import PixelInterval, WindowParameters, slot_row
 
 wp.set_module_options({"enable_backward": False})
 
@@ -20,11 +20,11 @@ SHARP = wp.constant(2)
 """Half of the time that one surface takes to give way to the next, and light to be switched, in PARTS."""
 FRAME_BEFORE = wp.constant(1)
 FRAME_AFTER = wp.constant(2)
-TOLD = wp.constant(3)
+PREDICTED = wp.constant(3)
 
 
 @cache
-def make_instances(channels: int) -> Any:
+def make_requests(channels: int) -> Any:
     """Makes the struct of a list of pixels at instants; channels: 1 (luminance) or 3 (RGB).
 
     at: index into [slots, E, h, w]. before, after: z-buffer entries at known instants before and after. previous: index
@@ -32,11 +32,11 @@ def make_instances(channels: int) -> Any:
     instant, in PARTS, negative = before it. rise: change of ln I since the previous one, or since the coarse frame
     before, looked up in a keyframe, or UNKNOWN. ends: 1 for the last one of a coarse interval. tail: change of ln I
     from there to the coarse frame after. shown: of a sample that has the value of a coarse frame in place of its own,
-    that before, FRAME_BEFORE, or after, FRAME_AFTER; 0 = its own, TOLD = that of which `rise` is the logarithm.
+    that before, FRAME_BEFORE, or after, FRAME_AFTER; 0 = its own, PREDICTED = that of which `rise` is the logarithm.
     """
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
 
-    class Instances:
+    class Requests:
         at: wp.array(dtype=int)
         before: wp.array(dtype=wp.uint64)
         after: wp.array(dtype=wp.uint64)
@@ -47,21 +47,21 @@ def make_instances(channels: int) -> Any:
         tail: wp.array(dtype=pixel)
         shown: wp.array(dtype=int)
 
-    Instances.__qualname__ = f"Instances{channels}"
-    return wp.struct(Instances)
+    Requests.__qualname__ = f"Requests{channels}"
+    return wp.struct(Requests)
 
 
 @cache
-def make_note(channels: int) -> Any:
-    """Makes the function `note`; channels: 1 (luminance) or 3 (RGB)."""
+def make_request(channels: int) -> Any:
+    """Makes the function `request`; channels: 1 (luminance) or 3 (RGB)."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
-    Instances: Any = make_instances(channels)
+    Requests: Any = make_requests(channels)
 
     @wp.func
-    def note(
-        cut: Cut,
-        instances: Instances,
-        spot: Spot,
+    def request(
+        params: WindowParameters,
+        requests: Requests,
+        px: PixelInterval,
         i: int,
         before: wp.uint64,
         after: wp.uint64,
@@ -75,15 +75,15 @@ def make_note(channels: int) -> Any:
         """Adds instant i of a pixel to the list, from `room` on, unless it has `most` entries. Gives its index."""
         n = take_place(count, band)
         if n < most:
-            instances.at[room + n] = slot_row(cut, 0, spot.k, i) * cut.height * cut.width + spot.q
-            instances.before[room + n] = before
-            instances.after[room + n] = after
-            instances.previous[room + n] = previous
-            instances.rise[room + n] = rise
-            instances.ends[room + n] = 0
-            instances.later[room + n] = 0
-            instances.tail[room + n] = pixel(UNKNOWN)
-            instances.shown[room + n] = 0
+            requests.at[room + n] = slot_row(params, 0, px.k, i) * params.height * params.width + px.q
+            requests.before[room + n] = before
+            requests.after[room + n] = after
+            requests.previous[room + n] = previous
+            requests.rise[room + n] = rise
+            requests.ends[room + n] = 0
+            requests.later[room + n] = 0
+            requests.tail[room + n] = pixel(UNKNOWN)
+            requests.shown[room + n] = 0
         return room + wp.min(n, most - 1)
 
-    return note
+    return request

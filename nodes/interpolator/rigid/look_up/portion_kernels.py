@@ -24,7 +24,7 @@ class Portion:
     to which it is blended; pace: path [px] per unit of `index` from which on what is finer than a keyframe's pixels
     does not matter; relight: 1 where all but the sky is to be shaded anew. keyframes: first rows of A and B in
     their pair. by_width, by_height [px], by_count, by_envs: what indices of pixels of frames are divided by, see
-    `cut`.
+    `set_divisors`.
     """
 
     slot0: int
@@ -48,7 +48,7 @@ class Portion:
     pieces: wp.array(dtype=wp.vec2i)
 
 
-def cut(portion: Any, width: int, height: int) -> None:
+def set_divisors(portion: Any, width: int, height: int) -> None:
     """Fills in what indices of a portion's pixels are divided by. width, height [px]: of a frame without margin."""
     portion.by_width, portion.by_height = divisor(width), divisor(height)
     portion.by_count, portion.by_envs = divisor(portion.count), divisor(portion.envs)
