@@ -75,7 +75,7 @@ class Kernels:
         layout, lens, transitions = rigid.layout, rigid.visibility.lens, changes_of(rigid)
         features = rigid.shading.features
         painted = features.textures or features.tinted
-        how = (lens, layout.channels, layout.ways, layout.relight, painted, transitions)
+        how = (lens, layout.channels, layout.waveform_count, layout.relight, painted, transitions)
         ends = make_request_run_ends(layout.channels, not layout.flicker)
         return cls(
             make_request_single_surface(*how),

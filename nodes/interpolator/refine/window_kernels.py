@@ -7,7 +7,7 @@ import warp as wp
 
 from nodes.interpolator.refine.evaluation.visibility_kernels import Targets
 from nodes.interpolator.refine.frame_kernels import light_at_start
-from nodes.interpolator.rigid.plan_kernels import joined
+from nodes.interpolator.rigid.plan_kernels import same_surface
 from nodes.renderer.raster.depth_kernels import triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
 
@@ -201,7 +201,7 @@ def shows_one(params: WindowParameters, scene: WindowScene, px: PixelInterval, b
             then = after
             if i < probes:
                 then = entry_at(params, scene, px, i * each)
-            one = joined(hit, then, scene.targets.pieces)
+            one = same_surface(hit, then, scene.targets.pieces)
             hit = then
     return one
 

@@ -8,11 +8,9 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.struct
-class Walk:
-    """Holds motions of bodies, the world (N) and the sky (N + 1) at the positions 0, 1, .. of a portion, row position E
-    + env. of a portion, row position E + env.
-
-    of a portion, row position E + env.
+class BodyMotion:
+    """Holds the motions of bodies, of the world (N) and of the sky (N + 1) at the positions 0, 1, .. of a portion, in
+    row position E + env.
 
     A position is the sub-frame before the portion (0), one of its own (1 .. count) or keyframe B (count + 1, of the
     last portion). In the camera's frame a point p has gone by spin x p + shift since the position before, to first
@@ -35,7 +33,7 @@ def pose_at(
     now: wp.array2d(dtype=wp.transformd),
     after: wp.array2d(dtype=wp.transformd),
 ):
-    """Reads the pose of a body at a position: see Walk."""
+    """Reads the pose of a body at a position: see BodyMotion."""
     if position == 0:
         return before[env, body]
     if position > count:
@@ -44,7 +42,7 @@ def pose_at(
 
 
 @wp.kernel
-def walk_bodies(
+def find_body_motion(
     # in
     camera: int,
     count: int,
@@ -54,9 +52,10 @@ def walk_bodies(
     now: wp.array2d(dtype=wp.transformd),
     after: wp.array2d(dtype=wp.transformd),
     # out
-    walk: Walk,
+    motion: BodyMotion,
 ):
-    """Fills `walk` from poses before [E, N], now [P E, N] from slot0 on and after [E, N]; closed: 1 with B, else 0."""
+    """Fills `motion` from poses before [E, N], now [P E, N] from slot0 on and after [E, N]; closed: 1 with B, else
+    0."""
     env, body = wp.tid()
     envs = before.shape[0]
     bodies = before.shape[1]
@@ -69,7 +68,7 @@ def walk_bodies(
             position += 1
         if rests:
             index = bodies
-    walk.as_world[env, body] = index
+    motion.as_world[env, body] = index
     if index != body:
         return
     zero = wp.vec3(0.0, 0.0, 0.0)
@@ -87,8 +86,8 @@ def walk_bodies(
             turn = turn * wp.normalize(wp.transform_get_rotation(pose))
         row = position * envs + env
         if position == 0 or body == camera:
-            walk.spin[row, body] = zero
-            walk.shift[row, body] = zero
+            motion.spin[row, body] = zero
+            motion.shift[row, body] = zero
         else:
             r = turn * wp.quat_inverse(last_turn)
             sine = wp.vec3d(r[0], r[1], r[2])
@@ -96,10 +95,10 @@ def walk_bodies(
             if length > wp.float64(0.0):
                 angle = wp.float64(2.0) * wp.atan2(length, wp.abs(r[3]))
                 sine *= wp.where(r[3] < wp.float64(0.0), -angle, angle) / length
-            walk.spin[row, body] = wp.vec3(sine)
+            motion.spin[row, body] = wp.vec3(sine)
             if body == bodies + 1:
-                walk.shift[row, body] = zero
+                motion.shift[row, body] = zero
             else:
-                walk.shift[row, body] = wp.vec3(pivot - last_pivot - wp.cross(sine, last_pivot))
+                motion.shift[row, body] = wp.vec3(pivot - last_pivot - wp.cross(sine, last_pivot))
         last_turn = turn
         last_pivot = pivot

@@ -21,10 +21,10 @@ from nodes.interpolator.relight.change import LightChange
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid import plan_kernels
-from nodes.interpolator.rigid.body_motion_kernels import Walk, walk_bodies
-from nodes.interpolator.rigid.keyframes import Prepared
+from nodes.interpolator.rigid.body_motion_kernels import BodyMotion, find_body_motion
+from nodes.interpolator.rigid.keyframes import PreparedKeyframe
 from nodes.interpolator.rigid.layout import Layout
-from nodes.interpolator.rigid.plan_kernels import make_plan, make_refine
+from nodes.interpolator.rigid.plan_kernels import make_plan, make_refine_plan
 from nodes.renderer.raster.row_tiles import launch_in_threads
 from nodes.renderer.raster.visibility import Visibility
 
@@ -85,7 +85,7 @@ class Sampling:
         self._gain = pixels_per_radian(v)
         self._plan, self._refine = (
             make_plan(layout.channels, change.features if change else LightChanges()),
-            make_refine(layout.channels),
+            make_refine_plan(layout.channels),
         )
         # Each round halves the spans, but for short ones, which it ends; the longest has all slots between its ends.
         self.rounds, longest = 1, slots + 1 if step > 0 else 0
@@ -94,7 +94,7 @@ class Sampling:
         bodies = len(v.names) + 2
         with wp.ScopedDevice(v.device):
             rows = (slots + 2) * envs
-            self._walk = Walk()
+            self._walk = BodyMotion()
             self._walk.spin = wp.zeros((rows, bodies), dtype=wp.vec3)
             self._walk.shift = wp.zeros((rows, bodies), dtype=wp.vec3)
             self._walk.as_world = wp.zeros((envs, bodies), dtype=wp.int32)
@@ -110,7 +110,7 @@ class Sampling:
         """Gives the kernels that are launched, as `build_together` takes them."""
         if self._on_device:
             return []
-        made = [self._plan, *((walk_bodies, self._refine) if self._step > 0 else ())]
+        made = [self._plan, *((find_body_motion, self._refine) if self._step > 0 else ())]
         return [(kernel, LAUNCH_BLOCK) for kernel in made]
 
     def clear(self) -> None:
@@ -118,7 +118,7 @@ class Sampling:
         self.counts.zero_()
         self._span_counts.zero_()
 
-    def plan(self, part: SubframeRange, b: Prepared, quiet: wp.array, frames: wp.array) -> Todo:
+    def plan(self, part: SubframeRange, b: PreparedKeyframe, unchanged: wp.array, frames: wp.array) -> Todo:
         """Plans on a CPU the first samples, and finds where neither geometry nor light can have changed B's pixels in
         `frames`."""
         v, count = self._v, part.count
@@ -126,15 +126,15 @@ class Sampling:
         poses, packed = part.before
         if self._step > 0:
             given = [v.camera_body, count, int(part.closed), part.slot0, poses, v.poses, b.poses]
-            wp.launch(walk_bodies, self._walk.as_world.shape, given, [self._walk], device=v.device)
-        active = self._changed(part, b, quiet, frames)
-        stretch: Any = plan_kernels.Stretch()
-        stretch.count, stretch.closed, stretch.slot0, stretch.start0 = count, int(part.closed), part.slot0, part.start
-        stretch.envs, stretch.upsampling, stretch.row_b = self._envs, self._upsampling, b.first
-        stretch.step, stretch.gain, stretch.walk = self._step, self._gain, self._walk
-        stretch.before, stretch.packed, stretch.after = packed, v.packed, b.packed
-        stretch.quiet, stretch.pieces = quiet, self._pieces
-        how: list[Any] = [stretch, self._change, active, b.image]
+            wp.launch(find_body_motion, self._walk.as_world.shape, given, [self._walk], device=v.device)
+        active = self._changed(part, b, unchanged, frames)
+        planned: Any = plan_kernels.PlannedRange()
+        planned.count, planned.closed, planned.slot0, planned.start0 = count, int(part.closed), part.slot0, part.start
+        planned.envs, planned.upsampling, planned.row_b = self._envs, self._upsampling, b.first
+        planned.step, planned.gain, planned.motion = self._step, self._gain, self._walk
+        planned.before, planned.packed, planned.after = packed, v.packed, b.packed
+        planned.unchanged, planned.pieces = unchanged, self._pieces
+        how: list[Any] = [planned, self._change, active, b.image]
         how += [self._codes, self._todo, self.counts, self._spans[0], self._span_counts, frames]
         at = self._at()
         starts = self._split(active.size)
@@ -151,7 +151,7 @@ class Sampling:
         self._part, self._round = part, 0
         return Todo(self._todo, None, self._at())
 
-    def refine(self, a: Prepared) -> Todo | None:
+    def refine(self, a: PreparedKeyframe) -> Todo | None:
         """Draws lines where the samples of the round before allow it, and what is to be looked up where they do not."""
         self._round += 1
         if self._step == 0 or self._round == self.rounds:
@@ -201,7 +201,7 @@ class Sampling:
         todo = self._join(self._todo, self.counts, at, starts)
         return Todo(todo, self._split(todo.size), at)
 
-    def _changed(self, part: SubframeRange, b: Prepared, quiet: wp.array, frames: wp.array) -> wp.array:
+    def _changed(self, part: SubframeRange, b: PreparedKeyframe, unchanged: wp.array, frames: wp.array) -> wp.array:
         """On a CPU: B in all frames, and the pixels int32 [n] of [E, h, w] where that is not what is always seen."""
         v, m, (height, width) = self._v, self._v.margin, self._size
         inner = (..., slice(m, m + height), slice(m, m + width))
@@ -209,7 +209,7 @@ class Sampling:
         image = b.image.numpy()[:, m : m + height, m : m + width].reshape(self._envs, 1, height, width, -1)
         by_env[:, part.start : part.start + part.count] = image
         packed = v.packed.numpy().reshape(-1, self._envs, *v.shape[1:])
-        still = quiet.numpy()
+        still = unchanged.numpy()
         changed = packed[part.slot0] != still
         other = np.empty_like(changed)
         for slot in range(part.slot0 + 1, part.slot0 + part.count):

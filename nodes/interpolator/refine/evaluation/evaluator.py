@@ -36,7 +36,15 @@ def make_look_up_kernels(rigid: Rigid) -> tuple[wp.Kernel, wp.Kernel]:
     """Makes the kernels that look up listed pixels, and that write to their places what was shaded."""
     layout, f = rigid.layout, rigid.shading.features
     kind = (f.textures, f.smooth, f.tinted) if textured_in(rigid.shading, layout) else None
-    how = (layout.channels, layout.ways, "careful", changes_of(rigid), layout.detailed, kind, layout.on_device)
+    how = (
+        layout.channels,
+        layout.waveform_count,
+        "careful",
+        changes_of(rigid),
+        layout.detailed,
+        kind,
+        layout.on_device,
+    )
     return make_gather(rigid.visibility.lens, *how, single=True), make_place(layout.channels, single=True)
 
 
@@ -44,7 +52,7 @@ class Evaluator:
     """Evaluates listed pixels at the instants of one window, in the gap whose frames a `Rigid` made last.
 
     hits: uint64 [list], z-buffer entries, which the caller writes first. values: [list], the radiance found. bands:
-    parts of the list, each for a CPU thread. strength: float32 [slots E ways], of lights that flicker.
+    parts of the list, each for a CPU thread. strength: float32 [slots E waveforms], of lights that flicker.
     change: struct for kernels of how light changes at the instants.
     """
 
@@ -73,7 +81,7 @@ class Evaluator:
             self._shift = wp.empty((2 * v.envs, bodies), dtype=wp.vec3)
             self._frame = wp.zeros(slots, dtype=wp.int32)
             self._index: wp.array = wp.zeros(slots, dtype=wp.int32)
-            self.strength = wp.zeros(v.envs * layout.ways, dtype=wp.float32)
+            self.strength = wp.zeros(v.envs * layout.waveform_count, dtype=wp.float32)
         self._gather, self._place = make_look_up_kernels(rigid)
         self._targets, self._portion = self._make_targets(), self._make_portion()
         self._at: list[int] = []
@@ -187,5 +195,5 @@ class Evaluator:
         portion.tolerance, portion.relight = layout.tolerance, int(layout.relight)
         portion.pace = layout.pace
         portion.index, portion.frame, portion.strength = self._index, self._frame, self.strength
-        portion.quiet, portion.pieces = rigid.quiet, rigid.pieces
+        portion.unchanged, portion.pieces = rigid.unchanged, rigid.pieces
         return portion

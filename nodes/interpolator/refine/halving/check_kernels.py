@@ -15,7 +15,7 @@ from nodes.interpolator.refine.halving.request_interval_kernels import make_is_p
 from nodes.interpolator.refine.samples.request_kernels import PARTS, PREDICTED, UNKNOWN, make_requests
 from nodes.interpolator.refine.window_kernels import FEW_REGISTERS, WindowParameters, WindowScene
 from nodes.interpolator.rigid.look_up.log_kernels import apart
-from nodes.interpolator.rigid.plan_kernels import joined
+from nodes.interpolator.rigid.plan_kernels import same_surface
 
 wp.set_module_options({"enable_backward": False})
 
@@ -33,7 +33,7 @@ def make_check(channels: int, glossy: bool) -> wp.Kernel:
     @wp.func
     def one_surface(scene: WindowScene, one: Interval):
         """Tells whether an interval has an instant in it, and shows one surface at both ends."""
-        return one.high - one.low > 1 and joined(one.before, one.after, scene.targets.pieces)
+        return one.high - one.low > 1 and same_surface(one.before, one.after, scene.targets.pieces)
 
     @wp.func
     def suspect(params: WindowParameters, scene: WindowScene, one: Interval):

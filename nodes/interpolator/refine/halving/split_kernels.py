@@ -17,7 +17,7 @@ from nodes.interpolator.refine.samples.request_kernels import PARTS
 from nodes.interpolator.refine.window_kernels import WindowParameters
 from nodes.interpolator.rigid.keyframe_kernels import log_of
 from nodes.interpolator.rigid.look_up.log_kernels import apart
-from nodes.interpolator.rigid.plan_kernels import joined
+from nodes.interpolator.rigid.plan_kernels import same_surface
 
 wp.set_module_options({"enable_backward": False})
 
@@ -93,7 +93,7 @@ def make_split(channels: int) -> wp.Kernel:
                 if end > start + 1:
                     # Before and behind a peak what is painted, or glossy, has the same light.
                     taken = bent and (painted or apart(from_here, to_there) > params.jump)
-                    if taken or not joined(ahead, behind, pieces):
+                    if taken or not same_surface(ahead, behind, pieces):
                         half = Interval()
                         half.low = start
                         half.high = end

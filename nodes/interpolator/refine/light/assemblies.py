@@ -15,8 +15,9 @@ from evis.gpu.exchange import cpu_array
 from evis.scene.model import WORLD, Mesh, Scene
 from evis.scene.motion import Path, Prescribed, Shift
 from nodes.interpolator.refine.light.box_shadows import CORNERS, BoxShadows
+from nodes.interpolator.refine.light.shadow_time_kernels import find_shortest_shadows
 from nodes.interpolator.refine.light.silhouettes import finest_hole
-from nodes.interpolator.refine.probing.appearance_kernels import Boxes, find_shortest_shadows
+from nodes.interpolator.refine.probing.box_kernels import Boxes
 from nodes.renderer.geometry.triangles import Geometry
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.shadows.boxes import half_extents

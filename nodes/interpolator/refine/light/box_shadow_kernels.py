@@ -3,7 +3,7 @@
 import warp as wp
 
 from nodes.interpolator.displacement_kernels import turn_of
-from nodes.interpolator.refine.probing.appearance_kernels import Boxes
+from nodes.interpolator.refine.probing.box_kernels import Boxes
 
 wp.set_module_options({"enable_backward": False})
 

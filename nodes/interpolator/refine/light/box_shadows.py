@@ -10,7 +10,7 @@ import warp as wp
 from evis.geometry import se3
 from evis.gpu.exchange import cpu_array
 from nodes.interpolator.refine.light.box_shadow_kernels import find_box_shadow_times
-from nodes.interpolator.refine.probing.brief_appearances import boxes_of
+from nodes.interpolator.refine.probing.boxes import boxes_of
 from nodes.renderer.lights.lights import fixed_vectors
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.shadows.boxes import box_halves

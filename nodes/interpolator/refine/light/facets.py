@@ -9,8 +9,8 @@ from evis.geometry import se3
 from evis.geometry.triangles import areas
 from evis.gpu.exchange import cpu_array
 from evis.runtime.clock import NS
-from nodes.interpolator.refine.probing.appearance_kernels import find_shortest_shadows
-from nodes.interpolator.refine.probing.brief_appearances import boxes_of
+from nodes.interpolator.refine.light.shadow_time_kernels import find_shortest_shadows
+from nodes.interpolator.refine.probing.boxes import boxes_of
 from nodes.renderer.geometry.triangles import Geometry
 from nodes.renderer.raster.visibility import Visibility
 

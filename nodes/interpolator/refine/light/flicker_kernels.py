@@ -23,8 +23,8 @@ lamps that make up for each other, crosses thresholds slowly, and what it is off
 @wp.struct
 class Marks:
     """Holds the marks of a gap: first [E or 1, K + 1]: where those of a coarse interval begin; at: instant within it,
-    counted from 1; later: how much later than that they are, in PARTS; begun [E ways]: strength of the lights at the
-    gap's start, where it is added up."""
+    counted from 1; later: how much later than that they are, in PARTS; begun [E waveforms]: strength of the lights at
+    the gap's start, where it is added up."""
 
     first: wp.array2d(dtype=int)
     at: wp.array(dtype=int)
@@ -50,12 +50,12 @@ def entry_near(params: WindowParameters, scene: WindowScene, px: PixelInterval, 
 
 
 @cache
-def make_request_marks(channels: int, ways: int) -> Any:
+def make_request_marks(channels: int, waveform_count: int) -> Any:
     """Makes the function `request_marks`; arguments as of `log_type`."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
-    Keyframes: Any = make_keyframes(channels, ways)
+    Keyframes: Any = make_keyframes(channels, waveform_count)
     Requests: Any = make_requests(channels)
-    request, radiance_of = make_request(channels), make_radiance_of(channels, ways)
+    request, radiance_of = make_request(channels), make_radiance_of(channels, waveform_count)
 
     @wp.func
     def request_marks(

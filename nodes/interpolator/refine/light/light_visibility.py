@@ -18,9 +18,9 @@ from nodes.interpolator.refine.light.assemblies import Assemblies, thinnest_betw
 from nodes.interpolator.refine.light.box_shadows import BoxShadows
 from nodes.interpolator.refine.light.facets import BOXES, FEWEST, Facets
 from nodes.interpolator.refine.light.light_visibility_kernels import make_find_light_changes
+from nodes.interpolator.refine.light.shadow_time_kernels import find_shortest_oscillations, find_shortest_shadows
 from nodes.interpolator.refine.light.silhouettes import finest_halves
-from nodes.interpolator.refine.probing.appearance_kernels import find_shortest_oscillations, find_shortest_shadows
-from nodes.interpolator.refine.probing.brief_appearances import boxes_of
+from nodes.interpolator.refine.probing.boxes import boxes_of
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.slots import Poses
 from nodes.renderer.lights.lights import fixed_vectors

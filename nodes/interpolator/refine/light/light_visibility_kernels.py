@@ -19,9 +19,9 @@ from nodes.interpolator.refine.window_kernels import (
     pixel_interval_at,
     slot_row,
 )
-from nodes.interpolator.relight.change_kernels import MOVED, SHADED, Change, make_narrowed
+from nodes.interpolator.relight.change_kernels import MOVED, SHADED, Change, make_narrow_flags
 from nodes.interpolator.relight.features import LightChanges
-from nodes.interpolator.rigid.plan_kernels import joined
+from nodes.interpolator.rigid.plan_kernels import same_surface
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView
 
@@ -42,7 +42,7 @@ def make_find_light_changes(changes: LightChanges, trees: bool) -> wp.Kernel:
     hidden_lamps, turned_lamps = make_hidden_lamps(changes, trees), make_turned_lamps(changes)
     facets_between = make_facets_between(changes)
     trace_between = make_trace_between(False)
-    narrowed = make_narrowed(changes)
+    narrow_flags = make_narrow_flags(changes)
 
     @wp.func
     def between_probes(
@@ -122,7 +122,7 @@ def make_find_light_changes(changes: LightChanges, trees: bool) -> wp.Kernel:
                     if t != MISS and t != asked:
                         flag = change.flags[env, scene.targets.pieces[t][0]] & (MOVED | SHADED)
                         if flag != 0:
-                            flag = narrowed(change, flag, env, there, change.instance[t], depth_of(hit) * px.d)
+                            flag = narrow_flags(change, flag, env, there, change.instance[t], depth_of(hit) * px.d)
                         asked = t
                     if wp.static(changes.facets):
                         if look:
@@ -130,7 +130,7 @@ def make_find_light_changes(changes: LightChanges, trees: bool) -> wp.Kernel:
                             if t != MISS:
                                 if normal_deviation[t] > 0.0 and (flag & MOVED) != 0:
                                     away = turned_lamps(change, there, hit, px.d)
-                            if facing and away != turned and joined(seen, hit, scene.targets.pieces):
+                            if facing and away != turned and same_surface(seen, hit, scene.targets.pieces):
                                 bits = bits | (ONE << wp.uint64(k - 1))
                             turned = away
                             seen = hit
@@ -139,7 +139,7 @@ def make_find_light_changes(changes: LightChanges, trees: bool) -> wp.Kernel:
                         now = NOTHING
                         if t != MISS and flag != 0:
                             now = hidden_lamps(change, flag, there, hit, px.d)
-                        if known and now != hidden and joined(last, hit, scene.targets.pieces):
+                        if known and now != hidden and same_surface(last, hit, scene.targets.pieces):
                             bits = bits | (ONE << wp.uint64(k - every)) | (ONE << wp.uint64(k - 1))
                         known = t != MISS
                         hidden = now

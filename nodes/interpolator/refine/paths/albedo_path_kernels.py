@@ -56,10 +56,10 @@ def pixels_along(view: CameraView, px: PixelInterval, away: float, step: wp.vec3
 
 
 @cache
-def make_request_albedo_path(channels: int, ways: int) -> Any:
+def make_request_albedo_path(channels: int, waveform_count: int) -> Any:
     """Makes the function `request_albedo_path`; arguments as of make_look_up."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
-    Keyframes: Any = make_keyframes(channels, ways)
+    Keyframes: Any = make_keyframes(channels, waveform_count)
     Requests: Any = make_requests(channels)
     request = make_request(channels)
 

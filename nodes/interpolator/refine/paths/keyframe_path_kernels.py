@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from nodes.interpolator.refine.paths.keyframe_point_kernels import make_looks, make_place_then
+from nodes.interpolator.refine.paths.keyframe_point_kernels import make_place_then, make_point_look_up
 from nodes.interpolator.refine.paths.motion_kernels import stride_of
 from nodes.interpolator.refine.samples.request_kernels import UNKNOWN, make_request, make_requests
 from nodes.interpolator.refine.window_kernels import PixelInterval, WindowParameters, WindowScene, entry_at
@@ -70,13 +70,16 @@ def entries_about(
 
 
 @cache
-def make_request_keyframe_path(lens: str, channels: int, ways: int) -> Any:
+def make_request_keyframe_path(lens: str, channels: int, waveform_count: int) -> Any:
     """Makes the function `request_keyframe_path`; arguments as of make_look_up."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
-    looked_up: Any = log_type(channels, ways)
-    Keyframes: Any = make_keyframes(channels, ways)
+    looked_up: Any = log_type(channels, waveform_count)
+    Keyframes: Any = make_keyframes(channels, waveform_count)
     Requests: Any = make_requests(channels)
-    place_then, (in_view, look) = make_place_then(lens, channels, ways), make_looks(channels, ways)
+    place_then, (in_view, look_up_at) = (
+        make_place_then(lens, channels, waveform_count),
+        make_point_look_up(channels, waveform_count),
+    )
     request = make_request(channels)
 
     @wp.func
@@ -118,7 +121,7 @@ def make_request_keyframe_path(lens: str, channels: int, ways: int) -> Any:
         nothing = pixel(UNKNOWN)
         if not in_view(view, keys, base, here, t == MISS):
             return last, nothing, False
-        _shown, anchor, _spread = look(view, keys, base, wp.vec2(here[0], here[1]), patch)
+        _shown, anchor, _spread = look_up_at(view, keys, base, wp.vec2(here[0], here[1]), patch)
         anchored = float(start)
         value = anchor
         then = anchored
@@ -161,7 +164,7 @@ def make_request_keyframe_path(lens: str, channels: int, ways: int) -> Any:
                 for n in range(1, steps + 1):
                     at = wp.vec2(here[0] + float(n) * share * step[0], here[1] + float(n) * share * step[1])
                     now = float(i) + float(n) * pace
-                    shown, fresh, spread = look(view, keys, base, at, patch)
+                    shown, fresh, spread = look_up_at(view, keys, base, at, patch)
                     if not shown:
                         return last, nothing, False
                     gone += length * share
@@ -172,7 +175,7 @@ def make_request_keyframe_path(lens: str, channels: int, ways: int) -> Any:
                         place = int(then + 0.5)
                         if place > listed and place < end:
                             change = pixel(UNKNOWN)
-                            if wp.static(ways == 0):
+                            if wp.static(waveform_count == 0):
                                 change = value - told
                             ahead, behind = entries_about(params, scene, px, place, each, i, hit, following, seen)
                             last = request(
@@ -195,7 +198,7 @@ def make_request_keyframe_path(lens: str, channels: int, ways: int) -> Any:
             hit = seen
             i = following
         change = pixel(UNKNOWN)
-        if wp.static(ways == 0):
+        if wp.static(waveform_count == 0):
             change = value - told
         return last, change, True
 

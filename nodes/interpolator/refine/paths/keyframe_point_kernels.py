@@ -20,9 +20,9 @@ NEARER = wp.constant(0.1)
 
 
 @cache
-def make_place_then(lens: str, channels: int, ways: int) -> Any:
+def make_place_then(lens: str, channels: int, waveform_count: int) -> Any:
     """Makes the function `place_then`; arguments as of make_look_up."""
-    Keyframes: Any = make_keyframes(channels, ways)
+    Keyframes: Any = make_keyframes(channels, waveform_count)
     displacement, bent = make_displacement(lens), lens != "none"
 
     @wp.func
@@ -56,10 +56,10 @@ def make_place_then(lens: str, channels: int, ways: int) -> Any:
 
 
 @cache
-def make_looks(channels: int, ways: int) -> tuple[Any, Any]:
-    """Makes the functions `in_view` and `look`; arguments as of make_look_up."""
-    Keyframes: Any = make_keyframes(channels, ways)
-    log_at = number if log_type(channels, ways) is wp.float32 else element
+def make_point_look_up(channels: int, waveform_count: int) -> tuple[Any, Any]:
+    """Makes the functions `in_view` and `look_up_at`; arguments as of make_look_up."""
+    Keyframes: Any = make_keyframes(channels, waveform_count)
+    log_at = number if log_type(channels, waveform_count) is wp.float32 else element
 
     @wp.func
     def in_view(view: CameraView, keys: Keyframes, base: int, at: wp.vec3, sky: bool):
@@ -71,7 +71,7 @@ def make_looks(channels: int, ways: int) -> tuple[Any, Any]:
         return False
 
     @wp.func
-    def look(view: CameraView, keys: Keyframes, base: int, at: wp.vec2, patch: int):
+    def look_up_at(view: CameraView, keys: Keyframes, base: int, at: wp.vec2, patch: int):
         """Tells whether a keyframe shows a patch at a place, ln I there, and how far the four pixels about it differ.
 
         ln I is interpolated bilinearly, or the nearest pixel's where not all four show the patch.
@@ -101,4 +101,4 @@ def make_looks(channels: int, ways: int) -> tuple[Any, Any]:
         nearest = here + int(fy + 0.5) * view.width + int(fx + 0.5)
         return whole_number(keys.patch, nearest) == patch, log_at(keys.logs, nearest), spread
 
-    return in_view, look
+    return in_view, look_up_at

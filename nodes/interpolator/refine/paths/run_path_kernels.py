@@ -19,7 +19,7 @@ from nodes.interpolator.refine.window_kernels import (
     parts_of,
     slot_row,
 )
-from nodes.interpolator.relight.change_kernels import Change, make_asked
+from nodes.interpolator.relight.change_kernels import Change, make_point_flags
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.look_up.log_kernels import apart
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
@@ -30,14 +30,16 @@ wp.set_module_options({"enable_backward": False})
 
 
 @cache
-def make_request_run(lens: str, channels: int, ways: int, relit: bool, painted: bool, changes: LightChanges) -> Any:
+def make_request_run(
+    lens: str, channels: int, waveform_count: int, relit: bool, painted: bool, changes: LightChanges
+) -> Any:
     """Makes the function `request_run`, which lists the samples of a run; arguments as of
     make_request_single_surface."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
-    Keyframes: Any = make_keyframes(channels, ways)
+    Keyframes: Any = make_keyframes(channels, waveform_count)
     Requests: Any = make_requests(channels)
-    request_keyframe_path, request = make_request_keyframe_path(lens, channels, ways), make_request(channels)
-    request_albedo_path = make_request_albedo_path(channels, ways) if painted else None
+    request_keyframe_path, request = make_request_keyframe_path(lens, channels, waveform_count), make_request(channels)
+    request_albedo_path = make_request_albedo_path(channels, waveform_count) if painted else None
 
     @wp.func
     def request_span(
@@ -110,7 +112,7 @@ def make_request_run(lens: str, channels: int, ways: int, relit: bool, painted: 
         seen = before
         marked = wp.int32(0)
         first = wp.int32(0)
-        if wp.static(ways > 0 or relit):
+        if wp.static(waveform_count > 0 or relit):
             first, past = marks_of(marks, px)
             marked = past - first
         edges = wp.int32(0)
@@ -160,21 +162,21 @@ def make_request_run(lens: str, channels: int, ways: int, relit: bool, painted: 
 @cache
 def make_light_may_change(changes: LightChanges) -> Any:
     """Makes the function `light_may_change`; changes: of light in the scene."""
-    asked = make_asked(changes) if changes.any else None
+    point_flags = make_point_flags(changes) if changes.any else None
 
     @wp.func
     def light_may_change(
         params: WindowParameters, scene: WindowScene, change: Change, px: PixelInterval, i: int, hit: wp.uint64
     ):
         """Tells whether light on what a pixel shows at instant i may change in the gap, beside lamps that flicker."""
-        if wp.static(asked is not None):
+        if wp.static(point_flags is not None):
             t = triangle_of(hit)
             if t != MISS:
                 body = scene.targets.pieces[t][0]
                 row = slot_row(params, px.env, px.k, i)
                 to_a = scene.shift[row, body]
                 to_b = scene.shift[row + scene.shift.shape[0] // 2, body]
-                return asked(change, body, px.env, row, hit, depth_of(hit) * px.d, to_a, to_b) != 0
+                return point_flags(change, body, px.env, row, hit, depth_of(hit) * px.d, to_a, to_b) != 0
         return False
 
     return light_may_change

@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import warp as wp
 
 from evis.gpu.exchange import cpu_array
 from nodes.interpolator.refine.instants import Instants
-from nodes.interpolator.refine.probing.appearance_kernels import Boxes, find_appearances
+from nodes.interpolator.refine.probing.appearance_kernels import find_appearances
+from nodes.interpolator.refine.probing.boxes import boxes_of
+from nodes.interpolator.refine.probing.frustum import frustum_slopes
 from nodes.interpolator.rigid.placement import Placement
 from nodes.interpolator.rigid.slots import Poses
 from nodes.renderer.raster.visibility import Visibility
-from nodes.renderer.shadows.boxes import half_extents
 
 TWICE = 2
 """Z-buffers in which a thing is seen that visits the image."""
 DEEP = 0.125
 """Part of the image, of its width or height, into which it comes at least."""
-LEAST_Z = 0.05
-"""z of a ray of length 1 below which the image is too wide to have four sides."""
 
 
 class BriefAppearances:
@@ -30,7 +27,7 @@ class BriefAppearances:
         v, movers = visibility, placement.movers
         geometry = v.geometry
         which = np.flatnonzero(np.isin(geometry.body, movers) & (geometry.body != v.camera_body))
-        self._sides = sides_of(v)
+        self._sides = frustum_slopes(v.view)
         self._count = len(which) if self._sides is not None else 0
         self._near, self._camera_body = float(v.view.near), v.camera_body
         camera = np.flatnonzero(movers == v.camera_body)
@@ -56,32 +53,3 @@ class BriefAppearances:
         apart = np.maximum(found // TWICE, 1)
         needed = np.clip(most >> np.floor(np.log2(apart)).astype(np.int64), least, None)
         return np.where(found > 0, needed, 2 * most), passing.numpy() > 0
-
-
-def boxes_of(
-    visibility: Visibility, movers: np.ndarray, which: np.ndarray, fine: np.ndarray | None = None
-) -> tuple[Any, int]:
-    """Makes Boxes of some instances, on the host, where the poses are, and tells how many there are. fine: of all
-    instances, float64 [I, 3] m, where it is asked for."""
-    geometry, boxes = visibility.geometry, Boxes()
-    with wp.ScopedDevice("cpu"):
-        boxes.mover = wp.array(np.searchsorted(movers, geometry.body[which]).astype(np.int32), dtype=wp.int32)
-        boxes.rotation = wp.array(geometry.rotation[which], dtype=wp.mat33d)
-        boxes.translation = wp.array(geometry.translation[which], dtype=wp.vec3d)
-        boxes.half = wp.array(half_extents(visibility)[which], dtype=wp.vec3d)
-        if fine is not None:
-            boxes.fine = wp.array(fine[which], dtype=wp.vec3d)
-    return boxes, len(which)
-
-
-def sides_of(visibility: Visibility) -> tuple[float, float, float, float] | None:
-    """Gives the least and greatest x / z, then y / z, of a camera's rays; None where it looks too far sideways."""
-    view = visibility.view
-    if view.distorted:
-        rays = view.rays.numpy().reshape(-1, 3)
-        if rays[:, 2].min() < LEAST_Z:
-            return None
-        across, down = (rays[:, axis] / rays[:, 2] for axis in (0, 1))
-    else:
-        across, down = view.columns.numpy(), view.rows.numpy()
-    return float(across.min()), float(across.max()), float(down.min()), float(down.max())

@@ -10,8 +10,8 @@ import warp as wp
 from evis.geometry import se3
 from evis.gpu.exchange import cpu_array
 from nodes.interpolator.refine.instants import Instants
-from nodes.interpolator.refine.probing.brief_appearances import sides_of
 from nodes.interpolator.refine.probing.curved_motion_kernels import BoundingSpheres, find_curved_motion
+from nodes.interpolator.refine.probing.frustum import frustum_slopes
 from nodes.interpolator.rigid.placement import Placement
 from nodes.interpolator.rigid.slots import Poses
 from nodes.renderer.raster.visibility import Visibility
@@ -48,7 +48,7 @@ class CurvedMotion:
         camera = np.flatnonzero(movers == v.camera_body)
         self._camera_body, self._near = v.camera_body, float(v.view.near)
         self._camera = int(camera[0]) if len(camera) else -1
-        self._movers, self._sides = movers, sides_of(v)
+        self._movers, self._sides = movers, frustum_slopes(v.view)
         self._pixel = 1.0 / max(v.view.fx, v.view.fy)
         # All that is here is on the host, where the poses are.
         with wp.ScopedDevice("cpu"):

@@ -132,14 +132,14 @@ def make_request_run_ends(channels: int, steady: bool) -> wp.Kernel:
 
 @cache
 def make_request_runs(
-    lens: str, channels: int, ways: int, relit: bool, painted: bool, changes: LightChanges
+    lens: str, channels: int, waveform_count: int, relit: bool, painted: bool, changes: LightChanges
 ) -> wp.Kernel:
     """Makes the kernel `request_runs`; arguments as of make_request_single_surface."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
-    Keyframes: Any = make_keyframes(channels, ways)
+    Keyframes: Any = make_keyframes(channels, waveform_count)
     Requests: Any = make_requests(channels)
     request = make_request(channels)
-    request_run = make_request_run(lens, channels, ways, relit, painted, changes)
+    request_run = make_request_run(lens, channels, waveform_count, relit, painted, changes)
     needs_midpoint = make_needs_midpoint(channels, changes)
 
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FEW_REGISTERS)

@@ -14,7 +14,7 @@ from nodes.interpolator.refine.window_kernels import (
     pixel_interval_at,
     slot_row,
 )
-from nodes.interpolator.rigid.plan_kernels import joined
+from nodes.interpolator.rigid.plan_kernels import same_surface
 from nodes.renderer.raster.depth_kernels import MISS, NO_ENTRY, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView
 
@@ -86,7 +86,7 @@ def silhouette_beside(
     other, there = neighbour_of(view, params, px, side)
     if there:
         hit = entry_then(params, scene, start, other, low)
-        if triangle_of(hit) != triangle_of(before) and not joined(hit, before, scene.targets.pieces):
+        if triangle_of(hit) != triangle_of(before) and not same_surface(hit, before, scene.targets.pieces):
             on = other
             over = hit
             if nearer(before, hit):
@@ -102,7 +102,7 @@ def silhouette_beside(
             if passes:
                 then = entry_then(params, scene, start, other, high)
                 if path_length_of(params, scene, px, over) > QUICK * float(scene.probes[px.env]):
-                    if joined(hit, then, scene.targets.pieces):
+                    if same_surface(hit, then, scene.targets.pieces):
                         found = hit
     return found
 

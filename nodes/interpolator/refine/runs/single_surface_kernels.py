@@ -38,18 +38,21 @@ wp.set_module_options({"enable_backward": False})
 
 @cache
 def make_request_single_surface(
-    lens: str, channels: int, ways: int, relit: bool, painted: bool, changes: LightChanges
+    lens: str, channels: int, waveform_count: int, relit: bool, painted: bool, changes: LightChanges
 ) -> wp.Kernel:
     """Makes the kernel `request_single_surface`; arguments as of make_look_up.
 
-    relit: whether lights flicker in so many ways that surfaces are shaded anew. painted: whether anything has a
+    relit: whether lights flicker with so many waveforms that surfaces are shaded anew. painted: whether anything has a
     texture or colours at vertices. changes: of light in the scene.
     """
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
-    Keyframes: Any = make_keyframes(channels, ways)
+    Keyframes: Any = make_keyframes(channels, waveform_count)
     Requests: Any = make_requests(channels)
-    request, request_marks = make_request(channels), make_request_marks(channels, ways) if ways else None
-    request_run = make_request_run(lens, channels, ways, relit, painted, changes)
+    request, request_marks = (
+        make_request(channels),
+        make_request_marks(channels, waveform_count) if waveform_count else None,
+    )
+    request_run = make_request_run(lens, channels, waveform_count, relit, painted, changes)
     needs_midpoint, light_may_change = make_needs_midpoint(channels, changes), make_light_may_change(changes)
 
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FEW_REGISTERS)
@@ -83,8 +86,8 @@ def make_request_single_surface(
         interval and at all probes, from `room` on, `most` at most; count[band]: how many there would be. What shows
         several is listed in `changing`, from changing0 on.
 
-        marks: of lights that flicker; strength [rows ways], within [slots E ways]: how strong they are at coarse frames
-        and within. image, start: keyframe A and its z-buffer, with the margin. frames: [E K, h, w].
+        marks: of lights that flicker; strength [rows waveforms], within [slots E waveforms]: how strong they are at
+        coarse frames and within. image, start: keyframe A and its z-buffer, with the margin. frames: [E K, h, w].
         """
         n, row, part = wp.tid()
         env = n % params.envs
@@ -114,7 +117,7 @@ def make_request_single_surface(
             last = wp.int32(-1)
             rise = pixel(UNKNOWN)
             grown = pixel(0.0)
-            if wp.static(ways > 0):
+            if wp.static(waveform_count > 0):
                 if one and not changed:
                     done = True
                     at_b = (env * view.height + px.y) * view.width + px.x

@@ -16,7 +16,7 @@ from nodes.interpolator.refine.window_kernels import (
     pixel_interval_of,
     slot_row,
 )
-from nodes.interpolator.rigid.plan_kernels import joined
+from nodes.interpolator.rigid.plan_kernels import same_surface
 from nodes.renderer.raster.depth_kernels import MISS, NO_ENTRY, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView
 
@@ -119,7 +119,7 @@ def find_changed_spans(
             if changing.grazing[listed] == 1:
                 each = (params.slots + 1) // probes
                 beside = entry_across_silhouette(view, params, scene, start, px, n * each, (n + 1) * each, hit)
-            if beside != NO_ENTRY or not joined(hit, then, scene.targets.pieces):
+            if beside != NO_ENTRY or not same_surface(hit, then, scene.targets.pieces):
                 place = take_place(count, band)
                 take_place(changed_spans, band)
                 if place < most:
@@ -201,7 +201,7 @@ def make_find_transitions(trees: bool) -> wp.Kernel:
                 high = pending[waiting]
                 then = entries[waiting]
                 known = (certain >> waiting) & 1 == 1
-                alike = joined(hit, then, scene.targets.pieces)
+                alike = same_surface(hit, then, scene.targets.pieces)
                 if alike and (beside == NO_ENTRY or high - low == 1):
                     low = high
                     hit = then
@@ -229,12 +229,12 @@ def make_find_transitions(trees: bool) -> wp.Kernel:
                         if alike and beside != NO_ENTRY:
                             # A ray that just misses the surface of both entries would be taken to meet it.
                             behind = beside
-                            if joined(hit, beside, scene.targets.pieces):
+                            if same_surface(hit, beside, scene.targets.pieces):
                                 behind = own
                         seen = trace_between(view, scene.targets, row, px.d, ahead, behind, wholly)
                         if ask == low:
                             sure = True
-                            if not joined(hit, seen, scene.targets.pieces):
+                            if not same_surface(hit, seen, scene.targets.pieces):
                                 if low == begun or waiting + 2 + halvings(low - begun) > MOST_PENDING:
                                     hit = seen
                                     if last >= 0:
