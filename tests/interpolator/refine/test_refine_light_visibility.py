@@ -182,7 +182,7 @@ def lighthouse(rate, cone):
     begin = Prescribed(pose(turn=(0.0, -rate * (START + GAP / 2) * 1e-9, 0.0)), [turn])
     things = [(quad(6.0), plain(0.5), Prescribed(pose(z=WALL)))]
     scene = world(things, spares=[("head", begin)], sky=0.02)
-    ahead = {"kind": "px", "vector": np.zeros(3), "direction": np.array([0.0, 0.0, 1.0])}
+    ahead = {"kind": "spot", "vector": np.zeros(3), "direction": np.array([0.0, 0.0, 1.0])}
     head = [b.name for b in scene.bodies].index("head")
     scene.lights.append(replace(lamp(), **ahead, cone=(0.99 * cone, cone), body=head))
     return scene

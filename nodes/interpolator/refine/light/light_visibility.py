@@ -78,7 +78,7 @@ class LightVisibility:
         far = FALL * (solid or float(geometry.radius[moving].max(initial=0.0)) or 1.0)
         self._lamps = np.array([places[l] * (far if scene.lights[l].kind == "directional" else 1.0) for l in lamps])
         self._fixed = np.array([scene.lights[l].kind == "directional" for l in lamps], bool)
-        beams = [l for l in carried if scene.lights[l].kind == "px"]
+        beams = [l for l in carried if scene.lights[l].kind == "spot"]
         self._beam_mover = np.searchsorted(movers, [scene.lights[l].body for l in beams]).astype(np.int64)
         self._beams, self._cones = axes[beams], np.array([2 * ROUND * scene.lights[l].cone[1] for l in beams])
         still = np.flatnonzero(~moving & asked & not_camera & bool(lamps))
