@@ -25,7 +25,7 @@ from nodes.interpolator.refine.probing.probes import ProbeForecast, Probes
 from nodes.interpolator.refine.rounds import Kernels, Rounds, Window
 from nodes.interpolator.refine.samples.means import Means
 from nodes.interpolator.refine.samples.sort_kernels import count_samples, make_sort, place_samples
-from nodes.interpolator.refine.window_kernels import WindowParameters, WindowScene
+from nodes.interpolator.refine.window_kernels import WindowParameters, WindowScene, make_coarse_frames
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.sampling import pixels_per_radian
 from nodes.interpolator.rigid.slots import Poses
@@ -157,12 +157,16 @@ class Refinement:
 
         # Environments that have no gap now may have one next time; a CPU makes room as it goes.
         share = 1.0 if self._gaps == 1 or self._device.is_cpu else float((~held).mean())
+        coarse: Any = make_coarse_frames(self._rigid.layout.channels)()
+        coarse.image_a, coarse.frames = self._rigid.pair.a.image, frames
+        marks = self._flicker.kernel
+        marks.at_frames, marks.within = self._rigid.strength, evaluator.strength
         total = 0
         for first, last in instants.windows():
             evaluator.send(instants.of_window(first), instants.count)
             params = self._parameters(instants, evaluator, first)
             params.parts = int(motion.parts.max())
-            window = Window(last - first, params, self._scene_of(rounds), self._held, self._flicker.kernel, frames)
+            window = Window(last - first, params, self._scene_of(rounds), coarse, marks)
             total, shaded = rounds.run(window, total, while_it_works, share)
             self.shaded += shaded
         self.evaluated = total
@@ -244,6 +248,7 @@ class Refinement:
         scene: Any = WindowScene()
         evaluator, scene.bends = rounds.evaluator, rounds.bends
         scene.turn, scene.shift = evaluator.moved
+        scene.held, scene.packed_a = self._held, self._rigid.pair.a.packed
         scene.packed, scene.targets = self._rigid.visibility.packed, evaluator.targets
         scene.probed, scene.probes = self._probes.packed, self._probes.each
         scene.parts, scene.alpha = self._parts, evaluator.change.alpha

@@ -30,7 +30,7 @@ from nodes.interpolator.refine.runs.transition_kernels import (
     make_find_transitions,
 )
 from nodes.interpolator.refine.runs.transition_time_kernels import find_transition_times
-from nodes.interpolator.refine.samples.lists import GrowingList, Samples
+from nodes.interpolator.refine.samples.lists import GrowingList, Samples, part_of
 from nodes.interpolator.refine.samples.request_kernels import make_requests
 from nodes.interpolator.refine.samples.tally import Counts, Tally
 from nodes.interpolator.rigid.method import Rigid
@@ -47,16 +47,15 @@ AT_FIRST = 1.0
 class Window:
     """Holds what kernels read of some neighbouring coarse intervals of a gap.
 
-    intervals: how many. params: the first of them, and the limits. held int32 [E]: 1 for environments that have no gap.
-    marks: of lights that flicker. frames: the coarse frames [E K, h, w].
+    intervals: how many. params: WindowParameters. scene: WindowScene. coarse: CoarseFrames. marks: of lights that
+    flicker.
     """
 
     intervals: int
     params: Any
     scene: Any
-    held: wp.array
+    coarse: Any
     marks: Any
-    frames: wp.array
 
 
 @dataclass(frozen=True)
@@ -118,13 +117,13 @@ class Rounds:
         pixel: Any = wp.float32 if channels == 1 else wp.vec3
         self.reads_counts = device.is_cpu
         """Whether the host reads counts while a window is done."""
-        self._find_changes = make_find_transitions(evaluator.shading.occluders.trees)
+        self._find_transitions = make_find_transitions(evaluator.shading.occluders.trees)
         self._tally, self._graphs = Tally(bands, device), CudaGraphs(device)
         self._changing: Any = ChangingPixels()
         self._transitions = GrowingList(Transitions, pixel, bands, device)
         self._requests = GrowingList(make_requests(channels), pixel, bands, device)
         self._intervals = [GrowingList(make_intervals(channels), pixel, bands, device) for _ in range(2)]
-        self.samples = Samples(pixel, device)
+        self.samples = Samples(channels, self._tally.made, device)
         rows, bodies = 2 * instants.per_window * layout.envs, evaluator.moved[0].shape[1]
         self.bends = wp.zeros((rows, bodies, instants.depth + 1), dtype=wp.vec2, device=device)
 
@@ -183,8 +182,15 @@ class Rounds:
         """Tells all that can differ between the launches of two windows: numbers, and where arrays are that may be
         replaced; all others are written where they were."""
         lists = [self._requests, self._transitions, *self._intervals]
-        structs = [window.params, window.scene, window.marks, self._changing, *(each.kernel for each in lists)]
-        arrays = [window.frames, self.evaluator.hits, *self.samples.arrays]
+        structs = [
+            window.params,
+            window.scene,
+            window.coarse,
+            window.marks,
+            self._changing,
+            *(each.kernel for each in lists),
+        ]
+        arrays = [self.evaluator.hits, *self.samples.arrays]
         return (
             *(bytes(struct.__ctype__()) for struct in structs),
             *((array.ptr, array.shape) for array in arrays),
@@ -205,7 +211,7 @@ class Rounds:
             device=self.bends.device,
         )
         if window.params.parts:
-            self._passing.find(window.intervals, window.params, window.scene, window.held, self.evaluator)
+            self._passing.find(window.intervals, window.params, window.scene, self.evaluator)
         self._find(window)
         listed, there = self._requests, self._intervals[0]
         # An interval between two samples, or between one and a coarse frame, has less than 2^depth parts: after as many
@@ -236,51 +242,29 @@ class Rounds:
     def _find(self, window: Window) -> None:
         """Lists the pixels and instants at which runs need a sample."""
         rigid, evaluator, params, tally = self._rigid, self.evaluator, window.params, self._tally
-        find = self._kernels
-        v, bands = evaluator.visibility, evaluator.bands
+        kernels, view, bands = self._kernels, evaluator.visibility.view, evaluator.bands
+        cpu, images = evaluator.visibility.device.is_cpu, window.intervals * params.envs
         edges = [params.height * k // bands for k in range(bands + 1)]
-        span = params.width if v.device.is_cpu else 1
-        workers, searchers = (1, 1) if v.device.is_cpu else (LIST_WORKERS, SEARCHERS)
-        keys, start, marks, scene = rigid.pair.kernel(), rigid.pair.a.packed, window.marks, window.scene
-        requests, found = self._requests.kernel, tally.lists[0]
-        transitions, changing = self._transitions.kernel, self._changing
-        lit = [marks, evaluator.change]
-        shown = [rigid.pair.a.image, start, window.frames]
+        span, listers, searchers = (params.width, 1, 1) if cpu else (1, LIST_WORKERS, SEARCHERS)
+        requests, transitions, changing = self._requests.kernel, self._transitions.kernel, self._changing
+        scene, seen = window.scene, [rigid.pair.kernel(), window.scene, window.coarse, window.marks, evaluator.change]
         launches: tuple[list[tuple[Any, Any, list[Any]]], ...] = ([], [], [], [], [], [])
         for k in range(bands):
-            rows, other = edges[k + 1] - edges[k], window.intervals * params.envs * params.width * edges[k]
-            most, most_transitions = self._requests.most, self._transitions.most
-            given = [v.view, params, edges[k], span, k * most, most, other, k, window.held, keys, scene, *lit]
-            given += [rigid.strength, evaluator.strength, *shown, requests, found, changing, tally.changing]
-            launches[0].append(
-                (find.request_single_surface, (window.intervals * params.envs, rows, params.width // span), given)
-            )
-            given = [v.view, params, searchers, k * most_transitions, most_transitions]
-            listed = [scene, start, changing, transitions, tally.transitions]
-            launches[1].append(
-                (find_changed_spans, searchers, [*given, other, k, tally.changing, *listed, tally.changed_spans])
-            )
-            listed = [scene, changing, transitions, tally.transitions]
-            launches[2].append((self._find_changes, searchers, [*given, k, tally.changed_spans, *listed]))
-            given += [k, tally.transitions, scene, changing, transitions]
-            launches[3].append((find_transition_times, searchers, given))
-            given = [v.view, params, workers, k * most, most, other, k, tally.changing]
-            launches[4].append(
-                (find.request_run_ends, workers, [*given, scene, start, changing, transitions, requests, found])
-            )
-            given[2] = searchers
-            given += [
-                k * most_transitions,
-                most_transitions,
-                tally.transitions,
-                keys,
-                scene,
-                *lit,
-                *shown,
-                changing,
-                transitions,
-            ]
-            launches[5].append((find.request_runs, searchers, [*given, requests, found]))
+            rows, area = edges[k + 1] - edges[k], images * params.width
+            listed = [requests, self._requests.part(k, tally.lists[0])]
+            changes = [transitions, self._transitions.part(k, tally.transitions)]
+            among = [changing, part_of(area * edges[k], area * rows, k, tally.changing)]
+            given = [view, params, edges[k], span, *seen, *listed, *among]
+            launches[0].append((kernels.request_single_surface, (images, rows, params.width // span), given))
+            search = [view, params, searchers]
+            given = [*search, scene, *among, *changes, tally.changed_spans]
+            launches[1].append((find_changed_spans, searchers, given))
+            given = [*search, tally.changed_spans, scene, changing, *changes]
+            launches[2].append((self._find_transitions, searchers, given))
+            launches[3].append((find_transition_times, searchers, [*search, scene, changing, *changes]))
+            given = [view, params, listers, scene, *among, transitions, *listed]
+            launches[4].append((kernels.request_run_ends, listers, given))
+            launches[5].append((kernels.request_runs, searchers, [*search, *seen, *among, *changes, *listed]))
         for number, each in enumerate(launches):
             rigid.sampling.launch(each, BLOCK if number == 2 else LAUNCH_BLOCK)
 
@@ -288,10 +272,9 @@ class Rounds:
         """Computes z-buffer entries and radiance of the listed pixels."""
         evaluator, pixels, count = self.evaluator, listed.kernel, self._tally.lists[number]
         workers = evaluator.workers(number)
-        launches = []
-        for k in bands:
-            given = [evaluator.visibility.view, window.params, workers, k, listed.most, count, window.scene]
-            launches.append((trace_pixels, workers, [*given, pixels.at, pixels.before, pixels.after, evaluator.hits]))
+        of_pixels = [pixels.at, pixels.before, pixels.after, evaluator.hits]
+        given = [evaluator.visibility.view, window.params, workers, window.scene]
+        launches = [(trace_pixels, workers, [*given, listed.part(k, count), *of_pixels]) for k in bands]
         self._rigid.sampling.launch(launches)
         evaluator.evaluate(number, pixels.at, listed.most, count, bands, self._tally.unseen[number])
 
@@ -299,15 +282,15 @@ class Rounds:
         self, window: Window, number: int, listed: GrowingList, there: GrowingList, bands: list[int]
     ) -> None:
         """Adds what was evaluated to the samples, and lists the intervals that are to be halved next in `there`."""
-        rigid, evaluator, tally, a = self._rigid, self.evaluator, self._tally, self._rigid.pair.a
+        rigid, evaluator, tally = self._rigid, self.evaluator, self._tally
         workers = evaluator.workers(number)
+        kernel, what = self._kernels.split, [rigid.pieces]
         if number == 0:
-            kernel, what = self._kernels.check, [a.image, a.packed, window.frames, window.scene, listed.kernel]
-        else:
-            kernel, what = self._kernels.split, [rigid.pieces, listed.kernel]
-        given = [*what, evaluator.hits, evaluator.values, tally.made, *self.samples.arrays]
-        launches = []
-        for k in bands:
-            where = [window.params, workers, k, listed.most, number, tally.lists[number], there.most]
-            launches.append((kernel, workers, [*where, *given, there.kernel, tally.lists[number + 1]]))
+            kernel, what = self._kernels.check, [window.scene, window.coarse]
+        given = [window.params, workers, number, *what, listed.kernel]
+        found = [evaluator.hits, evaluator.values, self.samples.kernel, there.kernel]
+        count, next_count = tally.lists[number], tally.lists[number + 1]
+        launches = [
+            (kernel, workers, [*given, listed.part(k, count), *found, there.part(k, next_count)]) for k in bands
+        ]
         rigid.sampling.launch(launches)

@@ -1,6 +1,7 @@
 """Holds what the kernels of a window read: its limits and sizes, the scene at its instants, and what pixels see
 there."""
 
+from functools import cache
 from typing import Any
 
 import warp as wp
@@ -71,14 +72,17 @@ class PixelInterval:
 class WindowScene:
     """Holds the scene at the instants of a window.
 
-    turn, shift: [2 R, N + 2], motion of the bodies since A, then since B. packed: [rows, H, W], z-buffers of B and of
-    sub-frames 1 .. K - 1. probed, probes: `packed` and `each` of Probes. bends: as of find_bends. parts: of each
-    environment [2, E], see WindowParameters: for shadows and beams, and for facets. passing: as of find_light_changes.
-    alpha: of each instance's material, -1 for a plain one. targets: what rays can meet.
+    turn, shift: [2 R, N + 2], motion of the bodies since A, then since B. held [E]: 1 for environments that have no
+    gap. packed_a [E, H, W]: z-buffer of keyframe A. packed: [rows, H, W], z-buffers of B and of sub-frames 1 .. K - 1.
+    probed, probes: `packed` and `each` of Probes. bends: as of find_bends. parts: of each environment [2, E], see
+    WindowParameters: for shadows and beams, and for facets. passing: as of find_light_changes. alpha: of each
+    instance's material, -1 for a plain one. targets: what rays can meet.
     """
 
     turn: wp.array2d(dtype=wp.mat33)
     shift: wp.array2d(dtype=wp.vec3)
+    held: wp.array(dtype=int)
+    packed_a: wp.array3d(dtype=wp.uint64)
     packed: wp.array3d(dtype=wp.uint64)
     probed: wp.array3d(dtype=wp.uint64)
     probes: wp.array(dtype=int)
@@ -90,11 +94,42 @@ class WindowScene:
 
 
 @wp.struct
+class Run:
+    """Holds a part of a coarse interval in which a pixel shows one surface.
+
+    start, end: instants within the coarse interval. before, after: z-buffer entries there. last: index of the request
+    listed before it, -1 = none.
+    """
+
+    start: int
+    end: int
+    before: wp.uint64
+    after: wp.uint64
+    last: int
+
+
+@wp.struct
 class EndEntries:
     """Holds a pixel's z-buffer entries at both ends of a coarse interval."""
 
     before: wp.uint64
     after: wp.uint64
+
+
+@cache
+def make_coarse_frames(channels: int) -> Any:
+    """Makes the struct of the frames at the ends of coarse intervals; channels: 1 (luminance) or 3 (RGB).
+
+    image_a: radiance of keyframe A, [E, H, W] with its margin. frames: [E K, h, w], the last one of an environment B.
+    """
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+
+    class CoarseFrames:
+        image_a: wp.array3d(dtype=pixel)
+        frames: wp.array3d(dtype=pixel)
+
+    CoarseFrames.__qualname__ = f"CoarseFrames{channels}"
+    return wp.struct(CoarseFrames)
 
 
 @wp.func
@@ -111,40 +146,75 @@ def pixel_interval_at(view: CameraView, params: WindowParameters, env: int, k: i
 
 
 @wp.func
-def pixel_interval_of(view: CameraView, params: WindowParameters, k: int, q: int):
-    """Makes the PixelInterval of coarse interval k and pixel q, an index into [E, h, w]."""
+def pixel_interval_of(view: CameraView, params: WindowParameters, at: int):
+    """Makes the PixelInterval of an index into [coarse intervals of the window, E, h, w]."""
+    row = at // params.width
+    image = row // params.height
     return pixel_interval_at(
-        view, params, q // (params.width * params.height), k, q // params.width % params.height, q % params.width
+        view, params, image % params.envs, params.first + image // params.envs, row % params.height, at % params.width
     )
 
 
-@wp.func
-def frame_before(
-    params: WindowParameters,
-    image: wp.array3d(dtype=Any),
-    frames: wp.array3d(dtype=Any),
-    env: int,
-    k: int,
-    y: int,
-    x: int,
-):
-    """Reads a pixel of the frame at which coarse interval k begins; image: of keyframe A, at which the first does."""
-    return light_at_start(image, frames, params.coarse, params.margin, env, k, y, x)
+@wp.struct
+class SlotPixel:
+    """Holds a pixel at an instant of the window.
+
+    k: number of its coarse interval; i: the instant within that, counted from 1. q: index of the pixel into [E, h, w];
+    env, y, x: its coordinates there.
+    """
+
+    k: int
+    i: int
+    q: int
+    env: int
+    y: int
+    x: int
 
 
 @wp.func
-def frame_after(params: WindowParameters, frames: wp.array3d(dtype=Any), env: int, k: int, y: int, x: int):
-    """Reads a pixel of the frame at which coarse interval k ends."""
-    return frames[env * params.coarse + k, y, x]
+def slot_pixel_of(params: WindowParameters, at: int):
+    """Makes the SlotPixel of an index into [slots, E, h, w]."""
+    inner = params.envs * params.height * params.width
+    slot = at // inner
+    place = SlotPixel()
+    place.k = params.first + slot // params.slots
+    place.i = slot % params.slots + 1
+    place.q = at % inner
+    place.env = place.q // (params.width * params.height)
+    place.y = place.q // params.width % params.height
+    place.x = place.q % params.width
+    return place
 
 
 @wp.func
-def entry_before(
-    params: WindowParameters, scene: WindowScene, start: wp.array3d(dtype=wp.uint64), env: int, k: int, y: int, x: int
-):
-    """Reads the z-buffer entry of `frame_before`; start: z-buffer of keyframe A."""
+def instant_of(params: WindowParameters, at: int):
+    """Gives the instant within its coarse interval, counted from 1, of an index into [slots, E, h, w]."""
+    return at // (params.envs * params.height * params.width) % params.slots + 1
+
+
+@wp.func
+def probe_spacing(params: WindowParameters, scene: WindowScene, env: int):
+    """Gives how many instants it is from one probe of an environment to the next."""
+    return (params.slots + 1) // scene.probes[env]
+
+
+@wp.func
+def frame_before(params: WindowParameters, coarse: Any, env: int, k: int, y: int, x: int):
+    """Reads a pixel of the frame at which coarse interval k begins, of CoarseFrames."""
+    return light_at_start(coarse.image_a, coarse.frames, params.coarse, params.margin, env, k, y, x)
+
+
+@wp.func
+def frame_after(params: WindowParameters, coarse: Any, env: int, k: int, y: int, x: int):
+    """Reads a pixel of the frame at which coarse interval k ends, of CoarseFrames."""
+    return coarse.frames[env * params.coarse + k, y, x]
+
+
+@wp.func
+def entry_before(params: WindowParameters, scene: WindowScene, env: int, k: int, y: int, x: int):
+    """Reads the z-buffer entry of `frame_before`."""
     if k == 0:
-        return start[env, y + params.margin, x + params.margin]
+        return scene.packed_a[env, y + params.margin, x + params.margin]
     return scene.packed[k * params.envs + env, y + params.margin, x + params.margin]
 
 
@@ -156,12 +226,12 @@ def entry_after(params: WindowParameters, scene: WindowScene, env: int, k: int, 
 
 
 @wp.func
-def end_entries_of(params: WindowParameters, scene: WindowScene, start: wp.array3d(dtype=wp.uint64), px: PixelInterval):
-    """Reads the z-buffer entries at both ends of a coarse interval; start: z-buffer of keyframe A."""
+def end_entries_of(params: WindowParameters, scene: WindowScene, px: PixelInterval):
+    """Reads the z-buffer entries at both ends of a coarse interval."""
     y = px.y - params.margin
     x = px.x - params.margin
     ends = EndEntries()
-    ends.before = entry_before(params, scene, start, px.env, px.k, y, x)
+    ends.before = entry_before(params, scene, px.env, px.k, y, x)
     ends.after = entry_after(params, scene, px.env, px.k, y, x)
     return ends
 

@@ -3,6 +3,7 @@
 import warp as wp
 
 from nodes.interpolator.refine.evaluation.visibility_kernels import make_trace_between
+from nodes.interpolator.refine.samples.list_kernels import ListPart, end_of
 from nodes.interpolator.refine.window_kernels import FEW_REGISTERS, WindowParameters, WindowScene
 from nodes.renderer.raster.depth_kernels import NO_ENTRY
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
@@ -19,25 +20,20 @@ def trace_pixels(
     view: CameraView,
     params: WindowParameters,
     workers: int,
-    band: int,
-    most: int,
-    count: wp.array(dtype=int),
     scene: WindowScene,
+    listed: ListPart,
     at: wp.array(dtype=int),
     before: wp.array(dtype=wp.uint64),
     after: wp.array(dtype=wp.uint64),
     # out
     hits: wp.array(dtype=wp.uint64),
 ):
-    """Computes z-buffer entries of the listed pixels of a band; at, before, after: of Requests or of Intervals.
+    """Computes z-buffer entries of the pixels of a part of a list; at, before, after: of Requests or of Intervals.
 
-    NO_ENTRY, of what needs none, stays. A band's part of a list begins at band * most, and has count[band] entries, of
-    which the first `most` are there.
+    NO_ENTRY, of what needs none, stays.
     """
-    first = band * most
-    last = first + wp.min(count[band], most)
-    j = first + wp.tid()
-    while j < last:
+    j = listed.start + wp.tid()
+    while j < end_of(listed):
         x = at[j] % params.width + params.margin
         y = at[j] // params.width % params.height + params.margin
         n = at[j] // (params.width * params.height)

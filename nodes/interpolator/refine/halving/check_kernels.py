@@ -12,8 +12,15 @@ from nodes.interpolator.refine.halving.interval_kernels import (
     take_samples,
 )
 from nodes.interpolator.refine.halving.request_interval_kernels import make_is_painted, make_request_intervals
+from nodes.interpolator.refine.samples.list_kernels import ListPart, end_of, make_add_sample, make_sample_list
 from nodes.interpolator.refine.samples.request_kernels import PARTS, PREDICTED, UNKNOWN, make_requests
-from nodes.interpolator.refine.window_kernels import FEW_REGISTERS, WindowParameters, WindowScene
+from nodes.interpolator.refine.window_kernels import (
+    FEW_REGISTERS,
+    WindowParameters,
+    WindowScene,
+    make_coarse_frames,
+    slot_pixel_of,
+)
 from nodes.interpolator.rigid.look_up.log_kernels import apart
 from nodes.interpolator.rigid.plan_kernels import same_surface
 
@@ -27,6 +34,9 @@ def make_check(channels: int, glossy: bool) -> wp.Kernel:
     Intervals: Any = make_intervals(channels)
     Interval: Any = make_interval(channels)
     Requests: Any = make_requests(channels)
+    CoarseFrames: Any = make_coarse_frames(channels)
+    SampleList: Any = make_sample_list(channels)
+    add_sample = make_add_sample(channels)
     add_interval, is_painted = make_add_interval(channels), make_is_painted(channels, glossy)
     value_of, interval_before, interval_after = make_request_intervals(channels, glossy)
 
@@ -50,77 +60,57 @@ def make_check(channels: int, glossy: bool) -> wp.Kernel:
         # in
         params: WindowParameters,
         workers: int,
-        band: int,
-        most: int,
         number: int,
-        count: wp.array(dtype=int),
-        room: int,
-        image: wp.array3d(dtype=pixel),
-        start: wp.array3d(dtype=wp.uint64),
-        frames: wp.array3d(dtype=pixel),
         scene: WindowScene,
+        coarse: CoarseFrames,
         requests: Requests,
+        part: ListPart,
         hits: wp.array(dtype=wp.uint64),
         radiance: wp.array(dtype=pixel),
         # in and out
-        made: wp.array(dtype=int),
+        samples: SampleList,
         # out
-        pixels: wp.array(dtype=int),
-        instants: wp.array(dtype=int),
-        values: wp.array(dtype=pixel),
         intervals: Intervals,
-        found: wp.array(dtype=int),
+        out: ListPart,
     ):
-        """Adds a band's entries of `requests` to the samples, as far as there is room, and lists the intervals beside
-        them that are to be halved, from band * room on, `room` at most; found[band]: how many there would be.
+        """Adds a part of the requests to the samples, as far as there is room, and lists the intervals beside them that
+        are to be halved.
 
-        band, most, count: as of `trace_pixels`. number, made: as of `take_samples`. image, start, frames: as of
-        `request_single_surface`.
+        number: of the list of requests, as of `take_samples`. hits, radiance: what was found of each entry.
         """
-        first = band * most
-        last = first + wp.min(count[band], most)
-        known = take_samples(made, number, count, most, band, wp.tid())
-        j = first + wp.tid()
-        inner = params.envs * params.height * params.width
-        while j < last:
+        known = take_samples(samples.made, number, part, wp.tid())
+        j = part.start + wp.tid()
+        while j < end_of(part):
             at = requests.at[j]
-            slot = at // inner
-            q = at % inner
-            k = params.first + slot // params.slots
-            place = slot % params.slots + 1
-            value = value_of(params, j, image, frames, requests, radiance)
-            sample = known + j - first
-            if sample < pixels.shape[0]:
-                pixels[sample] = q
-                instants[sample] = (k * (params.slots + 1) + place) * PARTS + requests.later[j]
-                values[sample] = value
+            place = slot_pixel_of(params, at)
+            value = value_of(params, j, coarse, requests, radiance)
+            instant = (place.k * (params.slots + 1) + place.i) * PARTS + requests.later[j]
+            add_sample(samples, known + j - part.start, place.q, instant, value)
             # What is told is on straight lines already, for a pixel's whole coarse interval.
             if requests.shown[j] != PREDICTED:
-                here = interval_before(params, j, image, start, frames, scene, requests, hits, radiance)
-                after = interval_after(params, j, here.last, frames, scene, requests, hits)
+                here = interval_before(params, j, coarse, scene, requests, hits, radiance)
+                after = interval_after(params, j, here.last, coarse, scene, requests, hits)
                 wrong = suspect(params, scene, here)
                 wrong_before = wp.bool(False)
                 wrong_after = suspect(params, scene, after)
                 p = requests.previous[j]
                 if p >= 0:
                     if here.painted or is_painted(scene, requests.rise[p], hits[p]):
-                        there = interval_before(params, p, image, start, frames, scene, requests, hits, radiance)
+                        there = interval_before(params, p, coarse, scene, requests, hits, radiance)
                         wrong_before = suspect(params, scene, there)
                         if wrong and not wrong_before and there.painted and one_surface(scene, there):
                             # Where what lies before that is suspect, entry p has listed it.
                             listed = wp.bool(False)
                             if requests.previous[p] >= 0:
                                 pp = requests.previous[p]
-                                before = interval_before(
-                                    params, pp, image, start, frames, scene, requests, hits, radiance
-                                )
+                                before = interval_before(params, pp, coarse, scene, requests, hits, radiance)
                                 listed = suspect(params, scene, before)
                             if not listed:
-                                add_interval(params, intervals, band, room, at, there, found)
+                                add_interval(params, intervals, at, there, out)
                 if wrong or (here.painted and (wrong_before or wrong_after) and one_surface(scene, here)):
-                    add_interval(params, intervals, band, room, at, here, found)
+                    add_interval(params, intervals, at, here, out)
                 if wrong_after or (after.painted and wrong and one_surface(scene, after)):
-                    add_interval(params, intervals, band, room, at, after, found)
+                    add_interval(params, intervals, at, after, out)
             j += workers
 
     return check

@@ -20,6 +20,9 @@ from nodes.interpolator.refine.window_kernels import (
     entry_before,
     frame_after,
     frame_before,
+    instant_of,
+    make_coarse_frames,
+    slot_pixel_of,
 )
 from nodes.interpolator.rigid.keyframe_kernels import log_of
 from nodes.interpolator.rigid.look_up.log_kernels import apart, light
@@ -56,29 +59,24 @@ def make_request_intervals(channels: int, glossy: bool) -> tuple[Any, Any, Any]:
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
     Interval: Any = make_interval(channels)
     Requests: Any = make_requests(channels)
+    CoarseFrames: Any = make_coarse_frames(channels)
     is_painted = make_is_painted(channels, glossy)
 
     @wp.func
     def value_of(
         params: WindowParameters,
         j: int,
-        image: wp.array3d(dtype=pixel),
-        frames: wp.array3d(dtype=pixel),
+        coarse: CoarseFrames,
         requests: Requests,
         radiance: wp.array(dtype=pixel),
     ):
         """Gives the light of entry j of a list."""
-        inner = params.envs * params.height * params.width
-        k = params.first + requests.at[j] // inner // params.slots
-        q = requests.at[j] % inner
-        x = q % params.width
-        y = q // params.width % params.height
-        env = q // (params.width * params.height)
+        at = slot_pixel_of(params, requests.at[j])
         value = radiance[j]
         if requests.shown[j] == FRAME_AFTER:
-            value = frame_after(params, frames, env, k, y, x)
+            value = frame_after(params, coarse, at.env, at.k, at.y, at.x)
         elif requests.shown[j] == FRAME_BEFORE:
-            value = frame_before(params, image, frames, env, k, y, x)
+            value = frame_before(params, coarse, at.env, at.k, at.y, at.x)
         elif requests.shown[j] == PREDICTED:
             value = light(requests.rise[j])
         return value
@@ -87,36 +85,28 @@ def make_request_intervals(channels: int, glossy: bool) -> tuple[Any, Any, Any]:
     def interval_before(
         params: WindowParameters,
         j: int,
-        image: wp.array3d(dtype=pixel),
-        start: wp.array3d(dtype=wp.uint64),
-        frames: wp.array3d(dtype=pixel),
+        coarse: CoarseFrames,
         scene: WindowScene,
         requests: Requests,
         hits: wp.array(dtype=wp.uint64),
         radiance: wp.array(dtype=pixel),
     ):
         """Gives the interval that ends with entry j of a list: from the entry before it, or the coarse frame."""
-        inner = params.envs * params.height * params.width
-        slot = requests.at[j] // inner
-        q = requests.at[j] % inner
-        k = params.first + slot // params.slots
-        x = q % params.width
-        y = q // params.width % params.height
-        env = q // (params.width * params.height)
+        at = slot_pixel_of(params, requests.at[j])
         p = requests.previous[j]
         one = Interval()
-        one.high = slot % params.slots + 1
-        one.last = log_of(value_of(params, j, image, frames, requests, radiance))
+        one.high = at.i
+        one.last = log_of(value_of(params, j, coarse, requests, radiance))
         one.after = hits[j]
         one.rise = requests.rise[j]
         one.painted = is_painted(scene, one.rise, one.after)
         if p >= 0:
-            one.low = requests.at[p] // inner % params.slots + 1
+            one.low = instant_of(params, requests.at[p])
             one.first = log_of(radiance[p])
             one.before = hits[p]
         else:
-            one.first = log_of(frame_before(params, image, frames, env, k, y, x))
-            one.before = entry_before(params, scene, start, env, k, y, x)
+            one.first = log_of(frame_before(params, coarse, at.env, at.k, at.y, at.x))
+            one.before = entry_before(params, scene, at.env, at.k, at.y, at.x)
         return one
 
     @wp.func
@@ -124,7 +114,7 @@ def make_request_intervals(channels: int, glossy: bool) -> tuple[Any, Any, Any]:
         params: WindowParameters,
         j: int,
         value: pixel,
-        frames: wp.array3d(dtype=pixel),
+        coarse: CoarseFrames,
         scene: WindowScene,
         requests: Requests,
         hits: wp.array(dtype=wp.uint64),
@@ -133,19 +123,13 @@ def make_request_intervals(channels: int, glossy: bool) -> tuple[Any, Any, Any]:
         where another entry follows."""
         one = Interval()
         if requests.ends[j] == 1:
-            inner = params.envs * params.height * params.width
-            slot = requests.at[j] // inner
-            q = requests.at[j] % inner
-            k = params.first + slot // params.slots
-            x = q % params.width
-            y = q // params.width % params.height
-            env = q // (params.width * params.height)
-            one.low = slot % params.slots + 1
+            at = slot_pixel_of(params, requests.at[j])
+            one.low = at.i
             one.high = params.slots + 1
             one.first = value
-            one.last = log_of(frame_after(params, frames, env, k, y, x))
+            one.last = log_of(frame_after(params, coarse, at.env, at.k, at.y, at.x))
             one.before = hits[j]
-            one.after = entry_after(params, scene, env, k, y, x)
+            one.after = entry_after(params, scene, at.env, at.k, at.y, at.x)
             one.rise = requests.tail[j]
             one.painted = is_painted(scene, one.rise, one.before)
         return one

@@ -6,8 +6,16 @@ from typing import Any
 import warp as wp
 
 from nodes.interpolator.refine.paths.keyframe_path_kernels import STEEPEST, outside
+from nodes.interpolator.refine.samples.list_kernels import ListPart
 from nodes.interpolator.refine.samples.request_kernels import PARTS, PREDICTED, make_request, make_requests
-from nodes.interpolator.refine.window_kernels import PixelInterval, WindowParameters, WindowScene, entry_at, slot_row
+from nodes.interpolator.refine.window_kernels import (
+    PixelInterval,
+    WindowParameters,
+    WindowScene,
+    entry_at,
+    probe_spacing,
+    slot_row,
+)
 from nodes.interpolator.rigid.keyframe_kernels import log_of
 from nodes.interpolator.rigid.look_up.log_kernels import apart, make_radiance_of
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
@@ -22,14 +30,19 @@ lamps that make up for each other, crosses thresholds slowly, and what it is off
 
 @wp.struct
 class Marks:
-    """Holds the marks of a gap: first [E or 1, K + 1]: where those of a coarse interval begin; at: instant within it,
-    counted from 1; later: how much later than that they are, in PARTS; begun [E waveforms]: strength of the lights at
-    the gap's start, where it is added up."""
+    """Holds the marks of a gap, and how strong the lights are whose radiance is added up.
+
+    first [E or 1, K + 1]: where the marks of a coarse interval begin. at: instant within it, counted from 1. later: how
+    much later than that they are, in PARTS. Strengths: at_start [E waveforms], at the gap's start; at_frames
+    [rows waveforms], at the coarse frames; within [slots E waveforms], at the instants of the window.
+    """
 
     first: wp.array2d(dtype=int)
     at: wp.array(dtype=int)
     later: wp.array(dtype=int)
-    begun: wp.array(dtype=float)
+    at_start: wp.array(dtype=float)
+    at_frames: wp.array(dtype=float)
+    within: wp.array(dtype=float)
 
 
 @wp.func
@@ -42,7 +55,7 @@ def marks_of(marks: Marks, px: PixelInterval):
 @wp.func
 def entry_near(params: WindowParameters, scene: WindowScene, px: PixelInterval, i: int, start: int, before: wp.uint64):
     """Gives what a run that began at instant `start` with the entry `before` showed last, up to instant i."""
-    each = (params.slots + 1) // scene.probes[px.env]
+    each = probe_spacing(params, scene, px.env)
     probe = i // each * each
     if probe <= start:
         return before
@@ -69,12 +82,7 @@ def make_request_marks(channels: int, waveform_count: int) -> Any:
         calm: bool,
         log_a: pixel,
         log_b: pixel,
-        strength: wp.array(dtype=float),
-        within: wp.array(dtype=float),
-        room: int,
-        most: int,
-        band: int,
-        count: wp.array(dtype=int),
+        out: ListPart,
     ):
         """Lists those marks of a pixel that shows the same point all along between which ln I is on a straight line.
 
@@ -86,13 +94,13 @@ def make_request_marks(channels: int, waveform_count: int) -> Any:
         first, end = marks_of(marks, px)
         logs = keys.logs[keys.first[1] + at]
         after = wp.where(px.k + 1 == params.coarse, 0, px.k + 1)
-        base = log_b - log_of(radiance_of(logs, strength, after * params.envs + px.env))
+        base = log_b - log_of(radiance_of(logs, marks.at_frames, after * params.envs + px.env))
         last = wp.int32(-1)
         anchor = base
         if px.k > 0:
-            anchor += log_of(radiance_of(logs, strength, px.k * params.envs + px.env))
+            anchor += log_of(radiance_of(logs, marks.at_frames, px.k * params.envs + px.env))
         else:
-            anchor += log_of(radiance_of(logs, marks.begun, px.env))
+            anchor += log_of(radiance_of(logs, marks.at_start, px.env))
         told = calm and apart(anchor, log_a) <= params.bend
         seen = hit
         if told:
@@ -108,11 +116,9 @@ def make_request_marks(channels: int, waveform_count: int) -> Any:
             if n < end:
                 i = marks.at[n]
                 now = float(i) + float(marks.later[n]) / float(PARTS)
-                fresh = base + log_of(radiance_of(logs, within, slot_row(params, px.env, px.k, i)))
+                fresh = base + log_of(radiance_of(logs, marks.within, slot_row(params, px.env, px.k, i)))
             if outside(fresh - anchor, (now - anchored) * low, (now - anchored) * high):
-                last = request(
-                    params, requests, px, marks.at[n - 1], seen, seen, value - anchor, last, room, most, band, count
-                )
+                last = request(params, requests, px, marks.at[n - 1], seen, seen, value - anchor, last, out)
                 if told:
                     requests.rise[last] = value
                     requests.shown[last] = PREDICTED

@@ -156,26 +156,15 @@ class LightVisibility:
         found[1][missed[1]] = 0
         return np.stack(found), missed[0] | missed[1]
 
-    def find(self, intervals: int, params: Any, scene: Any, held: wp.array, evaluator: Evaluator) -> None:
+    def find(self, intervals: int, params: Any, scene: Any, evaluator: Evaluator) -> None:
         """Finds the bits of a window whose bodies are placed: launches only. intervals: of the window."""
         v, sampling = evaluator.visibility, self._rigid.sampling
-        start = self._rigid.pair.a.packed
         edges = [params.height * k // evaluator.bands for k in range(evaluator.bands + 1)]
         span = params.width if v.device.is_cpu else 1
         launches: list[tuple[wp.Kernel, Any, list[Any]]] = []
         for low, high in pairwise(edges):
-            given = [
-                v.view,
-                params,
-                low,
-                span,
-                held,
-                scene,
-                evaluator.change,
-                self._facets.normal_deviation,
-                start,
-                self.bits,
-            ]
+            lit = [scene, evaluator.change, self._facets.normal_deviation, self.bits]
+            given = [v.view, params, low, span, *lit]
             launches.append((self.kernel, (intervals * params.envs, high - low, params.width // span), given))
         sampling.launch(launches)
 

@@ -17,6 +17,7 @@ from nodes.interpolator.refine.window_kernels import (
     entry_at,
     parts_of,
     pixel_interval_at,
+    probe_spacing,
     slot_row,
 )
 from nodes.interpolator.relight.change_kernels import MOVED, SHADED, Change, make_narrow_flags
@@ -49,7 +50,7 @@ def make_find_light_changes(changes: LightChanges, trees: bool) -> wp.Kernel:
         params: WindowParameters, scene: WindowScene, px: PixelInterval, i: int, start: wp.uint64, end: wp.uint64
     ):
         """Gives the z-buffer entries of the probes before and after instant i; start, end: of the coarse interval."""
-        each = (params.slots + 1) // scene.probes[px.env]
+        each = probe_spacing(params, scene, px.env)
         before = start
         after = end
         probe = i // each * each
@@ -66,11 +67,9 @@ def make_find_light_changes(changes: LightChanges, trees: bool) -> wp.Kernel:
         params: WindowParameters,
         row0: int,
         span: int,
-        held: wp.array(dtype=int),
         scene: WindowScene,
         change: Change,
         normal_deviation: wp.array(dtype=float),
-        start: wp.array3d(dtype=wp.uint64),
         # out
         passing: wp.array3d(dtype=wp.uint64),
     ):
@@ -78,12 +77,12 @@ def make_find_light_changes(changes: LightChanges, trees: bool) -> wp.Kernel:
         coarse interval than at its beginning.
 
         Where an environment has no parts none is set. Of several parts that shadows are looked for at both ends of,
-        those at these ends stand for all. span: pixels of a thread. held: 1 for environments that have no gap.
+        those at these ends stand for all. span: pixels of a thread.
         normal_deviation: of Facets. start: z-buffer of keyframe A.
         """
         n, row, part = wp.tid()
         env = n % params.envs
-        if held[env] == 1:
+        if scene.held[env] == 1:
             return
         y = row0 + row
         parts = parts_of(scene, env)
@@ -92,7 +91,7 @@ def make_find_light_changes(changes: LightChanges, trees: bool) -> wp.Kernel:
         sections = sections_of(scene, env)
         for x in range(part * span, wp.min(part * span + span, params.width)):
             px = pixel_interval_at(view, params, env, params.first + n // params.envs, y, x)
-            ends = end_entries_of(params, scene, start, px)
+            ends = end_entries_of(params, scene, px)
             facets = wp.int32(0)
             if wp.static(changes.facets):
                 if scene.parts[1, env] > 0:

@@ -8,8 +8,16 @@ import warp as wp
 
 from nodes.interpolator.refine.paths.albedo_scale import EVEN
 from nodes.interpolator.refine.paths.motion_kernels import motion_since
+from nodes.interpolator.refine.samples.list_kernels import ListPart
 from nodes.interpolator.refine.samples.request_kernels import PAINTED, UNKNOWN, make_request, make_requests
-from nodes.interpolator.refine.window_kernels import PixelInterval, WindowParameters, WindowScene, entry_at
+from nodes.interpolator.refine.window_kernels import (
+    PixelInterval,
+    Run,
+    WindowParameters,
+    WindowScene,
+    entry_at,
+    probe_spacing,
+)
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView, ray_steps
@@ -71,36 +79,31 @@ def make_request_albedo_path(channels: int, waveform_count: int) -> Any:
         scene: WindowScene,
         requests: Requests,
         px: PixelInterval,
-        start: int,
-        end: int,
-        before: wp.uint64,
-        after: wp.uint64,
-        last: int,
-        room: int,
-        most: int,
-        band: int,
-        count: wp.array(dtype=int),
+        run: Run,
+        out: ListPart,
     ):
-        """Lists instants from `start` to `end` between which a pixel goes over part of a swing of what is painted on
-        the surface, and by `params.spacing` at least, and those at which it turns back. Arguments as of
-        `request_keyframe_path`; gives the index of the last entry listed, and PAINTED, or UNKNOWN where it goes
-        nowhere."""
-        body = scene.targets.pieces[triangle_of(before)][0]
-        each = (params.slots + 1) // scene.probes[px.env]
-        listed = start
+        """Lists the instants of a run between which a pixel goes over part of a swing of what is painted on the
+        surface, and by `params.spacing` at least, and those at which it turns back.
+
+        Gives the index of the last entry listed, and PAINTED, or UNKNOWN where it goes nowhere.
+        """
+        last = run.last
+        body = scene.targets.pieces[triangle_of(run.before)][0]
+        each = probe_spacing(params, scene, px.env)
+        listed = run.start
         moved = wp.bool(False)
         gone = wp.float32(0.0)
-        i = start
-        hit = before
+        i = run.start
+        hit = run.before
         # Points of one body keep their distances in the frame of keyframe A's camera.
         motion = motion_since(params, scene, keys.turn, keys.shift, px.env, px.k, 0, i, body)
         point = depth_of(hit) * px.d
         here = point + motion.turn * point + motion.shift
         heading = wp.vec3(0.0)
-        while i < end:
-            following = wp.min(end, (i | (each - 1)) + 1)
-            seen = after
-            if following < end:
+        while i < run.end:
+            following = wp.min(run.end, (i | (each - 1)) + 1)
+            seen = run.after
+            if following < run.end:
                 seen = entry_at(params, scene, px, following)
             motion = motion_since(params, scene, keys.turn, keys.shift, px.env, px.k, 0, following, body)
             point = depth_of(seen) * px.d
@@ -116,7 +119,7 @@ def make_request_albedo_path(channels: int, waveform_count: int) -> Any:
             spacing = wp.max(albedo_scale / PER_SWING, params.spacing * narrow)
             moved = moved or (albedo_scale < PLAIN and gone + way > TURNED * spacing)
             if albedo_scale < PLAIN and i > listed and gone > TURNED * spacing and wp.dot(step, heading) < 0.0:
-                last = request(params, requests, px, i, hit, hit, pixel(PAINTED), last, room, most, band, count)
+                last = request(params, requests, px, i, hit, hit, pixel(PAINTED), last, out)
                 listed = i
                 gone = 0.0
             if albedo_scale < PLAIN and gone + way >= spacing:
@@ -124,10 +127,8 @@ def make_request_albedo_path(channels: int, waveform_count: int) -> Any:
                 pace = float(following - i) / way
                 while to_next < way:
                     place = i + int(to_next * pace)
-                    if place > listed and place < end:
-                        last = request(
-                            params, requests, px, place, hit, seen, pixel(PAINTED), last, room, most, band, count
-                        )
+                    if place > listed and place < run.end:
+                        last = request(params, requests, px, place, hit, seen, pixel(PAINTED), last, out)
                         listed = place
                     gone = way - to_next
                     to_next += wp.max(spacing, way / float(following - i))

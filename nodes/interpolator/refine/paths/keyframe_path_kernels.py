@@ -7,8 +7,16 @@ import warp as wp
 
 from nodes.interpolator.refine.paths.keyframe_point_kernels import make_place_then, make_point_look_up
 from nodes.interpolator.refine.paths.motion_kernels import stride_of
+from nodes.interpolator.refine.samples.list_kernels import ListPart
 from nodes.interpolator.refine.samples.request_kernels import UNKNOWN, make_request, make_requests
-from nodes.interpolator.refine.window_kernels import PixelInterval, WindowParameters, WindowScene, entry_at
+from nodes.interpolator.refine.window_kernels import (
+    PixelInterval,
+    Run,
+    WindowParameters,
+    WindowScene,
+    entry_at,
+    probe_spacing,
+)
 from nodes.interpolator.rigid.look_up.log_kernels import log_type
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
 from nodes.interpolator.rigid.patch_kernels import patch_of
@@ -91,60 +99,54 @@ def make_request_keyframe_path(lens: str, channels: int, waveform_count: int) ->
         requests: Requests,
         px: PixelInterval,
         which: int,
-        start: int,
-        end: int,
-        before: wp.uint64,
-        after: wp.uint64,
-        last: int,
-        room: int,
-        most: int,
-        band: int,
-        count: wp.array(dtype=int),
+        run: Run,
+        out: ListPart,
     ):
-        """Follows a pixel over one surface from instant `start` to `end` in keyframe `which`, and lists the instants
-        between which ln I is straight within params.straight.
+        """Follows a pixel over the surface of a run in keyframe `which`, and lists the instants between which ln I is
+        straight within params.straight.
 
-        before, after: z-buffer entries at `start` and `end`. last: index of the entry listed before, -1 = none. Gives
-        the index of the last entry listed, the change of ln I since, and whether the keyframe shows all of the way.
+        Gives the index of the last entry listed, the change of ln I since, and whether the keyframe shows all of the
+        way.
         """
+        last = run.last
         patch = wp.int32(0)
         body = keys.turn.shape[1] - 1
         from_here = wp.float32(1.0)
-        t = triangle_of(before)
+        t = triangle_of(run.before)
         if t != MISS:
-            patch = patch_of(before, scene.targets.pieces[t])
+            patch = patch_of(run.before, scene.targets.pieces[t])
             body = scene.targets.pieces[t][0]
-            from_here = depth_of(before)
+            from_here = depth_of(run.before)
         base = keys.first[which] + px.env * view.width * view.height
-        each = (params.slots + 1) // scene.probes[px.env]
-        here = place_then(view, params, keys, scene, px, which, start, body, from_here)
+        each = probe_spacing(params, scene, px.env)
+        here = place_then(view, params, keys, scene, px, which, run.start, body, from_here)
         nothing = pixel(UNKNOWN)
         if not in_view(view, keys, base, here, t == MISS):
             return last, nothing, False
         _shown, anchor, _spread = look_up_at(view, keys, base, wp.vec2(here[0], here[1]), patch)
-        anchored = float(start)
+        anchored = float(run.start)
         value = anchor
         then = anchored
         told = anchor
-        listed = start
+        listed = run.start
         gone = wp.float32(0.0)
         bend = looked_up(params.straight)
         low = looked_up(-STEEPEST)
         high = looked_up(STEEPEST)
         stride = stride_of(params, scene, px, which, body, from_here)
-        i = start
-        hit = before
-        while i < end:
+        i = run.start
+        hit = run.before
+        while i < run.end:
             following = wp.int32(0)
-            seen = after
+            seen = run.after
             step = wp.vec3(0.0, 0.0, 0.0)
             length = wp.float32(0.0)
             settled = wp.bool(False)
             while not settled:
                 # Both are powers of two.
-                following = wp.min(end, (i | (stride - 1)) + 1)
-                seen = after
-                if following < end:
+                following = wp.min(run.end, (i | (stride - 1)) + 1)
+                seen = run.after
+                if following < run.end:
                     seen = entry_at(params, scene, px, following)
                 away = from_here
                 if t != MISS:
@@ -157,7 +159,7 @@ def make_request_keyframe_path(lens: str, channels: int, waveform_count: int) ->
                 settled = length <= LONG or stride <= each
                 if not settled:
                     stride = stride >> 1
-            if length > LEAST_STEP or i > start:
+            if length > LEAST_STEP or i > run.start:
                 steps = wp.min(int(PER_PIXEL * length) + 1, MOST_STEPS)
                 share = 1.0 / float(steps)
                 pace = share * float(following - i)
@@ -173,14 +175,12 @@ def make_request_keyframe_path(lens: str, channels: int, waveform_count: int) ->
                     if outside(rise, (now - anchored) * low, (now - anchored) * high) or rough:
                         # The sample before is the last one that a straight line reaches.
                         place = int(then + 0.5)
-                        if place > listed and place < end:
+                        if place > listed and place < run.end:
                             change = pixel(UNKNOWN)
                             if wp.static(waveform_count == 0):
                                 change = value - told
                             ahead, behind = entries_about(params, scene, px, place, each, i, hit, following, seen)
-                            last = request(
-                                params, requests, px, place, ahead, behind, change, last, room, most, band, count
-                            )
+                            last = request(params, requests, px, place, ahead, behind, change, last, out)
                             told = value
                             listed = place
                         anchor = value

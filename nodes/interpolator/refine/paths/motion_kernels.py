@@ -2,7 +2,13 @@
 
 import warp as wp
 
-from nodes.interpolator.refine.window_kernels import PixelInterval, WindowParameters, WindowScene, slot_row
+from nodes.interpolator.refine.window_kernels import (
+    PixelInterval,
+    WindowParameters,
+    WindowScene,
+    probe_spacing,
+    slot_row,
+)
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 
 wp.set_module_options({"enable_backward": False})
@@ -81,7 +87,7 @@ def find_bends(
     if k >= params.coarse:
         # The last window of a gap may have fewer intervals than the others.
         return
-    each = (params.slots + 1) // scene.probes[env]
+    each = probe_spacing(params, scene, env)
     stride = params.slots + 1
     level = wp.int32(0)
     while stride > each:
@@ -113,7 +119,7 @@ def stride_of(params: WindowParameters, scene: WindowScene, px: PixelInterval, w
     """
     intervals = scene.bends.shape[0] // (2 * params.envs)
     row = (which * intervals + px.k - params.first) * params.envs + px.env
-    each = (params.slots + 1) // scene.probes[px.env]
+    each = probe_spacing(params, scene, px.env)
     size = wp.length(px.d)
     # Of a point p off by e the image is off by gain |d| |e| / |p| times |d| at most.
     off_turn = params.gain * size * size

@@ -10,12 +10,15 @@ from nodes.interpolator.refine.light.flicker_kernels import Marks, entry_near, m
 from nodes.interpolator.refine.light.light_visibility_kernels import part_at
 from nodes.interpolator.refine.paths.albedo_path_kernels import finer_than_pixels, make_request_albedo_path
 from nodes.interpolator.refine.paths.keyframe_path_kernels import make_request_keyframe_path
+from nodes.interpolator.refine.samples.list_kernels import ListPart
 from nodes.interpolator.refine.samples.request_kernels import UNKNOWN, make_request, make_requests
 from nodes.interpolator.refine.window_kernels import (
     EndEntries,
     PixelInterval,
+    Run,
     WindowParameters,
     WindowScene,
+    instant_of,
     parts_of,
     slot_row,
 )
@@ -49,42 +52,31 @@ def make_request_run(
         scene: WindowScene,
         requests: Requests,
         px: PixelInterval,
-        start: int,
-        end: int,
-        before: wp.uint64,
-        after: wp.uint64,
-        last: int,
-        room: int,
-        most: int,
-        band: int,
-        count: wp.array(dtype=int),
+        run: Run,
+        out: ListPart,
     ):
         """Does as `request_keyframe_path` does, in the nearer keyframe, or in the other one where that does not show
         the way, and goes by what is painted on the surface where none does, or that is finer than their pixels."""
         nearer = wp.where(2 * px.k >= params.coarse and px.k > 0, 1, 0)
-        new = last
+        new = run.last
         rise = pixel(UNKNOWN)
         whole = wp.bool(False)
         tries = wp.int32(0)
         if wp.static(request_albedo_path is not None):
-            if finer_than_pixels(view, scene, px, before):
+            if finer_than_pixels(view, scene, px, run.before):
                 tries = wp.int32(2)
-        while tries < 2 and not whole and new == last and (tries == 0 or px.k + start > 0):
+        while tries < 2 and not whole and new == run.last and (tries == 0 or px.k + run.start > 0):
             which = wp.where(tries == 0, nearer, 1 - nearer)
-            new, rise, whole = request_keyframe_path(
-                view, params, keys, scene, requests, px, which, start, end, before, after, last, room, most, band, count
-            )
+            new, rise, whole = request_keyframe_path(view, params, keys, scene, requests, px, which, run, out)
             tries += 1
         if wp.static(request_albedo_path is not None):
-            if not whole and triangle_of(before) != MISS:
-                begun = start
-                seen = before
-                if new != last:
-                    begun = requests.at[new] // (params.envs * params.height * params.width) % params.slots + 1
-                    seen = entry_near(params, scene, px, begun, start, before)
-                new, rise = request_albedo_path(
-                    view, params, keys, scene, requests, px, begun, end, seen, after, new, room, most, band, count
-                )
+            if not whole and triangle_of(run.before) != MISS:
+                rest = run
+                if new != run.last:
+                    rest.start = instant_of(params, requests.at[new])
+                    rest.before = entry_near(params, scene, px, rest.start, run.start, run.before)
+                    rest.last = new
+                new, rise = request_albedo_path(view, params, keys, scene, requests, px, rest, out)
         return new, rise, whole
 
     @wp.func
@@ -96,20 +88,11 @@ def make_request_run(
         requests: Requests,
         marks: Marks,
         px: PixelInterval,
-        start: int,
-        end: int,
-        before: wp.uint64,
-        after: wp.uint64,
-        last: int,
-        room: int,
-        most: int,
-        band: int,
-        count: wp.array(dtype=int),
+        run: Run,
+        out: ListPart,
     ):
         """Does as `request_span` does, from one mark to the next where lights flicker, and from one shadow's edge to
         the next."""
-        begun = start
-        seen = before
         marked = wp.int32(0)
         first = wp.int32(0)
         if wp.static(waveform_count > 0 or relit):
@@ -126,35 +109,39 @@ def make_request_run(
                 if bits != wp.uint64(0):
                     parts = parts_of(scene, px.env)
                     edges = 2 * parts
+        span = Run()
+        span.start = run.start
+        span.before = run.before
+        span.last = run.last
         rise = pixel(UNKNOWN)
         whole = wp.bool(False)
         # All by the same code: a GPU's cache of instructions would not hold copies of it.
         for n in range(marked + edges + 1):
-            i = end
+            i = run.end
             later = wp.int32(0)
             inside = wp.bool(False)
             if n < marked:
                 i = marks.at[first + n]
                 later = marks.later[first + n]
-                inside = i > start and i < end
+                inside = i > run.start and i < run.end
             elif n < marked + edges:
                 # Lamps are hidden or seen again between the two ends of a part.
                 m = n - marked
                 i = part_at(params, parts, (m + 1) // 2)
-                inside = ((bits >> wp.uint64(m // 2)) & wp.uint64(1)) != wp.uint64(0) and i > begun and i < end
+                inside = ((bits >> wp.uint64(m // 2)) & wp.uint64(1)) != wp.uint64(0) and i > span.start and i < run.end
             if inside or n == marked + edges:
-                hit = after
+                span.end = i
+                span.after = run.after
                 if inside:
-                    hit = entry_near(params, scene, px, i, begun, seen)
-                last, rise, whole = request_span(
-                    view, params, keys, scene, requests, px, begun, i, seen, hit, last, room, most, band, count
-                )
+                    span.after = entry_near(params, scene, px, i, span.start, span.before)
+                last, rise, whole = request_span(view, params, keys, scene, requests, px, span, out)
                 if inside:
-                    last = request(params, requests, px, i, hit, hit, rise, last, room, most, band, count)
+                    last = request(params, requests, px, i, span.after, span.after, rise, last, out)
                     requests.later[last] = later
-                    begun = i
-                    seen = hit
-        return last, rise, whole
+                    span.start = i
+                    span.before = span.after
+                span.last = last
+        return span.last, rise, whole
 
     return request_run
 

@@ -12,6 +12,7 @@ import warp as wp
 from nodes.interpolator.refine.light.flicker_kernels import Marks
 from nodes.interpolator.refine.paths.run_path_kernels import make_needs_midpoint, make_request_run
 from nodes.interpolator.refine.runs.transition_kernels import ChangingPixels, Transitions
+from nodes.interpolator.refine.samples.list_kernels import ListPart, end_of
 from nodes.interpolator.refine.samples.request_kernels import (
     FRAME_AFTER,
     FRAME_BEFORE,
@@ -23,11 +24,13 @@ from nodes.interpolator.refine.samples.request_kernels import (
 )
 from nodes.interpolator.refine.window_kernels import (
     FEW_REGISTERS,
+    Run,
     WindowParameters,
     WindowScene,
     end_entries_of,
     frame_after,
     frame_before,
+    make_coarse_frames,
     pixel_interval_of,
 )
 from nodes.interpolator.relight.change_kernels import Change
@@ -54,72 +57,61 @@ def make_request_run_ends(channels: int, steady: bool) -> wp.Kernel:
         view: CameraView,
         params: WindowParameters,
         workers: int,
-        room: int,
-        most: int,
-        changing0: int,
-        band: int,
-        changing_count: wp.array(dtype=int),
         scene: WindowScene,
-        start: wp.array3d(dtype=wp.uint64),
         # in or out
         changing: ChangingPixels,
-        changes: Transitions,
+        changing_part: ListPart,
+        transitions: Transitions,
         requests: Requests,
-        count: wp.array(dtype=int),
+        out: ListPart,
     ):
         """Lists both ends of each run of pixels that show several surfaces; arguments as of
         `request_single_surface`."""
         each = params.slots + 1
-        inner = params.envs * params.height * params.width
         none = pixel(UNKNOWN)
-        j = changing0 + wp.tid()
-        while j < changing0 + changing_count[band]:
-            at = changing.at[j]
-            px = pixel_interval_of(view, params, params.first + at // inner, at % inner)
+        j = changing_part.start + wp.tid()
+        while j < end_of(changing_part):
+            px = pixel_interval_of(view, params, changing.at[j])
             last = wp.int32(-1)
             # The present run: the instant at which it began, and the z-buffer entry there.
             begun = wp.int32(0)
-            seen = end_entries_of(params, scene, start, px).before
+            seen = end_entries_of(params, scene, px).before
             for n in range(scene.probes[px.env]):
                 c = changing.first[j * params.probes + n]
                 while c >= 0:
                     # One surface ends at `low`, the next begins at `high`.
-                    low = changes.low[c]
+                    low = transitions.low[c]
                     high = low + 1
-                    hit = changes.before[c]
-                    then = changes.after[c]
-                    later = changes.later[c]
-                    changes.begun[c] = each
+                    hit = transitions.before[c]
+                    then = transitions.after[c]
+                    later = transitions.later[c]
+                    transitions.begun[c] = each
                     if low > begun:
-                        changes.begun[c] = begun
-                        changes.seen[c] = seen
-                        changes.opened[c] = last
-                        last = request(params, requests, px, low, hit, hit, none, last, room, most, band, count)
-                        changes.closed[c] = last
+                        transitions.begun[c] = begun
+                        transitions.seen[c] = seen
+                        transitions.opened[c] = last
+                        last = request(params, requests, px, low, hit, hit, none, last, out)
+                        transitions.closed[c] = last
                     if later > 0 and last >= 0:
                         requests.later[last] = later - SHARP
                     if wp.static(steady) and later > 0 and low == 0 and begun == 0:
                         # Of a frame there is no instant: its value is that until the change, below from then on.
                         # Two of a pixel at one instant must not be evaluated: what shades the first one forgets what
                         # hides its lamps.
-                        last = request(
-                            params, requests, px, high, NO_ENTRY, NO_ENTRY, none, last, room, most, band, count
-                        )
+                        last = request(params, requests, px, high, NO_ENTRY, NO_ENTRY, none, last, out)
                         requests.later[last] = wp.max(later - SHARP, 1) - PARTS
                         requests.shown[last] = FRAME_BEFORE
                     begun = high
                     seen = then
                     if high <= params.slots:
-                        last = request(params, requests, px, high, then, then, none, last, room, most, band, count)
+                        last = request(params, requests, px, high, then, then, none, last, out)
                         if later > 0:
                             requests.later[last] = later + SHARP - PARTS
                     elif wp.static(steady) and later > 0:
-                        last = request(
-                            params, requests, px, low, NO_ENTRY, NO_ENTRY, none, last, room, most, band, count
-                        )
+                        last = request(params, requests, px, low, NO_ENTRY, NO_ENTRY, none, last, out)
                         requests.later[last] = wp.min(later + SHARP, PARTS - 1)
                         requests.shown[last] = FRAME_AFTER
-                    c = changes.following[c]
+                    c = transitions.following[c]
             changing.begun[j] = begun
             changing.seen[j] = seen
             changing.opened[j] = last
@@ -138,6 +130,7 @@ def make_request_runs(
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
     Keyframes: Any = make_keyframes(channels, waveform_count)
     Requests: Any = make_requests(channels)
+    CoarseFrames: Any = make_coarse_frames(channels)
     request = make_request(channels)
     request_run = make_request_run(lens, channels, waveform_count, relit, painted, changes)
     needs_midpoint = make_needs_midpoint(channels, changes)
@@ -148,81 +141,62 @@ def make_request_runs(
         view: CameraView,
         params: WindowParameters,
         workers: int,
-        room: int,
-        most: int,
-        changing0: int,
-        band: int,
-        changing_count: wp.array(dtype=int),
-        transitions0: int,
-        most_transitions: int,
-        transitions_count: wp.array(dtype=int),
         keys: Keyframes,
         scene: WindowScene,
+        coarse: CoarseFrames,
         marks: Marks,
         change: Change,
-        image: wp.array3d(dtype=pixel),
-        start: wp.array3d(dtype=wp.uint64),
-        frames: wp.array3d(dtype=pixel),
         changing: ChangingPixels,
-        changes: Transitions,
+        changing_part: ListPart,
+        transitions: Transitions,
+        transitions_part: ListPart,
         # in or out
         requests: Requests,
-        count: wp.array(dtype=int),
+        out: ListPart,
     ):
-        """Lists the instants within each run of pixels that show several surfaces: of those that end in a change, of
-        which there are transitions_count[band], the first most_transitions of them from transitions0 on, then of those
-        at the end of the interval. Arguments as of `request_single_surface`.
+        """Lists the instants within each run of pixels that show several surfaces: of those that end in a transition,
+        then of those at the end of the interval. Arguments as of `request_single_surface`.
 
         It may be one surface after all, that comes so fast that two probes alone do not tell.
         """
         each = params.slots + 1
-        inner = params.envs * params.height * params.width
-        inside = wp.min(transitions_count[band], most_transitions)
+        inside = end_of(transitions_part) - transitions_part.start
         i = wp.tid()
-        while i < inside + changing_count[band]:
-            c = transitions0 + i
-            j = changing0 + i - inside
+        while i < inside + end_of(changing_part) - changing_part.start:
+            c = transitions_part.start + i
+            j = changing_part.start + i - inside
             if i < inside:
-                j = changes.job[c]
-            at = changing.at[j]
-            px = pixel_interval_of(view, params, params.first + at // inner, at % inner)
-            ends = end_entries_of(params, scene, start, px)
-            begun = wp.int32(0)
-            end = each
-            seen = wp.uint64(0)
-            hit = ends.after
-            opened = wp.int32(0)
+                j = transitions.job[c]
+            px = pixel_interval_of(view, params, changing.at[j])
+            ends = end_entries_of(params, scene, px)
+            run = Run()
+            run.end = each
+            run.after = ends.after
             if i < inside:
-                begun = changes.begun[c]
-                seen = changes.seen[c]
-                opened = changes.opened[c]
-                end = changes.low[c]
-                hit = changes.before[c]
+                run.start = transitions.begun[c]
+                run.before = transitions.seen[c]
+                run.last = transitions.opened[c]
+                run.end = transitions.low[c]
+                run.after = transitions.before[c]
             else:
-                begun = changing.begun[j]
-                seen = changing.seen[j]
-                opened = changing.opened[j]
-            if begun < end:
-                last, rise, whole = request_run(
-                    view, params, keys, scene, requests, marks, px, begun, end, seen, hit, opened, room, most, band,
-                    count,
-                )  # fmt: skip
+                run.start = changing.begun[j]
+                run.before = changing.seen[j]
+                run.last = changing.opened[j]
+            if run.start < run.end:
+                last, rise, whole = request_run(view, params, keys, scene, requests, marks, px, run, out)
                 if i < inside:
-                    closed = changes.closed[c]
+                    closed = transitions.closed[c]
                     requests.previous[closed] = last
                     requests.rise[closed] = rise
                 else:
                     if last < 0:
                         x = px.x - params.margin
                         y = px.y - params.margin
-                        a = frame_before(params, image, frames, px.env, px.k, y, x)
-                        b = frame_after(params, frames, px.env, px.k, y, x)
+                        a = frame_before(params, coarse, px.env, px.k, y, x)
+                        b = frame_after(params, coarse, px.env, px.k, y, x)
                         if needs_midpoint(params, scene, change, px, ends, rise, log_of(b) - log_of(a), whole):
                             rise = pixel(UNKNOWN)
-                            last = request(
-                                params, requests, px, each // 2, ends.before, ends.after, rise, last, room, most, band,
-                                count,
-                            )  # fmt: skip
+                            last = request(params, requests, px, each // 2, ends.before, ends.after, rise, last, out)
                     if last >= 0:
                         requests.tail[last] = rise
                         requests.ends[last] = 1

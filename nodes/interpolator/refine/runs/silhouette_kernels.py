@@ -12,6 +12,7 @@ from nodes.interpolator.refine.window_kernels import (
     entry_at,
     entry_before,
     pixel_interval_at,
+    probe_spacing,
     slot_row,
 )
 from nodes.interpolator.rigid.plan_kernels import same_surface
@@ -29,13 +30,11 @@ MOST_ACROSS = wp.constant(4)
 
 
 @wp.func
-def entry_then(
-    params: WindowParameters, scene: WindowScene, start: wp.array3d(dtype=wp.uint64), px: PixelInterval, i: int
-):
+def entry_then(params: WindowParameters, scene: WindowScene, px: PixelInterval, i: int):
     """Reads the z-buffer entry at a probe, instant i, or at an end of the coarse interval."""
     if i > 0 and i <= params.slots:
         return entry_at(params, scene, px, i)
-    ends = end_entries_of(params, scene, start, px)
+    ends = end_entries_of(params, scene, px)
     if i == 0:
         return ends.before
     return ends.after
@@ -70,7 +69,6 @@ def silhouette_beside(
     view: CameraView,
     params: WindowParameters,
     scene: WindowScene,
-    start: wp.array3d(dtype=wp.uint64),
     px: PixelInterval,
     side: int,
     low: int,
@@ -85,22 +83,22 @@ def silhouette_beside(
     found = wp.uint64(NO_ENTRY)
     other, there = neighbour_of(view, params, px, side)
     if there:
-        hit = entry_then(params, scene, start, other, low)
+        hit = entry_then(params, scene, other, low)
         if triangle_of(hit) != triangle_of(before) and not same_surface(hit, before, scene.targets.pieces):
             on = other
             over = hit
             if nearer(before, hit):
                 on = px
                 over = before
-            ends = end_entries_of(params, scene, start, on)
+            ends = end_entries_of(params, scene, on)
             shown = triangle_of(ends.before)
             passes = shown != triangle_of(ends.after)
             if not passes:
                 # It may have gone by a whole turn.
-                first = (params.slots + 1) // scene.probes[px.env]
-                passes = shown != triangle_of(entry_then(params, scene, start, on, first))
+                first = probe_spacing(params, scene, px.env)
+                passes = shown != triangle_of(entry_then(params, scene, on, first))
             if passes:
-                then = entry_then(params, scene, start, other, high)
+                then = entry_then(params, scene, other, high)
                 if path_length_of(params, scene, px, over) > QUICK * float(scene.probes[px.env]):
                     if same_surface(hit, then, scene.targets.pieces):
                         found = hit
@@ -112,7 +110,6 @@ def is_beside_silhouette(
     view: CameraView,
     params: WindowParameters,
     scene: WindowScene,
-    start: wp.array3d(dtype=wp.uint64),
     px: PixelInterval,
     before: wp.uint64,
 ):
@@ -124,9 +121,9 @@ def is_beside_silhouette(
         x, y, there = place_beside(view, px, side)
         if there:
             # Mostly it is one triangle: then there is no need of the other pixel's ray.
-            hit = entry_before(params, scene, start, px.env, px.k, y - params.margin, x - params.margin)
+            hit = entry_before(params, scene, px.env, px.k, y - params.margin, x - params.margin)
             if triangle_of(hit) != triangle_of(before):
-                found = silhouette_beside(view, params, scene, start, px, side, 0, params.slots + 1, before) != NO_ENTRY
+                found = silhouette_beside(view, params, scene, px, side, 0, params.slots + 1, before) != NO_ENTRY
         side += 1
     return found
 
@@ -178,7 +175,6 @@ def entry_across_silhouette(
     view: CameraView,
     params: WindowParameters,
     scene: WindowScene,
-    start: wp.array3d(dtype=wp.uint64),
     px: PixelInterval,
     low: int,
     high: int,
@@ -189,7 +185,7 @@ def entry_across_silhouette(
     found = wp.uint64(NO_ENTRY)
     side = wp.int32(0)
     while side < 4 and found == NO_ENTRY:
-        hit = silhouette_beside(view, params, scene, start, px, side, low, high, before)
+        hit = silhouette_beside(view, params, scene, px, side, low, high, before)
         if hit != NO_ENTRY:
             other, _there = neighbour_of(view, params, px, side)
             share = wp.float32(-1.0)

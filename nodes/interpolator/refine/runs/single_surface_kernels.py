@@ -5,7 +5,6 @@ from typing import Any
 
 import warp as wp
 
-from evis.gpu.append_kernels import take_place
 from nodes.interpolator.refine.light.flicker_kernels import Marks, make_request_marks
 from nodes.interpolator.refine.paths.motion_kernels import moves
 from nodes.interpolator.refine.paths.run_path_kernels import (
@@ -15,14 +14,17 @@ from nodes.interpolator.refine.paths.run_path_kernels import (
 )
 from nodes.interpolator.refine.runs.silhouette_kernels import is_beside_silhouette
 from nodes.interpolator.refine.runs.transition_kernels import ChangingPixels
+from nodes.interpolator.refine.samples.list_kernels import ListPart, take_entry
 from nodes.interpolator.refine.samples.request_kernels import UNKNOWN, make_request, make_requests
 from nodes.interpolator.refine.window_kernels import (
     FEW_REGISTERS,
+    Run,
     WindowParameters,
     WindowScene,
     end_entries_of,
     frame_after,
     frame_before,
+    make_coarse_frames,
     pixel_interval_at,
     shows_one,
 )
@@ -48,6 +50,7 @@ def make_request_single_surface(
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
     Keyframes: Any = make_keyframes(channels, waveform_count)
     Requests: Any = make_requests(channels)
+    CoarseFrames: Any = make_coarse_frames(channels)
     request, request_marks = (
         make_request(channels),
         make_request_marks(channels, waveform_count) if waveform_count else None,
@@ -62,53 +65,43 @@ def make_request_single_surface(
         params: WindowParameters,
         row0: int,
         span: int,
-        room: int,
-        most: int,
-        changing0: int,
-        band: int,
-        held: wp.array(dtype=int),
         keys: Keyframes,
         scene: WindowScene,
+        coarse: CoarseFrames,
         marks: Marks,
         change: Change,
-        strength: wp.array(dtype=float),
-        within: wp.array(dtype=float),
-        image: wp.array3d(dtype=pixel),
-        start: wp.array3d(dtype=wp.uint64),
-        frames: wp.array3d(dtype=pixel),
         # out
         requests: Requests,
-        count: wp.array(dtype=int),
+        out: ListPart,
         changing: ChangingPixels,
-        changing_count: wp.array(dtype=int),
+        changing_part: ListPart,
     ):
         """Lists the instants at which pixels are to be looked at that show one surface at both ends of a coarse
-        interval and at all probes, from `room` on, `most` at most; count[band]: how many there would be. What shows
-        several is listed in `changing`, from changing0 on.
+        interval and at all probes, in a part of the list; what shows several is listed in `changing`, in a part of
+        that.
 
-        marks: of lights that flicker; strength [rows waveforms], within [slots E waveforms]: how strong they are at
-        coarse frames and within. image, start: keyframe A and its z-buffer, with the margin. frames: [E K, h, w].
+        row0: first row of the band. span: pixels of a thread. marks: of lights that flicker.
         """
         n, row, part = wp.tid()
         env = n % params.envs
         k = params.first + n // params.envs
-        if held[env] == 1:
+        if scene.held[env] == 1:
             return
         y = row0 + row
         each = params.slots + 1
         for x in range(part * span, wp.min(part * span + span, params.width)):
             px = pixel_interval_at(view, params, env, k, y, x)
-            ends = end_entries_of(params, scene, start, px)
+            ends = end_entries_of(params, scene, px)
             one = shows_one(params, scene, px, ends.before, ends.after)
-            grazing = is_beside_silhouette(view, params, scene, start, px, ends.before)
+            grazing = is_beside_silhouette(view, params, scene, px, ends.before)
             if grazing:
                 one = False
             changed = wp.bool(ends.before != ends.after)
             if one and not changed:
                 # It may have come back, or be as far on as what is painted on it repeats.
                 changed = moves(params, scene, px, ends.before)
-            a = frame_before(params, image, frames, env, k, y, x)
-            b = frame_after(params, frames, env, k, y, x)
+            a = frame_before(params, coarse, env, k, y, x)
+            b = frame_after(params, coarse, env, k, y, x)
             if wp.static(changes.changes_lamps):
                 if one and not changed and params.parts > 0:
                     changed = scene.passing[n, y, x] != wp.uint64(0)
@@ -123,27 +116,36 @@ def make_request_single_surface(
                     at_b = (env * view.height + px.y) * view.width + px.x
                     calm = not light_may_change(params, scene, change, px, each // 2, ends.before)
                     last, rise = request_marks(
-                        params, keys, requests, marks, px, at_b, ends.after, calm, log_of(a), log_of(b), strength,
-                        within, room, most, band, count,
-                    )  # fmt: skip
+                        params,
+                        keys,
+                        requests,
+                        marks,
+                        px,
+                        at_b,
+                        ends.after,
+                        calm,
+                        log_of(a),
+                        log_of(b),
+                        out,
+                    )
                     grown = log_of(b) - log_of(a)
             if not one:
-                listed = changing0 + take_place(changing_count, band)
+                listed = changing_part.start + take_entry(changing_part)
                 changing.at[listed] = n // params.envs * (params.envs * params.height * params.width) + px.q
                 changing.grazing[listed] = wp.where(grazing, 1, 0)
             elif not done and (changed or not equal(a, b) or (wp.static(relit) and triangle_of(ends.after) != MISS)):
-                last, rise, whole = request_run(
-                    view, params, keys, scene, requests, marks, px, 0, each, ends.before, ends.after, -1, room, most,
-                    band, count,
-                )  # fmt: skip
+                run = Run()
+                run.end = each
+                run.before = ends.before
+                run.after = ends.after
+                run.last = -1
+                last, rise, whole = request_run(view, params, keys, scene, requests, marks, px, run, out)
                 if last < 0:
                     grown = log_of(b) - log_of(a)
             if one and last < 0:
                 if needs_midpoint(params, scene, change, px, ends, rise, grown, whole):
                     rise = pixel(UNKNOWN)
-                    last = request(
-                        params, requests, px, each // 2, ends.before, ends.after, rise, last, room, most, band, count
-                    )
+                    last = request(params, requests, px, each // 2, ends.before, ends.after, rise, last, out)
             if one and last >= 0:
                 requests.tail[last] = rise
                 requests.ends[last] = 1

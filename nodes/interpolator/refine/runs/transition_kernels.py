@@ -7,6 +7,7 @@ import warp as wp
 from evis.gpu.append_kernels import take_place
 from nodes.interpolator.refine.evaluation.visibility_kernels import make_trace_between
 from nodes.interpolator.refine.runs.silhouette_kernels import entry_across_silhouette
+from nodes.interpolator.refine.samples.list_kernels import ListPart, end_of, take_entry
 from nodes.interpolator.refine.window_kernels import (
     FEW_REGISTERS,
     WindowParameters,
@@ -78,36 +79,28 @@ def find_changed_spans(
     view: CameraView,
     params: WindowParameters,
     workers: int,
-    room: int,
-    most: int,
-    changing0: int,
-    band: int,
-    changing_count: wp.array(dtype=int),
     scene: WindowScene,
-    start: wp.array3d(dtype=wp.uint64),
     changing: ChangingPixels,
+    changing_part: ListPart,
     # out
     transitions: Transitions,
-    count: wp.array(dtype=int),
+    out: ListPart,
     changed_spans: wp.array(dtype=int),
 ):
-    """Lists between which probes pixels that show several surfaces pass from one to another: changing_count[band] of
-    these, from changing0 on.
+    """Lists between which probes pixels that show several surfaces pass from one to another.
 
     transitions: the number of the probe in `low`, the entries at both ends in `before` and `after`, that of the other
-    side of an outline that the pixel grazes, or NO_ENTRY, in `seen`, and the pixel; written from `room` on, at most
-    `most`. count[band], changed_spans[band]: how many there are, also where that is more than `most`.
+    side of an outline that the pixel grazes, or NO_ENTRY, in `seen`, and the pixel; written to a part of the list.
+    changed_spans [bands]: how many of these there are, also where there is no room for all.
     """
-    inner = params.envs * params.height * params.width
     job = wp.tid()
-    while job < changing_count[band] * params.probes:
+    while job < (end_of(changing_part) - changing_part.start) * params.probes:
         n = job % params.probes
-        listed = changing0 + job // params.probes
-        at = changing.at[listed]
-        px = pixel_interval_of(view, params, params.first + at // inner, at % inner)
-        ends = end_entries_of(params, scene, start, px)
+        listed = changing_part.start + job // params.probes
+        px = pixel_interval_of(view, params, changing.at[listed])
+        ends = end_entries_of(params, scene, px)
         probes = scene.probes[px.env]
-        changing.first[job + changing0 * params.probes] = -1
+        changing.first[listed * params.probes + n] = -1
         if n < probes:
             hit = ends.before
             then = ends.after
@@ -118,18 +111,18 @@ def find_changed_spans(
             beside = wp.uint64(NO_ENTRY)
             if changing.grazing[listed] == 1:
                 each = (params.slots + 1) // probes
-                beside = entry_across_silhouette(view, params, scene, start, px, n * each, (n + 1) * each, hit)
+                beside = entry_across_silhouette(view, params, scene, px, n * each, (n + 1) * each, hit)
             if beside != NO_ENTRY or not same_surface(hit, then, scene.targets.pieces):
-                place = take_place(count, band)
-                take_place(changed_spans, band)
-                if place < most:
-                    place += room
+                place = take_entry(out)
+                take_place(changed_spans, out.band)
+                if place < out.room:
+                    place += out.start
                     transitions.job[place] = listed
                     transitions.low[place] = n
                     transitions.before[place] = hit
                     transitions.after[place] = then
                     transitions.seen[place] = beside
-                    changing.first[job + changing0 * params.probes] = place
+                    changing.first[listed * params.probes + n] = place
         job += workers
 
 
@@ -161,25 +154,19 @@ def make_find_transitions(trees: bool) -> wp.Kernel:
         view: CameraView,
         params: WindowParameters,
         workers: int,
-        room: int,
-        most: int,
-        band: int,
         changed_spans: wp.array(dtype=int),
         scene: WindowScene,
         # in or out
         changing: ChangingPixels,
         transitions: Transitions,
-        count: wp.array(dtype=int),
+        out: ListPart,
     ):
-        """Finds the changes between two probes, changed_spans[band] pairs of which `find_changed_spans` has listed from
-        `room` on: the first one takes the place of the pair, others those after all. Arguments as of
-        `find_changed_spans`."""
-        inner = params.envs * params.height * params.width
-        j = room + wp.tid()
-        while j < room + wp.min(changed_spans[band], most):
+        """Finds the changes between two probes, of which `find_changed_spans` has listed changed_spans[band] pairs: the
+        first one takes the place of the pair, others those after all. Arguments as of `find_changed_spans`."""
+        j = out.start + wp.tid()
+        while j < out.start + wp.min(changed_spans[out.band], out.room):
             listed = transitions.job[j]
-            at = changing.at[listed]
-            px = pixel_interval_of(view, params, params.first + at // inner, at % inner)
+            px = pixel_interval_of(view, params, changing.at[listed])
             probes = scene.probes[px.env]
             n = transitions.low[j]
             low = n * (params.slots + 1) // probes
@@ -256,8 +243,8 @@ def make_find_transitions(trees: bool) -> wp.Kernel:
                     else:
                         place = j
                         if last >= 0:
-                            place = room + take_place(count, band)
-                        if place < room + most:
+                            place = out.start + take_entry(out)
+                        if place < out.start + out.room:
                             if last >= 0:
                                 transitions.following[last] = place
                             transitions.job[place] = listed

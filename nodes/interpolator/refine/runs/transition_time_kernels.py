@@ -4,6 +4,7 @@ import warp as wp
 
 from nodes.interpolator.refine.evaluation.visibility_kernels import OUTSIDE, Targets, weights_then
 from nodes.interpolator.refine.runs.transition_kernels import ChangingPixels, Transitions
+from nodes.interpolator.refine.samples.list_kernels import ListPart, end_of
 from nodes.interpolator.refine.samples.request_kernels import PARTS, SHARP
 from nodes.interpolator.refine.window_kernels import (
     FEW_REGISTERS,
@@ -138,22 +139,16 @@ def find_transition_times(
     view: CameraView,
     params: WindowParameters,
     workers: int,
-    room: int,
-    most: int,
-    band: int,
-    count: wp.array(dtype=int),
     scene: WindowScene,
     changing: ChangingPixels,
     # in or out
     transitions: Transitions,
+    part: ListPart,
 ):
-    """Finds when between two instants changes are, those from `room` on, count[band] of them; arguments as of
-    `find_changed_spans`."""
-    inner = params.envs * params.height * params.width
-    c = room + wp.tid()
-    while c < room + wp.min(count[band], most):
-        at = changing.at[transitions.job[c]]
-        px = pixel_interval_of(view, params, params.first + at // inner, at % inner)
+    """Finds when between two instants the changes of a part of the list are; arguments as of `find_changed_spans`."""
+    c = part.start + wp.tid()
+    while c < end_of(part):
+        px = pixel_interval_of(view, params, changing.at[transitions.job[c]])
         low = transitions.low[c]
         later = wp.int32(0)
         if params.slots > 1:

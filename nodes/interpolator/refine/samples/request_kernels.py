@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from evis.gpu.append_kernels import take_place
+from nodes.interpolator.refine.samples.list_kernels import ListPart, take_entry
 from nodes.interpolator.refine.window_kernels import PixelInterval, WindowParameters, slot_row
 
 wp.set_module_options({"enable_backward": False})
@@ -67,23 +67,21 @@ def make_request(channels: int) -> Any:
         after: wp.uint64,
         rise: pixel,
         previous: int,
-        room: int,
-        most: int,
-        band: int,
-        count: wp.array(dtype=int),
+        out: ListPart,
     ):
-        """Adds instant i of a pixel to the list, from `room` on, unless it has `most` entries. Gives its index."""
-        n = take_place(count, band)
-        if n < most:
-            requests.at[room + n] = slot_row(params, 0, px.k, i) * params.height * params.width + px.q
-            requests.before[room + n] = before
-            requests.after[room + n] = after
-            requests.previous[room + n] = previous
-            requests.rise[room + n] = rise
-            requests.ends[room + n] = 0
-            requests.later[room + n] = 0
-            requests.tail[room + n] = pixel(UNKNOWN)
-            requests.shown[room + n] = 0
-        return room + wp.min(n, most - 1)
+        """Adds instant i of a pixel to a part of the list, as far as there is room. Gives its index."""
+        n = take_entry(out)
+        at = out.start + n
+        if n < out.room:
+            requests.at[at] = slot_row(params, 0, px.k, i) * params.height * params.width + px.q
+            requests.before[at] = before
+            requests.after[at] = after
+            requests.previous[at] = previous
+            requests.rise[at] = rise
+            requests.ends[at] = 0
+            requests.later[at] = 0
+            requests.tail[at] = pixel(UNKNOWN)
+            requests.shown[at] = 0
+        return out.start + wp.min(n, out.room - 1)
 
     return request
