@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import warp as wp
 from refine_rig import refined
 from rigid_rig import GAP, HEIGHT, START, WIDTH, disc, plain, pose, quad, world
 from test_refine_edges import NEAR, WALL, rays
@@ -12,6 +13,11 @@ from test_refine_edges import NEAR, WALL, rays
 from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Mesh
 from evis.scene.motion import Prescribed, Spin
+from nodes.interpolator.refine.rounds import Rounds
+from nodes.interpolator.refine.runs.silhouette_kernels import entry_across_side, entry_across_silhouette, entry_then
+from nodes.interpolator.refine.window_kernels import WindowParameters, WindowScene, pixel_interval_of
+from nodes.renderer.raster.depth_kernels import NO_ENTRY
+from nodes.renderer.raster.lens.view_kernels import CameraView
 
 K, TOLERANCE = 4, 20_000
 RADIUS, DEPTH, SKY = 0.6, 2.0, 1.0
@@ -91,3 +97,47 @@ def test_the_outline_of_what_is_round_and_seen_from_outside_alone_is_a_rim_too(t
     spells, found = spells_seen(double_cone(RADIUS, 40), material, 40, 150.0, SKY)
     assert spells > 20
     assert found > 0.95 * spells
+
+
+@wp.kernel
+def entries_across(
+    view: CameraView,
+    params: WindowParameters,
+    scene: WindowScene,
+    side: int,
+    step: int,
+    found: wp.array(dtype=wp.uint64),
+):
+    px = pixel_interval_of(view, params, wp.tid())
+    before = entry_then(params, scene, px, 0)
+    if side < 0:
+        found[wp.tid()] = entry_across_silhouette(view, params, scene, px, 0, step, before)
+    else:
+        found[wp.tid()] = entry_across_side(view, params, scene, px, side, 0, step, before)
+
+
+def test_of_several_sides_the_first_that_is_grazed_counts(monkeypatch):
+    """On a rim that is aslant the pixels to the right, to the left, below and above are as near to it."""
+    run, found = Rounds.run, []
+
+    def looked_at(self, window, *given):
+        made = run(self, window, *given)
+        v, params, scene = self.evaluator.visibility, window.params, window.scene
+        count = window.intervals * params.envs * params.height * params.width
+        entries = wp.empty(count, dtype=wp.uint64, device="cpu")
+        step = (params.slots + 1) // int(scene.probes.numpy()[0])
+        sides = []
+        for side in (-1, 0, 1, 2, 3):
+            wp.launch(entries_across, count, [v.view, params, scene, side, step, entries], device="cpu")
+            sides.append(entries.numpy().copy())
+        found.append(np.stack(sides, 1))
+        return made
+
+    monkeypatch.setattr(Rounds, "run", looked_at)
+    assert spells_seen(disc(RADIUS, 40), plain(NEAR), 40, 150.0, SKY)[0] > 20
+    given, *sides = np.concatenate(found).T
+    sides = np.stack(sides, 1)
+    grazed = sides != int(NO_ENTRY)
+    assert (grazed.sum(1) > 1).sum() > 8
+    first = np.where(grazed.any(1), sides[np.arange(len(sides)), grazed.argmax(1)], np.uint64(0))
+    np.testing.assert_array_equal(given, first)

@@ -171,6 +171,32 @@ def share_to_silhouette(
 
 
 @wp.func
+def entry_across_side(
+    view: CameraView,
+    params: WindowParameters,
+    scene: WindowScene,
+    px: PixelInterval,
+    side: int,
+    low: int,
+    high: int,
+    before: wp.uint64,
+):
+    """Gives the z-buffer entry of the other side of an outline that a pixel grazes on one side, NO_ENTRY where there is
+    none; arguments as of `silhouette_beside`."""
+    hit = silhouette_beside(view, params, scene, px, side, low, high, before)
+    share = wp.float32(-1.0)
+    if hit != NO_ENTRY:
+        other, _there = neighbour_of(view, params, px, side)
+        if nearer(before, hit):
+            share = share_to_silhouette(view, params, scene, px, low, triangle_of(before), px.d, other.d)
+        else:
+            share = 1.0 - share_to_silhouette(view, params, scene, px, low, triangle_of(hit), other.d, px.d)
+    if share >= 0.0 and share < CLOSE:
+        return hit
+    return NO_ENTRY
+
+
+@wp.func
 def entry_across_silhouette(
     view: CameraView,
     params: WindowParameters,
@@ -180,20 +206,16 @@ def entry_across_silhouette(
     high: int,
     before: wp.uint64,
 ):
-    """Gives the z-buffer entry of the other side of an outline that a pixel grazes, NO_ENTRY where there is none;
-    arguments as of `silhouette_beside`."""
-    found = wp.uint64(NO_ENTRY)
+    """Gives the z-buffer entry of the other side of the first outline that a pixel grazes, NO_ENTRY where there is
+    none; arguments as of `silhouette_beside`."""
+    # Not begun with NO_ENTRY: Warp would write what the loop finds into the constant that it is compared with.
+    found = before
+    grazes = wp.bool(False)
     side = wp.int32(0)
-    while side < 4 and found == NO_ENTRY:
-        hit = silhouette_beside(view, params, scene, px, side, low, high, before)
-        if hit != NO_ENTRY:
-            other, _there = neighbour_of(view, params, px, side)
-            share = wp.float32(-1.0)
-            if nearer(before, hit):
-                share = share_to_silhouette(view, params, scene, px, low, triangle_of(before), px.d, other.d)
-            else:
-                share = 1.0 - share_to_silhouette(view, params, scene, px, low, triangle_of(hit), other.d, px.d)
-            if share >= 0.0 and share < CLOSE:
-                found = hit
+    while side < 4 and not grazes:
+        hit = entry_across_side(view, params, scene, px, side, low, high, before)
+        grazes = hit != NO_ENTRY
+        if grazes:
+            found = hit
         side += 1
-    return found
+    return wp.where(grazes, found, NO_ENTRY)
