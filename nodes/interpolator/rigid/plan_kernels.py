@@ -67,6 +67,29 @@ class PlannedRange:
     motion: BodyMotion
 
 
+@wp.struct
+class PlanPart:
+    """Holds what a band does: entries first .. last - 1 of a list, with the samples that it plans from todo0 on and the
+    spans from spans0 on."""
+
+    first: int
+    last: int
+    band: int
+    todo0: int
+    spans0: int
+
+
+@wp.struct
+class PlanLists:
+    """Holds what is planned: samples `todo` as indices into [count, E, h, w], spans, and how many each band has of
+    them, from its PlanPart's places on."""
+
+    todo: wp.array(dtype=int)
+    todo_count: wp.array(dtype=int)
+    spans: wp.array(dtype=wp.vec2i)
+    span_count: wp.array(dtype=int)
+
+
 @wp.func
 def same_surface(a: wp.uint64, b: wp.uint64, pieces: wp.array(dtype=wp.vec2i)):
     """Tells whether two hits of a pixel are on one side of one piece of surface."""
@@ -99,12 +122,11 @@ def flow(view: CameraView, gain: float, row: int, body: int, d: wp.vec3, away: f
 
 
 @wp.func
-def add_span(
-    pixel: int, start: int, length: int, room: int, band: int, spans: wp.array(dtype=wp.vec2i), n: wp.array(dtype=int)
-):
+def add_span(lists: PlanLists, part: PlanPart, pixel: int, start: int, length: int):
     """Lists a span of sub-frames of a pixel, between two samples, if there is anything between them."""
     if length > 1:
-        spans[room + take_place(n, band)] = wp.vec2i(pixel, start * LENGTHS + length)
+        place = part.spans0 + take_place(lists.span_count, part.band)
+        lists.spans[place] = wp.vec2i(pixel, start * LENGTHS + length)
 
 
 @cache
@@ -118,36 +140,27 @@ def make_plan(channels: int, changes: LightChanges) -> wp.Kernel:
     def plan(
         # in
         view: CameraView,
-        first: int,
-        last: int,
+        part: PlanPart,
         span: int,
         column0: int,
-        band: int,
-        todo0: int,
-        spans0: int,
         given: PlannedRange,
         change: Change,
         active: wp.array(dtype=int),
         image: wp.array3d(dtype=pixel),
         # out
         codes: wp.array2d(dtype=wp.uint8),
-        todo: wp.array(dtype=int),
-        todo_count: wp.array(dtype=int),
-        spans: wp.array(dtype=wp.vec2i),
-        span_count: wp.array(dtype=int),
+        lists: PlanLists,
         frames: wp.array3d(dtype=pixel),
     ):
         """Plans the samples of pixels active[first .. last - 1], as indices into [E, h, w], `span` of them a thread.
-        Samples go to `todo` from todo0 on, as indices into [count, E, h, w], spans to `spans` from spans0 on, and their
-        numbers to [band].
 
         codes: scratch, [count] of columns from column0 on, which threads use one after the other.
         """
         width = view.width - 2 * view.margin
         height = view.height - 2 * view.margin
         tid = wp.tid()
-        begin = first + tid * span
-        end = wp.min(begin + span, last)
+        begin = part.first + tid * span
+        end = wp.min(begin + span, part.last)
         column = column0 - begin
         for j in range(begin, end):
             at = active[j]
@@ -209,7 +222,7 @@ def make_plan(channels: int, changes: LightChanges) -> wp.Kernel:
                         if not reaches and start < k - 1 and alone:
                             # From the sub-frame before it does reach.
                             codes[k - 2, column + j] = SAMPLE
-                            add_span(at, given.start0 + start, k - 1 - start, spans0, band, spans, span_count)
+                            add_span(lists, part, at, given.start0 + start, k - 1 - start)
                             start = k - 1
                             path = far
                             bend = 0.0
@@ -219,11 +232,11 @@ def make_plan(channels: int, changes: LightChanges) -> wp.Kernel:
                     t = u
                 if start < k - 1 and not reaches:
                     codes[k - 2, column + j] = SAMPLE
-                    add_span(at, given.start0 + start, k - 1 - start, spans0, band, spans, span_count)
+                    add_span(lists, part, at, given.start0 + start, k - 1 - start)
                 code = BETWEEN
                 if known or not reaches:
                     if reaches:
-                        add_span(at, given.start0 + start, k - start, spans0, band, spans, span_count)
+                        add_span(lists, part, at, given.start0 + start, k - start)
                     code = wp.where(known, KEYFRAME, SAMPLE)
                     if wp.static(changes.any):
                         if lit.hidden and not known:
@@ -236,7 +249,7 @@ def make_plan(channels: int, changes: LightChanges) -> wp.Kernel:
                 hit = now
             if given.closed == 0 and start < given.count:
                 codes[given.count - 1, column + j] = SAMPLE
-                add_span(at, given.start0 + start, given.count - start, spans0, band, spans, span_count)
+                add_span(lists, part, at, given.start0 + start, given.count - start)
         # Frame by frame, for the pixels of a row are looked up side by side.
         inner = given.envs * height * width
         for k in range(given.count):
@@ -244,9 +257,9 @@ def make_plan(channels: int, changes: LightChanges) -> wp.Kernel:
                 code = codes[k, column + j]
                 at = active[j]
                 if code == ANEW:
-                    todo[todo0 + take_place(todo_count, band)] = -1 - (k * inner + at)
+                    lists.todo[part.todo0 + take_place(lists.todo_count, part.band)] = -1 - (k * inner + at)
                 elif code == SAMPLE:
-                    todo[todo0 + take_place(todo_count, band)] = k * inner + at
+                    lists.todo[part.todo0 + take_place(lists.todo_count, part.band)] = k * inner + at
                 elif code == KEYFRAME:
                     env = at // (width * height)
                     y = at // width % height
@@ -279,40 +292,31 @@ def make_refine_plan(channels: int) -> wp.Kernel:
         # in
         size: wp.vec2i,
         margin: int,
-        first: int,
-        last: int,
-        band: int,
-        todo0: int,
-        spans0: int,
+        part: PlanPart,
         ratio: float,
-        start0: int,
-        envs: int,
-        upsampling: int,
+        given: PlannedRange,
         spans: wp.array(dtype=wp.vec2i),
         image: wp.array3d(dtype=pixel),
         # in or out
-        span_count: wp.array(dtype=int),
         frames: wp.array3d(dtype=pixel),
         # out
-        todo: wp.array(dtype=int),
-        todo_count: wp.array(dtype=int),
-        halves: wp.array(dtype=wp.vec2i),
+        lists: PlanLists,
     ):
         """Refines spans first .. last - 1, in one thread: a line where the ends differ by no more than `ratio`, else a
-        sample in the middle, listed in `todo` as by the plan, and two spans, in `halves`; of short ones all.
+        sample in the middle, listed as by the plan, and two spans; of short ones all.
 
         size: (h, w). image: keyframe A with its margin, sub-frame 0.
         """
         width = size[1]
         inner = size[0] * width
-        for j in range(first, last):
+        for j in range(part.first, part.last):
             at = spans[j][0]
             start = spans[j][1] // LENGTHS
             length = spans[j][1] % LENGTHS
             x = at % width
             y = at // width % size[0]
             env = at // inner
-            base = env * upsampling - 1
+            base = env * given.upsampling - 1
             a = image[env, y + margin, x + margin]
             if start > 0:
                 a = frames[base + start, y, x]
@@ -322,16 +326,18 @@ def make_refine_plan(channels: int) -> wp.Kernel:
                     frames[base + start + k, y, x] = a + float(k) / float(length) * (b - a)
             else:
                 # From the sub-frame in the middle, or from the first one on.
-                set_divisors = length // 2
-                until = set_divisors + 1
+                middle = length // 2
+                until = middle + 1
                 if length <= SHORT:
-                    set_divisors = 1
+                    middle = 1
                     until = length
                 else:
-                    add_span(at, start, set_divisors, spans0, band, halves, span_count)
-                    add_span(at, start + set_divisors, length - set_divisors, spans0, band, halves, span_count)
-                while set_divisors < until:
-                    todo[todo0 + take_place(todo_count, band)] = (start + set_divisors - start0 - 1) * envs * inner + at
-                    set_divisors += 1
+                    add_span(lists, part, at, start, middle)
+                    add_span(lists, part, at, start + middle, length - middle)
+                while middle < until:
+                    lists.todo[part.todo0 + take_place(lists.todo_count, part.band)] = (
+                        start + middle - given.start0 - 1
+                    ) * given.envs * inner + at
+                    middle += 1
 
     return refine_plan

@@ -15,7 +15,7 @@ from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.keyframes import KeyframePair, PreparedKeyframe
 from nodes.interpolator.rigid.layout import Layout
-from nodes.interpolator.rigid.look_up.gather_kernels import make_gather, make_place
+from nodes.interpolator.rigid.look_up.gather_kernels import GatherLists, make_gather, make_place
 from nodes.interpolator.rigid.look_up.portion_kernels import Portion, set_divisors
 from nodes.interpolator.rigid.look_up.texture_kernels import make_demodulate
 from nodes.interpolator.rigid.sampling import Sampling, SubframeRange, Todo
@@ -68,6 +68,9 @@ class Reprojection:
             self.strength = wp.zeros(slots * envs * waveform_count, dtype=wp.float32)
             self._all: wp.array = wp.array(np.arange(whole, dtype=np.int32))
             self._all_count: wp.array = wp.array(np.diff(starts).astype(np.int32))
+        self._lists: Any = GatherLists()
+        self._lists.flagged, self._lists.flagged_count = self._flagged, self._flagged_count
+        self._lists.pixels, self._lists.places, self._lists.count = self._pixels, self._places, self._count
         self._all_starts = starts[:-1]
         f = shading.features
         kind = (f.textures, f.smooth, f.tinted) if textured_in(shading, layout) else None
@@ -186,8 +189,9 @@ class Reprojection:
 
     def _shared(self, todo: Todo, how: list[Any], frames: wp.array) -> list[Any]:
         """What every look at a portion is given alike."""
-        lists = [self._flagged, self._flagged_count, todo.pixels, self._sampling.counts]
-        return [*how, *lists, frames, self._pixels, self._places, self._count]
+        lists = self._lists
+        lists.todo, lists.todo_count = todo.pixels, self._sampling.counts
+        return [*how, lists, frames]
 
     def _look_up(self, todo: Todo, how: list[Any], frames: wp.array) -> list[int]:
         """Look up what is listed. Gives where the list of each band begins of what no keyframe shows."""

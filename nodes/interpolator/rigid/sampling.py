@@ -105,6 +105,10 @@ class Sampling:
             self._spans = [wp.empty(most * min(2, self.bands), dtype=wp.vec2i) for _ in range(2)]
             self.counts = wp.zeros(len(layout.portions) * self.rounds * self.bands, dtype=wp.int32)
             self._span_counts = wp.zeros_like(self.counts)
+        self._lists: Any = plan_kernels.PlanLists()
+        self._lists.todo, self._lists.todo_count = self._todo, self.counts
+        self._lists.span_count = self._span_counts
+        self._planned: Any = None
 
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
         """Gives the kernels that are launched, as `build_together` takes them."""
@@ -135,12 +139,14 @@ class Sampling:
         planned.before, planned.packed, planned.after = packed, v.packed, b.packed
         planned.unchanged, planned.pieces = unchanged, self._pieces
         how: list[Any] = [planned, self._change, active, b.image]
-        how += [self._codes, self._todo, self.counts, self._spans[0], self._span_counts, frames]
+        how += [self._codes, self._lists, frames]
+        self._planned, self._lists.spans = planned, self._spans[0]
         at = self._at()
         starts = self._split(active.size)
         launches = []
         for k, (first, last) in enumerate(pairwise(starts)):
-            given = [v.view, first, last, CHUNK, CHUNK * k, at + k, first * count, first * (count // 2 + 1)]
+            band = part_of(first, last, at + k, first * count, first * (count // 2 + 1))
+            given = [v.view, band, CHUNK, CHUNK * k]
             launches.append((self._plan, -(-(last - first) // CHUNK), [*given, *how]))
         self.launch(launches)
         self._joined = self._join(self._spans[0], self._span_counts, at, [s * (count // 2 + 1) for s in starts])
@@ -156,10 +162,9 @@ class Sampling:
         self._round += 1
         if self._step == 0 or self._round == self.rounds:
             return None
-        at, v, part = self._at(), self._v, self._part
-        new = self._spans[self._round & 1]
-        how = [self._ratio, part.start, self._envs, self._upsampling]
-        made = [a.image, self._span_counts, self._frames, self._todo, self.counts, new]
+        at, v = self._at(), self._v
+        new = self._lists.spans = self._spans[self._round & 1]
+        how = [self._ratio, self._planned]
         size = wp.vec2i(*self._size)
         spans = self._joined
         if not spans.size:
@@ -167,8 +172,8 @@ class Sampling:
         starts = self._split(spans.size)
         launches = []
         for k, (first, last) in enumerate(pairwise(starts)):
-            room = [(SHORT - 1) * first, 2 * first]
-            given = [size, v.margin, first, last, at + k, *room, *how, spans, *made]
+            band = part_of(first, last, at + k, (SHORT - 1) * first, 2 * first)
+            given = [size, v.margin, band, *how, spans, a.image, self._frames, self._lists]
             launches.append((self._refine, 1, given))
         self.launch(launches)
         self._joined = self._join(new, self._span_counts, at, [2 * s for s in starts])
@@ -215,6 +220,13 @@ class Sampling:
         for slot in range(part.slot0 + 1, part.slot0 + part.count):
             np.logical_or(changed, np.not_equal(packed[slot], still, out=other), out=changed)
         return wp.array(np.flatnonzero(changed[inner]).astype(np.int32), copy=False, device="cpu")
+
+
+def part_of(first: int, last: int, band: int, todo0: int, spans0: int) -> Any:
+    """Makes the PlanPart of a band."""
+    part: Any = plan_kernels.PlanPart()
+    part.first, part.last, part.band, part.todo0, part.spans0 = first, last, band, todo0, spans0
+    return part
 
 
 def pixels_per_radian(v: Visibility) -> float:

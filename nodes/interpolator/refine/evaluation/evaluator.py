@@ -13,7 +13,7 @@ from nodes.interpolator.refine.evaluation.visibility_kernels import Targets
 from nodes.interpolator.refine.paths.albedo_scale import albedo_scale_of
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
-from nodes.interpolator.rigid.look_up.gather_kernels import make_gather, make_place
+from nodes.interpolator.rigid.look_up.gather_kernels import GatherLists, make_gather, make_place
 from nodes.interpolator.rigid.look_up.portion_kernels import Portion, set_divisors
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.patches import neighbours_of
@@ -166,16 +166,18 @@ class Evaluator:
         values = self.values.reshape((1, 1, -1))
         keys = rigid.pair.kernel(self.moved)
         # Nothing is flagged here: a list of that is not read.
-        lists = [listed, count, listed, count]
+        lists: Any = GatherLists()
+        lists.flagged, lists.flagged_count, lists.todo, lists.todo_count = listed, count, listed, count
+        lists.pixels, lists.places, lists.count = self._anew, self._places, unseen
         portion = self._portion
         portion.upsampling, portion.packed = self._upsampling, self.hits.reshape((1, 1, -1))
         portion.keyframes = wp.vec2i(rigid.pair.a.first, rigid.pair.b.first)
-        how = [portion, keys, self.change, self.shading.seen, self.shading.surfaces, *lists]
+        how = [portion, keys, self.change, self.shading.seen, self.shading.surfaces, lists]
         workers = self.workers(number)
         launches: list[tuple[wp.Kernel, int, list[Any]]] = []
         for k in bands:
             given: list[Any] = [v.view, k * most, (k + 1) * most, workers, k, *how]
-            launches.append((self._gather, workers, [*given, values, self._anew, self._places, unseen]))
+            launches.append((self._gather, workers, [*given, values]))
         rigid.sampling.launch(launches)
         # On a GPU reading the count would wait for the kernel, so the shading is launched in any case.
         if v.device.is_cpu and not unseen.numpy().any():

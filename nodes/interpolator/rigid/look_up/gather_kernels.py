@@ -43,6 +43,24 @@ from nodes.renderer.raster.surface_kernels import Seen, Surfaces, pixel_at
 wp.set_module_options({"enable_backward": False})
 
 
+@wp.struct
+class GatherLists:
+    """Holds what is listed while pixels are looked up; each count is of [bands].
+
+    flagged: those that light may change on, and todo: those that are to be looked up with care, both as indices into
+    [.., E, h, w] from slot0 on. pixels: those that no keyframe shows, as indices into [P E, H, W]; places: where single
+    ones of these were listed. count: of `pixels`.
+    """
+
+    flagged: wp.array(dtype=int)
+    flagged_count: wp.array(dtype=int)
+    todo: wp.array(dtype=int)
+    todo_count: wp.array(dtype=int)
+    pixels: wp.array(dtype=int)
+    places: wp.array(dtype=int)
+    count: wp.array(dtype=int)
+
+
 @cache
 def make_look_ups(channels: int, waveform_count: int) -> Any:
     """Makes the struct of what both keyframes tell of a point; channels, waveform_count: as of `log_type`.
@@ -217,48 +235,41 @@ def make_gather(
         shown: Seen,
         surfaces: Surfaces,
         # in or out
-        flagged: wp.array(dtype=int),
-        flagged_count: wp.array(dtype=int),
-        todo: wp.array(dtype=int),
-        todo_count: wp.array(dtype=int),
+        lists: GatherLists,
         # out
         frames: wp.array3d(dtype=pixel),
-        pixels: wp.array(dtype=int),
-        places: wp.array(dtype=int),
-        count: wp.array(dtype=int),
     ):
         """Computes the frames [E frames, h, w] of a portion.
 
-        First: a thread does one pixel; those that light may change on go to `flagged`, as indices into [.., E, h, w]
-        from slot0 on. Flagged: `workers` threads share flagged_count[band] of these. Both leave to `todo` what needs
-        care. Careful: on a CPU entries first..last - 1 of that, on a GPU (last < 0) todo_count[band], shared likewise.
-        What no keyframe shows goes to `pixels` from `first` on, as indices into [P E, H, W]; count[band]: how many. So
-        does that of which the keyframes differ by more than the tolerance in log radiance. Single pixels: entries
-        first..last - 1 of `todo`, todo_count[band] at most; portion.packed and frames are [1, 1, list]; z-buffers of
-        what is listed in `pixels` are written to those that are shown, and `places` says where they were listed; of
-        NO_ENTRY nothing is looked up, and it is black.
+        First: a thread does one pixel; those that light may change on go to `flagged`. Flagged: `workers` threads share
+        flagged_count[band] of these. Both leave to `todo` what needs care. Careful: on a CPU entries first..last - 1 of
+        that, on a GPU (last < 0) todo_count[band], shared likewise. What no keyframe shows goes to `pixels` from
+        `first` on. So does that of which the keyframes differ by more than the tolerance in log radiance. Single
+        pixels: entries first..last - 1 of `todo`, todo_count[band] at most; portion.packed and frames are [1, 1, list];
+        z-buffers of what is listed in `pixels` are written to those that are shown; of NO_ENTRY nothing is looked up,
+        and it is black.
         """
         m = view.margin
         j = first + wp.tid()
         end = j + 1
         if wp.static(single):
-            end = wp.min(last, first + todo_count[band])
+            end = wp.min(last, first + lists.todo_count[band])
         elif wp.static(careful):
-            end = wp.where(last >= 0, last, todo_count[band])
+            end = wp.where(last >= 0, last, lists.todo_count[band])
         elif wp.static(listed):
-            end = flagged_count[band]
+            end = lists.flagged_count[band]
         p = Place()
         p.row = -1
         while j < end:
             anew = wp.bool(False)
             if wp.static(careful):
-                at = todo[j]
+                at = lists.todo[j]
                 if at < 0:
                     at = -1 - at
                     anew = True
                 p = place_of(view, portion, at, p)
             elif wp.static(listed):
-                p = place_of(view, portion, flagged[j], p)
+                p = place_of(view, portion, lists.flagged[j], p)
             else:
                 p = place_in_turn(view, portion, j)
             env = p.env
@@ -284,7 +295,7 @@ def make_gather(
             if wp.static(single) and hit == NO_ENTRY:
                 frames[frame, row_out, column_out] = pixel(0.0)
             elif anew:
-                pixels[first + take_place(count, band)] = place
+                lists.pixels[first + take_place(lists.count, band)] = place
             elif changed:
                 s, body = visible_point_of(view, hit, y, x, portion.pieces, keys.turn.shape[1] - 1)
                 since = n * keys.turn.shape[1] + body
@@ -329,9 +340,9 @@ def make_gather(
                 if wp.static(waveform_count == 0):
                     unchanged = seen_b and difference == 0.0 and looks.at_rest and flag == 0
                 if later:
-                    flagged[take_place(flagged_count, band)] = p.at
+                    lists.flagged[take_place(lists.flagged_count, band)] = p.at
                 elif hard:
-                    todo[take_place(todo_count, band)] = p.at
+                    lists.todo[take_place(lists.todo_count, band)] = p.at
                 elif told and unchanged:
                     # The keyframe's own pixel, to the last bit: nothing has changed.
                     frames[frame, row_out, column_out] = keys.image[env, y, x]
@@ -343,11 +354,11 @@ def make_gather(
                         value += share * (looks.b - looks.a)
                     frames[frame, row_out, column_out] = radiance_of(value, portion.strength, n)
                 else:
-                    listed_at = first + take_place(count, band)
-                    pixels[listed_at] = place
+                    listed_at = first + take_place(lists.count, band)
+                    lists.pixels[listed_at] = place
                     if wp.static(single):
                         shown.packed[n, y, x] = hit
-                        places[listed_at] = j
+                        lists.places[listed_at] = j
             else:
                 frames[frame, row_out, column_out] = keys.image[env, y, x]
             if wp.static(listed):
