@@ -10,7 +10,7 @@ import warp as wp
 from evis.geometry import se3
 from evis.gpu.exchange import cpu_array
 from nodes.interpolator.refine.instants import Instants
-from nodes.interpolator.refine.probing.curved_motion_kernels import BoundingSpheres, find_curved_motion
+from nodes.interpolator.refine.probing.curved_motion_kernels import BoundingSpheres, CurvatureLimits, find_curved_motion
 from nodes.interpolator.refine.probing.frustum import frustum_slopes
 from nodes.interpolator.rigid.placement import Placement
 from nodes.interpolator.rigid.slots import Poses
@@ -70,8 +70,10 @@ class CurvedMotion:
         balls.eye = cpu_array(np.ascontiguousarray(poses.rest[:, self._camera_body]), wp.transformd)
         start = cpu_array(np.ascontiguousarray(poses.before[:, self._movers]), wp.transformd)
         moved = cpu_array(np.ascontiguousarray(poses.moved), wp.transformd)
-        given = [balls, self._camera, int(self._sides is None), wp.vec4d(*sides), instants.coarse, least, most]
-        given += [EVEN * self._pixel, late, start, moved]
+        limits: Any = CurvatureLimits()
+        limits.camera, limits.whole, limits.sides = self._camera, int(self._sides is None), wp.vec4d(*sides)
+        limits.even, limits.late = EVEN * self._pixel, late
+        given = [balls, limits, instants.coarse, least, most, start, moved]
         wp.launch(find_curved_motion, (envs, balls.mover.size + 1), given, [cpu_array(needed)], device="cpu")
         return needed.astype(np.int64)
 
@@ -83,7 +85,7 @@ class CurvedMotion:
             for then in (poses.before, poses.rest):
                 sides = self._moving.sides(then, then[:, self._camera_body, :3])
                 away[:, :-1] = np.minimum(away[:, :-1], np.minimum.reduceat(sides, self._first, axis=1))
-        # A still world does not stray before a still camera.
+        # A still world is on a straight way before a still camera.
         if self._camera >= 0 and len(self._still.body):
             away[:, -1] = self._still.sides(poses.rest, poses.rest[:, self._camera_body, :3]).min(axis=1)
         return np.clip(away, self._near, FAR)

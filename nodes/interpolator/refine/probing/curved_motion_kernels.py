@@ -1,4 +1,4 @@
-"""Bounds how far moving things stray from straight paths between two probes."""
+"""Bounds how far moving things are off straight paths between two probes."""
 
 import warp as wp
 
@@ -17,6 +17,22 @@ class BoundingSpheres:
     radius: wp.array(dtype=wp.float64)
     away: wp.array2d(dtype=wp.float64)
     eye: wp.array(dtype=wp.transformd)
+
+
+@wp.struct
+class CurvatureLimits:
+    """Holds what the camera may see, and from where on a way counts as curved.
+
+    camera: its place among what moves, -1 where it stands still. whole: 1 for a camera that may see in all directions.
+    sides: as of find_appearances. even: angle [rad] up to which a way is straight. late: time [instants] up to which
+    what is off it is only early or late.
+    """
+
+    camera: int
+    whole: int
+    sides: wp.vec4d
+    even: wp.float64
+    late: wp.float64
 
 
 @wp.struct
@@ -88,11 +104,7 @@ def in_view(seen: Seen, radius: wp.float64, sides: wp.vec4d):
 @wp.func
 def is_curved(
     balls: BoundingSpheres,
-    camera: int,
-    whole: int,
-    sides: wp.vec4d,
-    even: wp.float64,
-    late: wp.float64,
+    limits: CurvatureLimits,
     start: wp.array2d(dtype=wp.transformd),
     poses: wp.array3d(dtype=wp.transformd),
     env: int,
@@ -103,9 +115,9 @@ def is_curved(
 ):
     """Tells whether ball j is in the image and off a straight way, from instant `first` to the one `step` later."""
     back = wp.transpose(turn_of(balls.eye[env]))
-    a = seen_at(balls, camera, back, start, poses, first, env, j)
-    b = seen_at(balls, camera, back, start, poses, first + step, env, j)
-    shown = wp.bool(whole == 1 or j == balls.mover.shape[0])
+    a = seen_at(balls, limits.camera, back, start, poses, first, env, j)
+    b = seen_at(balls, limits.camera, back, start, poses, first + step, env, j)
+    shown = wp.bool(limits.whole == 1 or j == balls.mover.shape[0])
     away = balls.away[env, j]
     before = a
     path = wp.float64(0.0)
@@ -113,29 +125,25 @@ def is_curved(
     for i in range(1, step + 1):
         m = b
         if i < step:
-            m = seen_at(balls, camera, back, start, poses, first + i, env, j)
-        shown = shown or in_view(m, radius, sides)
+            m = seen_at(balls, limits.camera, back, start, poses, first + i, env, j)
+        shown = shown or in_view(m, radius, limits.sides)
         path += angle_of(m.turn - before.turn, m.place - before.place, radius, away)
         g = wp.float64(i) / wp.float64(step)
         turn = m.turn - a.turn - g * (b.turn - a.turn)
         place = m.place - a.place - g * (b.place - a.place)
         off = wp.max(off, angle_of(turn, place, radius, away))
         before = m
-    return shown and off > even and off * wp.float64(step) > late * path
+    return shown and off > limits.even and off * wp.float64(step) > limits.late * path
 
 
 @wp.kernel
 def find_curved_motion(
     # in
     balls: BoundingSpheres,
-    camera: int,
-    whole: int,
-    sides: wp.vec4d,
+    limits: CurvatureLimits,
     coarse: int,
     least: int,
     most: int,
-    even: wp.float64,
-    late: wp.float64,
     start: wp.array2d(dtype=wp.transformd),
     poses: wp.array3d(dtype=wp.transformd),
     # out
@@ -144,14 +152,11 @@ def find_curved_motion(
     """Finds into how many parts a coarse interval is to be divided, least or more, so that what is in the image goes a
     straight way in each: needed [E], 2 most where `most` are too few.
 
-    camera: its place among what moves, -1 where it stands still. whole: 1 for a camera that may see in all directions.
-    sides: as of find_appearances. even: angle [rad] up to which a way is straight; late: time [instants] up to which
-    what is off it is only early or late. start, poses: of what moves at the start of the gap [E, M] and at its instants
-    [n, E, M].
+    start, poses: of what moves at the start of the gap [E, M] and at its instants [n, E, M].
     """
     env, j = wp.tid()
     world = j == balls.mover.shape[0]
-    if world and camera < 0:
+    if world and limits.camera < 0:
         return
     radius = balls.away[env, j]
     if not world:
@@ -161,7 +166,7 @@ def find_curved_motion(
     n = wp.int32(0)
     while n < count and each <= most:
         step = count // (coarse * each)
-        if step > 1 and is_curved(balls, camera, whole, sides, even, late, start, poses, env, j, radius, n, step):
+        if step > 1 and is_curved(balls, limits, start, poses, env, j, radius, n, step):
             # What comes before goes straight in shorter parts too.
             each = 2 * each
         else:
