@@ -90,7 +90,7 @@ class Refinement:
         waveforms = (light.waveform for light in v.scene.lights)
         self._flicker = Flicker(waveforms, FLICKERING * layout.tolerance, v.device, layout.waveforms)
         self._sort_each, self._rank = make_sort(channels)
-        self._kernels, self._passing = Kernels.of(rigid), LightVisibility(rigid)
+        self._kernels, self._light_visibility = Kernels.of(rigid), LightVisibility(rigid)
         self._means = Means(rigid, fineness, tolerance_ns) if fineness > 1 else None
         self._held = wp.zeros(layout.envs, dtype=wp.int32, device=v.device)
         self._parts = wp.zeros((2, layout.envs), dtype=wp.int32, device=v.device)
@@ -113,9 +113,9 @@ class Refinement:
         looks = [(kernel, LAUNCH_BLOCK) for kernel in make_look_up_kernels(self._rigid)]
         sort = self._sort_each if self._device.is_cpu else self._rank
         window = self._kernels.to_build(self._rigid.shading.occluders.trees)
-        passing = [(self._passing.kernel, LAUNCH_BLOCK)] if self._passing.likely() else []
+        light = [(self._light_visibility.kernel, LAUNCH_BLOCK)] if self._light_visibility.likely() else []
         means = [] if self._means is None else self._means.kernels()
-        return [*looks, *window, *self._probes.kernels(), *passing, (sort, LAUNCH_BLOCK), *means]
+        return [*looks, *window, *self._probes.kernels(), *light, (sort, LAUNCH_BLOCK), *means]
 
     def further(
         self,
@@ -189,14 +189,14 @@ class Refinement:
         """Works out what the bodies' motion tells of a gap, on the host alone."""
         stamps = gap.stamps(instants.count)
         poses = evaluator.places.find(stamps, gap.a, gap.b, gap.held)
-        parts = partial(self._passing.parts, instants, poses, gap.ends - gap.starts, gap.held)
+        parts = partial(self._light_visibility.parts, instants, poses, gap.ends - gap.starts, gap.held)
         probes = partial(self._probes.foresee, instants, stamps, poses, gap)
         if self._beside is None or not self._moved_once:
             # What compiles and loads a kernel is not for several threads at once.
             self._moved_once = True
             return Motion(gap, stamps, poses, probes(None), *parts())
-        passing = self._beside.submit(parts)
-        return Motion(gap, stamps, poses, probes(self._beside), *passing.result())
+        light = self._beside.submit(parts)
+        return Motion(gap, stamps, poses, probes(self._beside), *light.result())
 
     def _prepare(self, gap: Span, stamps: np.ndarray, following: Span | None) -> None:
         """Prepares the gap after this one; stamps: of all instants of this one."""
@@ -223,7 +223,7 @@ class Refinement:
             # What is not used any more is freed first.
             self._rounds.clear()
             evaluator = Evaluator(self._rigid, instants.slots, self._threads, self._light_samples)
-            self._rounds[shape] = Rounds(self._rigid, evaluator, instants, self._kernels, self._passing)
+            self._rounds[shape] = Rounds(self._rigid, evaluator, instants, self._kernels, self._light_visibility)
         return self._rounds[shape]
 
     def _parameters(self, instants: Instants, evaluator: Evaluator, first: int) -> Any:

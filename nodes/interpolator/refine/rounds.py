@@ -109,9 +109,14 @@ class Rounds:
     """
 
     def __init__(
-        self, rigid: Rigid, evaluator: Evaluator, instants: Instants, kernels: Kernels, passing: LightVisibility
+        self,
+        rigid: Rigid,
+        evaluator: Evaluator,
+        instants: Instants,
+        kernels: Kernels,
+        light_visibility: LightVisibility,
     ) -> None:
-        self._rigid, self.evaluator, self._kernels, self._passing = rigid, evaluator, kernels, passing
+        self._rigid, self.evaluator, self._kernels, self._light_visibility = rigid, evaluator, kernels, light_visibility
         v, layout, bands = rigid.visibility, rigid.layout, evaluator.bands
         channels, device = layout.channels, v.device
         pixel: Any = wp.float32 if channels == 1 else wp.vec3
@@ -136,8 +141,8 @@ class Rounds:
         """
         self._make_room(window)
         if window.params.parts:
-            self._passing.make_room(window.intervals, window.params)
-            window.scene.passing = self._passing.bits
+            self._light_visibility.make_room(window.intervals, window.params)
+            window.scene.light_changes = self._light_visibility.bits
         while True:
             if not self.reads_counts:
                 self.evaluator.reserve(max(one.size for one in (self._requests, *self._intervals)))
@@ -211,7 +216,7 @@ class Rounds:
             device=self.bends.device,
         )
         if window.params.parts:
-            self._passing.find(window.intervals, window.params, window.scene, self.evaluator)
+            self._light_visibility.find(window.intervals, window.params, window.scene, self.evaluator)
         self._find(window)
         listed, there = self._requests, self._intervals[0]
         # An interval between two samples, or between one and a coarse frame, has less than 2^depth parts: after as many

@@ -75,7 +75,7 @@ class WindowScene:
     turn, shift: [2 R, N + 2], motion of the bodies since A, then since B. held [E]: 1 for environments that have no
     gap. packed_a [E, H, W]: z-buffer of keyframe A. packed: [rows, H, W], z-buffers of B and of sub-frames 1 .. K - 1.
     probed, probes: `packed` and `each` of Probes. bends: as of find_bends. parts: of each environment [2, E], see
-    WindowParameters: for shadows and beams, and for facets. passing: as of find_light_changes. alpha: of each
+    WindowParameters: for shadows and beams, and for facets. light_changes: as of find_light_changes. alpha: of each
     instance's material, -1 for a plain one. targets: what rays can meet.
     """
 
@@ -88,7 +88,7 @@ class WindowScene:
     probes: wp.array(dtype=int)
     bends: wp.array3d(dtype=wp.vec2)
     parts: wp.array2d(dtype=int)
-    passing: wp.array3d(dtype=wp.uint64)
+    light_changes: wp.array3d(dtype=wp.uint64)
     alpha: wp.array(dtype=float)
     targets: Targets
 

@@ -71,7 +71,7 @@ def make_find_light_changes(changes: LightChanges, trees: bool) -> wp.Kernel:
         change: Change,
         normal_deviation: wp.array(dtype=float),
         # out
-        passing: wp.array3d(dtype=wp.uint64),
+        light_changes: wp.array3d(dtype=wp.uint64),
     ):
         """Sets bit n of a pixel [intervals E, h, w] where other lamps shine on its surface at the end of part n of a
         coarse interval than at its beginning.
@@ -146,6 +146,6 @@ def make_find_light_changes(changes: LightChanges, trees: bool) -> wp.Kernel:
                 else:
                     facing = False
                 k += step
-            passing[n, y, x] = bits
+            light_changes[n, y, x] = bits
 
     return find_light_changes

@@ -103,7 +103,7 @@ def make_request_run(
         bits = wp.uint64(0)
         if wp.static(changes.changes_lamps):
             if params.parts > 0:
-                bits = scene.passing[
+                bits = scene.light_changes[
                     (px.k - params.first) * params.envs + px.env, px.y - params.margin, px.x - params.margin
                 ]
                 if bits != wp.uint64(0):

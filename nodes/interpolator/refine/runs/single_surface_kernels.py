@@ -104,7 +104,7 @@ def make_request_single_surface(
             b = frame_after(params, coarse, env, k, y, x)
             if wp.static(changes.changes_lamps):
                 if one and not changed and params.parts > 0:
-                    changed = scene.passing[n, y, x] != wp.uint64(0)
+                    changed = scene.light_changes[n, y, x] != wp.uint64(0)
             done = wp.bool(False)
             whole = wp.bool(True)
             last = wp.int32(-1)

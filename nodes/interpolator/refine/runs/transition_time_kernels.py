@@ -75,7 +75,7 @@ def leaves_patch(
 
 
 @wp.func
-def passing(
+def transition_time(
     view: CameraView, targets: Targets, low: wp.vec2i, high: wp.vec2i, d: wp.vec3, before: wp.uint64, after: wp.uint64
 ):
     """Computes when a ray passes from one triangle to another between two instants, as a share of their time: over the
@@ -158,7 +158,9 @@ def find_transition_times(
                 rows_low[1] = slot_row(params, px.env, px.k, 2)
             if low == params.slots:
                 rows_high[1] = slot_row(params, px.env, px.k, low - 1)
-            share = passing(view, scene.targets, rows_low, rows_high, px.d, transitions.before[c], transitions.after[c])
+            share = transition_time(
+                view, scene.targets, rows_low, rows_high, px.d, transitions.before[c], transitions.after[c]
+            )
             later = wp.clamp(int(share * float(PARTS)), SHARP, PARTS - SHARP)
         transitions.later[c] = later
         c += workers
