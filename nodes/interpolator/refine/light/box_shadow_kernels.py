@@ -13,13 +13,14 @@ LEVEL = wp.constant(1e-12)
 
 @wp.func
 def slope(along: wp.vec3d, above: wp.vec3d, axis: int):
-    """Gives how far a side goes along the way for each metre that it goes over it."""
+    """Computes how far a side of a box goes along the way per metre of height over the way."""
     return along[axis] / above[axis]
 
 
 @wp.func
-def filled(along: wp.vec3d, above: wp.vec3d, order: wp.vec3i, depth: wp.float64):
-    """Gives how far along the way one lies who goes down by a depth from the top of an outline, along its sides."""
+def border_offset(along: wp.vec3d, above: wp.vec3d, order: wp.vec3i, depth: wp.float64):
+    """Computes how far along the way the border of an outline is from its top, at a depth below that [m]; order: of the
+    sides that make this border, from the top down."""
     left = depth
     way = wp.float64(0.0)
     for k in range(3):
@@ -53,7 +54,7 @@ def chord(sides: wp.mat33d, ray: wp.vec3d, way: wp.vec3d, share: wp.float64):
             order = wp.where(k == 0, wp.vec3i(order[1], order[0], order[2]), wp.vec3i(order[0], order[2], order[1]))
     depth = wp.float64(2.0) * share * (above[0] + above[1] + above[2])
     back = wp.vec3i(order[2], order[1], order[0])
-    return filled(along, above, back, depth) - filled(along, above, order, depth)
+    return border_offset(along, above, back, depth) - border_offset(along, above, order, depth)
 
 
 @wp.kernel
