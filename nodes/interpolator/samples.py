@@ -49,7 +49,7 @@ class Parting:
         environment, None where there are none."""
         import warp as wp
 
-        from nodes.interpolator.refine.samples.further_kernels import begin_at_zero
+        from nodes.interpolator.refine.samples.sort_kernels import begin_at_zero
 
         envs, device = self._begins.size, self._begins.device
         pixels = (further.first.size - 1) // envs

@@ -7,6 +7,7 @@ TYPE_CHECKING from the interpreter alone; a reader has to go round in both.
 from __future__ import annotations
 
 import ast
+import re
 import sys
 import warnings
 from collections import Counter
@@ -67,6 +68,17 @@ def test_one_spelling_of_kernels_and_no_utils() -> None:
         if "kernel" in path.name:
             assert path.name == "kernels.py" or path.name.endswith("_kernels.py"), path
         assert not {"util", "utils", "helpers", "misc", "common"} & set(path.stem.split("_")), path
+
+
+@pytest.mark.parametrize("house", ["nodes/interpolator", "nodes/renderer"])
+def test_a_room_tells_what_is_in_it(house: str) -> None:
+    """The docstring of each package in these deep trees names its files and rooms, all of them and no others."""
+    for package in sorted((ROOT / house).rglob("__init__.py")):
+        told = set(re.findall(r"`([a-z_0-9]+(?:\.py|\.h|/))`", ast.get_docstring(ast.parse(package.read_text())) or ""))
+        there = {path.name for path in package.parent.glob("*.py")} - {package.name}
+        there |= {path.name for path in package.parent.glob("*.h")}
+        there |= {f"{path.parent.name}/" for path in package.parent.glob("*/__init__.py")}
+        assert told == there, package
 
 
 def standard_imports_in_functions(path: Path) -> set[str]:

@@ -7,23 +7,20 @@ The words of this room:
 - A coarse interval is divided by 2^depth - 1 *instants* inside it. They alone are candidates for samples, and those of
   a *window* of neighbouring coarse intervals are placed together, one per *slot*.
 - *Probes* are z-buffers without any light at some of the instants; they tell which surfaces a pixel shows in between.
-- A *change* is the instant at which a pixel passes from one surface to another; between two changes is a *run* of one
-  surface.
-- A *sample* is the radiance I of one pixel at one instant.
+- A *transition* is the instant at which a pixel passes from one surface to another; between two of them is a *run* of
+  one surface.
+- A *request* asks for the radiance of a pixel at an instant; a *sample* is what it was found to be.
 
-The path of the data, file by file:
+The way of the data:
 
-1. `refinement.py` takes a gap and cuts it into windows; `rounds.py` goes through the steps below for a window.
-   `stage_kernels.py` holds what all kernels of a window read.
-2. Which instants: `instants.py` chooses the candidates, and `probing/` draws as many probes as what moves asks for.
-3. Which pixels: in `runs/`, `plain_kernels.py` lists the samples of pixels that show one surface, `change_kernels.py`
-   and `edge_kernels.py` find the changes of all others, and `run_kernels.py` lists the samples that each of their runs
-   needs. Both follow a pixel over a surface by `paths/`: in a keyframe, past probes between which bodies go straight,
-   or on what is painted there where no keyframe shows it. `light/` lists those that lamps and shadows ask for.
-4. Evaluation: in `evaluation/`, `sight_kernels.py` finds what a pixel sees at an instant, and `evaluator.py` computes
-   its radiance. `halving/` halves intervals that are still not straight, whose middles are evaluated next.
-5. Lists for the sensor: in `samples/`, `further_kernels.py` sorts all samples by pixel and time. Where pixels are means
-   of several, all this is done for each of these sub-pixels, and `means.py` merges what is found. What is listed lies
-   in `lists.py` and is counted in `tally.py`, where the kernels that go through a list read its length: so a GPU goes
-   from one to the next without the host.
+1. `method.py` is the method; `refinement.py` takes a gap and cuts it into windows; `rounds.py` goes through the steps
+   below for a window. `window_kernels.py` holds what all kernels of a window read, `frame_kernels.py` its frames.
+2. Instants: `instants.py` chooses the candidates, and `probing/` draws as many probes as what moves asks for.
+3. Requests: in `runs/` for pixels that show one surface, and for every run of those that show several. They follow a
+   pixel over a surface by `paths/`, and ask `light/` when lamps and shadows change.
+4. Radiance: `evaluation/` finds what a pixel sees at the instant of a request, and its radiance there.
+5. Intervals: `halving/` makes samples of requests, and halves intervals between them in which ln I is not straight;
+   their middles are evaluated next (4), until none is left.
+6. Samples: `samples/` holds all lists, sorts the samples by pixel and time for the sensor, and averages those of
+   sub-pixels.
 """

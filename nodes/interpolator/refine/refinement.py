@@ -19,13 +19,13 @@ from nodes.interpolator.refine.evaluation.evaluator import Evaluator, make_look_
 from nodes.interpolator.refine.instants import Instants, instants_of, least_parts
 from nodes.interpolator.refine.light.flicker import Flicker
 from nodes.interpolator.refine.light.highlights import Highlights, tolerance_for
-from nodes.interpolator.refine.light.passing import Passing
-from nodes.interpolator.refine.paths.grain import least_spacing
-from nodes.interpolator.refine.probing.probes import Ahead, Probes
+from nodes.interpolator.refine.light.light_visibility import LightVisibility
+from nodes.interpolator.refine.paths.albedo_scale import least_spacing
+from nodes.interpolator.refine.probing.probes import ProbeForecast, Probes
 from nodes.interpolator.refine.rounds import Kernels, Rounds, Window
-from nodes.interpolator.refine.samples.further_kernels import count_samples, make_sort, place_samples
 from nodes.interpolator.refine.samples.means import Means
-from nodes.interpolator.refine.stage_kernels import Cut, Stage
+from nodes.interpolator.refine.samples.sort_kernels import count_samples, make_sort, place_samples
+from nodes.interpolator.refine.window_kernels import WindowParameters, WindowScene, make_coarse_frames
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.sampling import pixels_per_radian
 from nodes.interpolator.rigid.slots import Poses
@@ -54,13 +54,13 @@ class Motion:
     """Holds what the motion of the bodies tells of a gap.
 
     stamps: of all instants, int64 [n] or [E, n] ns. poses: at these. probes: see Probes.foresee. parts, unseen: see
-    Passing.parts.
+    LightVisibility.parts.
     """
 
     gap: Span
     stamps: np.ndarray
     poses: Poses
-    probes: Ahead | None
+    probes: ProbeForecast | None
     parts: np.ndarray
     unseen: np.ndarray
 
@@ -90,7 +90,7 @@ class Refinement:
         waveforms = (light.waveform for light in v.scene.lights)
         self._flicker = Flicker(waveforms, FLICKERING * layout.tolerance, v.device, layout.waveforms)
         self._sort_each, self._rank = make_sort(channels)
-        self._kernels, self._passing = Kernels.of(rigid), Passing(rigid)
+        self._kernels, self._light_visibility = Kernels.of(rigid), LightVisibility(rigid)
         self._means = Means(rigid, fineness, tolerance_ns) if fineness > 1 else None
         self._held = wp.zeros(layout.envs, dtype=wp.int32, device=v.device)
         self._parts = wp.zeros((2, layout.envs), dtype=wp.int32, device=v.device)
@@ -113,9 +113,9 @@ class Refinement:
         looks = [(kernel, LAUNCH_BLOCK) for kernel in make_look_up_kernels(self._rigid)]
         sort = self._sort_each if self._device.is_cpu else self._rank
         window = self._kernels.to_build(self._rigid.shading.occluders.trees)
-        passing = [(self._passing.kernel, LAUNCH_BLOCK)] if self._passing.likely() else []
+        light = [(self._light_visibility.kernel, LAUNCH_BLOCK)] if self._light_visibility.likely() else []
         means = [] if self._means is None else self._means.kernels()
-        return [*looks, *window, *self._probes.kernels(), *passing, (sort, LAUNCH_BLOCK), *means]
+        return [*looks, *window, *self._probes.kernels(), *light, (sort, LAUNCH_BLOCK), *means]
 
     def further(
         self,
@@ -157,12 +157,16 @@ class Refinement:
 
         # Environments that have no gap now may have one next time; a CPU makes room as it goes.
         share = 1.0 if self._gaps == 1 or self._device.is_cpu else float((~held).mean())
+        coarse: Any = make_coarse_frames(self._rigid.layout.channels)()
+        coarse.image_a, coarse.frames = self._rigid.pair.a.image, frames
+        marks = self._flicker.kernel
+        marks.at_frames, marks.within = self._rigid.strength, evaluator.strength
         total = 0
         for first, last in instants.windows():
             evaluator.send(instants.of_window(first), instants.count)
-            cut = self._cut(instants, evaluator, first)
-            cut.parts = int(motion.parts.max())
-            window = Window(last - first, cut, self._stage(rounds), self._held, self._flicker.kernel, frames)
+            params = self._parameters(instants, evaluator, first)
+            params.parts = int(motion.parts.max())
+            window = Window(last - first, params, self._scene_of(rounds), coarse, marks)
             total, shaded = rounds.run(window, total, while_it_works, share)
             self.shaded += shaded
         self.evaluated = total
@@ -185,14 +189,14 @@ class Refinement:
         """Works out what the bodies' motion tells of a gap, on the host alone."""
         stamps = gap.stamps(instants.count)
         poses = evaluator.places.find(stamps, gap.a, gap.b, gap.held)
-        parts = partial(self._passing.parts, instants, poses, gap.ends - gap.starts, gap.held)
+        parts = partial(self._light_visibility.parts, instants, poses, gap.ends - gap.starts, gap.held)
         probes = partial(self._probes.foresee, instants, stamps, poses, gap)
         if self._beside is None or not self._moved_once:
             # What compiles and loads a kernel is not for several threads at once.
             self._moved_once = True
             return Motion(gap, stamps, poses, probes(None), *parts())
-        passing = self._beside.submit(parts)
-        return Motion(gap, stamps, poses, probes(self._beside), *passing.result())
+        light = self._beside.submit(parts)
+        return Motion(gap, stamps, poses, probes(self._beside), *light.result())
 
     def _prepare(self, gap: Span, stamps: np.ndarray, following: Span | None) -> None:
         """Prepares the gap after this one; stamps: of all instants of this one."""
@@ -219,30 +223,36 @@ class Refinement:
             # What is not used any more is freed first.
             self._rounds.clear()
             evaluator = Evaluator(self._rigid, instants.slots, self._threads, self._light_samples)
-            self._rounds[shape] = Rounds(self._rigid, evaluator, instants, self._kernels, self._passing)
+            self._rounds[shape] = Rounds(self._rigid, evaluator, instants, self._kernels, self._light_visibility)
         return self._rounds[shape]
 
-    def _cut(self, instants: Instants, evaluator: Evaluator, first: int) -> Any:
-        cut: Any = Cut()
+    def _parameters(self, instants: Instants, evaluator: Evaluator, first: int) -> Any:
+        params: Any = WindowParameters()
         layout = self._rigid.layout
-        cut.jump = cut.bend = PART * layout.tolerance
-        cut.straight, cut.rough = PLAIN * layout.tolerance, ROUGH * layout.tolerance
-        cut.first, cut.coarse, cut.slots, cut.depth = first, instants.coarse, instants.inside, instants.depth
-        cut.probes = self._probes.most
-        cut.rows = self._rigid.visibility.envs
-        cut.envs, cut.margin = layout.envs, evaluator.visibility.margin
-        cut.height, cut.width = evaluator.size
-        cut.gain, cut.even, cut.spacing = self._gain, EVEN * layout.tolerance, self._spacing
-        return cut
+        params.jump = params.bend = PART * layout.tolerance
+        params.straight, params.rough = PLAIN * layout.tolerance, ROUGH * layout.tolerance
+        params.first, params.coarse, params.slots, params.depth = (
+            first,
+            instants.coarse,
+            instants.inside,
+            instants.depth,
+        )
+        params.probes = self._probes.most
+        params.rows = self._rigid.visibility.envs
+        params.envs, params.margin = layout.envs, evaluator.visibility.margin
+        params.height, params.width = evaluator.size
+        params.gain, params.even, params.spacing = self._gain, EVEN * layout.tolerance, self._spacing
+        return params
 
-    def _stage(self, rounds: Rounds) -> Any:
-        stage: Any = Stage()
-        evaluator, stage.bends = rounds.evaluator, rounds.bends
-        stage.turn, stage.shift = evaluator.moved
-        stage.packed, stage.targets = self._rigid.visibility.packed, evaluator.targets
-        stage.probed, stage.probes = self._probes.packed, self._probes.each
-        stage.parts, stage.alpha = self._parts, evaluator.change.alpha
-        return stage
+    def _scene_of(self, rounds: Rounds) -> Any:
+        scene: Any = WindowScene()
+        evaluator, scene.bends = rounds.evaluator, rounds.bends
+        scene.turn, scene.shift = evaluator.moved
+        scene.held, scene.packed_a = self._held, self._rigid.pair.a.packed
+        scene.packed, scene.targets = self._rigid.visibility.packed, evaluator.targets
+        scene.probed, scene.probes = self._probes.packed, self._probes.each
+        scene.parts, scene.alpha = self._parts, evaluator.change.alpha
+        return scene
 
     def _sorted(self, samples: list[wp.array], total: int, since: wp.array) -> Further:
         """Sorts the samples by pixel and time. since: int32 [E, instants], ns from the gap's start to each instant."""

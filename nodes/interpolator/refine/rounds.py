@@ -14,26 +14,31 @@ import warp as wp
 from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.cuda_graph import CudaGraphs
 from nodes.interpolator.refine.evaluation.evaluator import Evaluator, changes_of
-from nodes.interpolator.refine.evaluation.see_kernels import see
+from nodes.interpolator.refine.evaluation.trace_kernels import trace_pixels
 from nodes.interpolator.refine.halving.check_kernels import make_check
 from nodes.interpolator.refine.halving.interval_kernels import make_intervals
 from nodes.interpolator.refine.halving.split_kernels import make_split
 from nodes.interpolator.refine.instants import Instants
-from nodes.interpolator.refine.light.passing import Passing
-from nodes.interpolator.refine.paths.listing_kernels import make_instances
+from nodes.interpolator.refine.light.light_visibility import LightVisibility
 from nodes.interpolator.refine.paths.motion_kernels import find_bends
-from nodes.interpolator.refine.runs.change_kernels import Changes, Several, find_breaks, make_find_changes
-from nodes.interpolator.refine.runs.edge_kernels import find_times
-from nodes.interpolator.refine.runs.plain_kernels import make_find_plain
-from nodes.interpolator.refine.runs.run_kernels import make_find_ends, make_find_runs
-from nodes.interpolator.refine.samples.lists import Lists, Samples
+from nodes.interpolator.refine.runs.run_kernels import make_request_run_ends, make_request_runs
+from nodes.interpolator.refine.runs.single_surface_kernels import make_request_single_surface
+from nodes.interpolator.refine.runs.transition_kernels import (
+    ChangingPixels,
+    Transitions,
+    find_changed_spans,
+    make_find_transitions,
+)
+from nodes.interpolator.refine.runs.transition_time_kernels import find_transition_times
+from nodes.interpolator.refine.samples.lists import GrowingList, Samples, part_of
+from nodes.interpolator.refine.samples.request_kernels import make_requests
 from nodes.interpolator.refine.samples.tally import Counts, Tally
 from nodes.interpolator.rigid.method import Rigid
 from nodes.renderer.lighting import LIST_WORKERS
 
 SEARCHERS, BLOCK = 1 << 21, 64
-"""Threads that look for changes and along runs on a GPU, and of a block of them that finds changes: it ends with the
-slowest of these."""
+"""Threads that look for changes and along runs on a GPU, and of a block of them that finds transitions: it ends with
+the slowest of these."""
 AT_FIRST = 1.0
 """Entries of a list for each pixel of an instant, before it is known how many are needed."""
 
@@ -42,48 +47,56 @@ AT_FIRST = 1.0
 class Window:
     """Holds what kernels read of some neighbouring coarse intervals of a gap.
 
-    intervals: how many. cut: the first of them, and the limits. held int32 [E]: 1 for environments that have no gap.
-    marks: of lights that flicker. frames: the coarse frames [E K, h, w].
+    intervals: how many. params: WindowParameters. scene: WindowScene. coarse: CoarseFrames. marks: of lights that
+    flicker.
     """
 
     intervals: int
-    cut: Any
-    stage: Any
-    held: wp.array
+    params: Any
+    scene: Any
+    coarse: Any
     marks: Any
-    frames: wp.array
 
 
 @dataclass(frozen=True)
 class Kernels:
     """Holds the kernels of a window that depend on the scene."""
 
-    find_plain: wp.Kernel
-    find_ends: wp.Kernel
-    find_runs: wp.Kernel
+    request_single_surface: wp.Kernel
+    request_run_ends: wp.Kernel
+    request_runs: wp.Kernel
     check: wp.Kernel
     split: wp.Kernel
 
     @classmethod
     def of(cls, rigid: Rigid) -> Kernels:
         """Makes the kernels for what there is in the scene of a `Rigid`."""
-        layout, lens, changes = rigid.layout, rigid.visibility.lens, changes_of(rigid)
+        layout, lens, transitions = rigid.layout, rigid.visibility.lens, changes_of(rigid)
         features = rigid.shading.features
         painted = features.textures or features.tinted
-        how = (lens, layout.channels, layout.ways, layout.relight, painted, changes)
-        ends = make_find_ends(layout.channels, not layout.flicker)
+        how = (lens, layout.channels, layout.waveform_count, layout.relight, painted, transitions)
+        ends = make_request_run_ends(layout.channels, not layout.flicker)
         return cls(
-            make_find_plain(*how),
+            make_request_single_surface(*how),
             ends,
-            make_find_runs(*how),
-            make_check(layout.channels, changes.view),
+            make_request_runs(*how),
+            make_check(layout.channels, transitions.view),
             make_split(layout.channels),
         )
 
     def to_build(self, trees: bool) -> list[tuple[wp.Kernel, int]]:
-        """Lists the kernels and their block sizes for `build_together`. trees: as of `make_seen_of_all`."""
-        others = (self.find_plain, find_breaks, find_times, self.find_ends, self.find_runs, self.check, self.split, see)
-        return [*((kernel, LAUNCH_BLOCK) for kernel in others), (make_find_changes(trees), BLOCK)]
+        """Lists the kernels and their block sizes for `build_together`. trees: as of `make_trace_all`."""
+        changing = (
+            self.request_single_surface,
+            find_changed_spans,
+            find_transition_times,
+            self.request_run_ends,
+            self.request_runs,
+            self.check,
+            self.split,
+            trace_pixels,
+        )
+        return [*((kernel, LAUNCH_BLOCK) for kernel in changing), (make_find_transitions(trees), BLOCK)]
 
 
 class Rounds:
@@ -96,21 +109,26 @@ class Rounds:
     """
 
     def __init__(
-        self, rigid: Rigid, evaluator: Evaluator, instants: Instants, kernels: Kernels, passing: Passing
+        self,
+        rigid: Rigid,
+        evaluator: Evaluator,
+        instants: Instants,
+        kernels: Kernels,
+        light_visibility: LightVisibility,
     ) -> None:
-        self._rigid, self.evaluator, self._kernels, self._passing = rigid, evaluator, kernels, passing
+        self._rigid, self.evaluator, self._kernels, self._light_visibility = rigid, evaluator, kernels, light_visibility
         v, layout, bands = rigid.visibility, rigid.layout, evaluator.bands
         channels, device = layout.channels, v.device
         pixel: Any = wp.float32 if channels == 1 else wp.vec3
         self.reads_counts = device.is_cpu
         """Whether the host reads counts while a window is done."""
-        self._find_changes = make_find_changes(evaluator.shading.occluders.trees)
+        self._find_transitions = make_find_transitions(evaluator.shading.occluders.trees)
         self._tally, self._graphs = Tally(bands, device), CudaGraphs(device)
-        self._several: Any = Several()
-        self._changes = Lists(Changes, pixel, bands, device)
-        self._instances = Lists(make_instances(channels), pixel, bands, device)
-        self._intervals = [Lists(make_intervals(channels), pixel, bands, device) for _ in range(2)]
-        self.samples = Samples(pixel, device)
+        self._changing: Any = ChangingPixels()
+        self._transitions = GrowingList(Transitions, pixel, bands, device)
+        self._requests = GrowingList(make_requests(channels), pixel, bands, device)
+        self._intervals = [GrowingList(make_intervals(channels), pixel, bands, device) for _ in range(2)]
+        self.samples = Samples(channels, self._tally.made, device)
         rows, bodies = 2 * instants.per_window * layout.envs, evaluator.moved[0].shape[1]
         self.bends = wp.zeros((rows, bodies, instants.depth + 1), dtype=wp.vec2, device=device)
 
@@ -122,12 +140,12 @@ class Rounds:
         Returns how many there are then, and how many of the new ones were shaded.
         """
         self._make_room(window)
-        if window.cut.parts:
-            self._passing.make_room(window.intervals, window.cut)
-            window.stage.passing = self._passing.bits
+        if window.params.parts:
+            self._light_visibility.make_room(window.intervals, window.params)
+            window.scene.light_changes = self._light_visibility.bits
         while True:
             if not self.reads_counts:
-                self.evaluator.reserve(max(one.size for one in (self._instances, *self._intervals)))
+                self.evaluator.reserve(max(one.size for one in (self._requests, *self._intervals)))
             self._tally.begin(total)
             self._graphs.run(self._key(window), partial(self._launch, window))
             meanwhile()
@@ -139,17 +157,17 @@ class Rounds:
 
     def _make_room(self, window: Window) -> None:
         """Makes room for the pixels that show several surfaces, and in lists that are still empty."""
-        evaluator, device, cut = self.evaluator, self._rigid.visibility.device, window.cut
-        inner = cut.envs * cut.height * cut.width
+        evaluator, device, params = self.evaluator, self._rigid.visibility.device, window.params
+        inner = params.envs * params.height * params.width
         most = max(int(AT_FIRST * inner) // evaluator.bands, 1)
-        several, listed = self._several, window.intervals * inner
-        if several.at is None or several.at.size < listed:
+        changing, listed = self._changing, window.intervals * inner
+        if changing.at is None or changing.at.size < listed:
             for name in ("at", "grazing", "begun", "opened"):
-                setattr(several, name, wp.empty(listed, dtype=wp.int32, device=device))
-            several.seen = wp.empty(listed, dtype=wp.uint64, device=device)
-        if several.first is None or several.first.size < listed * cut.probes:
-            several.first = wp.empty(listed * cut.probes, dtype=wp.int32, device=device)
-        lists = [self._instances, self._changes]
+                setattr(changing, name, wp.empty(listed, dtype=wp.int32, device=device))
+            changing.seen = wp.empty(listed, dtype=wp.uint64, device=device)
+        if changing.first is None or changing.first.size < listed * params.probes:
+            changing.first = wp.empty(listed * params.probes, dtype=wp.int32, device=device)
+        lists = [self._requests, self._transitions]
         if not self.reads_counts:
             lists += self._intervals
             self.samples.reserve(2 * most * evaluator.bands, 0)
@@ -160,17 +178,24 @@ class Rounds:
     def _grow(self, told: Counts, made: int, kept: int, share: float = 1.0) -> bool:
         """Makes room for what was counted and had none; True where that was anything. kept: samples that stay. share:
         of what there may be, which was counted."""
-        needed = [told.changes, told.lists[0], told.lists[1::2], told.lists[2::2]]
-        lists = [self._changes, self._instances, *self._intervals]
+        needed = [told.transitions, told.lists[0], told.lists[1::2], told.lists[2::2]]
+        lists = [self._transitions, self._requests, *self._intervals]
         grown = [each.reserve(math.ceil(most.max() / share)) for each, most in zip(lists, needed)]
         return any([*grown, self.samples.reserve(math.ceil(made / share), kept)])
 
     def _key(self, window: Window) -> Hashable:
         """Tells all that can differ between the launches of two windows: numbers, and where arrays are that may be
         replaced; all others are written where they were."""
-        lists = [self._instances, self._changes, *self._intervals]
-        structs = [window.cut, window.stage, window.marks, self._several, *(each.kernel for each in lists)]
-        arrays = [window.frames, self.evaluator.hits, *self.samples.arrays]
+        lists = [self._requests, self._transitions, *self._intervals]
+        structs = [
+            window.params,
+            window.scene,
+            window.coarse,
+            window.marks,
+            self._changing,
+            *(each.kernel for each in lists),
+        ]
+        arrays = [self.evaluator.hits, *self.samples.arrays]
         return (
             *(bytes(struct.__ctype__()) for struct in structs),
             *((array.ptr, array.shape) for array in arrays),
@@ -186,17 +211,17 @@ class Rounds:
         wp.launch(
             find_bends,
             self.bends.shape[:2],
-            [window.cut, window.stage, keys.turn, keys.shift],
+            [window.params, window.scene, keys.turn, keys.shift],
             [self.bends],
             device=self.bends.device,
         )
-        if window.cut.parts:
-            self._passing.find(window.intervals, window.cut, window.stage, window.held, self.evaluator)
+        if window.params.parts:
+            self._light_visibility.find(window.intervals, window.params, window.scene, self.evaluator)
         self._find(window)
-        listed, there = self._instances, self._intervals[0]
+        listed, there = self._requests, self._intervals[0]
         # An interval between two samples, or between one and a coarse frame, has less than 2^depth parts: after as many
         # rounds as `depth` there is none left of two or more.
-        for number in range(window.cut.depth + 1):
+        for number in range(window.params.depth + 1):
             bands = self._bands(number, listed, there)
             if not bands:
                 break
@@ -204,14 +229,14 @@ class Rounds:
             self._launch_round(window, number, listed, there, bands)
             listed, there = there, self._intervals[1] if there is self._intervals[0] else self._intervals[0]
 
-    def _bands(self, number: int, listed: Lists, there: Lists) -> list[int]:
+    def _bands(self, number: int, listed: GrowingList, there: GrowingList) -> list[int]:
         """Gives the bands whose part of a list has entries, and makes room for what comes of them: where the host reads
         counts. Gives none where something has had no room."""
         if not self.reads_counts:
             return list(range(self.evaluator.bands))
         told = self._tally.read()
         counts, most = told.lists[number], int(told.lists[number].max())
-        if most > listed.most or int(told.changes.max()) > self._changes.most:
+        if most > listed.most or int(told.transitions.max()) > self._transitions.most:
             return []
         there.reserve(2 * most)
         self.evaluator.reserve(listed.size)
@@ -221,61 +246,56 @@ class Rounds:
 
     def _find(self, window: Window) -> None:
         """Lists the pixels and instants at which runs need a sample."""
-        rigid, evaluator, cut, tally = self._rigid, self.evaluator, window.cut, self._tally
-        find = self._kernels
-        v, bands = evaluator.visibility, evaluator.bands
-        edges = [cut.height * k // bands for k in range(bands + 1)]
-        span = cut.width if v.device.is_cpu else 1
-        workers, searchers = (1, 1) if v.device.is_cpu else (LIST_WORKERS, SEARCHERS)
-        keys, start, marks, stage = rigid.pair.kernel(), rigid.pair.a.packed, window.marks, window.stage
-        instances, found = self._instances.kernel, tally.lists[0]
-        changes, several = self._changes.kernel, self._several
-        lit = [marks, evaluator.change]
-        shown = [rigid.pair.a.image, start, window.frames]
+        rigid, evaluator, params, tally = self._rigid, self.evaluator, window.params, self._tally
+        kernels, view, bands = self._kernels, evaluator.visibility.view, evaluator.bands
+        cpu, images = evaluator.visibility.device.is_cpu, window.intervals * params.envs
+        edges = [params.height * k // bands for k in range(bands + 1)]
+        span, listers, searchers = (params.width, 1, 1) if cpu else (1, LIST_WORKERS, SEARCHERS)
+        requests, transitions, changing = self._requests.kernel, self._transitions.kernel, self._changing
+        scene, seen = window.scene, [rigid.pair.kernel(), window.scene, window.coarse, window.marks, evaluator.change]
         launches: tuple[list[tuple[Any, Any, list[Any]]], ...] = ([], [], [], [], [], [])
         for k in range(bands):
-            rows, other = edges[k + 1] - edges[k], window.intervals * cut.envs * cut.width * edges[k]
-            most, most_changes = self._instances.most, self._changes.most
-            given = [v.view, cut, edges[k], span, k * most, most, other, k, window.held, keys, stage, *lit]
-            given += [rigid.strength, evaluator.strength, *shown, instances, found, several, tally.others]
-            launches[0].append((find.find_plain, (window.intervals * cut.envs, rows, cut.width // span), given))
-            given = [v.view, cut, searchers, k * most_changes, most_changes]
-            listed = [stage, start, several, changes, tally.changes]
-            launches[1].append((find_breaks, searchers, [*given, other, k, tally.others, *listed, tally.breaks]))
-            listed = [stage, several, changes, tally.changes]
-            launches[2].append((self._find_changes, searchers, [*given, k, tally.breaks, *listed]))
-            given += [k, tally.changes, stage, several, changes]
-            launches[3].append((find_times, searchers, given))
-            given = [v.view, cut, workers, k * most, most, other, k, tally.others]
-            launches[4].append((find.find_ends, workers, [*given, stage, start, several, changes, instances, found]))
-            given[2] = searchers
-            given += [k * most_changes, most_changes, tally.changes, keys, stage, *lit, *shown, several, changes]
-            launches[5].append((find.find_runs, searchers, [*given, instances, found]))
+            rows, area = edges[k + 1] - edges[k], images * params.width
+            listed = [requests, self._requests.part(k, tally.lists[0])]
+            changes = [transitions, self._transitions.part(k, tally.transitions)]
+            among = [changing, part_of(area * edges[k], area * rows, k, tally.changing)]
+            given = [view, params, edges[k], span, *seen, *listed, *among]
+            launches[0].append((kernels.request_single_surface, (images, rows, params.width // span), given))
+            search = [view, params, searchers]
+            given = [*search, scene, *among, *changes, tally.changed_spans]
+            launches[1].append((find_changed_spans, searchers, given))
+            given = [*search, tally.changed_spans, scene, changing, *changes]
+            launches[2].append((self._find_transitions, searchers, given))
+            launches[3].append((find_transition_times, searchers, [*search, scene, changing, *changes]))
+            given = [view, params, listers, scene, *among, transitions, *listed]
+            launches[4].append((kernels.request_run_ends, listers, given))
+            launches[5].append((kernels.request_runs, searchers, [*search, *seen, *among, *changes, *listed]))
         for number, each in enumerate(launches):
             rigid.sampling.launch(each, BLOCK if number == 2 else LAUNCH_BLOCK)
 
-    def _evaluate(self, window: Window, number: int, listed: Lists, bands: list[int]) -> None:
+    def _evaluate(self, window: Window, number: int, listed: GrowingList, bands: list[int]) -> None:
         """Computes z-buffer entries and radiance of the listed pixels."""
         evaluator, pixels, count = self.evaluator, listed.kernel, self._tally.lists[number]
         workers = evaluator.workers(number)
-        launches = []
-        for k in bands:
-            given = [evaluator.visibility.view, window.cut, workers, k, listed.most, count, window.stage]
-            launches.append((see, workers, [*given, pixels.at, pixels.before, pixels.after, evaluator.hits]))
+        of_pixels = [pixels.at, pixels.before, pixels.after, evaluator.hits]
+        given = [evaluator.visibility.view, window.params, workers, window.scene]
+        launches = [(trace_pixels, workers, [*given, listed.part(k, count), *of_pixels]) for k in bands]
         self._rigid.sampling.launch(launches)
         evaluator.evaluate(number, pixels.at, listed.most, count, bands, self._tally.unseen[number])
 
-    def _launch_round(self, window: Window, number: int, listed: Lists, there: Lists, bands: list[int]) -> None:
+    def _launch_round(
+        self, window: Window, number: int, listed: GrowingList, there: GrowingList, bands: list[int]
+    ) -> None:
         """Adds what was evaluated to the samples, and lists the intervals that are to be halved next in `there`."""
-        rigid, evaluator, tally, a = self._rigid, self.evaluator, self._tally, self._rigid.pair.a
+        rigid, evaluator, tally = self._rigid, self.evaluator, self._tally
         workers = evaluator.workers(number)
+        kernel, what = self._kernels.split, [rigid.pieces]
         if number == 0:
-            kernel, what = self._kernels.check, [a.image, a.packed, window.frames, window.stage, listed.kernel]
-        else:
-            kernel, what = self._kernels.split, [rigid.pieces, listed.kernel]
-        given = [*what, evaluator.hits, evaluator.values, tally.made, *self.samples.arrays]
-        launches = []
-        for k in bands:
-            where = [window.cut, workers, k, listed.most, number, tally.lists[number], there.most]
-            launches.append((kernel, workers, [*where, *given, there.kernel, tally.lists[number + 1]]))
+            kernel, what = self._kernels.check, [window.scene, window.coarse]
+        given = [window.params, workers, number, *what, listed.kernel]
+        found = [evaluator.hits, evaluator.values, self.samples.kernel, there.kernel]
+        count, next_count = tally.lists[number], tally.lists[number + 1]
+        launches = [
+            (kernel, workers, [*given, listed.part(k, count), *found, there.part(k, next_count)]) for k in bands
+        ]
         rigid.sampling.launch(launches)

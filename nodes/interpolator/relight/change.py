@@ -99,7 +99,7 @@ class LightChange:
 
         Args:
             poses: of the gap.
-            still: flags of `keyframe_kernels.find_quiet`, int32 [E, N + 2].
+            still: flags of `keyframe_kernels.find_unchanged`, int32 [E, N + 2].
 
         Returns:
             `still` without those whose light a lamp may change at any pixel.
@@ -145,9 +145,9 @@ class LightChange:
         other.swept = swept
         return other
 
-    def disquiet(self, pieces: wp.array, quiet: wp.array) -> None:
-        """Finds what may be shaded in the gap that has begun, and takes that from what is quiet [E, H, W], keyframe B
-        being in the first slot: launches only."""
+    def exclude_relit(self, pieces: wp.array, unchanged: wp.array) -> None:
+        """Finds what may be shaded in the gap that has begun, and takes that from what is unchanged [E, H, W], keyframe
+        B being in the first slot: launches only."""
         v = self._v
         if self.features.shadows:
             masks = self.kernel.swept.masks
@@ -156,7 +156,7 @@ class LightChange:
             given = [self.kernel, self._swept_bodies]
             wp.launch(swept_kernels.find_open, found.shape, given, [found], device=v.device)
         dim = (self._envs, v.shape[1], v.shape[2] // v.span)
-        wp.launch(swept_kernels.disquiet, dim, [v.view, v.span, self.kernel, pieces, quiet], device=v.device)
+        wp.launch(swept_kernels.exclude_relit, dim, [v.view, v.span, self.kernel, pieces, unchanged], device=v.device)
 
     def _flags_of(self, gone: np.ndarray) -> np.ndarray:
         """Flags int32 [E, N + 1] of bodies and the world; gone: see Poses."""

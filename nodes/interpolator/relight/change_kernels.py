@@ -139,7 +139,7 @@ def in_the_open(flag: int, s: Point):
 
 @cache
 def make_light(f: LightChanges) -> tuple[Any, Any, Any]:
-    """Makes the functions `irradiance`, `shaded` and `level_then`."""
+    """Makes the functions `irradiance`, `shaded` and `log_irradiance_then`."""
     towards, _ = make_directions(f.directional, f.point or f.area, f.spot)
     _, ambient, _ = make_sky(f.mapped)
     cast = make_cast(f)
@@ -180,21 +180,21 @@ def make_light(f: LightChanges) -> tuple[Any, Any, Any]:
         return False
 
     @wp.func
-    def level_then(change: Change, row: int, row_then: int, then: Point):
+    def log_irradiance_then(change: Change, row: int, row_then: int, then: Point):
         """Computes ln of the irradiance of a point at a keyframe, which has row_then; row: of any slot."""
         up = wp.transpose(change.casters.turn[row]) * (change.eye_then[row_then] * then.normal)
         return wp.log(wp.max(irradiance(change, change.then, row_then, row, then, up), 1.0e-30))
 
-    return irradiance, shaded, level_then
+    return irradiance, shaded, log_irradiance_then
 
 
 @cache
-def make_turned(f: LightChanges) -> Any:
-    """Makes the function `turned`."""
+def make_half_vector_turn(f: LightChanges) -> Any:
+    """Makes the function `half_vector_turn`."""
     towards, _ = make_directions(f.directional, f.point or f.area, f.spot)
 
     @wp.func
-    def turned(change: Change, row: int, row_then: int, s: Point, then: Point, moved: bool):
+    def half_vector_turn(change: Change, row: int, row_then: int, s: Point, then: Point, moved: bool):
         """Bounds by how much the half vectors of view and lights have turned against the normal since a keyframe
         [rad]."""
         eye = change.casters.turn[row]
@@ -210,14 +210,14 @@ def make_turned(f: LightChanges) -> Any:
             angle += 0.5 * most + wp.length(eye * s.normal - eye_then * then.normal)
         return angle
 
-    return turned
+    return half_vector_turn
 
 
 @cache
 def make_relit(f: LightChanges) -> Any:
     """Makes the function `relit`."""
-    irradiance, shaded, level_then = make_light(f)
-    turned = make_turned(f)
+    irradiance, shaded, log_irradiance_then = make_light(f)
+    half_vector_turn = make_half_vector_turn(f)
 
     @wp.func
     def blurred(change: Change, then: Point):
@@ -241,7 +241,7 @@ def make_relit(f: LightChanges) -> Any:
     ):
         """Tells whether a point must be shaded at its own time, where keyframe A (row_a), B or both show it and are
         blended by `share`; and otherwise by how much ln of its radiance is above what A shows, and B. flag: of
-        `asked`."""
+        `point_flags`."""
         above_a = float(0.0)
         above_b = float(0.0)
         moved = (flag & MOVED) != 0
@@ -257,7 +257,7 @@ def make_relit(f: LightChanges) -> Any:
                 angle = float(0.0)
                 for k in range(begin, end):
                     then = point_then(s, moves, k)
-                    angle += turned(change, row, wp.where(k == 0, row_a, row_b), s, then, moved)
+                    angle += half_vector_turn(change, row, wp.where(k == 0, row_a, row_b), s, then, moved)
                 if angle > alpha * change.turned:
                     return True, above_a, above_b
         if wp.static(f.relative):
@@ -265,7 +265,7 @@ def make_relit(f: LightChanges) -> Any:
                 level = wp.log(wp.max(irradiance(change, change.now, row, row, s, s.normal), 1.0e-30))
                 for k in range(begin, end):
                     then = point_then(s, moves, k)
-                    above = level - level_then(change, row, wp.where(k == 0, row_a, row_b), then)
+                    above = level - log_irradiance_then(change, row, wp.where(k == 0, row_a, row_b), then)
                     if k == 0:
                         above_a = above
                     else:
@@ -299,11 +299,11 @@ def make_relit(f: LightChanges) -> Any:
 
 
 @cache
-def make_narrowed(f: LightChanges) -> Any:
-    """Makes the function `narrowed`."""
+def make_narrow_flags(f: LightChanges) -> Any:
+    """Makes the function `narrow_flags`."""
 
     @wp.func
-    def narrowed(change: Change, flag: int, env: int, row: int, instance: int, position: wp.vec3):
+    def narrow_flags(change: Change, flag: int, env: int, row: int, instance: int, position: wp.vec3):
         """Gives the flags of a point of an instance, of those of its body: SHADED only where a shadow may pass in the
         gap, OPEN where that is so, and AROUND becomes LIT_ANEW near what moves, else 0."""
         left = flag
@@ -321,16 +321,16 @@ def make_narrowed(f: LightChanges) -> Any:
                     left = left | LIT_ANEW
         return left
 
-    return narrowed
+    return narrow_flags
 
 
 @cache
-def make_asked(f: LightChanges) -> Any:
-    """Makes the function `asked`."""
-    narrowed = make_narrowed(f)
+def make_point_flags(f: LightChanges) -> Any:
+    """Makes the function `point_flags`."""
+    narrow_flags = make_narrow_flags(f)
 
     @wp.func
-    def asked(
+    def point_flags(
         change: Change, body: int, env: int, row: int, hit: wp.uint64, position: wp.vec3, to_a: wp.vec3, to_b: wp.vec3
     ):
         """Gives the flags of a point for `relit`, 0 where its light cannot change otherwise than evenly, which a few
@@ -338,7 +338,7 @@ def make_asked(f: LightChanges) -> Any:
 
         to_a, to_b: how far the cameras of both keyframes are from that of the row [m].
         """
-        flag = narrowed(change, change.flags[env, body], env, row, change.instance[triangle_of(hit)], position)
+        flag = narrow_flags(change, change.flags[env, body], env, row, change.instance[triangle_of(hit)], position)
         if wp.static(f.view):
             if (flag & MOVED) != 0:
                 flag = flag | VIEWED
@@ -352,21 +352,21 @@ def make_asked(f: LightChanges) -> Any:
                         flag = flag | VIEWED
         return flag
 
-    return asked
+    return point_flags
 
 
 @cache
-def make_level(f: LightChanges) -> Any:
-    """Makes the function `level_of`."""
+def make_log_irradiance(f: LightChanges) -> Any:
+    """Makes the function `log_irradiance`."""
     irradiance, shaded, _ = make_light(f)
-    narrowed = make_narrowed(f)
+    narrow_flags = make_narrow_flags(f)
 
     @wp.func
-    def level_of(change: Change, flag: int, env: int, row: int, s: Point):
+    def log_irradiance(change: Change, flag: int, env: int, row: int, s: Point):
         """Gives ln of the irradiance of a flagged point in a slot's row, and whether something may be in the way of a
         light."""
         level = float(0.0)
-        here = narrowed(change, flag, env, row, s.instance, s.position)
+        here = narrow_flags(change, flag, env, row, s.instance, s.position)
         moved = (here & MOVED) != 0
         hidden = (here & LIT_ANEW) != 0
         if wp.static(f.relative):
@@ -378,4 +378,4 @@ def make_level(f: LightChanges) -> Any:
                 hidden = shaded(change, change.now, change.casters, row, s, first, 0.0)
         return level, hidden
 
-    return level_of
+    return log_irradiance

@@ -119,22 +119,22 @@ def find_open(
 
 
 @wp.kernel
-def disquiet(
+def exclude_relit(
     # in
     view: CameraView,
     span: int,
     change: Change,
     pieces: wp.array(dtype=wp.vec2i),
     # in and out
-    quiet: wp.array3d(dtype=wp.uint64),
+    unchanged: wp.array3d(dtype=wp.uint64),
 ):
     """Writes NO_ENTRY over entries [E, H, W] of pixels whose light something that moves may cross in the gap.
 
     Keyframe B is in the first slot. pieces: body and patch of each triangle.
     """
     env, y, part = wp.tid()
-    for x in range(part * span, wp.min(part * span + span, quiet.shape[2])):
-        entry = quiet[env, y, x]
+    for x in range(part * span, wp.min(part * span + span, unchanged.shape[2])):
+        entry = unchanged[env, y, x]
         t = triangle_of(entry)
         if entry != NO_ENTRY and t != MISS:
             flag = change.flags[env, pieces[t][0]]
@@ -146,4 +146,4 @@ def disquiet(
             if (flag & SHADED) != 0 and not touched:
                 touched = crossed(change.swept, env, eye, env, change.instance[t], position)
             if touched:
-                quiet[env, y, x] = NO_ENTRY
+                unchanged[env, y, x] = NO_ENTRY

@@ -76,7 +76,7 @@ def patch_at(hit: wp.uint64, pieces: wp.array(dtype=wp.vec2i)):
 
 
 @wp.kernel
-def take_in(
+def prepare_pixels(
     # in
     span: int,
     packed: wp.array3d(dtype=wp.uint64),
@@ -106,13 +106,13 @@ def take_in(
 
 
 @cache
-def make_take_in_lights(channels: int, ways: int) -> wp.Kernel:
-    """Makes the kernel that does what `take_in` does where lights flicker; arguments as of `log_type`."""
+def make_prepare_flickering(channels: int, waveform_count: int) -> wp.Kernel:
+    """Makes the kernel that does what `prepare_pixels` does where lights flicker; arguments as of `log_type`."""
     pixel: Any = log_type(channels, 0)
-    logs_type: Any = log_type(channels, ways)
+    logs_type: Any = log_type(channels, waveform_count)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def take_in_lights(
+    def prepare_flickering(
         # in
         span: int,
         packed: wp.array3d(dtype=wp.uint64),
@@ -126,14 +126,14 @@ def make_take_in_lights(channels: int, ways: int) -> wp.Kernel:
         texels: wp.array3d(dtype=wp.vec4),
         nonfinite: wp.array(dtype=int),
     ):
-        """Computes what take_in does, of the radiance `lights` [ways + 1, E, H, W] under those of each waveform at
-        their mean beside the steady ones, and under these alone."""
+        """Computes what prepare_pixels does, of the radiance `lights` [waveforms + 1, E, H, W] under those of each
+        waveform at their mean beside the steady ones, and under these alone."""
         env, y, part = wp.tid()
         for x in range(part * span, wp.min(part * span + span, packed.shape[2])):
             p, w = patch_at(packed[env, y, x], pieces)
             right = usable(image[env, y, x])
             log = logs_type()
-            for k in range(wp.static(ways + 1)):
+            for k in range(wp.static(waveform_count + 1)):
                 colour = lights[k, env, y, x]
                 right = right and usable(colour)
                 if wp.static(channels == 1):
@@ -149,7 +149,7 @@ def make_take_in_lights(channels: int, ways: int) -> wp.Kernel:
             patch[env, y, x] = p
             inverse[env, y, x] = w
 
-    return take_in_lights
+    return prepare_flickering
 
 
 @wp.func
@@ -263,7 +263,7 @@ def equal(a: wp.vec3, b: wp.vec3):  # noqa: F811 - overloaded by its type
 
 
 @wp.kernel
-def find_quiet(
+def find_unchanged(
     # in
     span: int,
     packed_a: wp.array3d(dtype=wp.uint64),
@@ -273,7 +273,7 @@ def find_quiet(
     pieces: wp.array(dtype=wp.vec2i),
     still: wp.array2d(dtype=int),
     # out
-    quiet: wp.array3d(dtype=wp.uint64),
+    unchanged: wp.array3d(dtype=wp.uint64),
 ):
     """Computes the z-buffer entry with which a pixel shows what it does in both keyframes, or NO_ENTRY where that has
     changed.
@@ -295,4 +295,4 @@ def find_quiet(
                 body = pieces[t][0]
             if still[env, body] == 1:
                 entry = hit
-        quiet[env, y, x] = entry
+        unchanged[env, y, x] = entry

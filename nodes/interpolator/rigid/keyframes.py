@@ -17,14 +17,14 @@ from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
 from nodes.renderer.raster.visibility import Visibility
 
 
-class Pair:
+class KeyframePair:
     """Holds two keyframes of E environments that take turns as A and B: arrays [2 E, H, W], one after the other.
 
     Of E gaps in a row, which are as environments whose times differ, a gap's A is the B of the one before: E + 1
     keyframes, of which all but the last are A and all but the first are B.
 
     patch, support int32, inverse float32 and texels vec4 as in keyframe_kernels; logs: as of `log_type`. bare float32:
-    ln of the light alone on textures, elsewhere WITHOUT, in scenes that have textures. turn mat33 and shift
+    ln of the light alone on textures, elsewhere NO_ALBEDO, in scenes that have textures. turn mat33 and shift
     vec3 [2 P E, N + 2]: how the bodies of the sub-frames have moved since A, then since B.
     """
 
@@ -35,18 +35,18 @@ class Pair:
         bodies: int,
         channels: int,
         device: Any,
-        ways: int = 0,
+        waveform_count: int = 0,
         textured: bool = False,
         in_a_row: bool = False,
     ) -> None:
-        """shape: E, H, W. ways: as of `log_type`. in_a_row: the E are gaps in a row."""
+        """shape: E, H, W. waveform_count: as of `log_type`. in_a_row: the E are gaps in a row."""
         envs, rows = shape[0], 2 * slots * shape[0]
         self._in_a_row = in_a_row
         both = (envs + 1 if in_a_row else 2 * envs, *shape[1:])
         pixel: Any = wp.float32 if channels == 1 else wp.vec3
         with wp.ScopedDevice(device):
-            self.logs = wp.empty(both, dtype=log_type(channels, ways))
-            self.bare = wp.zeros(both if textured else (0, 0, 0), dtype=wp.float32)
+            self.logs = wp.empty(both, dtype=log_type(channels, waveform_count))
+            self.demodulated = wp.zeros(both if textured else (0, 0, 0), dtype=wp.float32)
             self.patch = wp.empty(both, dtype=wp.int32)
             self.support = wp.empty(both, dtype=wp.int32)
             self.inverse = wp.empty(both, dtype=wp.float32)
@@ -56,9 +56,10 @@ class Pair:
             self.poses = wp.empty((both[0], bodies), dtype=wp.transformd)
             self.turn = wp.empty((rows, bodies + 2), dtype=wp.mat33)
             self.shift = wp.empty((rows, bodies + 2), dtype=wp.vec3)
-        self._struct, self._channels, self._ways = make_keyframes(channels, ways), channels, ways
+        self._struct, self._channels, self._ways = make_keyframes(channels, waveform_count), channels, waveform_count
         self.a, self.b = (
-            Prepared(self, first, shape, device, channels, ways) for first in (0, 1 if in_a_row else envs)
+            PreparedKeyframe(self, first, shape, device, channels, waveform_count)
+            for first in (0, 1 if in_a_row else envs)
         )
         self._kernels: dict[tuple[int, int], Any] = {}
         """The structs that `kernel` has made, by the first row of A and where the motion is."""
@@ -72,7 +73,7 @@ class Pair:
             self.a, self.b = self.b, self.a
 
     def _last_to_first(self) -> None:
-        for name in ("logs", "bare", "patch", "support", "inverse", "texels", "image", "packed", "poses"):
+        for name in ("logs", "demodulated", "patch", "support", "inverse", "texels", "image", "packed", "poses"):
             array = getattr(self, name)
             if array.size:
                 wp.copy(array[:1], array[-1:])
@@ -85,11 +86,11 @@ class Pair:
         image, logs = (array.dtype for array in (self.image, self.logs))
         kinds: Any = {"image": wp.array3d(dtype=image), "logs": wp.array3d(dtype=logs)}
         if self._ways:
-            taking = keyframe_kernels.make_take_in_lights(self._channels, self._ways)
+            taking = keyframe_kernels.make_prepare_flickering(self._channels, self._ways)
         else:
-            taking = wp.overload(keyframe_kernels.take_in, kinds)
-        quiet: Any = {name: wp.array3d(dtype=image) for name in ("image_a", "image_b")}
-        wp.overload(keyframe_kernels.find_quiet, quiet)
+            taking = wp.overload(keyframe_kernels.prepare_pixels, kinds)
+        unchanged: Any = {name: wp.array3d(dtype=image) for name in ("image_a", "image_b")}
+        wp.overload(keyframe_kernels.find_unchanged, unchanged)
         wp.overload(keyframe_kernels.find_support, {"logs": kinds["logs"]})
         return [(taking, LAUNCH_BLOCK)]
 
@@ -122,12 +123,12 @@ class Pair:
         size = self.a.patch.size
         keys.first = wp.vec2i(*(size // len(self.a.patch) * prepared.first for prepared in (self.a, self.b)))
         keys.image, keys.turn, keys.shift = self.b.image, turn, shift
-        for name in ("patch", "support", "inverse", "logs", "bare", "texels"):
+        for name in ("patch", "support", "inverse", "logs", "demodulated", "texels"):
             setattr(keys, name, getattr(self, name).flatten())
         return keys
 
 
-class Prepared:
+class PreparedKeyframe:
     """Holds the device arrays of one keyframe of E environments, written by `take`, `take_poses`, `take_packed` and
     `fill`.
 
@@ -137,12 +138,12 @@ class Prepared:
 
     def __init__(
         self,
-        pair: Pair,
+        pair: KeyframePair,
         first: int,
         shape: tuple[int, int, int],
         device: Any,
         channels: int,
-        ways: int,
+        waveform_count: int,
     ) -> None:
         self.first, self._shape, self._device = first, shape, device
         # Pixels that one thread does; on the CPU a row, for starting one costs more.
@@ -150,12 +151,16 @@ class Prepared:
         mine = slice(first, first + shape[0])
         self.logs, self.patch, self.support = pair.logs[mine], pair.patch[mine], pair.support[mine]
         self.inverse, self.texels = pair.inverse[mine], pair.texels[mine]
-        self.bare = pair.bare[mine] if pair.bare.size else pair.bare
+        self.demodulated = pair.demodulated[mine] if pair.demodulated.size else pair.demodulated
         self.image, self.packed, self.poses = pair.image[mine], pair.packed[mine], pair.poses[mine]
-        self._take_in = keyframe_kernels.make_take_in_lights(channels, ways) if ways else keyframe_kernels.take_in
+        self._take_in = (
+            keyframe_kernels.make_prepare_flickering(channels, waveform_count)
+            if waveform_count
+            else keyframe_kernels.prepare_pixels
+        )
         with wp.ScopedDevice(device):
             # With those of each waveform at their mean, and without any.
-            self._lights = [wp.empty((ways + 1, *shape), dtype=wp.vec3)] if ways else []
+            self._lights = [wp.empty((waveform_count + 1, *shape), dtype=wp.vec3)] if waveform_count else []
 
     def take(self, image: wp.array) -> None:
         """Takes the keyframe's image, float32 [E, H, W] or [E, H, W, 3]."""

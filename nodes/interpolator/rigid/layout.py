@@ -101,8 +101,8 @@ class Layout:
         return float(np.exp(self.tolerance / 2))
 
     @property
-    def ways(self) -> int:
-        """Gives in how many ways lights flicker whose light is added up; see `log_type`."""
+    def waveform_count(self) -> int:
+        """Counts the waveforms of lights that flicker whose light is added up; see `log_type`."""
         return len(self.waveforms)
 
     @property

@@ -37,9 +37,9 @@ from nodes.interpolator.displacement_kernels import displace
 from nodes.interpolator.keyframe import KeyframeView, Report, Span
 from nodes.interpolator.relight.change import make_light_change
 from nodes.interpolator.relight.sweep_kernels import sweep
-from nodes.interpolator.relight.swept_kernels import disquiet
+from nodes.interpolator.relight.swept_kernels import exclude_relit
 from nodes.interpolator.rigid import keyframe_kernels
-from nodes.interpolator.rigid.keyframes import Pair
+from nodes.interpolator.rigid.keyframes import KeyframePair
 from nodes.interpolator.rigid.layout import RigidOptions, layout_of
 from nodes.interpolator.rigid.look_up.look_up_kernels import FINE
 from nodes.interpolator.rigid.patches import SIDES, pieces_of
@@ -89,8 +89,8 @@ class Rigid:
         self.size = (v.shape[1] - 2 * margin, v.shape[2] - 2 * margin)
         textured = textured_in(self.shading, self.layout)
         keyframe, bodies = (envs, *v.shape[1:]), len(scene.bodies)
-        ways = self.layout.ways
-        self.pair = Pair(keyframe, slots, bodies, channels, self._device, ways, textured, in_a_row)
+        waveform_count = self.layout.waveform_count
+        self.pair = KeyframePair(keyframe, slots, bodies, channels, self._device, waveform_count, textured, in_a_row)
         self.in_a_row = in_a_row
         """Whether the environments are gaps of one."""
         self.late = late or in_a_row
@@ -109,10 +109,10 @@ class Rigid:
         self.pieces = v.put(pieces, wp.vec2i)
         self._moving = v.put(self._may_move(pieces[:, 1], patches), wp.int32)
         with wp.ScopedDevice(self._device):
-            self.quiet = wp.empty(keyframe, dtype=wp.uint64)
+            self.unchanged = wp.empty(keyframe, dtype=wp.uint64)
             self._still = wp.zeros((envs, bodies + 2), dtype=wp.int32)
             # Of the last sub-frame of the portion before.
-            self._before = wp.empty((envs, bodies), dtype=wp.transformd), wp.empty_like(self.quiet)
+            self._before = wp.empty((envs, bodies), dtype=wp.transformd), wp.empty_like(self.unchanged)
         self._flags = np.zeros(self._still.shape, np.int32)
         # As many threads as share the visibility's rows, for these shade the lists.
         tiles = len(v.row_tiles.rows)
@@ -136,7 +136,7 @@ class Rigid:
 
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
         """Gives the kernels that are launched, as `build_together` takes them."""
-        changes = [(disquiet, LAUNCH_BLOCK), (sweep, LAUNCH_BLOCK)] if self.change else []
+        changes = [(exclude_relit, LAUNCH_BLOCK), (sweep, LAUNCH_BLOCK)] if self.change else []
         between = [(displace, LAUNCH_BLOCK), *self.pair.kernels(), *changes]
         return [*self._reprojection.kernels(), *self.visibility.kernels(), *between]
 
@@ -146,7 +146,8 @@ class Rigid:
 
     @property
     def strength(self) -> wp.array:
-        """Gives how strong lights that flicker are at what was drawn, float32 [slots E ways], empty without such."""
+        """Gives how strong lights that flicker are at what was drawn, float32 [slots E waveforms], empty without
+        such."""
         return self._reprojection.strength
 
     @property
@@ -321,19 +322,19 @@ class Rigid:
                 by_env = frames.reshape((self.layout.envs, self.layout.upsampling, *self.size))
                 wp.copy(by_env[:, self.layout.upsampling - 1], image[:, m : image.shape[1] - m, m : image.shape[2] - m])
             if first:
-                self._find_quiet()
+                self._find_unchanged()
                 if self.change is not None:
-                    self.change.disquiet(self.pieces, self.quiet)
+                    self.change.exclude_relit(self.pieces, self.unchanged)
         if first:
             if self.layout.waveforms:
                 self.pair.b.take_lights(self.layout.waveforms, partial(self._reprojection.light, placed=True))
             self.pair.b.fill(*self._filling)
-            self._reprojection.take_bare(self.pair.b)
+            self._reprojection.demodulate(self.pair.b)
         self._beside.join()
         if count:
             before = (self.pair.a.poses, self.pair.a.packed) if first else self._before
             given = SubframeRange(portion, first, count, part[first] - 1, closed, before)
-            self._reprojection.reproject(given, self.pair, self.quiet, frames)
+            self._reprojection.reproject(given, self.pair, self.unchanged, frames)
             if not closed:
                 last = slice((len(part) - 1) * self.layout.envs, len(part) * self.layout.envs)
                 for source, target in zip((v.poses, v.packed), self._before):
@@ -361,12 +362,12 @@ class Rigid:
         looked_up = samples if self.layout.on_device else int(sampled.sum())
         return Report(nonfinite=int(count[-1]), reshaded=int(count[:-1].sum()), samples=samples, sampled=looked_up)
 
-    def _find_quiet(self) -> None:
+    def _find_unchanged(self) -> None:
         """Pixels that do not change unless something comes before them."""
         v, a, b = self.visibility, self.pair.a, self.pair.b
         given = [v.span, a.packed, v.packed[: self.layout.envs], a.image, b.image, self.pieces, self._still]
         dim = (self.layout.envs, v.shape[1], v.shape[2] // v.span)
-        wp.launch(keyframe_kernels.find_quiet, dim, given, [self.quiet], device=self._device)
+        wp.launch(keyframe_kernels.find_unchanged, dim, given, [self.unchanged], device=self._device)
 
     def _prepare(self, view: KeyframeView) -> None:
         """A keyframe whose z-buffer is not there from the gap before."""
@@ -387,7 +388,7 @@ class Rigid:
             self.shading.update(placed)
             a.take_lights(self.layout.waveforms, partial(self._reprojection.light, placed=False))
         a.fill(*self._filling)
-        self._reprojection.take_bare(a)
+        self._reprojection.demodulate(a)
 
     def _take_poses(self) -> None:
         """Where bodies, lights and casters are at keyframe B: launches only."""

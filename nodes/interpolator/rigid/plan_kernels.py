@@ -14,10 +14,10 @@ import warp as wp
 from evis.gpu.append_kernels import take_place
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
-from nodes.interpolator.relight.line_kernels import Lit, make_light_in
+from nodes.interpolator.relight.line_kernels import LightState, make_light_state
+from nodes.interpolator.rigid.body_motion_kernels import BodyMotion
 from nodes.interpolator.rigid.look_up.look_up_kernels import SAME_SHEET
 from nodes.interpolator.rigid.patch_kernels import patch_of
-from nodes.interpolator.rigid.walk_kernels import Walk
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, face_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
 
@@ -41,13 +41,13 @@ LENGTHS = wp.constant(8192)
 
 
 @wp.struct
-class Stretch:
+class PlannedRange:
     """Holds a portion's sub-frames start0 + 1 .. start0 + count, in slots slot0.. of `packed` [P E, H, W].
 
     before [E, H, W]: z-buffer of sub-frame start0; after: that of B, with which the portion ends where closed = 1.
-    quiet [E, H, W]: entries with which nothing has changed. row_b: first row of B among the keyframes. step: path [px]
-    up to which samples are spared; 0 = none. gain: pixels per radian of a lens, at most. pieces: body and front's patch
-    of each triangle.
+    unchanged [E, H, W]: entries with which nothing has changed. row_b: first row of B among the keyframes. step: path
+    [px] up to which samples are spared; 0 = none. gain: pixels per radian of a lens, at most. pieces: body and front's
+    patch of each triangle.
     """
 
     count: int
@@ -62,13 +62,36 @@ class Stretch:
     before: wp.array3d(dtype=wp.uint64)
     packed: wp.array3d(dtype=wp.uint64)
     after: wp.array3d(dtype=wp.uint64)
-    quiet: wp.array3d(dtype=wp.uint64)
+    unchanged: wp.array3d(dtype=wp.uint64)
     pieces: wp.array(dtype=wp.vec2i)
-    walk: Walk
+    motion: BodyMotion
+
+
+@wp.struct
+class PlanPart:
+    """Holds what a band does: entries first .. last - 1 of a list, with the samples that it plans from todo0 on and the
+    spans from spans0 on."""
+
+    first: int
+    last: int
+    band: int
+    todo0: int
+    spans0: int
+
+
+@wp.struct
+class PlanLists:
+    """Holds what is planned: samples `todo` as indices into [count, E, h, w], spans, and how many each band has of
+    them, from its PlanPart's places on."""
+
+    todo: wp.array(dtype=int)
+    todo_count: wp.array(dtype=int)
+    spans: wp.array(dtype=wp.vec2i)
+    span_count: wp.array(dtype=int)
 
 
 @wp.func
-def joined(a: wp.uint64, b: wp.uint64, pieces: wp.array(dtype=wp.vec2i)):
+def same_surface(a: wp.uint64, b: wp.uint64, pieces: wp.array(dtype=wp.vec2i)):
     """Tells whether two hits of a pixel are on one side of one piece of surface."""
     if face_of(a) == face_of(b):
         return True
@@ -80,17 +103,17 @@ def joined(a: wp.uint64, b: wp.uint64, pieces: wp.array(dtype=wp.vec2i)):
 
 
 @wp.func
-def body_at(t: int, env: int, pieces: wp.array(dtype=wp.vec2i), walk: Walk):
-    """Gives the index under which `walk` has the body of a triangle."""
+def body_at(t: int, env: int, pieces: wp.array(dtype=wp.vec2i), motion: BodyMotion):
+    """Gives the index under which `motion` has the body of a triangle."""
     if t == MISS:
-        return walk.as_world.shape[1] - 1
-    return walk.as_world[env, pieces[t][0]]
+        return motion.as_world.shape[1] - 1
+    return motion.as_world[env, pieces[t][0]]
 
 
 @wp.func
-def flow(view: CameraView, gain: float, row: int, body: int, d: wp.vec3, away: float, walk: Walk):
+def flow(view: CameraView, gain: float, row: int, body: int, d: wp.vec3, away: float, motion: BodyMotion):
     """Computes by how many pixels the point at d has moved since the position before."""
-    m = wp.cross(walk.spin[row, body], away * d) + walk.shift[row, body]
+    m = wp.cross(motion.spin[row, body], away * d) + motion.shift[row, body]
     if view.distorted == 1:
         return gain * wp.length(m - wp.dot(m, d) * d) / away
     u = view.fx * (m[0] - d[0] * m[2])
@@ -99,12 +122,11 @@ def flow(view: CameraView, gain: float, row: int, body: int, d: wp.vec3, away: f
 
 
 @wp.func
-def put_span(
-    pixel: int, start: int, length: int, room: int, band: int, spans: wp.array(dtype=wp.vec2i), n: wp.array(dtype=int)
-):
+def add_span(lists: PlanLists, part: PlanPart, pixel: int, start: int, length: int):
     """Lists a span of sub-frames of a pixel, between two samples, if there is anything between them."""
     if length > 1:
-        spans[room + take_place(n, band)] = wp.vec2i(pixel, start * LENGTHS + length)
+        place = part.spans0 + take_place(lists.span_count, part.band)
+        lists.spans[place] = wp.vec2i(pixel, start * LENGTHS + length)
 
 
 @cache
@@ -112,49 +134,40 @@ def make_plan(channels: int, changes: LightChanges) -> wp.Kernel:
     """Makes the kernel that plans at which sub-frames pixels are sampled. channels: 1 (luminance) or 3 (RGB). changes:
     of light in the scene."""
     pixel = wp.float32 if channels == 1 else wp.vec3
-    light_in, light_at_end = make_light_in(changes) if changes.any else (None, None)
+    light_state_at, light_state_at_end = make_light_state(changes) if changes.any else (None, None)
 
     @wp.kernel(module="unique", enable_backward=False)
     def plan(
         # in
         view: CameraView,
-        first: int,
-        last: int,
+        part: PlanPart,
         span: int,
         column0: int,
-        band: int,
-        todo0: int,
-        spans0: int,
-        given: Stretch,
+        given: PlannedRange,
         change: Change,
         active: wp.array(dtype=int),
         image: wp.array3d(dtype=pixel),
         # out
         codes: wp.array2d(dtype=wp.uint8),
-        todo: wp.array(dtype=int),
-        todo_count: wp.array(dtype=int),
-        spans: wp.array(dtype=wp.vec2i),
-        span_count: wp.array(dtype=int),
+        lists: PlanLists,
         frames: wp.array3d(dtype=pixel),
     ):
         """Plans the samples of pixels active[first .. last - 1], as indices into [E, h, w], `span` of them a thread.
-        Samples go to `todo` from todo0 on, as indices into [count, E, h, w], spans to `spans` from spans0 on, and their
-        numbers to [band].
 
         codes: scratch, [count] of columns from column0 on, which threads use one after the other.
         """
         width = view.width - 2 * view.margin
         height = view.height - 2 * view.margin
         tid = wp.tid()
-        begin = first + tid * span
-        end = wp.min(begin + span, last)
+        begin = part.first + tid * span
+        end = wp.min(begin + span, part.last)
         column = column0 - begin
         for j in range(begin, end):
             at = active[j]
             x = at % width + view.margin
             y = at // width % height + view.margin
             env = at // (width * height)
-            still = given.quiet[env, y, x]
+            still = given.unchanged[env, y, x]
             d = pixel_ray(view, x, y)
             hit = given.before[env, y, x]
             # The last sub-frame that is known or to be a sample, and the path since.
@@ -163,8 +176,8 @@ def make_plan(channels: int, changes: LightChanges) -> wp.Kernel:
             # Sub-frames that are samples without looking at how fast it is, for it has just been far too fast.
             skip = wp.int32(0)
             t = triangle_of(hit)
-            body = body_at(t, env, given.pieces, given.walk)
-            lit = Lit()
+            body = body_at(t, env, given.pieces, given.motion)
+            lit = LightState()
             bend = wp.float32(0.0)
             for k in range(1, given.count + given.closed + 1):
                 now = given.after[env, y, x]
@@ -181,15 +194,15 @@ def make_plan(channels: int, changes: LightChanges) -> wp.Kernel:
                 elif given.step > 0.0:
                     u = triangle_of(now)
                     if u != t:
-                        body = body_at(u, env, given.pieces, given.walk)
+                        body = body_at(u, env, given.pieces, given.motion)
                     if wp.static(changes.any):
                         row = (given.slot0 + wp.min(k, given.count) - 1) * given.envs + env
                         if k <= given.count:
-                            lit = light_in(change, given.pieces, env, row, now, d, lit)
+                            lit = light_state_at(change, given.pieces, env, row, now, d, lit)
                         else:
-                            lit = light_at_end(change, given.pieces, env, row, given.row_b + env, now, d, lit)
+                            lit = light_state_at_end(change, given.pieces, env, row, given.row_b + env, now, d, lit)
                         bend += lit.kink
-                    if u == t or joined(hit, now, given.pieces):
+                    if u == t or same_surface(hit, now, given.pieces):
                         far = flow(
                             view,
                             given.gain,
@@ -197,7 +210,7 @@ def make_plan(channels: int, changes: LightChanges) -> wp.Kernel:
                             body,
                             d,
                             wp.where(u == MISS, 1.0, depth_of(now)),
-                            given.walk,
+                            given.motion,
                         )
                         path += far
                         reaches = path <= given.step
@@ -209,7 +222,7 @@ def make_plan(channels: int, changes: LightChanges) -> wp.Kernel:
                         if not reaches and start < k - 1 and alone:
                             # From the sub-frame before it does reach.
                             codes[k - 2, column + j] = SAMPLE
-                            put_span(at, given.start0 + start, k - 1 - start, spans0, band, spans, span_count)
+                            add_span(lists, part, at, given.start0 + start, k - 1 - start)
                             start = k - 1
                             path = far
                             bend = 0.0
@@ -219,11 +232,11 @@ def make_plan(channels: int, changes: LightChanges) -> wp.Kernel:
                     t = u
                 if start < k - 1 and not reaches:
                     codes[k - 2, column + j] = SAMPLE
-                    put_span(at, given.start0 + start, k - 1 - start, spans0, band, spans, span_count)
+                    add_span(lists, part, at, given.start0 + start, k - 1 - start)
                 code = BETWEEN
                 if known or not reaches:
                     if reaches:
-                        put_span(at, given.start0 + start, k - start, spans0, band, spans, span_count)
+                        add_span(lists, part, at, given.start0 + start, k - start)
                     code = wp.where(known, KEYFRAME, SAMPLE)
                     if wp.static(changes.any):
                         if lit.hidden and not known:
@@ -236,7 +249,7 @@ def make_plan(channels: int, changes: LightChanges) -> wp.Kernel:
                 hit = now
             if given.closed == 0 and start < given.count:
                 codes[given.count - 1, column + j] = SAMPLE
-                put_span(at, given.start0 + start, given.count - start, spans0, band, spans, span_count)
+                add_span(lists, part, at, given.start0 + start, given.count - start)
         # Frame by frame, for the pixels of a row are looked up side by side.
         inner = given.envs * height * width
         for k in range(given.count):
@@ -244,9 +257,9 @@ def make_plan(channels: int, changes: LightChanges) -> wp.Kernel:
                 code = codes[k, column + j]
                 at = active[j]
                 if code == ANEW:
-                    todo[todo0 + take_place(todo_count, band)] = -1 - (k * inner + at)
+                    lists.todo[part.todo0 + take_place(lists.todo_count, part.band)] = -1 - (k * inner + at)
                 elif code == SAMPLE:
-                    todo[todo0 + take_place(todo_count, band)] = k * inner + at
+                    lists.todo[part.todo0 + take_place(lists.todo_count, part.band)] = k * inner + at
                 elif code == KEYFRAME:
                     env = at // (width * height)
                     y = at // width % height
@@ -270,49 +283,40 @@ def alike(a: wp.vec3, b: wp.vec3, ratio: float):  # noqa: F811 - overloaded by i
 
 
 @cache
-def make_refine(channels: int) -> wp.Kernel:
+def make_refine_plan(channels: int) -> wp.Kernel:
     """Makes the kernel that refines the plan where samples differ. channels: 1 (luminance) or 3 (RGB)."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
 
     @wp.kernel(module="unique", enable_backward=False)
-    def refine(
+    def refine_plan(
         # in
         size: wp.vec2i,
         margin: int,
-        first: int,
-        last: int,
-        band: int,
-        todo0: int,
-        spans0: int,
+        part: PlanPart,
         ratio: float,
-        start0: int,
-        envs: int,
-        upsampling: int,
+        given: PlannedRange,
         spans: wp.array(dtype=wp.vec2i),
         image: wp.array3d(dtype=pixel),
         # in or out
-        span_count: wp.array(dtype=int),
         frames: wp.array3d(dtype=pixel),
         # out
-        todo: wp.array(dtype=int),
-        todo_count: wp.array(dtype=int),
-        halves: wp.array(dtype=wp.vec2i),
+        lists: PlanLists,
     ):
         """Refines spans first .. last - 1, in one thread: a line where the ends differ by no more than `ratio`, else a
-        sample in the middle, listed in `todo` as by the plan, and two spans, in `halves`; of short ones all.
+        sample in the middle, listed as by the plan, and two spans; of short ones all.
 
         size: (h, w). image: keyframe A with its margin, sub-frame 0.
         """
         width = size[1]
         inner = size[0] * width
-        for j in range(first, last):
+        for j in range(part.first, part.last):
             at = spans[j][0]
             start = spans[j][1] // LENGTHS
             length = spans[j][1] % LENGTHS
             x = at % width
             y = at // width % size[0]
             env = at // inner
-            base = env * upsampling - 1
+            base = env * given.upsampling - 1
             a = image[env, y + margin, x + margin]
             if start > 0:
                 a = frames[base + start, y, x]
@@ -322,16 +326,18 @@ def make_refine(channels: int) -> wp.Kernel:
                     frames[base + start + k, y, x] = a + float(k) / float(length) * (b - a)
             else:
                 # From the sub-frame in the middle, or from the first one on.
-                cut = length // 2
-                until = cut + 1
+                middle = length // 2
+                until = middle + 1
                 if length <= SHORT:
-                    cut = 1
+                    middle = 1
                     until = length
                 else:
-                    put_span(at, start, cut, spans0, band, halves, span_count)
-                    put_span(at, start + cut, length - cut, spans0, band, halves, span_count)
-                while cut < until:
-                    todo[todo0 + take_place(todo_count, band)] = (start + cut - start0 - 1) * envs * inner + at
-                    cut += 1
+                    add_span(lists, part, at, start, middle)
+                    add_span(lists, part, at, start + middle, length - middle)
+                while middle < until:
+                    lists.todo[part.todo0 + take_place(lists.todo_count, part.band)] = (
+                        start + middle - given.start0 - 1
+                    ) * given.envs * inner + at
+                    middle += 1
 
-    return refine
+    return refine_plan

@@ -13,11 +13,11 @@ from evis.scene.model import Waveform
 from nodes.interpolator.relight.change import LightChange
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
-from nodes.interpolator.rigid.keyframes import Pair, Prepared
+from nodes.interpolator.rigid.keyframes import KeyframePair, PreparedKeyframe
 from nodes.interpolator.rigid.layout import Layout
-from nodes.interpolator.rigid.look_up.gather_kernels import make_gather, make_place
-from nodes.interpolator.rigid.look_up.portion_kernels import Portion, cut
-from nodes.interpolator.rigid.look_up.texture_kernels import make_take_bare
+from nodes.interpolator.rigid.look_up.gather_kernels import GatherLists, make_gather, make_place
+from nodes.interpolator.rigid.look_up.portion_kernels import Portion, set_divisors
+from nodes.interpolator.rigid.look_up.texture_kernels import make_demodulate
 from nodes.interpolator.rigid.sampling import Sampling, SubframeRange, Todo
 from nodes.renderer.lighting import LIST_WORKERS, Shading
 
@@ -33,8 +33,8 @@ class Reprojection:
 
     It only launches kernels, but for the lists of a CPU.
 
-    strength float32 [slots E ways]: of lights that flicker. counted: int32 on the device, pixels that were shaded anew
-    by list and, as the last number, what `nonfinite` has been added to; and pixels that were looked up by list.
+    strength float32 [slots E waveforms]: of lights that flicker. counted: int32 on the device, pixels that were shaded
+    anew by list and, as the last number, what `nonfinite` has been added to; and pixels that were looked up by list.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class Reprojection:
         changes = change.features if change else LightChanges()
         v = self._v = shading.visibility
         self._shading, self._sampling, self._pieces = shading, sampling, pieces
-        envs, channels, ways = layout.envs, layout.channels, layout.ways
+        envs, channels, waveform_count = layout.envs, layout.channels, layout.waveform_count
         self._pace = layout.pace
         self._envs, self._upsampling, self._on_device = envs, layout.upsampling, layout.on_device
         self._tolerance, self._relight, self._device = layout.tolerance, int(layout.relight), v.device
@@ -54,7 +54,7 @@ class Reprojection:
         self._frame = [v.put(np.array(part, np.int32) - 1, wp.int32) for part in layout.portions]
         slots = layout.slots
         self._inner = envs * (v.shape[1] - 2 * v.margin) * (v.shape[2] - 2 * v.margin)
-        whole = envs * v.shape[1] * v.shape[2] if ways else 0
+        whole = envs * v.shape[1] * v.shape[2] if waveform_count else 0
         # B's own slot is the first: the pixels of its environments are the first of all.
         starts = [whole * k // sampling.bands for k in range(sampling.bands + 1)]
         with wp.ScopedDevice(v.device):
@@ -65,21 +65,24 @@ class Reprojection:
             flagged = layout.on_device and changes.any
             self._flagged = wp.empty(slots * self._inner if flagged else 0, dtype=wp.int32)
             self._flagged_count = wp.zeros_like(sampling.counts)
-            self.strength = wp.zeros(slots * envs * ways, dtype=wp.float32)
+            self.strength = wp.zeros(slots * envs * waveform_count, dtype=wp.float32)
             self._all: wp.array = wp.array(np.arange(whole, dtype=np.int32))
             self._all_count: wp.array = wp.array(np.diff(starts).astype(np.int32))
+        self._lists: Any = GatherLists()
+        self._lists.flagged, self._lists.flagged_count = self._flagged, self._flagged_count
+        self._lists.pixels, self._lists.places, self._lists.count = self._pixels, self._places, self._count
         self._all_starts = starts[:-1]
         f = shading.features
         kind = (f.textures, f.smooth, f.tinted) if textured_in(shading, layout) else None
-        self._take_bare = make_take_bare(*kind) if kind else None
+        self._demodulate = make_demodulate(*kind) if kind else None
         how = (changes, layout.detailed, kind, layout.on_device)
-        self._careful_look = make_gather(v.lens, channels, ways, "careful", *how)
+        self._careful_look = make_gather(v.lens, channels, waveform_count, "careful", *how)
         self._first_looks: list[wp.Kernel] = []
         """What goes before it on a GPU."""
         if layout.on_device:
-            self._first_looks.append(make_gather(v.lens, channels, ways, "first", *how))
+            self._first_looks.append(make_gather(v.lens, channels, waveform_count, "first", *how))
             if changes.any:
-                self._first_looks.append(make_gather(v.lens, channels, ways, "flagged", *how))
+                self._first_looks.append(make_gather(v.lens, channels, waveform_count, "flagged", *how))
         self._place = make_place(channels)
         # The portion that lights and what casts shadows are placed for, on a CPU.
         self._lit: int | None = None
@@ -102,7 +105,7 @@ class Reprojection:
         self._flagged_count.zero_()
         self._sampling.clear()
 
-    def place(self, pair: Pair) -> None:
+    def place(self, pair: KeyframePair) -> None:
         """Places, for poses that have arrived, bodies as they were at the keyframes, and on a GPU lights and their
         shadow casters."""
         v = self._v
@@ -113,15 +116,15 @@ class Reprojection:
             self._shading.place()
             self._shading.placed()
 
-    def take_bare(self, keyframe: Prepared) -> None:
+    def demodulate(self, keyframe: PreparedKeyframe) -> None:
         """Takes the textures of the first slot out of the light of a keyframe that is filled: a launch only."""
-        if self._take_bare is not None:
-            v, what = self._v, [self._shading.seen, self._shading.surfaces, keyframe.logs, keyframe.bare]
+        if self._demodulate is not None:
+            v, what = self._v, [self._shading.seen, self._shading.surfaces, keyframe.logs, keyframe.demodulated]
 
             def of_rows(row0: int, row1: int) -> tuple[Any, list[Any]]:
                 return (self._envs, row1 - row0, v.shape[2] // v.span), [v.view, row0, v.span, *what]
 
-            v.row_tiles.launch(self._take_bare, of_rows, v.device, in_parts=True)
+            v.row_tiles.launch(self._demodulate, of_rows, v.device, in_parts=True)
 
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
         """Gives the kernels that are launched, as `build_together` takes them."""
@@ -139,11 +142,11 @@ class Reprojection:
         shading.lights.select_now()
         return self._radiance
 
-    def reproject(self, part: SubframeRange, pair: Pair, quiet: wp.array, frames: wp.array) -> None:
+    def reproject(self, part: SubframeRange, pair: KeyframePair, unchanged: wp.array, frames: wp.array) -> None:
         """Looks up what may have changed, shades what no keyframe shows, and again where samples are too far apart."""
         todo: Todo | None
         how: list[Any] = [
-            self._portion(part, pair, quiet),
+            self._portion(part, pair, unchanged),
             pair.kernel(),
             self._change,
             self._shading.seen,
@@ -152,18 +155,18 @@ class Reprojection:
         if self._on_device:
             todo = self._first_pixels(part, how, frames)
         else:
-            todo = self._sampling.plan(part, pair.b, quiet, frames)
+            todo = self._sampling.plan(part, pair.b, unchanged, frames)
         while todo is not None:
             self._shade(part, todo, self._look_up(todo, how, frames), frames)
             todo = self._sampling.refine(pair.a)
 
-    def _portion(self, part: SubframeRange, pair: Pair, quiet: wp.array) -> Any:
+    def _portion(self, part: SubframeRange, pair: KeyframePair, unchanged: wp.array) -> Any:
         """What the gather reads of a portion and of the scene."""
         portion: Any = Portion()
         portion.slot0, portion.count, portion.envs = part.slot0, part.count, self._envs
         portion.frames = portion.upsampling = self._upsampling
         m = 2 * self._v.margin
-        cut(portion, self._v.shape[2] - m, self._v.shape[1] - m)
+        set_divisors(portion, self._v.shape[2] - m, self._v.shape[1] - m)
         portion.pace = self._pace
         portion.tolerance, portion.relight = self._tolerance, self._relight
         portion.keyframes = wp.vec2i(pair.a.first, pair.b.first)
@@ -172,7 +175,7 @@ class Reprojection:
             self._frame[part.number],
             self.strength,
         )
-        portion.packed, portion.quiet, portion.pieces = self._v.packed, quiet, self._pieces
+        portion.packed, portion.unchanged, portion.pieces = self._v.packed, unchanged, self._pieces
         return portion
 
     def _first_pixels(self, part: SubframeRange, how: list[Any], frames: wp.array) -> Todo:
@@ -186,8 +189,9 @@ class Reprojection:
 
     def _shared(self, todo: Todo, how: list[Any], frames: wp.array) -> list[Any]:
         """What every look at a portion is given alike."""
-        lists = [self._flagged, self._flagged_count, todo.pixels, self._sampling.counts]
-        return [*how, *lists, frames, self._pixels, self._places, self._count]
+        lists = self._lists
+        lists.todo, lists.todo_count = todo.pixels, self._sampling.counts
+        return [*how, lists, frames]
 
     def _look_up(self, todo: Todo, how: list[Any], frames: wp.array) -> list[int]:
         """Look up what is listed. Gives where the list of each band begins of what no keyframe shows."""

@@ -21,10 +21,10 @@ from nodes.interpolator.relight.change import LightChange
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid import plan_kernels
-from nodes.interpolator.rigid.keyframes import Prepared
+from nodes.interpolator.rigid.body_motion_kernels import BodyMotion, find_body_motion
+from nodes.interpolator.rigid.keyframes import PreparedKeyframe
 from nodes.interpolator.rigid.layout import Layout
-from nodes.interpolator.rigid.plan_kernels import make_plan, make_refine
-from nodes.interpolator.rigid.walk_kernels import Walk, walk_bodies
+from nodes.interpolator.rigid.plan_kernels import make_plan, make_refine_plan
 from nodes.renderer.raster.row_tiles import launch_in_threads
 from nodes.renderer.raster.visibility import Visibility
 
@@ -85,7 +85,7 @@ class Sampling:
         self._gain = pixels_per_radian(v)
         self._plan, self._refine = (
             make_plan(layout.channels, change.features if change else LightChanges()),
-            make_refine(layout.channels),
+            make_refine_plan(layout.channels),
         )
         # Each round halves the spans, but for short ones, which it ends; the longest has all slots between its ends.
         self.rounds, longest = 1, slots + 1 if step > 0 else 0
@@ -94,7 +94,7 @@ class Sampling:
         bodies = len(v.names) + 2
         with wp.ScopedDevice(v.device):
             rows = (slots + 2) * envs
-            self._walk = Walk()
+            self._walk = BodyMotion()
             self._walk.spin = wp.zeros((rows, bodies), dtype=wp.vec3)
             self._walk.shift = wp.zeros((rows, bodies), dtype=wp.vec3)
             self._walk.as_world = wp.zeros((envs, bodies), dtype=wp.int32)
@@ -105,12 +105,16 @@ class Sampling:
             self._spans = [wp.empty(most * min(2, self.bands), dtype=wp.vec2i) for _ in range(2)]
             self.counts = wp.zeros(len(layout.portions) * self.rounds * self.bands, dtype=wp.int32)
             self._span_counts = wp.zeros_like(self.counts)
+        self._lists: Any = plan_kernels.PlanLists()
+        self._lists.todo, self._lists.todo_count = self._todo, self.counts
+        self._lists.span_count = self._span_counts
+        self._planned: Any = None
 
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
         """Gives the kernels that are launched, as `build_together` takes them."""
         if self._on_device:
             return []
-        made = [self._plan, *((walk_bodies, self._refine) if self._step > 0 else ())]
+        made = [self._plan, *((find_body_motion, self._refine) if self._step > 0 else ())]
         return [(kernel, LAUNCH_BLOCK) for kernel in made]
 
     def clear(self) -> None:
@@ -118,7 +122,7 @@ class Sampling:
         self.counts.zero_()
         self._span_counts.zero_()
 
-    def plan(self, part: SubframeRange, b: Prepared, quiet: wp.array, frames: wp.array) -> Todo:
+    def plan(self, part: SubframeRange, b: PreparedKeyframe, unchanged: wp.array, frames: wp.array) -> Todo:
         """Plans on a CPU the first samples, and finds where neither geometry nor light can have changed B's pixels in
         `frames`."""
         v, count = self._v, part.count
@@ -126,21 +130,23 @@ class Sampling:
         poses, packed = part.before
         if self._step > 0:
             given = [v.camera_body, count, int(part.closed), part.slot0, poses, v.poses, b.poses]
-            wp.launch(walk_bodies, self._walk.as_world.shape, given, [self._walk], device=v.device)
-        active = self._changed(part, b, quiet, frames)
-        stretch: Any = plan_kernels.Stretch()
-        stretch.count, stretch.closed, stretch.slot0, stretch.start0 = count, int(part.closed), part.slot0, part.start
-        stretch.envs, stretch.upsampling, stretch.row_b = self._envs, self._upsampling, b.first
-        stretch.step, stretch.gain, stretch.walk = self._step, self._gain, self._walk
-        stretch.before, stretch.packed, stretch.after = packed, v.packed, b.packed
-        stretch.quiet, stretch.pieces = quiet, self._pieces
-        how: list[Any] = [stretch, self._change, active, b.image]
-        how += [self._codes, self._todo, self.counts, self._spans[0], self._span_counts, frames]
+            wp.launch(find_body_motion, self._walk.as_world.shape, given, [self._walk], device=v.device)
+        active = self._changed(part, b, unchanged, frames)
+        planned: Any = plan_kernels.PlannedRange()
+        planned.count, planned.closed, planned.slot0, planned.start0 = count, int(part.closed), part.slot0, part.start
+        planned.envs, planned.upsampling, planned.row_b = self._envs, self._upsampling, b.first
+        planned.step, planned.gain, planned.motion = self._step, self._gain, self._walk
+        planned.before, planned.packed, planned.after = packed, v.packed, b.packed
+        planned.unchanged, planned.pieces = unchanged, self._pieces
+        how: list[Any] = [planned, self._change, active, b.image]
+        how += [self._codes, self._lists, frames]
+        self._planned, self._lists.spans = planned, self._spans[0]
         at = self._at()
         starts = self._split(active.size)
         launches = []
         for k, (first, last) in enumerate(pairwise(starts)):
-            given = [v.view, first, last, CHUNK, CHUNK * k, at + k, first * count, first * (count // 2 + 1)]
+            band = part_of(first, last, at + k, first * count, first * (count // 2 + 1))
+            given = [v.view, band, CHUNK, CHUNK * k]
             launches.append((self._plan, -(-(last - first) // CHUNK), [*given, *how]))
         self.launch(launches)
         self._joined = self._join(self._spans[0], self._span_counts, at, [s * (count // 2 + 1) for s in starts])
@@ -151,15 +157,14 @@ class Sampling:
         self._part, self._round = part, 0
         return Todo(self._todo, None, self._at())
 
-    def refine(self, a: Prepared) -> Todo | None:
+    def refine(self, a: PreparedKeyframe) -> Todo | None:
         """Draws lines where the samples of the round before allow it, and what is to be looked up where they do not."""
         self._round += 1
         if self._step == 0 or self._round == self.rounds:
             return None
-        at, v, part = self._at(), self._v, self._part
-        new = self._spans[self._round & 1]
-        how = [self._ratio, part.start, self._envs, self._upsampling]
-        made = [a.image, self._span_counts, self._frames, self._todo, self.counts, new]
+        at, v = self._at(), self._v
+        new = self._lists.spans = self._spans[self._round & 1]
+        how = [self._ratio, self._planned]
         size = wp.vec2i(*self._size)
         spans = self._joined
         if not spans.size:
@@ -167,8 +172,8 @@ class Sampling:
         starts = self._split(spans.size)
         launches = []
         for k, (first, last) in enumerate(pairwise(starts)):
-            room = [(SHORT - 1) * first, 2 * first]
-            given = [size, v.margin, first, last, at + k, *room, *how, spans, *made]
+            band = part_of(first, last, at + k, (SHORT - 1) * first, 2 * first)
+            given = [size, v.margin, band, *how, spans, a.image, self._frames, self._lists]
             launches.append((self._refine, 1, given))
         self.launch(launches)
         self._joined = self._join(new, self._span_counts, at, [2 * s for s in starts])
@@ -201,7 +206,7 @@ class Sampling:
         todo = self._join(self._todo, self.counts, at, starts)
         return Todo(todo, self._split(todo.size), at)
 
-    def _changed(self, part: SubframeRange, b: Prepared, quiet: wp.array, frames: wp.array) -> wp.array:
+    def _changed(self, part: SubframeRange, b: PreparedKeyframe, unchanged: wp.array, frames: wp.array) -> wp.array:
         """On a CPU: B in all frames, and the pixels int32 [n] of [E, h, w] where that is not what is always seen."""
         v, m, (height, width) = self._v, self._v.margin, self._size
         inner = (..., slice(m, m + height), slice(m, m + width))
@@ -209,12 +214,19 @@ class Sampling:
         image = b.image.numpy()[:, m : m + height, m : m + width].reshape(self._envs, 1, height, width, -1)
         by_env[:, part.start : part.start + part.count] = image
         packed = v.packed.numpy().reshape(-1, self._envs, *v.shape[1:])
-        still = quiet.numpy()
+        still = unchanged.numpy()
         changed = packed[part.slot0] != still
         other = np.empty_like(changed)
         for slot in range(part.slot0 + 1, part.slot0 + part.count):
             np.logical_or(changed, np.not_equal(packed[slot], still, out=other), out=changed)
         return wp.array(np.flatnonzero(changed[inner]).astype(np.int32), copy=False, device="cpu")
+
+
+def part_of(first: int, last: int, band: int, todo0: int, spans0: int) -> Any:
+    """Makes the PlanPart of a band."""
+    part: Any = plan_kernels.PlanPart()
+    part.first, part.last, part.band, part.todo0, part.spans0 = first, last, band, todo0, spans0
+    return part
 
 
 def pixels_per_radian(v: Visibility) -> float:

@@ -109,7 +109,7 @@ class Slots:
         return np.concatenate([self.poses.before[None, :, self._v.camera_body], self.camera()])
 
     def still(self, flicker: bool, held: np.ndarray) -> np.ndarray:
-        """Gives flags int32 [E, N + 2] of `keyframe_kernels.find_quiet`; flicker: whether light changes."""
+        """Gives flags int32 [E, N + 2] of `keyframe_kernels.find_unchanged`; flicker: whether light changes."""
         rest, before = self.poses.rest, self.poses.before
         rests = (self.camera() == before[:, self._v.camera_body]).all(axis=(0, 2))
         if not rests.any() and not held.any():

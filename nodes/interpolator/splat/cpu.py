@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -38,16 +39,11 @@ class SplatCpu:
             self._counts = [wp.zeros((envs, 6), dtype=wp.int32) for _ in "AB"]
             self._straight = wp.empty((0, 0), dtype=wp.vec2)
             self._filled = wp.zeros(envs * upsampling, dtype=wp.int32)
-            self._scratch = [
-                [
-                    wp.zeros(padded, dtype=wp.float32),
-                    wp.zeros(padded, dtype=wp.float32),
-                    wp.zeros(padded, dtype=wp.vec2 if channels == 1 else wp.vec4),
-                    wp.zeros(pixels, dtype=wp.int32),
-                    wp.zeros(pixels, dtype=wp.int32),
-                ]
-                for _ in range(chunks)
-            ]
+            self._scratch = [self._make_scratch(pixels, padded) for _ in range(chunks)]
+        self._warp_gap = cpu_kernels.make_warp_gap(channels)
+        self._keyframes: list[Any] = [cpu_kernels.make_sources(channels)() for _ in "AB"]
+        for keyframe, still, sources, counts in zip(self._keyframes, self._still, self._sources, self._counts):
+            keyframe.still, keyframe.sources, keyframe.counts = still, sources, counts
         # With a margin the frames are made here and cropped; without one, in the output itself.
         size = (envs, upsampling, height, width) + ((3,) if channels == 3 else ())
         self._frames = np.empty(size, np.float32) if margin else None
@@ -75,15 +71,15 @@ class SplatCpu:
             )
         frames = out if self._frames is None else self._frames
         frames[:] = b.image.numpy()[:, None]
-        keyframes = [self._values(view.image, (envs, -1)) for view in (a, b)]
-        given = [width, height, self._margin, *keyframes, *self._still, *self._sources, *bends]
-        given += self._counts
+        for keyframe, view, bend in zip(self._keyframes, (a, b), bends):
+            keyframe.image, keyframe.bends = self._values(view.image, (envs, -1)), bend
+        given = [width, height, self._margin, *self._keyframes]
         made = [self._values(wp.array(frames, copy=False, device="cpu"), (envs * self._upsampling, -1)), self._filled]
         launches = [
             wp.launch(
-                cpu_kernels.warp_gap,
+                self._warp_gap,
                 envs,
-                [int(first), int(last), self._upsampling, *given, *scratch],
+                [int(first), int(last), self._upsampling, *given, scratch],
                 made,
                 device="cpu",
                 record_cmd=True,
@@ -100,6 +96,14 @@ class SplatCpu:
             out[:] = frames[:, :, m : height - m, m : width - m]
         lost = sum(int(counts.numpy()[:, 5].sum()) for counts in self._counts)
         return Report(int(self._filled.numpy().sum()), lost)
+
+    def _make_scratch(self, pixels: int, padded: int) -> Any:
+        """Makes what a thread works in."""
+        scratch: Any = cpu_kernels.make_scratch(self._channels)()
+        scratch.nearest, scratch.nearest_a = (wp.zeros(padded, dtype=wp.float32) for _ in range(2))
+        scratch.sums = wp.zeros(padded, dtype=wp.vec2 if self._channels == 1 else wp.vec4)
+        scratch.holes, scratch.hits = (wp.zeros(pixels, dtype=wp.int32) for _ in range(2))
+        return scratch
 
     def _values(self, array: wp.array, shape: tuple[int, int]) -> wp.array:
         """The array with a pixel as one value: a float, or a vec3 in colour."""

@@ -5,6 +5,7 @@ A CPU launch runs its threads one after the other, so plain sums in the order of
 loops are `while`: Warp's `range` costs 1.5 ns per turn on a CPU, a `while` 0.1 ns.
 """
 
+from functools import cache
 from typing import Any
 
 import warp as wp
@@ -197,11 +198,18 @@ def reset(
 
 @wp.func
 def splat_b(
-    env: int, count: int, a: wp.float32, width: int, height: int,
-    sources: wp.array2d(dtype=Source), bends: wp.array2d(dtype=wp.vec2), image: wp.array2d(dtype=Any),
-    nearest: wp.array(dtype=wp.float32), sums: wp.array(dtype=Any),
+    env: int, a: wp.float32, width: int, height: int, keyframe: Any, scratch: Any,
 ):  # fmt: skip
-    """Splats all moving sources of B: the nearest depth of every target first, then the sums of those as near."""
+    """Splats all moving sources of B: the nearest depth of every target first, then the sums of those as near.
+
+    keyframe: of make_sources. scratch: of make_scratch.
+    """
+    count = keyframe.counts[env, 0]
+    sources = keyframe.sources
+    bends = keyframe.bends
+    image = keyframe.image
+    nearest = scratch.nearest
+    sums = scratch.sums
     j = int(0)
     while j < count:
         source = sources[env, j]
@@ -220,14 +228,16 @@ def splat_b(
 
 @wp.func
 def splat_a(
-    env: int, count: int, a: wp.float32, width: int, height: int,
-    sources: wp.array2d(dtype=Source), bends: wp.array2d(dtype=wp.vec2), image: wp.array2d(dtype=Any),
-    nearest: wp.array(dtype=wp.float32), sums: wp.array(dtype=Any), hits: wp.array(dtype=wp.int32),
+    env: int, a: wp.float32, width: int, height: int, keyframe: Any, scratch: Any,
 ):  # fmt: skip
-    """Splats A's sources as splat_b does B's, into holes only; other targets hold depth 0, which nothing beats.
-
-    hits: room for the numbers of the sources that reach a hole.
-    """
+    """Splats A's sources as splat_b does B's, into holes only; other targets hold depth 0, which nothing beats."""
+    count = keyframe.counts[env, 0]
+    sources = keyframe.sources
+    bends = keyframe.bends
+    image = keyframe.image
+    nearest = scratch.nearest_a
+    sums = scratch.sums
+    hits = scratch.hits
     n = int(0)
     j = int(0)
     while j < count:
@@ -265,11 +275,14 @@ def total_of(
 
 @wp.func
 def resolve_b(
-    env: int, row: int, box: wp.vec4i, width: int, still: wp.array2d(dtype=wp.float32), image: wp.array2d(dtype=Any),
-    nearest: wp.array(dtype=wp.float32), sums: wp.array(dtype=Any),
-    holes: wp.array(dtype=wp.int32), frames: wp.array2d(dtype=Any),
+    env: int, row: int, box: wp.vec4i, width: int, keyframe: Any, scratch: Any, frames: wp.array2d(dtype=Any),
 ):  # fmt: skip
     """Writes the box of one frame and lists the pixels without any source in `holes`. Returns how many there are."""
+    still = keyframe.still
+    image = keyframe.image
+    nearest = scratch.nearest
+    sums = scratch.sums
+    holes = scratch.holes
     n = int(0)
     y = box[1]
     while y <= box[3]:
@@ -289,11 +302,15 @@ def resolve_b(
 
 @wp.func
 def resolve_a(
-    env: int, row: int, count: int, width: int, still: wp.array2d(dtype=wp.float32), image: wp.array2d(dtype=Any),
-    nearest_a: wp.array(dtype=wp.float32), sums: wp.array(dtype=Any),
-    nearest: wp.array(dtype=wp.float32), holes: wp.array(dtype=wp.int32), frames: wp.array2d(dtype=Any),
+    env: int, row: int, count: int, width: int, keyframe: Any, scratch: Any, frames: wp.array2d(dtype=Any),
 ):  # fmt: skip
     """Writes the holes that A saw and keeps the others in `holes`. Returns how many; their depth in `nearest` is -1."""
+    still = keyframe.still
+    image = keyframe.image
+    nearest_a = scratch.nearest_a
+    sums = scratch.sums
+    nearest = scratch.nearest
+    holes = scratch.holes
     n = int(0)
     j = int(0)
     while j < count:
@@ -312,68 +329,104 @@ def resolve_a(
     return n
 
 
-@wp.kernel
-def warp_gap(
-    # in
-    first: int,
-    last: int,
-    upsampling: int,
-    width: int,
-    height: int,
-    margin: int,
-    image_a: wp.array2d(dtype=Any),
-    image_b: wp.array2d(dtype=Any),
-    still_a: wp.array2d(dtype=wp.float32),
-    still_b: wp.array2d(dtype=wp.float32),
-    sources_a: wp.array2d(dtype=Source),
-    sources_b: wp.array2d(dtype=Source),
-    bends_a: wp.array2d(dtype=wp.vec2),
-    bends_b: wp.array2d(dtype=wp.vec2),
-    counts_a: wp.array2d(dtype=wp.int32),
-    counts_b: wp.array2d(dtype=wp.int32),
-    # scratch on the padded grid, then lists of pixels and of sources
-    nearest: wp.array(dtype=wp.float32),
-    nearest_a: wp.array(dtype=wp.float32),
-    sums: wp.array(dtype=Any),
-    holes: wp.array(dtype=wp.int32),
-    hits: wp.array(dtype=wp.int32),
-    # out
-    frames: wp.array2d(dtype=Any),
-    filled: wp.array(dtype=wp.int32),
-):
-    """Makes sub-frames first .. last - 1 of one environment's gap, equations (5) to (7), B first and A into its holes.
+@cache
+def make_sources(channels: int) -> Any:
+    """Makes the struct of a keyframe's pixels as sources; channels: 1 (luminance) or 3 (RGB).
 
-    frames comes filled with B's own image, and only the box that B's moving pixels sweep is written. filled counts the
-    pixels of each frame, margin apart, that neither keyframe saw.
+    image: values [E, H W]. still, sources, counts: as `collect` writes them. bends: of the paths [E, H W] px, empty
+    where they are straight.
     """
-    env = wp.tid()
-    box = wp.vec4i(counts_b[env, 1], counts_b[env, 2], counts_b[env, 3], counts_b[env, 4])
-    at = int(0)
-    while at < (width + 2) * (height + 2):
-        nearest[at] = still_b[env, at]
-        nearest_a[at] = 0.0
-        at += 1
-    for i in range(first, last):
-        row = env * upsampling + i - 1
-        back = fraction(i, upsampling, 1)
-        reset(env, box, width, still_b, nearest, sums)
-        splat_b(env, counts_b[env, 0], back, width, height, sources_b, bends_b, image_b, nearest, sums)
-        filled[row] = 0
-        n = resolve_b(env, row, box, width, still_b, image_b, nearest, sums, holes, frames)
-        if n > 0:
-            j = int(0)
-            while j < n:
-                at = padded(holes[j], width)
-                nearest_a[at] = still_a[env, at]
-                j += 1
-            forth = fraction(i, upsampling, 0)
-            splat_a(env, counts_a[env, 0], forth, width, height, sources_a, bends_a, image_a, nearest_a, sums, hits)
-            n = resolve_a(env, row, n, width, still_a, image_a, nearest_a, sums, nearest, holes, frames)
-            j = int(0)
-            while j < n:
-                if counts_as_filled(holes[j], width, height, margin):
-                    filled[row] = filled[row] + 1
-                known = background(nearest, holes[j], width, height)
-                if known >= 0:
-                    frames[row, holes[j]] = frames[row, known]
-                j += 1
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+
+    class KeyframeSources:
+        image: wp.array2d(dtype=pixel)
+        still: wp.array2d(dtype=wp.float32)
+        sources: wp.array2d(dtype=Source)
+        bends: wp.array2d(dtype=wp.vec2)
+        counts: wp.array2d(dtype=wp.int32)
+
+    KeyframeSources.__qualname__ = f"KeyframeSources{channels}"
+    return wp.struct(KeyframeSources)
+
+
+@cache
+def make_scratch(channels: int) -> Any:
+    """Makes the struct of what a thread works in; channels: 1 (luminance) or 3 (RGB).
+
+    On the padded grid: nearest depth [m] of B's sources and then of all, nearest_a of A's in holes, and weighted sums.
+    Lists: holes, pixels without any source; hits, A's sources that reach one.
+    """
+    total: Any = wp.vec2 if channels == 1 else wp.vec4
+
+    class Scratch:
+        nearest: wp.array(dtype=wp.float32)
+        nearest_a: wp.array(dtype=wp.float32)
+        sums: wp.array(dtype=total)
+        holes: wp.array(dtype=wp.int32)
+        hits: wp.array(dtype=wp.int32)
+
+    Scratch.__qualname__ = f"Scratch{channels}"
+    return wp.struct(Scratch)
+
+
+@cache
+def make_warp_gap(channels: int) -> wp.Kernel:
+    """Makes the kernel `warp_gap`; channels: 1 (luminance) or 3 (RGB)."""
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    KeyframeSources: Any = make_sources(channels)
+    Scratch: Any = make_scratch(channels)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def warp_gap(
+        # in
+        first: int,
+        last: int,
+        upsampling: int,
+        width: int,
+        height: int,
+        margin: int,
+        a: KeyframeSources,
+        b: KeyframeSources,
+        scratch: Scratch,
+        # out
+        frames: wp.array2d(dtype=pixel),
+        filled: wp.array(dtype=wp.int32),
+    ):
+        """Makes sub-frames first .. last - 1 of one environment's gap, equations (5) to (7), B first and A into its
+        holes.
+
+        frames comes filled with B's own image, and only the box that B's moving pixels sweep is written. filled counts
+        the pixels of each frame, margin apart, that neither keyframe saw.
+        """
+        env = wp.tid()
+        box = wp.vec4i(b.counts[env, 1], b.counts[env, 2], b.counts[env, 3], b.counts[env, 4])
+        at = int(0)
+        while at < (width + 2) * (height + 2):
+            scratch.nearest[at] = b.still[env, at]
+            scratch.nearest_a[at] = 0.0
+            at += 1
+        for i in range(first, last):
+            row = env * upsampling + i - 1
+            reset(env, box, width, b.still, scratch.nearest, scratch.sums)
+            splat_b(env, fraction(i, upsampling, 1), width, height, b, scratch)
+            filled[row] = 0
+            n = resolve_b(env, row, box, width, b, scratch, frames)
+            if n > 0:
+                j = int(0)
+                while j < n:
+                    at = padded(scratch.holes[j], width)
+                    scratch.nearest_a[at] = a.still[env, at]
+                    j += 1
+                splat_a(env, fraction(i, upsampling, 0), width, height, a, scratch)
+                n = resolve_a(env, row, n, width, a, scratch, frames)
+                j = int(0)
+                while j < n:
+                    hole = scratch.holes[j]
+                    if counts_as_filled(hole, width, height, margin):
+                        filled[row] = filled[row] + 1
+                    known = background(scratch.nearest, hole, width, height)
+                    if known >= 0:
+                        frames[row, hole] = frames[row, known]
+                    j += 1
+
+    return warp_gap

@@ -1,1 +1,7 @@
-"""Computes the radiance of what the raster has found, by kernels that put materials, lights and shadows together."""
+"""Computes the radiance of what the raster has found, by kernels that put materials, lights and shadows together.
+
+`shadow_pass.py` first casts the rays to lights without size for all pixels (`shadow_kernels.py`). Then
+`shading_kernels.py` takes every pixel: its surface and material (`material_kernels.py`), what is remembered of the
+light on still surfaces (`cache_kernels.py`), the sum of all light, and radiance or luminance of it
+(`radiance_kernels.py`).
+"""

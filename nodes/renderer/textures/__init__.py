@@ -1,1 +1,1 @@
-"""Samples textures with mipmaps."""
+"""Samples textures with mipmaps: `textures.py` makes these, `texture_kernels.py` reads them."""

@@ -48,7 +48,7 @@ def parts_of(scene, upsampling=4, tolerance_ns=20_000, envs=1):
     rigid = Rigid(scene, view, envs, upsampling, options=RigidOptions(single=True))
     method, parts = Refined(rigid, tolerance_ns), []
     run = Rounds.run
-    Rounds.run = lambda self, window, *given: (parts.append(window.cut.parts), run(self, window, *given))[1]
+    Rounds.run = lambda self, window, *given: (parts.append(window.params.parts), run(self, window, *given))[1]
     try:
         method.between(*keys, np.zeros(envs, bool), np.empty((envs, upsampling, view.height, view.width), np.float32))
     finally:

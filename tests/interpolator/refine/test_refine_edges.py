@@ -70,12 +70,12 @@ def test_the_outline_of_what_has_many_triangles(segments):
         y = seen[..., 1]
         if a[1] != b[1]:
             inside = (y >= min(a[1], b[1])) & (y <= max(a[1], b[1]))
-            cut = a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
-            ahead = np.where(inside, np.maximum(ahead, cut), ahead)
-            behind = np.where(inside, np.minimum(behind, cut), behind)
+            params = a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
+            ahead = np.where(inside, np.maximum(ahead, params), ahead)
+            behind = np.where(inside, np.minimum(behind, params), behind)
     crossing = (seen[..., 0] - ahead - 0.3) / speed * 1e9 + GAP / 2
-    grazed = ~(ahead - behind > 4 * TOLERANCE * 1e-9 * speed)
-    crossing[grazed | (crossing < 0) | (crossing > GAP)] = np.nan
+    entry_across_silhouette = ~(ahead - behind > 4 * TOLERANCE * 1e-9 * speed)
+    crossing[entry_across_silhouette | (crossing < 0) | (crossing > GAP)] = np.nan
     off = errors_of(scene, crossing, (WALL + NEAR) / 2)
     assert len(off) > 300
     assert np.median(off) < 0.02 * TOLERANCE and np.quantile(off, 0.98) < 0.1 * TOLERANCE

@@ -94,9 +94,9 @@ def parts_of(scene):
     view = scene.cameras[0]
     rigid = Rigid(scene, view, 1, K, 0, options=RigidOptions(single=True))
     method, found = Refined(rigid, TOLERANCE, 1), []
-    passing = method.refinement._passing
-    parts = passing.parts
-    passing.parts = lambda *given: found.append(parts(*given)) or found[-1]
+    light = method.refinement._light_visibility
+    parts = light.parts
+    light.parts = lambda *given: found.append(parts(*given)) or found[-1]
     renderer = Renderer(scene, view)
     times = [np.array([START - GAP, START]), np.linspace(START, START + GAP, 11).round().astype(np.int64)]
     first, second = (closed_form(scene, t) for t in times)

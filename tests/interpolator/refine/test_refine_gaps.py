@@ -9,7 +9,7 @@ from rigid_rig import GAP, START, closed_form, keyframe, lamp, plain, pose, quad
 
 from evis.scene.model import Instance, Mesh
 from evis.scene.motion import Linear, Prescribed, Spin
-from nodes.interpolator.refine.light.outlines import finest_hole
+from nodes.interpolator.refine.light.silhouettes import finest_hole
 from nodes.interpolator.refine.method import Refined
 from nodes.interpolator.rigid import Rigid, RigidOptions
 from nodes.interpolator.samples import Parting

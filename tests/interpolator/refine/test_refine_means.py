@@ -15,7 +15,7 @@ from nodes.interpolator.auto.setting import LIGHT
 from nodes.interpolator.auto.world import World
 from nodes.interpolator.interpolator import Interpolator
 from nodes.interpolator.keyframe import States
-from nodes.interpolator.refine.samples.mean_kernels import Division, make_merge
+from nodes.interpolator.refine.samples.mean_kernels import Division, make_merge, make_subpixel_light
 from nodes.renderer.supersampling import SupersampledRenderer
 
 RATE, GAPS = 30.0, 2
@@ -58,13 +58,15 @@ def merged(image, frames, first, samples, held, channels):
         setattr(division, name, number)
     since = np.tile(np.arange(1, COARSE * EACH + 1) * (LENGTH // (COARSE * EACH)), (ENVS, 1)).astype(np.int32)
     given = [wp.array(a, dtype=t, device="cpu") for a, t in ((held, wp.int32), (since, wp.int32))]
-    given += [wp.array(a, dtype=pixel, device="cpu") for a in (image, frames)]
-    given += [wp.array(first, dtype=wp.int32, device="cpu")]
-    given += [wp.array(np.concatenate([s[0] for s in samples]), dtype=wp.int32, device="cpu")]
-    given += [wp.array(np.concatenate([s[1] for s in samples]), dtype=pixel, device="cpu")]
+    known = make_subpixel_light(channels)()
+    known.image_a, known.frames = (wp.array(a, dtype=pixel, device="cpu") for a in (image, frames))
+    known.first = wp.array(first, dtype=wp.int32, device="cpu")
+    known.offset = wp.array(np.concatenate([s[0] for s in samples]), dtype=wp.int32, device="cpu")
+    known.value = wp.array(np.concatenate([s[1] for s in samples]), dtype=pixel, device="cpu")
+    known.cursor = wp.zeros(len(samples), dtype=wp.int32, device="cpu")
     count = ENVS * HEIGHT * WIDTH
     places = np.zeros(count + 1, np.int32)
-    given += [wp.zeros(len(samples), dtype=wp.int32, device="cpu"), wp.array(places, copy=False, device="cpu")]
+    given += [known, wp.array(places, copy=False, device="cpu")]
     for writes in (0, 1):
         room = int(places.sum()) if writes == 0 else int(places[-1])
         out = [wp.zeros(max(room, 1), dtype=t, device="cpu") for t in (wp.int32, pixel)]

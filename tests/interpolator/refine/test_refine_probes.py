@@ -199,7 +199,7 @@ def test_what_is_back_at_every_frame_is_followed_in_between(swings):
 
 
 def test_each_is_of_its_own_instant():
-    """In the order in which stage_kernels.entry_at looks for them: each against a z-buffer of its own."""
+    """In the order in which window_kernels.entry_at looks for them: each against a z-buffer of its own."""
     scene = passing(3, 150)
     method = gap_of(scene)
     probes = method.refinement._probes

@@ -72,7 +72,7 @@ def test_room_for_environments_that_have_no_gap_yet(kept_on_device, monkeypatch)
         assert share == 1.0
         made, shaded = run(self, window, total, meanwhile, 0.25)
         told = self._tally.read()
-        found.append((made, self.samples.size, int(told.lists[0].max()), self._instances.most))
+        found.append((made, self.samples.size, int(told.lists[0].max()), self._requests.most))
         return made, shaded
 
     monkeypatch.setattr(Rounds, "run", of_a_quarter)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from nodes.interpolator.refine.paths.listing_kernels import PARTS
-from nodes.interpolator.refine.samples.further_kernels import count_samples, make_sort, place_samples
+from nodes.interpolator.refine.samples.request_kernels import PARTS
+from nodes.interpolator.refine.samples.sort_kernels import count_samples, make_sort, place_samples
 
 PIXELS, INNER, INSTANTS = 60, 20, 40
 

@@ -63,7 +63,7 @@ def test_a_shadow_that_moves_is_shaded_at_its_own_time():
     scene = world([wall(), (disc(0.25), plain(0.5), across(25.0))], lights=[lamp()], sky=0.05)
     gap = cross(scene, 8, splat=True)
     assert gap.report.reshaded > 0
-    # Lit or dark in both keyframes and the other way between them, for one pixel in two hundred at most.
+    # LightState or dark in both keyframes and the other way between them, for one pixel in two hundred at most.
     assert (gap.error() > 2 * TOLERANCE).mean() < 0.005
     assert (gap.error() > 2 * TOLERANCE).mean() < 0.2 * (gap.error(gap.splat) > 2 * TOLERANCE).mean()
 

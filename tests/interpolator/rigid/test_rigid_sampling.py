@@ -10,9 +10,9 @@ from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Body
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
 from nodes.interpolator.rigid import Rigid, sparse_raster
+from nodes.interpolator.rigid.body_motion_kernels import BodyMotion, find_body_motion
 from nodes.interpolator.rigid.layout import TOLERANCE
 from nodes.interpolator.rigid.sampling import pixels_per_radian
-from nodes.interpolator.rigid.walk_kernels import Walk, walk_bodies
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.renderer import Renderer
 
@@ -127,11 +127,11 @@ def test_how_bodies_go_is_what_their_poses_say():
         poses.append(np.stack([se3.compose(p, small()) for p in poses[-1]]))
     poses = np.array(poses)
     poses[:, 1] = poses[0, 1]
-    walk = Walk()
+    walk = BodyMotion()
     walk.spin, walk.shift = (wp.zeros((4, 5), dtype=wp.vec3, device="cpu") for _ in range(2))
     walk.as_world = wp.zeros((1, 5), dtype=wp.int32, device="cpu")
     given = [wp.array(p, dtype=wp.transformd, device="cpu") for p in (poses[:1], poses[1:3], poses[3:])]
-    wp.launch(walk_bodies, (1, 5), [2, 2, 1, 0, *given], [walk], device="cpu")
+    wp.launch(find_body_motion, (1, 5), [2, 2, 1, 0, *given], [walk], device="cpu")
     # Body 1 rests in the world; the camera is body 2.
     assert walk.as_world.numpy().tolist() == [[0, 3, 2, 3, 4]]
     spin, shift = walk.spin.numpy(), walk.shift.numpy()

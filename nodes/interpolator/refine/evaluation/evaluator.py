@@ -9,12 +9,12 @@ import numpy as np
 import warp as wp
 
 from nodes.interpolator.keyframe import Span
-from nodes.interpolator.refine.evaluation.sight_kernels import Targets
-from nodes.interpolator.refine.paths.grain import grain_of
+from nodes.interpolator.refine.evaluation.visibility_kernels import Targets
+from nodes.interpolator.refine.paths.albedo_scale import albedo_scale_of
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
-from nodes.interpolator.rigid.look_up.gather_kernels import make_gather, make_place
-from nodes.interpolator.rigid.look_up.portion_kernels import Portion, cut
+from nodes.interpolator.rigid.look_up.gather_kernels import GatherLists, make_gather, make_place
+from nodes.interpolator.rigid.look_up.portion_kernels import Portion, set_divisors
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.patches import neighbours_of
 from nodes.interpolator.rigid.reprojection import textured_in
@@ -36,7 +36,15 @@ def make_look_up_kernels(rigid: Rigid) -> tuple[wp.Kernel, wp.Kernel]:
     """Makes the kernels that look up listed pixels, and that write to their places what was shaded."""
     layout, f = rigid.layout, rigid.shading.features
     kind = (f.textures, f.smooth, f.tinted) if textured_in(rigid.shading, layout) else None
-    how = (layout.channels, layout.ways, "careful", changes_of(rigid), layout.detailed, kind, layout.on_device)
+    how = (
+        layout.channels,
+        layout.waveform_count,
+        "careful",
+        changes_of(rigid),
+        layout.detailed,
+        kind,
+        layout.on_device,
+    )
     return make_gather(rigid.visibility.lens, *how, single=True), make_place(layout.channels, single=True)
 
 
@@ -44,7 +52,7 @@ class Evaluator:
     """Evaluates listed pixels at the instants of one window, in the gap whose frames a `Rigid` made last.
 
     hits: uint64 [list], z-buffer entries, which the caller writes first. values: [list], the radiance found. bands:
-    parts of the list, each for a CPU thread. strength: float32 [slots E ways], of lights that flicker.
+    parts of the list, each for a CPU thread. strength: float32 [slots E waveforms], of lights that flicker.
     change: struct for kernels of how light changes at the instants.
     """
 
@@ -73,7 +81,7 @@ class Evaluator:
             self._shift = wp.empty((2 * v.envs, bodies), dtype=wp.vec3)
             self._frame = wp.zeros(slots, dtype=wp.int32)
             self._index: wp.array = wp.zeros(slots, dtype=wp.int32)
-            self.strength = wp.zeros(v.envs * layout.ways, dtype=wp.float32)
+            self.strength = wp.zeros(v.envs * layout.waveform_count, dtype=wp.float32)
         self._gather, self._place = make_look_up_kernels(rigid)
         self._targets, self._portion = self._make_targets(), self._make_portion()
         self._at: list[int] = []
@@ -86,7 +94,7 @@ class Evaluator:
         targets.two_sided, targets.pieces = v.two_sided, self._rigid.pieces
         targets.first = v.put(v.geometry.first, wp.int32)
         targets.neighbours = v.put(neighbours_of(v.scene), wp.vec3i)
-        targets.grain = v.put(grain_of(v.scene, v.geometry, self._rigid.layout.tolerance), wp.float32)
+        targets.albedo_scale = v.put(albedo_scale_of(v.scene, v.geometry, self._rigid.layout.tolerance), wp.float32)
         return targets
 
     @property
@@ -158,16 +166,18 @@ class Evaluator:
         values = self.values.reshape((1, 1, -1))
         keys = rigid.pair.kernel(self.moved)
         # Nothing is flagged here: a list of that is not read.
-        lists = [listed, count, listed, count]
+        lists: Any = GatherLists()
+        lists.flagged, lists.flagged_count, lists.todo, lists.todo_count = listed, count, listed, count
+        lists.pixels, lists.places, lists.count = self._anew, self._places, unseen
         portion = self._portion
         portion.upsampling, portion.packed = self._upsampling, self.hits.reshape((1, 1, -1))
         portion.keyframes = wp.vec2i(rigid.pair.a.first, rigid.pair.b.first)
-        how = [portion, keys, self.change, self.shading.seen, self.shading.surfaces, *lists]
+        how = [portion, keys, self.change, self.shading.seen, self.shading.surfaces, lists]
         workers = self.workers(number)
         launches: list[tuple[wp.Kernel, int, list[Any]]] = []
         for k in bands:
             given: list[Any] = [v.view, k * most, (k + 1) * most, workers, k, *how]
-            launches.append((self._gather, workers, [*given, values, self._anew, self._places, unseen]))
+            launches.append((self._gather, workers, [*given, values]))
         rigid.sampling.launch(launches)
         # On a GPU reading the count would wait for the kernel, so the shading is launched in any case.
         if v.device.is_cpu and not unseen.numpy().any():
@@ -183,9 +193,9 @@ class Evaluator:
         portion: Any = Portion()
         layout, rigid = self._rigid.layout, self._rigid
         portion.slot0, portion.count, portion.envs, portion.frames = 0, self._slots, self._envs, 1
-        cut(portion, self.size[1], self.size[0])
+        set_divisors(portion, self.size[1], self.size[0])
         portion.tolerance, portion.relight = layout.tolerance, int(layout.relight)
         portion.pace = layout.pace
         portion.index, portion.frame, portion.strength = self._index, self._frame, self.strength
-        portion.quiet, portion.pieces = rigid.quiet, rigid.pieces
+        portion.unchanged, portion.pieces = rigid.unchanged, rigid.pieces
         return portion

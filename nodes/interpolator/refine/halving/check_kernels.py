@@ -5,114 +5,112 @@ from typing import Any
 
 import warp as wp
 
-from nodes.interpolator.refine.halving.beside_kernels import make_beside, make_is_painted
-from nodes.interpolator.refine.halving.interval_kernels import make_interval, make_intervals, make_put, take_samples
-from nodes.interpolator.refine.paths.listing_kernels import PARTS, TOLD, UNKNOWN, make_instances
-from nodes.interpolator.refine.stage_kernels import FEW_REGISTERS, Cut, Stage
+from nodes.interpolator.refine.halving.interval_kernels import (
+    make_add_interval,
+    make_interval,
+    make_intervals,
+    take_samples,
+)
+from nodes.interpolator.refine.halving.request_interval_kernels import make_is_painted, make_request_intervals
+from nodes.interpolator.refine.samples.list_kernels import ListPart, end_of, make_add_sample, make_sample_list
+from nodes.interpolator.refine.samples.request_kernels import PARTS, PREDICTED, UNKNOWN, make_requests
+from nodes.interpolator.refine.window_kernels import (
+    FEW_REGISTERS,
+    WindowParameters,
+    WindowScene,
+    make_coarse_frames,
+    slot_pixel_of,
+)
 from nodes.interpolator.rigid.look_up.log_kernels import apart
-from nodes.interpolator.rigid.plan_kernels import joined
+from nodes.interpolator.rigid.plan_kernels import same_surface
 
 wp.set_module_options({"enable_backward": False})
 
 
 @cache
 def make_check(channels: int, glossy: bool) -> wp.Kernel:
-    """Makes the kernel `check`, which follows the first list of samples; arguments as of make_beside."""
+    """Makes the kernel `check`, which follows the first list of samples; arguments as of make_request_intervals."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
     Intervals: Any = make_intervals(channels)
     Interval: Any = make_interval(channels)
-    Instances: Any = make_instances(channels)
-    put, is_painted = make_put(channels), make_is_painted(channels, glossy)
-    value_of, interval_to, interval_after = make_beside(channels, glossy)
+    Requests: Any = make_requests(channels)
+    CoarseFrames: Any = make_coarse_frames(channels)
+    SampleList: Any = make_sample_list(channels)
+    add_sample = make_add_sample(channels)
+    add_interval, is_painted = make_add_interval(channels), make_is_painted(channels, glossy)
+    value_of, interval_before, interval_after = make_request_intervals(channels, glossy)
 
     @wp.func
-    def one_surface(stage: Stage, one: Interval):
+    def one_surface(scene: WindowScene, one: Interval):
         """Tells whether an interval has an instant in it, and shows one surface at both ends."""
-        return one.high - one.low > 1 and joined(one.before, one.after, stage.targets.pieces)
+        return one.high - one.low > 1 and same_surface(one.before, one.after, scene.targets.pieces)
 
     @wp.func
-    def suspect(cut: Cut, stage: Stage, one: Interval):
+    def suspect(params: WindowParameters, scene: WindowScene, one: Interval):
         """Tells whether in an interval of one surface ln I has changed otherwise than looked up in a keyframe."""
-        if not one_surface(stage, one):
+        if not one_surface(scene, one):
             return False
         actual = one.last - one.first
         if apart(one.rise, pixel(0.0)) >= UNKNOWN:
-            return apart(actual, pixel(0.0)) > cut.jump
-        return apart(one.rise, actual) > cut.bend
+            return apart(actual, pixel(0.0)) > params.jump
+        return apart(one.rise, actual) > params.bend
 
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FEW_REGISTERS)
     def check(
         # in
-        cut: Cut,
+        params: WindowParameters,
         workers: int,
-        band: int,
-        most: int,
         number: int,
-        count: wp.array(dtype=int),
-        room: int,
-        image: wp.array3d(dtype=pixel),
-        start: wp.array3d(dtype=wp.uint64),
-        frames: wp.array3d(dtype=pixel),
-        stage: Stage,
-        instances: Instances,
+        scene: WindowScene,
+        coarse: CoarseFrames,
+        requests: Requests,
+        part: ListPart,
         hits: wp.array(dtype=wp.uint64),
         radiance: wp.array(dtype=pixel),
         # in and out
-        made: wp.array(dtype=int),
+        samples: SampleList,
         # out
-        pixels: wp.array(dtype=int),
-        instants: wp.array(dtype=int),
-        values: wp.array(dtype=pixel),
         intervals: Intervals,
-        found: wp.array(dtype=int),
+        out: ListPart,
     ):
-        """Adds a band's entries of `instances` to the samples, as far as there is room, and lists the intervals beside
-        them that are to be halved, from band * room on, `room` at most; found[band]: how many there would be.
+        """Adds a part of the requests to the samples, as far as there is room, and lists the intervals beside them that
+        are to be halved.
 
-        band, most, count: as of `see`. number, made: as of `take_samples`. image, start, frames: as of `find_plain`.
+        number: of the list of requests, as of `take_samples`. hits, radiance: what was found of each entry.
         """
-        first = band * most
-        last = first + wp.min(count[band], most)
-        known = take_samples(made, number, count, most, band, wp.tid())
-        j = first + wp.tid()
-        inner = cut.envs * cut.height * cut.width
-        while j < last:
-            at = instances.at[j]
-            slot = at // inner
-            q = at % inner
-            k = cut.first + slot // cut.slots
-            place = slot % cut.slots + 1
-            value = value_of(cut, j, image, frames, instances, radiance)
-            sample = known + j - first
-            if sample < pixels.shape[0]:
-                pixels[sample] = q
-                instants[sample] = (k * (cut.slots + 1) + place) * PARTS + instances.later[j]
-                values[sample] = value
+        known = take_samples(samples.made, number, part, wp.tid())
+        j = part.start + wp.tid()
+        while j < end_of(part):
+            at = requests.at[j]
+            place = slot_pixel_of(params, at)
+            value = value_of(params, j, coarse, requests, radiance)
+            instant = (place.k * (params.slots + 1) + place.i) * PARTS + requests.later[j]
+            add_sample(samples, known + j - part.start, place.q, instant, value)
             # What is told is on straight lines already, for a pixel's whole coarse interval.
-            if instances.shown[j] != TOLD:
-                here = interval_to(cut, j, image, start, frames, stage, instances, hits, radiance)
-                after = interval_after(cut, j, here.last, frames, stage, instances, hits)
-                wrong = suspect(cut, stage, here)
+            if requests.shown[j] != PREDICTED:
+                here = interval_before(params, j, coarse, scene, requests, hits, radiance)
+                after = interval_after(params, j, here.last, coarse, scene, requests, hits)
+                wrong = suspect(params, scene, here)
                 wrong_before = wp.bool(False)
-                wrong_after = suspect(cut, stage, after)
-                p = instances.previous[j]
+                wrong_after = suspect(params, scene, after)
+                p = requests.previous[j]
                 if p >= 0:
-                    if here.painted or is_painted(stage, instances.rise[p], hits[p]):
-                        there = interval_to(cut, p, image, start, frames, stage, instances, hits, radiance)
-                        wrong_before = suspect(cut, stage, there)
-                        if wrong and not wrong_before and there.painted and one_surface(stage, there):
+                    if here.painted or is_painted(scene, requests.rise[p], hits[p]):
+                        there = interval_before(params, p, coarse, scene, requests, hits, radiance)
+                        wrong_before = suspect(params, scene, there)
+                        if wrong and not wrong_before and there.painted and one_surface(scene, there):
                             # Where what lies before that is suspect, entry p has listed it.
                             listed = wp.bool(False)
-                            if instances.previous[p] >= 0:
-                                pp = instances.previous[p]
-                                before = interval_to(cut, pp, image, start, frames, stage, instances, hits, radiance)
-                                listed = suspect(cut, stage, before)
+                            if requests.previous[p] >= 0:
+                                pp = requests.previous[p]
+                                before = interval_before(params, pp, coarse, scene, requests, hits, radiance)
+                                listed = suspect(params, scene, before)
                             if not listed:
-                                put(cut, intervals, band, room, at, there, found)
-                if wrong or (here.painted and (wrong_before or wrong_after) and one_surface(stage, here)):
-                    put(cut, intervals, band, room, at, here, found)
-                if wrong_after or (after.painted and wrong and one_surface(stage, after)):
-                    put(cut, intervals, band, room, at, after, found)
+                                add_interval(params, intervals, at, there, out)
+                if wrong or (here.painted and (wrong_before or wrong_after) and one_surface(scene, here)):
+                    add_interval(params, intervals, at, here, out)
+                if wrong_after or (after.painted and wrong and one_surface(scene, after)):
+                    add_interval(params, intervals, at, after, out)
             j += workers
 
     return check

@@ -5,8 +5,8 @@ from typing import Any
 
 import warp as wp
 
-from evis.gpu.append_kernels import take_place
-from nodes.interpolator.refine.stage_kernels import Cut
+from nodes.interpolator.refine.samples.list_kernels import ListPart, take_entry
+from nodes.interpolator.refine.window_kernels import WindowParameters
 
 wp.set_module_options({"enable_backward": False})
 
@@ -63,48 +63,46 @@ def make_interval(channels: int) -> Any:
 
 
 @cache
-def make_put(channels: int) -> Any:
-    """Makes the function `put`; channels: 1 (luminance) or 3 (RGB)."""
+def make_add_interval(channels: int) -> Any:
+    """Makes the function `add_interval`; channels: 1 (luminance) or 3 (RGB)."""
     Intervals: Any = make_intervals(channels)
     Interval: Any = make_interval(channels)
 
     @wp.func
-    def put(
-        cut: Cut,
+    def add_interval(
+        params: WindowParameters,
         intervals: Intervals,
-        band: int,
-        room: int,
         at: int,
         one: Interval,
-        found: wp.array(dtype=int),
+        out: ListPart,
     ):
         """Lists an interval, as far as there is room. at: its pixel at any slot of the coarse interval."""
-        n = take_place(found, band)
-        if n < room:
-            place = band * room + n
-            inner = cut.envs * cut.height * cut.width
-            k = at // inner // cut.slots
-            intervals.at[place] = (k * cut.slots + (one.low + one.high) // 2 - 1) * inner + at % inner
+        n = take_entry(out)
+        if n < out.room:
+            place = out.start + n
+            inner = params.envs * params.height * params.width
+            k = at // inner // params.slots
+            intervals.at[place] = (k * params.slots + (one.low + one.high) // 2 - 1) * inner + at % inner
             intervals.ends[place] = one.low * LENGTHS + one.high + wp.where(one.painted, PAINTED_ENDS, 0)
             intervals.start[place] = one.first
             intervals.end[place] = one.last
             intervals.before[place] = one.before
             intervals.after[place] = one.after
 
-    return put
+    return add_interval
 
 
 @wp.func
-def take_samples(made: wp.array(dtype=int), number: int, count: wp.array(dtype=int), most: int, band: int, thread: int):
+def take_samples(made: wp.array(dtype=int), number: int, listed: ListPart, thread: int):
     """Gives where the samples of a band's part of list `number` go; thread 0 notes where those of the next list do.
 
-    made[number]: samples before this list. count, most: as of `see`.
+    made[number]: samples before this list, whose bands have room for as many entries each.
     """
     known = made[number]
     following = known
-    for k in range(count.shape[0]):
-        mine = wp.min(count[k], most)
-        if k < band:
+    for k in range(listed.count.shape[0]):
+        mine = wp.min(listed.count[k], listed.room)
+        if k < listed.band:
             known += mine
         following += mine
     if thread == 0:

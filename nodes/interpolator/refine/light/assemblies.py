@@ -14,9 +14,10 @@ from evis.geometry import se3
 from evis.gpu.exchange import cpu_array
 from evis.scene.model import WORLD, Mesh, Scene
 from evis.scene.motion import Path, Prescribed, Shift
-from nodes.interpolator.refine.light.chords import CORNERS, Chords
-from nodes.interpolator.refine.light.outlines import finest_hole
-from nodes.interpolator.refine.probing.visit_kernels import Boxes, find_briefest
+from nodes.interpolator.refine.light.box_shadows import CORNERS, BoxShadows
+from nodes.interpolator.refine.light.shadow_time_kernels import find_shortest_shadows
+from nodes.interpolator.refine.light.silhouettes import finest_hole
+from nodes.interpolator.refine.probing.box_kernels import Boxes
 from nodes.renderer.geometry.triangles import Geometry
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.shadows.boxes import half_extents
@@ -60,26 +61,26 @@ class Assemblies:
         for key, hole in holes.items():
             if hole is not None:
                 alike.setdefault(tuple(owners[key]), []).append(hole)
-        self._parts: list[tuple[np.ndarray | None, Any, Chords]] = []
+        self._parts: list[tuple[np.ndarray | None, Any, BoxShadows]] = []
         for envs, each in alike.items():
             boxes = _boxes_of(each, movers)
-            chords = Chords(visibility, movers, boxes, np.full(len(each), CORNERS))
-            self._parts.append((np.array(envs) if len(envs) < len(scenes) else None, boxes, chords))
+            shadows = BoxShadows(visibility, movers, boxes, np.full(len(each), CORNERS))
+            self._parts.append((np.array(envs) if len(envs) < len(scenes) else None, boxes, shadows))
         self.any = bool(self._parts)
 
     def shortest(self, shine: np.ndarray, first: np.ndarray, moved: np.ndarray, rest: np.ndarray) -> np.ndarray:
-        """Gives that time, float64 [E] instants. shine [E], first [n]: as of `find_briefest`. moved: poses of the
-        movers, float64 [instants, E, M, 7]. rest: of all bodies at one time, float64 [E, N, 7]."""
+        """Gives that time, float64 [E] instants. shine [E], first [n]: as of `find_shortest_shadows`. moved: poses of
+        the movers, float64 [instants, E, M, 7]. rest: of all bodies at one time, float64 [E, N, 7]."""
         shortest = np.full(moved.shape[1], np.inf)
-        for envs, boxes, chords in self._parts:
+        for envs, boxes, shadows in self._parts:
             own = np.arange(len(shortest)) if envs is None else envs[envs < len(shortest)]
             found = np.empty((len(first), len(own), boxes.mover.size))
             poses = np.ascontiguousarray(moved if envs is None else moved[:, own])
             given = [boxes, cpu_array(shine[own]), cpu_array(first), cpu_array(poses, wp.transformd)]
-            wp.launch(find_briefest, found.shape, given, [cpu_array(found)], device="cpu")
+            wp.launch(find_shortest_shadows, found.shape, given, [cpu_array(found)], device="cpu")
             shortest[own] = np.minimum(shortest[own], found.min(axis=(0, 2)))
-            if chords.any and len(own):
-                shortest[own] = np.minimum(shortest[own], chords.shortest(poses, rest[own], first))
+            if shadows.any and len(own):
+                shortest[own] = np.minimum(shortest[own], shadows.shortest(poses, rest[own], first))
         return shortest
 
 

@@ -4,7 +4,7 @@ from functools import cache
 
 import warp as wp
 
-from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, entry_at, slot_row
+from nodes.interpolator.refine.window_kernels import PixelInterval, WindowParameters, WindowScene, entry_at, slot_row
 from nodes.interpolator.relight.change_kernels import MOVED, Change, point_of
 from nodes.interpolator.relight.features import LightChanges
 from nodes.renderer.lights.light_kernels import make_directions
@@ -17,9 +17,9 @@ SECTIONS = wp.constant(4)
 
 
 @wp.func
-def sections_of(stage: Stage, env: int):
+def sections_of(scene: WindowScene, env: int):
     """Gives how many sections a coarse interval has, between some of its probes."""
-    return wp.min(stage.probes[env], SECTIONS)
+    return wp.min(scene.probes[env], SECTIONS)
 
 
 @cache
@@ -29,11 +29,11 @@ def make_facets_between(changes: LightChanges) -> wp.Function:
 
     @wp.func
     def may_turn(
-        cut: Cut,
-        stage: Stage,
+        params: WindowParameters,
+        scene: WindowScene,
         change: Change,
-        lean: wp.array(dtype=float),
-        spot: Spot,
+        normal_deviation: wp.array(dtype=float),
+        px: PixelInterval,
         i: int,
         hit: wp.uint64,
     ):
@@ -42,29 +42,29 @@ def make_facets_between(changes: LightChanges) -> wp.Function:
         near = wp.bool(False)
         t = triangle_of(hit)
         if t != MISS:
-            if lean[t] > 0.0 and (change.flags[spot.env, stage.targets.pieces[t][0]] & MOVED) != 0:
-                row = slot_row(cut, spot.env, spot.k, wp.clamp(i, 1, cut.slots))
-                s = point_of(change, change.casters, row, hit, depth_of(hit) * spot.d)
+            if normal_deviation[t] > 0.0 and (change.flags[px.env, scene.targets.pieces[t][0]] & MOVED) != 0:
+                row = slot_row(params, px.env, px.k, wp.clamp(i, 1, params.slots))
+                s = point_of(change, change.casters, row, hit, depth_of(hit) * px.d)
                 for l in range(change.now.kind.shape[0]):
                     ray, _length, strength = towards(change.now, row, l, s.position)
-                    if strength > 0.0 and wp.abs(wp.dot(s.normal, ray)) < lean[t]:
+                    if strength > 0.0 and wp.abs(wp.dot(s.normal, ray)) < normal_deviation[t]:
                         near = True
         return near
 
     @wp.func
     def facets_between(
-        cut: Cut,
-        stage: Stage,
+        params: WindowParameters,
+        scene: WindowScene,
         change: Change,
-        lean: wp.array(dtype=float),
-        spot: Spot,
+        normal_deviation: wp.array(dtype=float),
+        px: PixelInterval,
         start: wp.uint64,
         end: wp.uint64,
     ):
         """Tells in which sections of a coarse interval a pixel may see facets turn, a bit for each; start, end: entries
         of z-buffers at its ends."""
-        count = sections_of(stage, spot.env)
-        each = (cut.slots + 1) // count
+        count = sections_of(scene, px.env)
+        each = (params.slots + 1) // count
         bits = wp.int32(0)
         before = wp.bool(False)
         for n in range(count + 1):
@@ -72,8 +72,8 @@ def make_facets_between(changes: LightChanges) -> wp.Function:
             if n == count:
                 hit = end
             elif n > 0:
-                hit = entry_at(cut, stage, spot, n * each)
-            after = may_turn(cut, stage, change, lean, spot, n * each, hit)
+                hit = entry_at(params, scene, px, n * each)
+            after = may_turn(params, scene, change, normal_deviation, px, n * each, hit)
             if n > 0 and (before or after):
                 bits = bits | (1 << (n - 1))
             before = after

@@ -9,8 +9,8 @@ from evis.geometry import se3
 from evis.geometry.triangles import areas
 from evis.gpu.exchange import cpu_array
 from evis.runtime.clock import NS
-from nodes.interpolator.refine.probing.visit_kernels import find_briefest
-from nodes.interpolator.refine.probing.visits import boxes_of
+from nodes.interpolator.refine.light.shadow_time_kernels import find_shortest_shadows
+from nodes.interpolator.refine.probing.boxes import boxes_of
 from nodes.renderer.geometry.triangles import Geometry
 from nodes.renderer.raster.visibility import Visibility
 
@@ -29,36 +29,36 @@ TWICE = 2.0
 class Facets:
     """Finds for how long a facet of something that moves is on a point.
 
-    A lamp shines on no facet that is turned away from it, though its shading normal is not. lean: float32 [T], sine of
-    the angle from a triangle's plane to a lamp within which the next facet at its place may be turned otherwise; 0 of
-    what is no such facet.
+    A lamp shines on no facet that is turned away from it, though its shading normal is not. normal_deviation: float32
+    [T], sine of the angle from a triangle's plane to a lamp within which the next facet at its place may be turned
+    otherwise; 0 of what is no such facet.
     """
 
     def __init__(self, visibility: Visibility, movers: np.ndarray, asked: np.ndarray) -> None:
         """movers: bodies that move. asked: whether an instance may move against a lamp, bool [I]."""
         geometry = visibility.geometry
-        lean = np.zeros(len(geometry.triangles), np.float32)
-        grazed = np.zeros(len(geometry.body))
+        normal_deviation = np.zeros(len(geometry.triangles), np.float32)
+        entry_across_silhouette = np.zeros(len(geometry.body))
         half = np.zeros((len(geometry.body), 3))
         for instance in np.flatnonzero(asked):
             own = slice(int(geometry.first[instance]), int(geometry.first[instance + 1]))
             corners = geometry.vertices[geometry.triangles[own]].astype(np.float64)
-            angle, area = leans_of(geometry, own), areas(corners)
+            angle, area = normal_deviations_of(geometry, own), areas(corners)
             round_ = (angle > LEAST_LEAN) & (area > 0)
             if round_.any():
-                lean[own] = np.where(round_, np.sin(np.minimum(TWICE * angle, np.pi / 2)), 0.0)
+                normal_deviation[own] = np.where(round_, np.sin(np.minimum(TWICE * angle, np.pi / 2)), 0.0)
                 half[instance] = width_of(corners[round_]) / 2
                 # A lamp lies in any direction: within an angle from as many planes as its sine.
-                grazed[instance] = np.average(lean[own], weights=area)
+                entry_across_silhouette[instance] = np.average(normal_deviation[own], weights=area)
         which = np.flatnonzero((half[:, 0] > 0) & np.isin(geometry.body, movers))
         self._boxes, self._count = boxes_of(visibility, movers, which, half)
         self._mover, self._place = np.searchsorted(movers, geometry.body[which]), geometry.translation[which]
         view = visibility.view
         shown = np.pi * (geometry.radius[which].astype(np.float64) * max(view.fx, view.fy)) ** 2
         # Of the image, at a distance of a metre.
-        self._shown, self._grazed = shown / (view.width * view.height), grazed[which]
+        self._shown, self._grazed = shown / (view.width * view.height), entry_across_silhouette[which]
         self._camera_body = visibility.camera_body
-        self.lean = visibility.put(lean, wp.float32)
+        self.normal_deviation = visibility.put(normal_deviation, wp.float32)
         self.any = bool(len(which))
 
     def shortest(self, moved: np.ndarray, rest: np.ndarray, apart_ns: np.ndarray) -> np.ndarray:
@@ -73,7 +73,7 @@ class Facets:
         found, shine = np.empty((len(first), envs, self._count)), np.zeros(envs)
         poses = cpu_array(np.ascontiguousarray(moved), wp.transformd)
         given = [self._boxes, cpu_array(shine), cpu_array(first), poses]
-        wp.launch(find_briefest, found.shape, given, [cpu_array(found)], device="cpu")
+        wp.launch(find_shortest_shadows, found.shape, given, [cpu_array(found)], device="cpu")
         times = apart_ns[:, None] * found.min(axis=0)
         places = se3.transform(moved[first][:, :, self._mover], self._place)
         away = np.linalg.norm(places - rest[:, None, self._camera_body, :3], axis=-1).min(axis=0)
@@ -82,7 +82,7 @@ class Facets:
         return np.where(counts, times, np.inf).min(axis=1)
 
 
-def leans_of(geometry: Geometry, own: slice) -> np.ndarray:
+def normal_deviations_of(geometry: Geometry, own: slice) -> np.ndarray:
     """Computes the greatest angle [rad] of triangles' shading normals from their planes' own, float64; own: which."""
     if geometry.smooth is None:
         return np.zeros(own.stop - own.start)

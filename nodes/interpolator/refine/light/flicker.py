@@ -13,8 +13,8 @@ from evis.runtime.clock import NS
 from evis.scene.model import Waveform
 from evis.scene.sampling import FOLLOWED
 from nodes.interpolator.refine.light.flicker_kernels import Marks
-from nodes.interpolator.refine.paths.listing_kernels import PARTS, SHARP
 from nodes.interpolator.refine.samples.lists import SPARE
+from nodes.interpolator.refine.samples.request_kernels import PARTS, SHARP
 from nodes.renderer.lights.lights import waveform_strength, waveform_strengths
 
 ROUNDED = 1e-6
@@ -51,7 +51,7 @@ class Flicker:
         self.kernel: Any = Marks()
         self.kernel.first = wp.zeros((1, 1), dtype=wp.int32, device=device)
         self.kernel.at, self.kernel.later = (wp.empty(0, dtype=wp.int32, device=device) for _ in range(2))
-        self.kernel.begun = wp.empty(0, dtype=wp.float32, device=device)
+        self.kernel.at_start = wp.empty(0, dtype=wp.float32, device=device)
 
     def instants(self, gap_ns: int) -> int:
         """Gives how many instants a gap has to have at least, so that no period is missed."""
@@ -72,9 +72,9 @@ class Flicker:
         """
         if self._added:
             begun = waveform_strengths(self._added, starts).astype(np.float32).reshape(-1)
-            if self.kernel.begun.size != begun.size:
-                self.kernel.begun = wp.empty(begun.size, dtype=wp.float32, device=self._device)
-            self.kernel.begun.assign(begun)
+            if self.kernel.at_start.size != begun.size:
+                self.kernel.at_start = wp.empty(begun.size, dtype=wp.float32, device=self._device)
+            self.kernel.at_start.assign(begun)
         if not self._any:
             return
         # What flickers by nothing has no marks, but kernels ask for them.

@@ -5,9 +5,17 @@ from typing import Any
 
 import warp as wp
 
-from nodes.interpolator.refine.paths.listing_kernels import PARTS, TOLD, make_instances, make_note
-from nodes.interpolator.refine.paths.path_kernels import STEEPEST, outside
-from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, entry_at, slot_row
+from nodes.interpolator.refine.paths.keyframe_path_kernels import STEEPEST, outside
+from nodes.interpolator.refine.samples.list_kernels import ListPart
+from nodes.interpolator.refine.samples.request_kernels import PARTS, PREDICTED, make_request, make_requests
+from nodes.interpolator.refine.window_kernels import (
+    PixelInterval,
+    WindowParameters,
+    WindowScene,
+    entry_at,
+    probe_spacing,
+    slot_row,
+)
 from nodes.interpolator.rigid.keyframe_kernels import log_of
 from nodes.interpolator.rigid.look_up.log_kernels import apart, make_radiance_of
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
@@ -22,59 +30,59 @@ lamps that make up for each other, crosses thresholds slowly, and what it is off
 
 @wp.struct
 class Marks:
-    """Holds the marks of a gap: first [E or 1, K + 1]: where those of a coarse interval begin; at: instant within it,
-    counted from 1; later: how much later than that they are, in PARTS; begun [E ways]: strength of the lights at the
-    gap's start, where it is added up."""
+    """Holds the marks of a gap, and how strong the lights are whose radiance is added up.
+
+    first [E or 1, K + 1]: where the marks of a coarse interval begin. at: instant within it, counted from 1. later: how
+    much later than that they are, in PARTS. Strengths: at_start [E waveforms], at the gap's start; at_frames
+    [rows waveforms], at the coarse frames; within [slots E waveforms], at the instants of the window.
+    """
 
     first: wp.array2d(dtype=int)
     at: wp.array(dtype=int)
     later: wp.array(dtype=int)
-    begun: wp.array(dtype=float)
+    at_start: wp.array(dtype=float)
+    at_frames: wp.array(dtype=float)
+    within: wp.array(dtype=float)
 
 
 @wp.func
-def marks_of(marks: Marks, spot: Spot):
+def marks_of(marks: Marks, px: PixelInterval):
     """Gives where the marks of a coarse interval begin and end."""
-    row = wp.min(spot.env, marks.first.shape[0] - 1)
-    return marks.first[row, spot.k], marks.first[row, spot.k + 1]
+    row = wp.min(px.env, marks.first.shape[0] - 1)
+    return marks.first[row, px.k], marks.first[row, px.k + 1]
 
 
 @wp.func
-def entry_near(cut: Cut, stage: Stage, spot: Spot, i: int, start: int, before: wp.uint64):
+def entry_near(params: WindowParameters, scene: WindowScene, px: PixelInterval, i: int, start: int, before: wp.uint64):
     """Gives what a run that began at instant `start` with the entry `before` showed last, up to instant i."""
-    each = (cut.slots + 1) // stage.probes[spot.env]
+    each = probe_spacing(params, scene, px.env)
     probe = i // each * each
     if probe <= start:
         return before
-    return entry_at(cut, stage, spot, probe)
+    return entry_at(params, scene, px, probe)
 
 
 @cache
-def make_note_marks(channels: int, ways: int) -> Any:
-    """Makes the function `note_marks`; arguments as of `log_type`."""
+def make_request_marks(channels: int, waveform_count: int) -> Any:
+    """Makes the function `request_marks`; arguments as of `log_type`."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
-    Keyframes: Any = make_keyframes(channels, ways)
-    Instances: Any = make_instances(channels)
-    note, radiance_of = make_note(channels), make_radiance_of(channels, ways)
+    Keyframes: Any = make_keyframes(channels, waveform_count)
+    Requests: Any = make_requests(channels)
+    request, radiance_of = make_request(channels), make_radiance_of(channels, waveform_count)
 
     @wp.func
-    def note_marks(
-        cut: Cut,
+    def request_marks(
+        params: WindowParameters,
         keys: Keyframes,
-        instances: Instances,
+        requests: Requests,
         marks: Marks,
-        spot: Spot,
+        px: PixelInterval,
         at: int,
         hit: wp.uint64,
         calm: bool,
         log_a: pixel,
         log_b: pixel,
-        strength: wp.array(dtype=float),
-        within: wp.array(dtype=float),
-        room: int,
-        most: int,
-        band: int,
-        count: wp.array(dtype=int),
+        out: ListPart,
     ):
         """Lists those marks of a pixel that shows the same point all along between which ln I is on a straight line.
 
@@ -83,17 +91,17 @@ def make_note_marks(channels: int, ways: int) -> Any:
         there, or else from the start, to the end, as the lights' strength alone tells: what has changed otherwise shows
         beside it.
         """
-        first, end = marks_of(marks, spot)
+        first, end = marks_of(marks, px)
         logs = keys.logs[keys.first[1] + at]
-        after = wp.where(spot.k + 1 == cut.coarse, 0, spot.k + 1)
-        base = log_b - log_of(radiance_of(logs, strength, after * cut.envs + spot.env))
+        after = wp.where(px.k + 1 == params.coarse, 0, px.k + 1)
+        base = log_b - log_of(radiance_of(logs, marks.at_frames, after * params.envs + px.env))
         last = wp.int32(-1)
         anchor = base
-        if spot.k > 0:
-            anchor += log_of(radiance_of(logs, strength, spot.k * cut.envs + spot.env))
+        if px.k > 0:
+            anchor += log_of(radiance_of(logs, marks.at_frames, px.k * params.envs + px.env))
         else:
-            anchor += log_of(radiance_of(logs, marks.begun, spot.env))
-        told = calm and apart(anchor, log_a) <= cut.bend
+            anchor += log_of(radiance_of(logs, marks.at_start, px.env))
+        told = calm and apart(anchor, log_a) <= params.bend
         seen = hit
         if told:
             seen = NO_ENTRY
@@ -103,30 +111,28 @@ def make_note_marks(channels: int, ways: int) -> Any:
         low = pixel(-STEEPEST)
         high = pixel(STEEPEST)
         for n in range(first, end + 1):
-            now = float(cut.slots + 1)
+            now = float(params.slots + 1)
             fresh = log_b
             if n < end:
                 i = marks.at[n]
                 now = float(i) + float(marks.later[n]) / float(PARTS)
-                fresh = base + log_of(radiance_of(logs, within, slot_row(cut, spot.env, spot.k, i)))
+                fresh = base + log_of(radiance_of(logs, marks.within, slot_row(params, px.env, px.k, i)))
             if outside(fresh - anchor, (now - anchored) * low, (now - anchored) * high):
-                last = note(
-                    cut, instances, spot, marks.at[n - 1], seen, seen, value - anchor, last, room, most, band, count
-                )
+                last = request(params, requests, px, marks.at[n - 1], seen, seen, value - anchor, last, out)
                 if told:
-                    instances.rise[last] = value
-                    instances.shown[last] = TOLD
-                instances.later[last] = marks.later[n - 1]
+                    requests.rise[last] = value
+                    requests.shown[last] = PREDICTED
+                requests.later[last] = marks.later[n - 1]
                 anchor = value
                 anchored = then
                 low = pixel(-STEEPEST)
                 high = pixel(STEEPEST)
             over = 1.0 / (now - anchored)
-            bend = pixel(MARKED * cut.straight)
+            bend = pixel(MARKED * params.straight)
             low = wp.max(low, (fresh - bend - anchor) * over)
             high = wp.min(high, (fresh + bend - anchor) * over)
             value = fresh
             then = now
         return last, log_b - anchor
 
-    return note_marks
+    return request_marks

@@ -35,7 +35,7 @@ def make_hidden_lamps(changes: LightChanges, trees: bool) -> wp.Function:
     def hidden_lamps(change: Change, flag: int, row: int, hit: wp.uint64, d: wp.vec3):
         """Gives the sum of the keys of lamps that something may move before and that are hidden from what a ray sees,
         and of spots whose beam passes by it. Of area lights the corners have keys of their own, since a shadow that is
-        narrower than the light comes and goes between them. flag: of `narrowed`."""
+        narrower than the light comes and goes between them. flag: of `narrow_flags`."""
         keys = NOTHING
         s = point_of(change, change.casters, row, hit, depth_of(hit) * d)
         casters = change.casters

@@ -7,7 +7,7 @@ import warp as wp
 
 from evis.gpu.reading_kernels import element, number, whole_number
 from nodes.interpolator.refine.paths.motion_kernels import motion_since
-from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage
+from nodes.interpolator.refine.window_kernels import PixelInterval, WindowParameters, WindowScene
 from nodes.interpolator.rigid.look_up.log_kernels import apart, log_type
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
 from nodes.renderer.raster.lens.displacement_kernels import make_displacement
@@ -20,18 +20,18 @@ NEARER = wp.constant(0.1)
 
 
 @cache
-def make_place_then(lens: str, channels: int, ways: int) -> Any:
+def make_place_then(lens: str, channels: int, waveform_count: int) -> Any:
     """Makes the function `place_then`; arguments as of make_look_up."""
-    Keyframes: Any = make_keyframes(channels, ways)
+    Keyframes: Any = make_keyframes(channels, waveform_count)
     displacement, bent = make_displacement(lens), lens != "none"
 
     @wp.func
     def place_then(
         view: CameraView,
-        cut: Cut,
+        params: WindowParameters,
         keys: Keyframes,
-        stage: Stage,
-        spot: Spot,
+        scene: WindowScene,
+        px: PixelInterval,
         which: int,
         i: int,
         body: int,
@@ -40,26 +40,26 @@ def make_place_then(lens: str, channels: int, ways: int) -> Any:
         """Computes where (x, y) [px] keyframe `which` shows the point that a pixel sees at instant i, and the inverse
         of its distance there [1/m].
 
-        body: that the point is on. away: its distance along the ray, in multiples of `spot.d`.
+        body: that the point is on. away: its distance along the ray, in multiples of `px.d`.
         """
-        point = away * spot.d
-        motion = motion_since(cut, stage, keys.turn, keys.shift, spot.env, spot.k, which, i, body)
+        point = away * px.d
+        motion = motion_since(params, scene, keys.turn, keys.shift, px.env, px.k, which, i, body)
         m = motion.turn * point + motion.shift
         near = wp.where(body == keys.turn.shape[1] - 1, 1.0e-6, view.near)
-        moved = displacement(view, spot.d, point, m, near)
+        moved = displacement(view, px.d, point, m, near)
         q = point + m
         return wp.vec3(
-            float(spot.x) + moved[0], float(spot.y) + moved[1], 1.0 / wp.where(wp.static(bent), wp.length(q), q[2])
+            float(px.x) + moved[0], float(px.y) + moved[1], 1.0 / wp.where(wp.static(bent), wp.length(q), q[2])
         )
 
     return place_then
 
 
 @cache
-def make_looks(channels: int, ways: int) -> tuple[Any, Any]:
-    """Makes the functions `in_view` and `look`; arguments as of make_look_up."""
-    Keyframes: Any = make_keyframes(channels, ways)
-    log_at = number if log_type(channels, ways) is wp.float32 else element
+def make_point_look_up(channels: int, waveform_count: int) -> tuple[Any, Any]:
+    """Makes the functions `in_view` and `look_up_at`; arguments as of make_look_up."""
+    Keyframes: Any = make_keyframes(channels, waveform_count)
+    log_at = number if log_type(channels, waveform_count) is wp.float32 else element
 
     @wp.func
     def in_view(view: CameraView, keys: Keyframes, base: int, at: wp.vec3, sky: bool):
@@ -71,7 +71,7 @@ def make_looks(channels: int, ways: int) -> tuple[Any, Any]:
         return False
 
     @wp.func
-    def look(view: CameraView, keys: Keyframes, base: int, at: wp.vec2, patch: int):
+    def look_up_at(view: CameraView, keys: Keyframes, base: int, at: wp.vec2, patch: int):
         """Tells whether a keyframe shows a patch at a place, ln I there, and how far the four pixels about it differ.
 
         ln I is interpolated bilinearly, or the nearest pixel's where not all four show the patch.
@@ -101,4 +101,4 @@ def make_looks(channels: int, ways: int) -> tuple[Any, Any]:
         nearest = here + int(fy + 0.5) * view.width + int(fx + 0.5)
         return whole_number(keys.patch, nearest) == patch, log_at(keys.logs, nearest), spread
 
-    return in_view, look
+    return in_view, look_up_at

@@ -2,7 +2,13 @@
 
 import warp as wp
 
-from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, slot_row
+from nodes.interpolator.refine.window_kernels import (
+    PixelInterval,
+    WindowParameters,
+    WindowScene,
+    probe_spacing,
+    slot_row,
+)
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 
 wp.set_module_options({"enable_backward": False})
@@ -21,8 +27,8 @@ class Motion:
 
 @wp.func
 def motion_since(
-    cut: Cut,
-    stage: Stage,
+    params: WindowParameters,
+    scene: WindowScene,
     turn: wp.array2d(dtype=wp.mat33),
     shift: wp.array2d(dtype=wp.vec3),
     env: int,
@@ -35,15 +41,15 @@ def motion_since(
     at the coarse frames."""
     motion = Motion()
     if which + i + k > 0:
-        if i == 0 or i > cut.slots:
+        if i == 0 or i > params.slots:
             frame = k + wp.where(i == 0, 0, 1)
-            row = which * cut.rows + wp.where(frame == cut.coarse, 0, frame) * cut.envs + env
+            row = which * params.rows + wp.where(frame == params.coarse, 0, frame) * params.envs + env
             motion.turn = turn[row, body]
             motion.shift = shift[row, body]
         else:
-            row = which * (stage.turn.shape[0] // 2) + slot_row(cut, env, k, i)
-            motion.turn = stage.turn[row, body]
-            motion.shift = stage.shift[row, body]
+            row = which * (scene.turn.shape[0] // 2) + slot_row(params, env, k, i)
+            motion.turn = scene.turn[row, body]
+            motion.shift = scene.shift[row, body]
     return motion
 
 
@@ -59,8 +65,8 @@ def norm_of(m: wp.mat33):
 @wp.kernel
 def find_bends(
     # in
-    cut: Cut,
-    stage: Stage,
+    params: WindowParameters,
+    scene: WindowScene,
     turn: wp.array2d(dtype=wp.mat33),
     shift: wp.array2d(dtype=wp.vec3),
     # out
@@ -74,56 +80,56 @@ def find_bends(
     stand there, as it matters only how the rest goes on.
     """
     row, body = wp.tid()
-    env = row % cut.envs
-    intervals = bends.shape[0] // (2 * cut.envs)
-    which = row // cut.envs // intervals
-    k = cut.first + row // cut.envs % intervals
-    if k >= cut.coarse:
+    env = row % params.envs
+    intervals = bends.shape[0] // (2 * params.envs)
+    which = row // params.envs // intervals
+    k = params.first + row // params.envs % intervals
+    if k >= params.coarse:
         # The last window of a gap may have fewer intervals than the others.
         return
-    each = (cut.slots + 1) // stage.probes[env]
-    stride = cut.slots + 1
+    each = probe_spacing(params, scene, env)
+    stride = params.slots + 1
     level = wp.int32(0)
     while stride > each:
         most = wp.vec2(0.0, 0.0)
-        for part in range((cut.slots + 1) // stride):
+        for part in range((params.slots + 1) // stride):
             start = part * stride
-            a = motion_since(cut, stage, turn, shift, env, k, which, start, body)
-            b = motion_since(cut, stage, turn, shift, env, k, which, start + stride, body)
+            a = motion_since(params, scene, turn, shift, env, k, which, start, body)
+            b = motion_since(params, scene, turn, shift, env, k, which, start + stride, body)
             for n in range(1, stride // each):
                 g = float(n * each) / float(stride)
-                m = motion_since(cut, stage, turn, shift, env, k, which, start + n * each, body)
+                m = motion_since(params, scene, turn, shift, env, k, which, start + n * each, body)
                 off = m.turn - a.turn - g * (b.turn - a.turn)
                 aside = m.shift - a.shift - g * (b.shift - a.shift)
                 most = wp.vec2(wp.max(most[0], norm_of(off)), wp.max(most[1], wp.length(aside)))
         bends[row, body, level] = most
         stride = stride // 2
         level += 1
-    a = motion_since(cut, stage, turn, shift, env, k, which, 0, body)
-    b = motion_since(cut, stage, turn, shift, env, k, which, cut.slots + 1, body)
+    a = motion_since(params, scene, turn, shift, env, k, which, 0, body)
+    b = motion_since(params, scene, turn, shift, env, k, which, params.slots + 1, body)
     bends[row, body, bends.shape[2] - 1] = wp.vec2(norm_of(b.turn - a.turn), wp.length(b.shift - a.shift))
 
 
 @wp.func
-def stride_of(cut: Cut, stage: Stage, spot: Spot, which: int, body: int, away: float):
+def stride_of(params: WindowParameters, scene: WindowScene, px: PixelInterval, which: int, body: int, away: float):
     """Gives the instants from one to the next of which a point on a body goes a straight way, in both directions of the
     image.
 
     body, away: as of place_then.
     """
-    intervals = stage.bends.shape[0] // (2 * cut.envs)
-    row = (which * intervals + spot.k - cut.first) * cut.envs + spot.env
-    each = (cut.slots + 1) // stage.probes[spot.env]
-    size = wp.length(spot.d)
+    intervals = scene.bends.shape[0] // (2 * params.envs)
+    row = (which * intervals + px.k - params.first) * params.envs + px.env
+    each = probe_spacing(params, scene, px.env)
+    size = wp.length(px.d)
     # Of a point p off by e the image is off by gain |d| |e| / |p| times |d| at most.
-    off_turn = cut.gain * size * size
-    off_shift = cut.gain * size / away
-    stride = cut.slots + 1
+    off_turn = params.gain * size * size
+    off_shift = params.gain * size / away
+    stride = params.slots + 1
     level = wp.int32(0)
     straight = wp.bool(False)
     while stride > each and not straight:
-        bend = stage.bends[row, body, level]
-        straight = off_turn * bend[0] + off_shift * bend[1] <= cut.even
+        bend = scene.bends[row, body, level]
+        straight = off_turn * bend[0] + off_shift * bend[1] <= params.even
         if not straight:
             stride = stride // 2
             level += 1
@@ -131,23 +137,23 @@ def stride_of(cut: Cut, stage: Stage, spot: Spot, which: int, body: int, away: f
 
 
 @wp.func
-def way_of(cut: Cut, stage: Stage, spot: Spot, hit: wp.uint64):
+def path_length_of(params: WindowParameters, scene: WindowScene, px: PixelInterval, hit: wp.uint64):
     """Bounds the way [px] that what a z-buffer entry shows at the start of a coarse interval goes in it, there and back
     as often as its first half tells."""
-    body = stage.bends.shape[1] - 1
+    body = scene.bends.shape[1] - 1
     away = wp.float32(1.0)
     t = triangle_of(hit)
     if t != MISS:
-        body = stage.targets.pieces[t][0]
+        body = scene.targets.pieces[t][0]
         away = depth_of(hit)
-    row = (spot.k - cut.first) * cut.envs + spot.env
-    gone = stage.bends[row, body, 0] + stage.bends[row, body, stage.bends.shape[2] - 1]
-    size = wp.length(spot.d)
-    return cut.gain * size * (size * gone[0] + gone[1] / away)
+    row = (px.k - params.first) * params.envs + px.env
+    gone = scene.bends[row, body, 0] + scene.bends[row, body, scene.bends.shape[2] - 1]
+    size = wp.length(px.d)
+    return params.gain * size * (size * gone[0] + gone[1] / away)
 
 
 @wp.func
-def moves(cut: Cut, stage: Stage, spot: Spot, hit: wp.uint64):
+def moves(params: WindowParameters, scene: WindowScene, px: PixelInterval, hit: wp.uint64):
     """Tells whether what a pixel sees at the start of a coarse interval moves in the image, although it may look alike
     at its end."""
-    return way_of(cut, stage, spot, hit) > STILL * cut.even
+    return path_length_of(params, scene, px, hit) > STILL * params.even

@@ -15,9 +15,9 @@ from evis.gpu.cuda_graph import CudaGraphs
 from nodes.interpolator.displacement_kernels import displace
 from nodes.interpolator.keyframe import Span
 from nodes.interpolator.refine.instants import Instants
+from nodes.interpolator.refine.probing.brief_appearances import BriefAppearances
+from nodes.interpolator.refine.probing.curved_motion import CurvedMotion
 from nodes.interpolator.refine.probing.probe_kernels import find_brief, make_find_thin
-from nodes.interpolator.refine.probing.strays import Strays
-from nodes.interpolator.refine.probing.visits import Visits
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.slots import Poses, Slots
 from nodes.renderer.raster.visibility import Visibility
@@ -44,11 +44,11 @@ SHORT_NS = 10_000
 
 
 @dataclass(frozen=True)
-class Ahead:
+class ProbeForecast:
     """Holds what is known of a gap's z-buffers before any is drawn.
 
     least, most: per coarse interval. begun [E]: how many are drawn at first. looked_at [E]: of the gap, those in which
-    it is found how many are needed. wanted [E]: how many visits to the image and what strays need. passing bool [E]:
+    it is found how many are needed. wanted [E]: how many brief appearances and curved motion need. passing bool [E]:
     whether something passes the near plane. pairs: poses of all bodies then and a short time before, float64
     [n E, N, 7], of the frames and, where it is found there, between them.
     """
@@ -66,7 +66,7 @@ class Probes:
     """Draws z-buffers at instants of one gap after another.
 
     packed uint64 [rows, H, W]: at the middle of each coarse interval, then at its quarters, at its odd eighths, and so
-    on, all coarse intervals of a kind after each other; see stage_kernels.entry_at. each int32 [E]: how many there are
+    on, all coarse intervals of a kind after each other; see window_kernels.entry_at. each int32 [E]: how many there are
     per coarse interval, itself included, that an environment goes by; most: of all environments.
     """
 
@@ -81,8 +81,8 @@ class Probes:
         v = self._v = self._drawer(self._first)[0]
         self._before = Slots(coarse.scene, v, rigid.placement, self._first)
         self._find_thin = make_find_thin(v.lens)
-        self._visits, self._graphs = Visits(v, rigid.placement), CudaGraphs(v.device)
-        self._strays = Strays(v, rigid.placement, tolerance_ns)
+        self._appearances, self._graphs = BriefAppearances(v, rigid.placement), CudaGraphs(v.device)
+        self._curved_motion = CurvedMotion(v, rigid.placement, tolerance_ns)
         with wp.ScopedDevice(v.device):
             self.packed = wp.empty((0, *v.shape[1:]), dtype=wp.uint64)
             self.each = wp.zeros(self._envs, dtype=wp.int32)
@@ -108,7 +108,7 @@ class Probes:
 
     def foresee(
         self, instants: Instants, stamps: np.ndarray, poses: Poses, gap: Span, beside: Executor | None
-    ) -> Ahead | None:
+    ) -> ProbeForecast | None:
         """Works out what the bodies' motion alone tells of a gap; None where nothing moves.
 
         stamps: of its instants, int64 [n] or [E, n] ns. poses: at all of them. beside: threads that do some of it.
@@ -124,10 +124,10 @@ class Probes:
         least = min(self._least, 1 << instants.depth)
         most = max(most, least)
         # So many that what comes and goes is in some of them, then as many as what is in them needs.
-        off = partial(self._strays.needed, instants, poses, shortest, least, most)
+        off = partial(self._curved_motion.needed, instants, poses, shortest, least, most)
         later = None if beside is None else beside.submit(off)
-        visits, passing = self._visits.needed(instants, poses, least)
-        begun = np.where(held, least, np.minimum(visits, most))
+        appearances, passing = self._appearances.needed(instants, poses, least)
+        begun = np.where(held, least, np.minimum(appearances, most))
         # Coarse frames tell, but for what is in the image between them alone.
         looked_at = coarse * np.where(begun > least, begun, 1)
         length = 1 << instants.depth
@@ -135,10 +135,10 @@ class Probes:
         frames = [coarse * length - 1, *range(length - 1, (coarse - 1) * length, length)]
         between = order_of(instants, int(looked_at.max()) // coarse)
         pairs = [self._shortly_before(which, stamps, poses, gap) for which in (frames, between) if which]
-        strays = off() if later is None else later.result()
-        return Ahead(least, most, begun, looked_at, np.maximum(visits, strays), passing & ~held, pairs)
+        curved = off() if later is None else later.result()
+        return ProbeForecast(least, most, begun, looked_at, np.maximum(appearances, curved), passing & ~held, pairs)
 
-    def draw(self, ahead: Ahead | None, instants: Instants, poses: Poses, gap: Span) -> None:
+    def draw(self, ahead: ProbeForecast | None, instants: Instants, poses: Poses, gap: Span) -> None:
         """Draws what a gap needs, whose coarse frames are drawn. ahead: as of `foresee`."""
         held = gap.held
         self.unseen = np.zeros(self._envs, bool)
@@ -181,7 +181,7 @@ class Probes:
                 v.draw()
             v.drawn()
 
-    def _with_brief(self, ahead: Ahead, instants: Instants, poses: Poses, each: np.ndarray) -> np.ndarray:
+    def _with_brief(self, ahead: ProbeForecast, instants: Instants, poses: Poses, each: np.ndarray) -> np.ndarray:
         """Draws more where something passes the near plane, until little of it is seen in one alone: it has no edge
         there whose speed would tell how long it is on a pixel. each: how many are drawn, int64 [E]; gives it anew."""
         v, asked = self._v, ahead.passing
@@ -211,7 +211,7 @@ class Probes:
             size *= FEWER
         return size
 
-    def _needed(self, ahead: Ahead, gap: Span) -> np.ndarray:
+    def _needed(self, ahead: ProbeForecast, gap: Span) -> np.ndarray:
         """How many z-buffers per coarse interval each environment needs for what is in those that are drawn, int64 [E],
         powers of two up to the most."""
         v, coarse, rigid, held = self._v, self._coarse, self._rigid, gap.held

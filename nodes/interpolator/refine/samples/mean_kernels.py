@@ -116,29 +116,43 @@ def block_of(division: Division, q: int):
     return block
 
 
+@cache
+def make_subpixel_light(channels: int) -> Any:
+    """Makes the struct of what is known of the light of sub-pixels; channels: as of make_merge.
+
+    image_a: keyframe A, with its margin. frames: [E K, h, w]. first, offset, value: further samples, as of Further.
+    cursor: the next sample of each.
+    """
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+
+    class SubpixelLight:
+        image_a: wp.array3d(dtype=pixel)
+        frames: wp.array3d(dtype=pixel)
+        first: wp.array(dtype=int)
+        offset: wp.array(dtype=int)
+        value: wp.array(dtype=pixel)
+        cursor: wp.array(dtype=int)
+
+    SubpixelLight.__qualname__ = f"SubpixelLight{channels}"
+    return wp.struct(SubpixelLight)
+
+
 @wp.func
-def pass_samples(
-    division: Division,
-    block: Block,
-    end: int,
-    first: wp.array(dtype=int),
-    offset: wp.array(dtype=int),
-    cursor: wp.array(dtype=int),
-):
-    """Moves the cursors of all sub-pixels on, past their samples up to `end`."""
+def pass_samples(division: Division, block: Block, end: int, light: Any):
+    """Moves the cursors of all sub-pixels on, past their samples up to `end`; light: SubpixelLight."""
     for j in range(division.fineness):
         for i in range(division.fineness):
             p = block.p + j * block.row + i
-            at = cursor[p]
-            while at < first[p + 1] and offset[at] <= end:
+            at = light.cursor[p]
+            while at < light.first[p + 1] and light.offset[at] <= end:
                 at += 1
-            cursor[p] = at
+            light.cursor[p] = at
 
 
 @cache
 def make_line_of(channels: int) -> wp.Function:
     """Makes the function `line_of`. channels: as of make_merge."""
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    SubpixelLight: Any = make_subpixel_light(channels)
 
     @wp.func
     def line_of(
@@ -146,31 +160,26 @@ def make_line_of(channels: int) -> wp.Function:
         block: Block,
         j: int,
         i: int,
-        image: wp.array3d(dtype=pixel),
-        frames: wp.array3d(dtype=pixel),
-        first: wp.array(dtype=int),
-        offset: wp.array(dtype=int),
-        value: wp.array(dtype=pixel),
-        cursor: wp.array(dtype=int),
+        light: SubpixelLight,
     ):
         """Gives the ends (time, light) of the line that the sub-pixel in row j and column i of a block is on: samples
         of its own, or frames."""
         p = block.p + j * block.row + i
         y = block.y + j
         x = block.x + i
-        at = cursor[p]
-        a = light_at_start(image, frames, division.coarse, division.margin, block.env, block.k, y, x)
-        b = frames[block.env * division.coarse + block.k, y, x]
+        at = light.cursor[p]
+        a = light_at_start(light.image_a, light.frames, division.coarse, division.margin, block.env, block.k, y, x)
+        b = light.frames[block.env * division.coarse + block.k, y, x]
         start = block.t_a
         end = block.t_b
-        if at > first[p]:
-            if offset[at - 1] > block.t_a:
-                start = offset[at - 1]
-                a = value[at - 1]
-        if at < first[p + 1]:
-            if offset[at] < block.t_b:
-                end = offset[at]
-                b = value[at]
+        if at > light.first[p]:
+            if light.offset[at - 1] > block.t_a:
+                start = light.offset[at - 1]
+                a = light.value[at - 1]
+        if at < light.first[p + 1]:
+            if light.offset[at] < block.t_b:
+                end = light.offset[at]
+                b = light.value[at]
         return start, a, end, b
 
     return line_of
@@ -180,18 +189,14 @@ def make_line_of(channels: int) -> wp.Function:
 def make_slopes(channels: int) -> wp.Function:
     """Makes the function `slopes`. channels: as of make_merge."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    SubpixelLight: Any = make_subpixel_light(channels)
     line_of = make_line_of(channels)
 
     @wp.func
     def slopes(
         division: Division,
         block: Block,
-        image: wp.array3d(dtype=pixel),
-        frames: wp.array3d(dtype=pixel),
-        first: wp.array(dtype=int),
-        offset: wp.array(dtype=int),
-        value: wp.array(dtype=pixel),
-        cursor: wp.array(dtype=int),
+        light: SubpixelLight,
     ):
         """Gives the least and the greatest slope of the lines that sub-pixels are on [1/ns], and when the first of
         these ends [ns]."""
@@ -201,9 +206,7 @@ def make_slopes(channels: int) -> wp.Function:
         end = wp.int32(block.t_b)
         for j in range(n):
             for i in range(n):
-                start_t, start, end_t, stop = line_of(
-                    division, block, j, i, image, frames, first, offset, value, cursor
-                )
+                start_t, start, end_t, stop = line_of(division, block, j, i, light)
                 slope = rise(start, stop) / float(end_t - start_t)
                 least = wp.min(least, slope)
                 most = wp.max(most, slope)
@@ -217,6 +220,7 @@ def make_slopes(channels: int) -> wp.Function:
 def make_mean_at(channels: int) -> wp.Function:
     """Makes the function `mean_at`. channels: as of make_merge."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    SubpixelLight: Any = make_subpixel_light(channels)
     line_of = make_line_of(channels)
 
     @wp.func
@@ -224,21 +228,14 @@ def make_mean_at(channels: int) -> wp.Function:
         division: Division,
         block: Block,
         when: int,
-        image: wp.array3d(dtype=pixel),
-        frames: wp.array3d(dtype=pixel),
-        first: wp.array(dtype=int),
-        offset: wp.array(dtype=int),
-        value: wp.array(dtype=pixel),
-        cursor: wp.array(dtype=int),
+        light: SubpixelLight,
     ):
         """Computes the mean of the sub-pixels' lines at a time [ns]."""
         n = division.fineness
         total = pixel(0.0)
         for j in range(n):
             for i in range(n):
-                start_t, start, end_t, stop = line_of(
-                    division, block, j, i, image, frames, first, offset, value, cursor
-                )
+                start_t, start, end_t, stop = line_of(division, block, j, i, light)
                 total += between(start, stop, float(when - start_t) / float(end_t - start_t))
         return total / float(n * n)
 
@@ -249,7 +246,7 @@ def make_mean_at(channels: int) -> wp.Function:
 def make_merge(channels: int) -> wp.Kernel:
     """Makes the kernel `merge`, of a thread per pixel. channels: 1 (luminance) or 3 (RGB)."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
-
+    SubpixelLight: Any = make_subpixel_light(channels)
     slopes = make_slopes(channels)
     mean_at = make_mean_at(channels)
 
@@ -261,13 +258,8 @@ def make_merge(channels: int) -> wp.Kernel:
         writes: int,
         held: wp.array(dtype=int),
         since: wp.array2d(dtype=int),
-        image: wp.array3d(dtype=pixel),
-        frames: wp.array3d(dtype=pixel),
-        first: wp.array(dtype=int),
-        offset: wp.array(dtype=int),
-        value: wp.array(dtype=pixel),
         # in and out
-        cursor: wp.array(dtype=int),
+        light: SubpixelLight,
         places: wp.array(dtype=int),
         # out
         instants: wp.array(dtype=int),
@@ -278,8 +270,7 @@ def make_merge(channels: int) -> wp.Kernel:
         They are at the instants of all its sub-pixels, and where lines of these between them do not add up to a line,
         but for those that lie within the tolerance of the line between two others.
 
-        held: 1 for environments that have no gap. since: [E, instants], ns from the gap's start. image: keyframe A.
-        frames: [E K, h, w]. first, offset, value: samples of the sub-pixels. cursor: next sample of each.
+        held: 1 for environments that have no gap. since: [E, instants], ns from the gap's start.
         """
         q = q0 + wp.tid()
         block = block_of(division, q)
@@ -288,7 +279,7 @@ def make_merge(channels: int) -> wp.Kernel:
         n = division.fineness
         for j in range(n):
             for i in range(n):
-                cursor[block.p + j * block.row + i] = first[block.p + j * block.row + i]
+                light.cursor[block.p + j * block.row + i] = light.first[block.p + j * block.row + i]
         made = wp.int32(0)
         for k in range(division.coarse):
             block.k = k
@@ -300,7 +291,14 @@ def make_merge(channels: int) -> wp.Kernel:
             for j in range(n):
                 for i in range(n):
                     total += light_at_start(
-                        image, frames, division.coarse, division.margin, block.env, k, block.y + j, block.x + i
+                        light.image_a,
+                        light.frames,
+                        division.coarse,
+                        division.margin,
+                        block.env,
+                        k,
+                        block.y + j,
+                        block.x + i,
                     )
             # Samples since the last one that stays are left out while a line from it keeps near all of them: its slope
             # must be within what each of them allows.
@@ -312,7 +310,7 @@ def make_merge(channels: int) -> wp.Kernel:
             waiting = pixel(0.0)
             t = wp.int32(block.t_a)
             while t < block.t_b:
-                least, most, end = slopes(division, block, image, frames, first, offset, value, cursor)
+                least, most, end = slopes(division, block, light)
                 apart = greatest(most - least) * float(end - t)
                 pieces = wp.int32(1)
                 if wp.isfinite(apart):
@@ -320,7 +318,7 @@ def make_merge(channels: int) -> wp.Kernel:
                     pieces = wp.max(wp.min(wanted, (end - t) // division.finest), 1)
                 for piece in range(1, pieces + 1):
                     when = t + wp.int32(wp.int64(end - t) * wp.int64(piece) // wp.int64(pieces))
-                    mean = mean_at(division, block, when, image, frames, first, offset, value, cursor)
+                    mean = mean_at(division, block, when, light)
                     slope = (log_of(mean) - anchor) / float(when - anchor_t)
                     if waiting_t >= 0 and not within(slope, low, high):
                         if writes == 1:
@@ -337,7 +335,7 @@ def make_merge(channels: int) -> wp.Kernel:
                     high = wp.min(high, slope + room)
                     waiting_t = when
                     waiting = mean
-                pass_samples(division, block, end, first, offset, cursor)
+                pass_samples(division, block, end, light)
                 t = end
         if writes == 0:
             places[q + 1] = made

@@ -8,7 +8,7 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
-from nodes.interpolator.refine.samples.mean_kernels import Division, make_merge
+from nodes.interpolator.refine.samples.mean_kernels import Division, make_merge, make_subpixel_light
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.samples import Further
 
@@ -30,7 +30,9 @@ class Means:
         self._division, self._sampling = division, rigid.sampling
         self._device = rigid.visibility.device
         self._pixels = layout.envs * division.height * division.width
-        self._cursor: wp.array = wp.empty(layout.envs * height * width, dtype=wp.int32, device=self._device)
+        cursor: wp.array = wp.empty(layout.envs * height * width, dtype=wp.int32, device=self._device)
+        self._light: Any = make_subpixel_light(layout.channels)()
+        self._light.cursor = cursor
         self._merge = make_merge(layout.channels)
 
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
@@ -53,7 +55,10 @@ class Means:
         self._division.each = each
         with wp.ScopedDevice(self._device):
             places = wp.zeros(self._pixels + 1, dtype=wp.int32)
-            given = [held, since, image, frames, found.first, found.offset, found.value, self._cursor, places]
+            light = self._light
+            light.image_a, light.frames = image, frames
+            light.first, light.offset, light.value = found.first, found.offset, found.value
+            given = [held, since, light, places]
             self._launch(0, [*given, found.offset, found.value])
             wp.utils.array_scan(places, places, inclusive=True)
             total = int(places[-1:].numpy()[0])

@@ -19,11 +19,12 @@ last of which none is listed."""
 class Counts:
     """Holds the counts of a tally.
 
-    changes [bands]: changes from one surface to another. lists [LISTS, bands]: entries of each list. shaded: of them,
-    those that no keyframe shows. made [LISTS + 1]: samples before each list was evaluated, and after the last one.
+    transitions [bands]: changes from one surface to another. lists [LISTS, bands]: entries of each list. shaded: of
+    them, those that no keyframe shows. made [LISTS + 1]: samples before each list was evaluated, and after the last
+    one.
     """
 
-    changes: np.ndarray
+    transitions: np.ndarray
     lists: np.ndarray
     shaded: int
     made: np.ndarray
@@ -32,9 +33,9 @@ class Counts:
 class Tally:
     """Counts what the kernels of a window list, for each band of rows: int32 arrays that are parts of one.
 
-    others, changes [bands]: pixels that show several surfaces, and how often these change; breaks [bands]: between how
-    many probes they do. lists, unseen [LISTS] of
-    [bands]: pixels of each list, and those of them that no keyframe shows. made [LISTS + 1]: samples before each list.
+    changing, transitions [bands]: pixels that show several surfaces, and how often these change; changed_spans [bands]:
+    between how many probes they do. lists, unseen [LISTS] of [bands]: pixels of each list, and those of them that no
+    keyframe shows. made [LISTS + 1]: samples before each list.
     """
 
     def __init__(self, bands: int, device: Any) -> None:
@@ -42,7 +43,7 @@ class Tally:
         self._all = wp.zeros((2 * LISTS + 3) * bands + LISTS + 1, dtype=wp.int32, device=device)
         self.made = self._all[: LISTS + 1]
         rows = self._all[LISTS + 1 :].reshape((-1, bands))
-        self.others, self.changes, self.breaks = rows[0], rows[1], rows[2]
+        self.changing, self.transitions, self.changed_spans = rows[0], rows[1], rows[2]
         self.lists, self.unseen = ([rows[first + n] for n in range(LISTS)] for first in (3, 3 + LISTS))
 
     def begin(self, made: int) -> None:

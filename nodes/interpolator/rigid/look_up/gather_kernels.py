@@ -15,7 +15,7 @@ import warp as wp
 from evis.gpu.append_kernels import take_place
 from evis.gpu.reading_kernels import entry, vector_at, whole_number
 from nodes.interpolator.displacement_kernels import displaced
-from nodes.interpolator.relight.change_kernels import Change, Displacements, make_asked, make_relit, point_of
+from nodes.interpolator.relight.change_kernels import Change, Displacements, make_point_flags, make_relit, point_of
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.look_up.log_kernels import (
     apart,
@@ -26,15 +26,15 @@ from nodes.interpolator.rigid.look_up.log_kernels import (
     name_of,
 )
 from nodes.interpolator.rigid.look_up.look_up_kernels import (
-    BARE,
+    DEMODULATED,
     HARD,
     HIDDEN,
     SEEN,
-    Sight,
+    VisiblePoint,
     make_keyframes,
     make_look_up,
 )
-from nodes.interpolator.rigid.look_up.portion_kernels import Place, Portion, place_in_turn, place_of, sight_of
+from nodes.interpolator.rigid.look_up.portion_kernels import Place, Portion, place_in_turn, place_of, visible_point_of
 from nodes.interpolator.rigid.look_up.texture_kernels import make_log_albedo
 from nodes.renderer.raster.depth_kernels import NO_ENTRY
 from nodes.renderer.raster.lens.view_kernels import CameraView
@@ -43,39 +43,57 @@ from nodes.renderer.raster.surface_kernels import Seen, Surfaces, pixel_at
 wp.set_module_options({"enable_backward": False})
 
 
+@wp.struct
+class GatherLists:
+    """Holds what is listed while pixels are looked up; each count is of [bands].
+
+    flagged: those that light may change on, and todo: those that are to be looked up with care, both as indices into
+    [.., E, h, w] from slot0 on. pixels: those that no keyframe shows, as indices into [P E, H, W]; places: where single
+    ones of these were listed. count: of `pixels`.
+    """
+
+    flagged: wp.array(dtype=int)
+    flagged_count: wp.array(dtype=int)
+    todo: wp.array(dtype=int)
+    todo_count: wp.array(dtype=int)
+    pixels: wp.array(dtype=int)
+    places: wp.array(dtype=int)
+    count: wp.array(dtype=int)
+
+
 @cache
-def make_looks(channels: int, ways: int) -> Any:
-    """Makes the struct of what both keyframes tell of a point; channels, ways: as of `log_type`.
+def make_look_ups(channels: int, waveform_count: int) -> Any:
+    """Makes the struct of what both keyframes tell of a point; channels, waveform_count: as of `log_type`.
 
     state_a, state_b: of look_up_kernels. a, b: log radiance. at_rest: whether the point is where it was at B.
     """
 
-    class Looks:
+    class LookUps:
         state_a: int
         state_b: int
-        a: log_type(channels, ways)  # type: ignore[valid-type]
-        b: log_type(channels, ways)  # type: ignore[valid-type]
+        a: log_type(channels, waveform_count)  # type: ignore[valid-type]
+        b: log_type(channels, waveform_count)  # type: ignore[valid-type]
         at_rest: wp.bool
 
-    Looks.__qualname__ = name_of("Looks", channels, ways)
-    return wp.struct(Looks)
+    LookUps.__qualname__ = name_of("LookUps", channels, waveform_count)
+    return wp.struct(LookUps)
 
 
 @cache
-def make_look_at_both(
-    lens: str, channels: int, ways: int, careful: bool, detailed: bool, textured: bool
+def make_look_up_both(
+    lens: str, channels: int, waveform_count: int, careful: bool, detailed: bool, textured: bool
 ) -> wp.Function:
-    """Makes the function `look_at_both`; arguments as of make_look_up."""
-    Keyframes: Any = make_keyframes(channels, ways)
-    Looks: Any = make_looks(channels, ways)
-    look_up = make_look_up(lens, channels, ways, careful, detailed, textured)
+    """Makes the function `look_up_both`; arguments as of make_look_up."""
+    Keyframes: Any = make_keyframes(channels, waveform_count)
+    LookUps: Any = make_look_ups(channels, waveform_count)
+    look_up = make_look_up(lens, channels, waveform_count, careful, detailed, textured)
 
     @wp.func
-    def look_at_both(
+    def look_up_both(
         view: CameraView,
         portion: Portion,
         keys: Keyframes,
-        s: Sight,
+        s: VisiblePoint,
         env: int,
         i: int,
         since: int,
@@ -86,7 +104,7 @@ def make_look_at_both(
 
         i: index of the sub-frame. since: of the body's displacement since A; behind: how far behind it that since B is.
         """
-        looks = Looks()
+        looks = LookUps()
         base = env * view.height * view.width
         # Both by the same code, for which Warp must not know `count`: two copies would not fit a GPU's registers and
         # cache of instructions.
@@ -108,40 +126,40 @@ def make_look_at_both(
                     looks.at_rest = moved[0] == 0.0 and moved[1] == 0.0 and moved[2] == 0.0
         return looks
 
-    return look_at_both
+    return look_up_both
 
 
 @cache
-def make_textured(channels: int, ways: int, kind: tuple[bool, bool, bool]) -> wp.Function:
-    """Makes the function `textured`; arguments as of make_gather."""
-    Looks: Any = make_looks(channels, ways)
+def make_remodulate(channels: int, waveform_count: int, kind: tuple[bool, bool, bool]) -> wp.Function:
+    """Makes the function `remodulate`; arguments as of make_gather."""
+    LookUps: Any = make_look_ups(channels, waveform_count)
     log_albedo = make_log_albedo(*kind)
 
     @wp.func
-    def textured(view: CameraView, n: int, y: int, x: int, shown: Seen, surfaces: Surfaces, before: Looks):
+    def remodulate(view: CameraView, n: int, y: int, x: int, shown: Seen, surfaces: Surfaces, before: LookUps):
         """Adds to the light alone, where keyframes tell no more, the texture that a pixel shows; without one they show
         nothing."""
         looks = before
         texture = log_albedo(view, pixel_at(n, y, x), shown, surfaces)
-        if looks.state_a == BARE:
+        if looks.state_a == DEMODULATED:
             looks.state_a = wp.where(texture == 0.0, HIDDEN, SEEN)
             looks.a += texture
-        if looks.state_b == BARE:
+        if looks.state_b == DEMODULATED:
             looks.state_b = wp.where(texture == 0.0, HIDDEN, SEEN)
             looks.b += texture
         return looks
 
-    return textured
+    return remodulate
 
 
 @cache
-def make_lit_otherwise(channels: int, ways: int, changes: LightChanges) -> wp.Function:
-    """Makes the function `lit_otherwise`; changes: of light in the scene."""
-    Keyframes: Any = make_keyframes(channels, ways)
+def make_light_differs(channels: int, waveform_count: int, changes: LightChanges) -> wp.Function:
+    """Makes the function `light_differs`; changes: of light in the scene."""
+    Keyframes: Any = make_keyframes(channels, waveform_count)
     relit = make_relit(changes)
 
     @wp.func
-    def lit_otherwise(
+    def light_differs(
         change: Change,
         portion: Portion,
         keys: Keyframes,
@@ -168,14 +186,14 @@ def make_lit_otherwise(channels: int, ways: int, changes: LightChanges) -> wp.Fu
         row_b = portion.keyframes[1] + env
         return relit(change, flag, n, row_a, row_b, s, moves, seen_a, seen_b, share)
 
-    return lit_otherwise
+    return light_differs
 
 
 @cache
 def make_gather(
     lens: str,
     channels: int,
-    ways: int,
+    waveform_count: int,
     look: Literal["first", "flagged", "careful"],
     changes: LightChanges,
     detailed: bool,
@@ -185,23 +203,23 @@ def make_gather(
 ) -> wp.Kernel:
     """Makes the kernel that looks up the pixels of sub-frames in both keyframes.
 
-    lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). ways: as of `log_type`. look: `first` goes
-    through all pixels and lists those that light may change on; `flagged` does these; both list what needs care, and
-    `careful` does whatever is listed. changes: of light in the scene. detailed: as of make_look_up. kind: whether the
-    scene has textures, shading normals of its own and colours at vertices, if textures are looked up at their own time.
-    fast: as of the renderer's Features. single: pixels are listed one by one: what they see and
-    their radiance stand where they do in the list, not in images.
+    lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). waveform_count: as of `log_type`. look:
+    `first` goes through all pixels and lists those that light may change on; `flagged` does these; both list what needs
+    care, and `careful` does whatever is listed. changes: of light in the scene. detailed: as of make_look_up. kind:
+    whether the scene has textures, shading normals of its own and colours at vertices, if textures are looked up at
+    their own time. fast: as of the renderer's Features. single: pixels are listed one by one: what they see and their
+    radiance stand where they do in the list, not in images.
     """
     listed, careful = look != "first", look == "careful"
-    asked = make_asked(changes) if changes.any else None
-    lit_otherwise = make_lit_otherwise(channels, ways, changes) if listed and changes.any else None
-    Keyframes: Any = make_keyframes(channels, ways)
+    point_flags = make_point_flags(changes) if changes.any else None
+    light_differs = make_light_differs(channels, waveform_count, changes) if listed and changes.any else None
+    Keyframes: Any = make_keyframes(channels, waveform_count)
     pixel = wp.float32 if channels == 1 else wp.vec3
-    look_at_both = make_look_at_both(lens, channels, ways, careful, detailed, kind is not None)
-    textured = make_textured(channels, ways, kind) if kind and careful else None
-    radiance_of = make_radiance_of(channels, ways)
+    look_up_both = make_look_up_both(lens, channels, waveform_count, careful, detailed, kind is not None)
+    remodulate = make_remodulate(channels, waveform_count, kind) if kind and careful else None
+    radiance_of = make_radiance_of(channels, waveform_count)
     # Fewer than it would take, but of RGB: while some threads wait for memory there must be others.
-    registers = (64 if look == "first" else 128) if channels == 1 and ways == 0 else None
+    registers = (64 if look == "first" else 128) if channels == 1 and waveform_count == 0 else None
 
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=registers, module_options={"fast_math": fast})
     def gather(
@@ -217,48 +235,41 @@ def make_gather(
         shown: Seen,
         surfaces: Surfaces,
         # in or out
-        flagged: wp.array(dtype=int),
-        flagged_count: wp.array(dtype=int),
-        todo: wp.array(dtype=int),
-        todo_count: wp.array(dtype=int),
+        lists: GatherLists,
         # out
         frames: wp.array3d(dtype=pixel),
-        pixels: wp.array(dtype=int),
-        places: wp.array(dtype=int),
-        count: wp.array(dtype=int),
     ):
         """Computes the frames [E frames, h, w] of a portion.
 
-        First: a thread does one pixel; those that light may change on go to `flagged`, as indices into [.., E, h, w]
-        from slot0 on. Flagged: `workers` threads share flagged_count[band] of these. Both leave to `todo` what needs
-        care. Careful: on a CPU entries first..last - 1 of that, on a GPU (last < 0) todo_count[band], shared likewise.
-        What no keyframe shows goes to `pixels` from `first` on, as indices into [P E, H, W]; count[band]: how many. So
-        does that of which the keyframes differ by more than the tolerance in log radiance. Single pixels: entries
-        first..last - 1 of `todo`, todo_count[band] at most; portion.packed and frames are [1, 1, list]; z-buffers of
-        what is listed in `pixels` are written to those that are shown, and `places` says where they were listed; of
-        NO_ENTRY nothing is looked up, and it is black.
+        First: a thread does one pixel; those that light may change on go to `flagged`. Flagged: `workers` threads share
+        flagged_count[band] of these. Both leave to `todo` what needs care. Careful: on a CPU entries first..last - 1 of
+        that, on a GPU (last < 0) todo_count[band], shared likewise. What no keyframe shows goes to `pixels` from
+        `first` on. So does that of which the keyframes differ by more than the tolerance in log radiance. Single
+        pixels: entries first..last - 1 of `todo`, todo_count[band] at most; portion.packed and frames are [1, 1, list];
+        z-buffers of what is listed in `pixels` are written to those that are shown; of NO_ENTRY nothing is looked up,
+        and it is black.
         """
         m = view.margin
         j = first + wp.tid()
         end = j + 1
         if wp.static(single):
-            end = wp.min(last, first + todo_count[band])
+            end = wp.min(last, first + lists.todo_count[band])
         elif wp.static(careful):
-            end = wp.where(last >= 0, last, todo_count[band])
+            end = wp.where(last >= 0, last, lists.todo_count[band])
         elif wp.static(listed):
-            end = flagged_count[band]
+            end = lists.flagged_count[band]
         p = Place()
         p.row = -1
         while j < end:
             anew = wp.bool(False)
             if wp.static(careful):
-                at = todo[j]
+                at = lists.todo[j]
                 if at < 0:
                     at = -1 - at
                     anew = True
                 p = place_of(view, portion, at, p)
             elif wp.static(listed):
-                p = place_of(view, portion, flagged[j], p)
+                p = place_of(view, portion, lists.flagged[j], p)
             else:
                 p = place_in_turn(view, portion, j)
             env = p.env
@@ -280,13 +291,13 @@ def make_gather(
                 column_out = x - m
             changed = wp.bool(True)
             if wp.static(not listed):
-                changed = hit != entry(portion.quiet, (env * view.height + y) * view.width + x)
+                changed = hit != entry(portion.unchanged, (env * view.height + y) * view.width + x)
             if wp.static(single) and hit == NO_ENTRY:
                 frames[frame, row_out, column_out] = pixel(0.0)
             elif anew:
-                pixels[first + take_place(count, band)] = place
+                lists.pixels[first + take_place(lists.count, band)] = place
             elif changed:
-                s, body = sight_of(view, hit, y, x, portion.pieces, keys.turn.shape[1] - 1)
+                s, body = visible_point_of(view, hit, y, x, portion.pieces, keys.turn.shape[1] - 1)
                 since = n * keys.turn.shape[1] + body
                 behind = keys.turn.shape[0] / 2 * keys.turn.shape[1]
                 flag = wp.int32(0)
@@ -294,16 +305,16 @@ def make_gather(
                     if s.sky == 0:
                         to_a = vector_at(keys.shift, since)
                         to_b = vector_at(keys.shift, since + behind)
-                        flag = asked(change, body, env, n, hit, s.point, to_a, to_b)
+                        flag = point_flags(change, body, env, n, hit, s.point, to_a, to_b)
                 later = wp.bool(False)
                 if wp.static(not listed):
                     later = flag != 0
-                looks = look_at_both(view, portion, keys, s, env, i, since, behind, wp.where(later, 0, 2))
-                if wp.static(textured is not None):
-                    if looks.state_a == BARE or looks.state_b == BARE:
+                looks = look_up_both(view, portion, keys, s, env, i, since, behind, wp.where(later, 0, 2))
+                if wp.static(remodulate is not None):
+                    if looks.state_a == DEMODULATED or looks.state_b == DEMODULATED:
                         if wp.static(single):
                             shown.packed[n, y, x] = hit
-                        looks = textured(view, n, y, x, shown, surfaces, looks)
+                        looks = remodulate(view, n, y, x, shown, surfaces, looks)
                 hard = wp.bool(False)
                 if wp.static(not careful):
                     hard = looks.state_a == HARD or looks.state_b == HARD
@@ -311,14 +322,14 @@ def make_gather(
                 seen_b = looks.state_b == SEEN
                 share = float(i) / float(portion.upsampling)
                 told = (seen_a or seen_b) and (s.sky == 1 or portion.relight == 0)
-                if wp.static(lit_otherwise is not None):
+                if wp.static(light_differs is not None):
                     if told and flag != 0 and not hard:
-                        otherwise, above_a, above_b = lit_otherwise(
+                        otherwise, above_a, above_b = light_differs(
                             change, portion, keys, flag, n, env, hit, since, behind, s.point, seen_a, seen_b, share
                         )
                         told = not otherwise
                         # Of several lights only some change.
-                        if wp.static(changes.relative and ways == 0):
+                        if wp.static(changes.relative and waveform_count == 0):
                             looks.a = brighter(looks.a, above_a)
                             looks.b = brighter(looks.b, above_b)
                 difference = wp.float32(0.0)
@@ -326,12 +337,12 @@ def make_gather(
                     difference = apart(looks.a, looks.b)
                 told = told and difference <= portion.tolerance
                 unchanged = wp.bool(False)
-                if wp.static(ways == 0):
+                if wp.static(waveform_count == 0):
                     unchanged = seen_b and difference == 0.0 and looks.at_rest and flag == 0
                 if later:
-                    flagged[take_place(flagged_count, band)] = p.at
+                    lists.flagged[take_place(lists.flagged_count, band)] = p.at
                 elif hard:
-                    todo[take_place(todo_count, band)] = p.at
+                    lists.todo[take_place(lists.todo_count, band)] = p.at
                 elif told and unchanged:
                     # The keyframe's own pixel, to the last bit: nothing has changed.
                     frames[frame, row_out, column_out] = keys.image[env, y, x]
@@ -343,11 +354,11 @@ def make_gather(
                         value += share * (looks.b - looks.a)
                     frames[frame, row_out, column_out] = radiance_of(value, portion.strength, n)
                 else:
-                    listed_at = first + take_place(count, band)
-                    pixels[listed_at] = place
+                    listed_at = first + take_place(lists.count, band)
+                    lists.pixels[listed_at] = place
                     if wp.static(single):
                         shown.packed[n, y, x] = hit
-                        places[listed_at] = j
+                        lists.places[listed_at] = j
             else:
                 frames[frame, row_out, column_out] = keys.image[env, y, x]
             if wp.static(listed):

@@ -14,21 +14,21 @@ BLACK = wp.constant(-69.0)
 
 
 @cache
-def log_type(channels: int, ways: int) -> Any:
+def log_type(channels: int, waveform_count: int) -> Any:
     """Makes the type of what is looked up, a number or a vector.
 
-    channels: 1 (luminance) or 3 (RGB). ways: how many waveforms there are of lights that flicker. Without any it is the
-    log radiance under the lights as they are; otherwise, of all channels, that under the steady lights and those of
-    each waveform at their mean, and at last that under the steady lights alone.
+    channels: 1 (luminance) or 3 (RGB). waveform_count: how many waveforms there are of lights that flicker. Without any
+    it is the log radiance under the lights as they are; otherwise, of all channels, that under the steady lights and
+    those of each waveform at their mean, and at last that under the steady lights alone.
     """
-    if ways == 0:
+    if waveform_count == 0:
         return wp.float32 if channels == 1 else wp.vec3
-    return wp.types.vector(length=channels * (ways + 1), dtype=wp.float32)
+    return wp.types.vector(length=channels * (waveform_count + 1), dtype=wp.float32)
 
 
-def name_of(kind: str, channels: int, ways: int) -> str:
+def name_of(kind: str, channels: int, waveform_count: int) -> str:
     """Gives a name to a struct of what is looked up, for two of one name must not differ."""
-    return f"{kind}{channels}{f'lit{ways}' if ways else ''}"
+    return f"{kind}{channels}{f'lit{waveform_count}' if waveform_count else ''}"
 
 
 RED, GREEN, BLUE = (wp.constant(weight) for weight in REC709)
@@ -79,24 +79,24 @@ def light(value: wp.vec3):  # noqa: F811 - overloaded by its type
 
 
 @cache
-def make_radiance_of(channels: int, ways: int) -> wp.Function:
+def make_radiance_of(channels: int, waveform_count: int) -> wp.Function:
     """Makes the function `radiance_of`; arguments as of `log_type`."""
-    value_type: Any = log_type(channels, ways)
+    value_type: Any = log_type(channels, waveform_count)
 
     @wp.func
     def channel_of(value: value_type, channel: int, strength: wp.array(dtype=float), row: int):
         """Gives the radiance in one channel under all lights."""
-        rest = light(value[wp.static(channels * ways) + channel])
+        rest = light(value[wp.static(channels * waveform_count) + channel])
         total = rest
-        for way in range(wp.static(ways)):
+        for way in range(wp.static(waveform_count)):
             mean = light(value[wp.static(channels) * way + channel])
-            total += strength[wp.static(ways) * row + way] * wp.max(mean - rest, 0.0)
+            total += strength[wp.static(waveform_count) * row + way] * wp.max(mean - rest, 0.0)
         return total
 
     @wp.func
     def radiance_of(value: value_type, strength: wp.array(dtype=float), row: int):
-        """Computes the radiance of what was looked up; strength [rows ways]: of lights that flicker."""
-        if wp.static(ways == 0):
+        """Computes the radiance of what was looked up; strength [rows waveforms]: of lights that flicker."""
+        if wp.static(waveform_count == 0):
             return light(value)
         elif wp.static(channels == 1):
             return channel_of(value, 0, strength, row)

@@ -27,22 +27,22 @@ keyframes: interpolation would dull it by about as much."""
 EVEN, NEARLY_EVEN = wp.constant(0.08), wp.constant(0.8)
 """Differences of ln of the light, in tolerances, among four pixels between which it is interpolated linearly: where
 more pixels would tell how it bends, and where a patch is seen in part."""
-WITHOUT = wp.constant(math.inf)
+NO_ALBEDO = wp.constant(math.inf)
 """Stands for ln of the light on a texture where there is none; no mean of it and others is finite."""
 ENOUGH = wp.constant(5)
 """Pixels about a place, of 16, that tell how even a patch is there."""
 HIDDEN = wp.constant(0)
 SEEN = wp.constant(1)
 HARD = wp.constant(2)
-BARE = wp.constant(3)
+DEMODULATED = wp.constant(3)
 """Seen, but for the texture: the value is ln of the light alone, which the texture at the time is to be added to."""
 
 
 @cache
-def make_keyframes(channels: int, ways: int) -> Any:
-    """Makes the struct of both keyframes of a gap, as `Prepared` has them, in arrays of both [2 E H W], and how the
-    bodies [2 P E, N + 2] of the sub-frames have moved since A, then since B: see displacement_kernels. first: where A
-    and B begin; image: of B. channels, ways: as of `log_type`."""
+def make_keyframes(channels: int, waveform_count: int) -> Any:
+    """Makes the struct of both keyframes of a gap, as `PreparedKeyframe` has them, in arrays of both [2 E H W], and how
+    the bodies [2 P E, N + 2] of the sub-frames have moved since A, then since B: see displacement_kernels. first: where
+    A and B begin; image: of B. channels, waveform_count: as of `log_type`."""
 
     class Keyframes:
         first: wp.vec2i
@@ -50,18 +50,18 @@ def make_keyframes(channels: int, ways: int) -> Any:
         patch: wp.array(dtype=int)
         support: wp.array(dtype=int)
         inverse: wp.array(dtype=float)
-        logs: wp.array(dtype=log_type(channels, ways))
-        bare: wp.array(dtype=float)
+        logs: wp.array(dtype=log_type(channels, waveform_count))
+        demodulated: wp.array(dtype=float)
         texels: wp.array(dtype=wp.vec4)
         turn: wp.array2d(dtype=wp.mat33)
         shift: wp.array2d(dtype=wp.vec3)
 
-    Keyframes.__qualname__ = name_of("Keyframes", channels, ways)
+    Keyframes.__qualname__ = name_of("Keyframes", channels, waveform_count)
     return wp.struct(Keyframes)
 
 
 @wp.struct
-class Sight:
+class VisiblePoint:
     """Holds what a pixel shows: its ray d, the point on it, both in the camera frame, and of which patch; sky: 1 for
     that."""
 
@@ -108,7 +108,7 @@ def shows(t: wp.vec4, p: int, w: float):
 
 
 @wp.func
-def is_bare(value: float):
+def is_demodulated(value: float):
     """Tells whether a mean of ln of the light is of textures alone."""
     return wp.isfinite(value)
 
@@ -123,11 +123,11 @@ def in_column(r0: Any, r1: Any, r2: Any, r3: Any, wy: wp.vec4):
 
 
 @cache
-def make_fetches(channels: int, ways: int) -> tuple[wp.Function, wp.Function, wp.Function, wp.Function]:
+def make_fetches(channels: int, waveform_count: int) -> tuple[wp.Function, wp.Function, wp.Function, wp.Function]:
     """Makes the functions `log_of`, and `whole`, `masked` and `edge` of places about which a patch is seen in full, in
-    the middle, and in part; channels, ways: as of `log_type`."""
-    Keyframes: Any = make_keyframes(channels, ways)
-    pixel = log_type(channels, ways)
+    the middle, and in part; channels, waveform_count: as of `log_type`."""
+    Keyframes: Any = make_keyframes(channels, waveform_count)
+    pixel = log_type(channels, waveform_count)
     log_at = number if pixel is wp.float32 else element
 
     @wp.func
@@ -217,28 +217,30 @@ def make_fetches(channels: int, ways: int) -> tuple[wp.Function, wp.Function, wp
 
 
 @cache
-def make_look_up(lens: str, channels: int, ways: int, careful: bool, detailed: bool, textured: bool) -> wp.Function:
+def make_look_up(
+    lens: str, channels: int, waveform_count: int, careful: bool, detailed: bool, textured: bool
+) -> wp.Function:
     """Makes the function `look_up`, which finds the light of a point in a keyframe.
 
-    lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). ways: as of `log_type`. careful: also where
-    a patch is not seen in full. detailed: what is finer than the keyframe's pixels is not found; textured: of textures
-    that are, the light alone is.
+    lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). waveform_count: as of `log_type`. careful:
+    also where a patch is not seen in full. detailed: what is finer than the keyframe's pixels is not found; textured:
+    of textures that are, the light alone is.
     """
     bent = lens != "none"
-    Keyframes: Any = make_keyframes(channels, ways)
-    pixel = log_type(channels, ways)
+    Keyframes: Any = make_keyframes(channels, waveform_count)
+    pixel = log_type(channels, waveform_count)
     displacement = make_displacement(lens)
-    log_of, whole, masked, edge = make_fetches(channels, ways)
+    log_of, whole, masked, edge = make_fetches(channels, waveform_count)
 
     @wp.func
-    def nearness(s: Sight, q: wp.vec3):
+    def nearness(s: VisiblePoint, q: wp.vec3):
         """Gives the inverse distance of a point [1/m], 0 of the sky."""
         if s.sky == 1:
             return 0.0
         return 1.0 / wp.where(wp.static(bent), wp.length(q), q[2])
 
     @wp.func
-    def where_it_was(keys: Keyframes, s: Sight, at: int):
+    def where_it_was(keys: Keyframes, s: VisiblePoint, at: int):
         """Looks up a point that has not moved: at the same pixel, if nothing hid it."""
         t = texel(keys.texels, at)
         w = nearness(s, s.point)
@@ -247,25 +249,25 @@ def make_look_up(lens: str, channels: int, ways: int, careful: bool, detailed: b
         return HIDDEN, pixel(0.0)
 
     @wp.func
-    def bare(keys: Keyframes, width: int, at: int, whole: bool, fx: float, fy: float, tolerance: float):
-        """Computes ln of the light alone that falls on a texture; a number that `is_bare` refuses where one of the
-        pixels has none. whole: whether the patch is seen in full, without which light has to be nearly even."""
+    def demodulated(keys: Keyframes, width: int, at: int, whole: bool, fx: float, fy: float, tolerance: float):
+        """Computes ln of the light alone that falls on a texture; a number that `is_demodulated` refuses where one of
+        the pixels has none. whole: whether the patch is seen in full, without which light has to be nearly even."""
         below = at + width
-        a = pair(keys.bare, at)
-        b = pair(keys.bare, below)
+        a = pair(keys.demodulated, at)
+        b = pair(keys.demodulated, below)
         low = wp.min(wp.min(a), wp.min(b))
         high = wp.max(wp.max(a), wp.max(b))
         if high - low <= wp.where(whole, EVEN, NEARLY_EVEN) * tolerance:
             upper = (1.0 - fx) * a[0] + fx * a[1]
             return (1.0 - fy) * upper + fy * ((1.0 - fx) * b[0] + fx * b[1])
         if not whole:
-            return WITHOUT
+            return NO_ALBEDO
         wx = weights(fx)
         return in_column(
-            weighted(keys.bare, at - 1 - width, wx),
-            weighted(keys.bare, at - 1, wx),
-            weighted(keys.bare, below - 1, wx),
-            weighted(keys.bare, below - 1 + width, wx),
+            weighted(keys.demodulated, at - 1 - width, wx),
+            weighted(keys.demodulated, at - 1, wx),
+            weighted(keys.demodulated, below - 1, wx),
+            weighted(keys.demodulated, below - 1 + width, wx),
             weights(fy),
         )
 
@@ -273,7 +275,7 @@ def make_look_up(lens: str, channels: int, ways: int, careful: bool, detailed: b
     def about(
         view: CameraView,
         keys: Keyframes,
-        s: Sight,
+        s: VisiblePoint,
         at: int,
         fx: float,
         fy: float,
@@ -309,11 +311,11 @@ def make_look_up(lens: str, channels: int, ways: int, careful: bool, detailed: b
                 return SEEN, straight
             if wp.static(textured and careful):
                 if near_enough and fine:
-                    light = bare(keys, width, at, (code & WHOLE) != 0, fx, fy, tolerance)
-                    if is_bare(light):
-                        return BARE, light
+                    light = demodulated(keys, width, at, (code & WHOLE) != 0, fx, fy, tolerance)
+                    if is_demodulated(light):
+                        return DEMODULATED, light
             elif wp.static(textured):
-                if near_enough and fine and is_bare(number(keys.bare, at)):
+                if near_enough and fine and is_demodulated(number(keys.demodulated, at)):
                     return HARD, value
             if near_enough and (code & WHOLE) != 0:
                 seen = wp.int32(SEEN)
@@ -338,7 +340,9 @@ def make_look_up(lens: str, channels: int, ways: int, careful: bool, detailed: b
         return seen, value
 
     @wp.func
-    def look_up(view: CameraView, keys: Keyframes, base: int, s: Sight, m: wp.vec3, tolerance: float, apart: float):
+    def look_up(
+        view: CameraView, keys: Keyframes, base: int, s: VisiblePoint, m: wp.vec3, tolerance: float, apart: float
+    ):
         """Gives (state, log radiance) of the point in a keyframe, m away from where it is in its camera frame. base:
         index of the first pixel of the keyframe's environment. State: SEEN, HIDDEN, or HARD where only a careful look
         would tell."""

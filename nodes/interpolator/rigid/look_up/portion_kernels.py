@@ -5,7 +5,7 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.division_kernels import Divisor, divided, divisor
-from nodes.interpolator.rigid.look_up.look_up_kernels import Sight
+from nodes.interpolator.rigid.look_up.look_up_kernels import VisiblePoint
 from nodes.interpolator.rigid.patch_kernels import patch_of
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
@@ -17,14 +17,14 @@ wp.set_module_options({"enable_backward": False})
 class Portion:
     """Holds instants that are looked up together: those in `count` slots from slot0 on of `packed` [P E, H, W]; slot
     s is at index[s] / upsampling of the gap and frame[s] of `frames` in each environment's output, and lights that
-    flicker have that `strength` then, [P E ways].
+    flicker have that `strength` then, [P E waveforms].
 
-    quiet [E, H, W]: z-buffer entries with which nothing has changed. pieces: of each triangle, its body (the
+    unchanged [E, H, W]: z-buffer entries with which nothing has changed. pieces: of each triangle, its body (the
     world's index being their number) and its front's patch. tolerance: difference of the keyframes' log radiance up
     to which it is blended; pace: path [px] per unit of `index` from which on what is finer than a keyframe's pixels
     does not matter; relight: 1 where all but the sky is to be shaded anew. keyframes: first rows of A and B in
     their pair. by_width, by_height [px], by_count, by_envs: what indices of pixels of frames are divided by, see
-    `cut`.
+    `set_divisors`.
     """
 
     slot0: int
@@ -44,11 +44,11 @@ class Portion:
     frame: wp.array(dtype=int)
     strength: wp.array(dtype=float)
     packed: wp.array3d(dtype=wp.uint64)
-    quiet: wp.array3d(dtype=wp.uint64)
+    unchanged: wp.array3d(dtype=wp.uint64)
     pieces: wp.array(dtype=wp.vec2i)
 
 
-def cut(portion: Any, width: int, height: int) -> None:
+def set_divisors(portion: Any, width: int, height: int) -> None:
     """Fills in what indices of a portion's pixels are divided by. width, height [px]: of a frame without margin."""
     portion.by_width, portion.by_height = divisor(width), divisor(height)
     portion.by_count, portion.by_envs = divisor(portion.count), divisor(portion.envs)
@@ -108,9 +108,9 @@ def place_in_turn(view: CameraView, portion: Portion, j: int):
 
 
 @wp.func
-def sight_of(view: CameraView, hit: wp.uint64, y: int, x: int, pieces: wp.array(dtype=wp.vec2i), sky: int):
+def visible_point_of(view: CameraView, hit: wp.uint64, y: int, x: int, pieces: wp.array(dtype=wp.vec2i), sky: int):
     """Gives what a pixel shows, and its body; sky: the index that stands for it."""
-    s = Sight()
+    s = VisiblePoint()
     s.y = y
     s.x = x
     s.d = pixel_ray(view, x, y)

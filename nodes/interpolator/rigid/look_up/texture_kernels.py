@@ -7,7 +7,7 @@ from typing import Any
 import warp as wp
 
 from evis.media.colour import REC709
-from nodes.interpolator.rigid.look_up.look_up_kernels import WITHOUT
+from nodes.interpolator.rigid.look_up.look_up_kernels import NO_ALBEDO
 from nodes.renderer.raster.depth_kernels import MISS
 from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.raster.surface_kernels import (
@@ -52,12 +52,12 @@ def make_log_albedo(textures: bool, smooth: bool, tinted: bool) -> Any:
 
 
 @cache
-def make_take_bare(textures: bool, smooth: bool, tinted: bool) -> wp.Kernel:
-    """Makes the kernel `take_bare`."""
+def make_demodulate(textures: bool, smooth: bool, tinted: bool) -> wp.Kernel:
+    """Makes the kernel `demodulate`."""
     log_albedo = make_log_albedo(textures, smooth, tinted)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def take_bare(
+    def demodulate(
         # in
         view: CameraView,
         row0: int,
@@ -66,14 +66,14 @@ def make_take_bare(textures: bool, smooth: bool, tinted: bool) -> wp.Kernel:
         surfaces: Surfaces,
         logs: wp.array3d(dtype=float),
         # out
-        bare: wp.array3d(dtype=float),
+        demodulated: wp.array3d(dtype=float),
     ):
-        """Computes ln of the light alone of the pixels [E, H, W] of the first slot, from row0 on, or WITHOUT; logs: ln
-        I."""
+        """Computes ln of the light alone of the pixels [E, H, W] of the first slot, from row0 on, or NO_ALBEDO; logs:
+        ln I."""
         env, row, part = wp.tid()
         y = row0 + row
         for x in range(part * span, wp.min(part * span + span, view.width)):
             texture = log_albedo(view, pixel_at(env, y, x), seen, surfaces)
-            bare[env, y, x] = wp.where(texture == 0.0, WITHOUT, logs[env, y, x] - texture)
+            demodulated[env, y, x] = wp.where(texture == 0.0, NO_ALBEDO, logs[env, y, x] - texture)
 
-    return take_bare
+    return demodulate

@@ -1,0 +1,151 @@
+"""Finds when lamps stop to shine on what pixels see, and begin to, between two frames: for something comes between, or
+for the next facet is turned otherwise."""
+
+from functools import cache
+
+import warp as wp
+
+from nodes.interpolator.refine.evaluation.visibility_kernels import make_trace_between
+from nodes.interpolator.refine.light.facet_kernels import make_facets_between, sections_of
+from nodes.interpolator.refine.light.lamp_kernels import NOTHING, make_hidden_lamps, make_turned_lamps
+from nodes.interpolator.refine.window_kernels import (
+    FEW_REGISTERS,
+    PixelInterval,
+    WindowParameters,
+    WindowScene,
+    end_entries_of,
+    entry_at,
+    parts_of,
+    pixel_interval_at,
+    probe_spacing,
+    slot_row,
+)
+from nodes.interpolator.relight.change_kernels import MOVED, SHADED, Change, make_narrow_flags
+from nodes.interpolator.relight.features import LightChanges
+from nodes.interpolator.rigid.plan_kernels import same_surface
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.lens.view_kernels import CameraView
+
+wp.set_module_options({"enable_backward": False})
+
+ONE = wp.constant(wp.uint64(1))
+
+
+@wp.func
+def part_at(params: WindowParameters, parts: int, n: int):
+    """Gives the instant at which part n of `parts` of a coarse interval begins, of those that lie within it."""
+    return wp.clamp(n * ((params.slots + 1) // parts), 1, params.slots)
+
+
+@cache
+def make_find_light_changes(changes: LightChanges, trees: bool) -> wp.Kernel:
+    """Makes the kernel `find_light_changes`; changes: of light in the scene; trees: as of `make_occlusion`."""
+    hidden_lamps, turned_lamps = make_hidden_lamps(changes, trees), make_turned_lamps(changes)
+    facets_between = make_facets_between(changes)
+    trace_between = make_trace_between(False)
+    narrow_flags = make_narrow_flags(changes)
+
+    @wp.func
+    def between_probes(
+        params: WindowParameters, scene: WindowScene, px: PixelInterval, i: int, start: wp.uint64, end: wp.uint64
+    ):
+        """Gives the z-buffer entries of the probes before and after instant i; start, end: of the coarse interval."""
+        each = probe_spacing(params, scene, px.env)
+        before = start
+        after = end
+        probe = i // each * each
+        if probe > 0:
+            before = entry_at(params, scene, px, probe)
+        if probe + each <= params.slots:
+            after = entry_at(params, scene, px, probe + each)
+        return before, after
+
+    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FEW_REGISTERS)
+    def find_light_changes(
+        # in
+        view: CameraView,
+        params: WindowParameters,
+        row0: int,
+        span: int,
+        scene: WindowScene,
+        change: Change,
+        normal_deviation: wp.array(dtype=float),
+        # out
+        light_changes: wp.array3d(dtype=wp.uint64),
+    ):
+        """Sets bit n of a pixel [intervals E, h, w] where other lamps shine on its surface at the end of part n of a
+        coarse interval than at its beginning.
+
+        Where an environment has no parts none is set. Of several parts that shadows are looked for at both ends of,
+        those at these ends stand for all. span: pixels of a thread.
+        normal_deviation: of Facets. start: z-buffer of keyframe A.
+        """
+        n, row, part = wp.tid()
+        env = n % params.envs
+        if scene.held[env] == 1:
+            return
+        y = row0 + row
+        parts = parts_of(scene, env)
+        casts = scene.parts[0, env]
+        every = parts // wp.max(casts, 1)
+        sections = sections_of(scene, env)
+        for x in range(part * span, wp.min(part * span + span, params.width)):
+            px = pixel_interval_at(view, params, env, params.first + n // params.envs, y, x)
+            ends = end_entries_of(params, scene, px)
+            facets = wp.int32(0)
+            if wp.static(changes.facets):
+                if scene.parts[1, env] > 0:
+                    facets = facets_between(params, scene, change, normal_deviation, px, ends.before, ends.after)
+            bits = wp.uint64(0)
+            known = wp.bool(False)
+            last = wp.uint64(0)
+            hidden = NOTHING
+            facing = wp.bool(False)
+            seen = wp.uint64(0)
+            turned = NOTHING
+            asked = wp.int32(MISS)
+            flag = wp.int32(0)
+            step = wp.where(facets == 0, every, 1)
+            k = wp.where(parts == 0 or (casts == 0 and facets == 0), parts + 1, 0)
+            while k <= parts:
+                i = part_at(params, parts, k)
+                cast = casts > 0 and k % every == 0
+                look = ((facets >> (i * sections // (params.slots + 1))) & 1) == 1
+                if cast or look:
+                    there = slot_row(params, env, px.k, i)
+                    hit, after = between_probes(params, scene, px, i, ends.before, ends.after)
+                    # Where both entries are equal neither the camera nor the surface moves.
+                    if hit != after:
+                        hit = trace_between(view, scene.targets, there, px.d, hit, after, False)
+                    t = triangle_of(hit)
+                    if t != MISS and t != asked:
+                        flag = change.flags[env, scene.targets.pieces[t][0]] & (MOVED | SHADED)
+                        if flag != 0:
+                            flag = narrow_flags(change, flag, env, there, change.instance[t], depth_of(hit) * px.d)
+                        asked = t
+                    if wp.static(changes.facets):
+                        if look:
+                            away = NOTHING
+                            if t != MISS:
+                                if normal_deviation[t] > 0.0 and (flag & MOVED) != 0:
+                                    away = turned_lamps(change, there, hit, px.d)
+                            if facing and away != turned and same_surface(seen, hit, scene.targets.pieces):
+                                bits = bits | (ONE << wp.uint64(k - 1))
+                            turned = away
+                            seen = hit
+                        facing = look and t != MISS
+                    if cast:
+                        now = NOTHING
+                        if t != MISS and flag != 0:
+                            now = hidden_lamps(change, flag, there, hit, px.d)
+                        if known and now != hidden and same_surface(last, hit, scene.targets.pieces):
+                            bits = bits | (ONE << wp.uint64(k - every)) | (ONE << wp.uint64(k - 1))
+                        known = t != MISS
+                        hidden = now
+                        last = hit
+                else:
+                    facing = False
+                k += step
+            light_changes[n, y, x] = bits
+
+    return find_light_changes

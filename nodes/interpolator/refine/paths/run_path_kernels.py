@@ -1,0 +1,204 @@
+"""Lists samples along one run of a surface: from one mark to the next; and tells whether frames determine all between
+them."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from nodes.interpolator.refine.light.flicker_kernels import Marks, entry_near, marks_of
+from nodes.interpolator.refine.light.light_visibility_kernels import part_at
+from nodes.interpolator.refine.paths.albedo_path_kernels import finer_than_pixels, make_request_albedo_path
+from nodes.interpolator.refine.paths.keyframe_path_kernels import make_request_keyframe_path
+from nodes.interpolator.refine.samples.list_kernels import ListPart
+from nodes.interpolator.refine.samples.request_kernels import UNKNOWN, make_request, make_requests
+from nodes.interpolator.refine.window_kernels import (
+    EndEntries,
+    PixelInterval,
+    Run,
+    WindowParameters,
+    WindowScene,
+    instant_of,
+    parts_of,
+    slot_row,
+)
+from nodes.interpolator.relight.change_kernels import Change, make_point_flags
+from nodes.interpolator.relight.features import LightChanges
+from nodes.interpolator.rigid.look_up.log_kernels import apart
+from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.lens.view_kernels import CameraView
+
+wp.set_module_options({"enable_backward": False})
+
+
+@cache
+def make_request_run(
+    lens: str, channels: int, waveform_count: int, relit: bool, painted: bool, changes: LightChanges
+) -> Any:
+    """Makes the function `request_run`, which lists the samples of a run; arguments as of
+    make_request_single_surface."""
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    Keyframes: Any = make_keyframes(channels, waveform_count)
+    Requests: Any = make_requests(channels)
+    request_keyframe_path, request = make_request_keyframe_path(lens, channels, waveform_count), make_request(channels)
+    request_albedo_path = make_request_albedo_path(channels, waveform_count) if painted else None
+
+    @wp.func
+    def request_span(
+        view: CameraView,
+        params: WindowParameters,
+        keys: Keyframes,
+        scene: WindowScene,
+        requests: Requests,
+        px: PixelInterval,
+        run: Run,
+        out: ListPart,
+    ):
+        """Does as `request_keyframe_path` does, in the nearer keyframe, or in the other one where that does not show
+        the way, and goes by what is painted on the surface where none does, or that is finer than their pixels."""
+        nearer = wp.where(2 * px.k >= params.coarse and px.k > 0, 1, 0)
+        new = run.last
+        rise = pixel(UNKNOWN)
+        whole = wp.bool(False)
+        tries = wp.int32(0)
+        if wp.static(request_albedo_path is not None):
+            if finer_than_pixels(view, scene, px, run.before):
+                tries = wp.int32(2)
+        while tries < 2 and not whole and new == run.last and (tries == 0 or px.k + run.start > 0):
+            which = wp.where(tries == 0, nearer, 1 - nearer)
+            new, rise, whole = request_keyframe_path(view, params, keys, scene, requests, px, which, run, out)
+            tries += 1
+        if wp.static(request_albedo_path is not None):
+            if not whole and triangle_of(run.before) != MISS:
+                rest = run
+                if new != run.last:
+                    rest.start = instant_of(params, requests.at[new])
+                    rest.before = entry_near(params, scene, px, rest.start, run.start, run.before)
+                    rest.last = new
+                new, rise = request_albedo_path(view, params, keys, scene, requests, px, rest, out)
+        return new, rise, whole
+
+    @wp.func
+    def request_run(
+        view: CameraView,
+        params: WindowParameters,
+        keys: Keyframes,
+        scene: WindowScene,
+        requests: Requests,
+        marks: Marks,
+        px: PixelInterval,
+        run: Run,
+        out: ListPart,
+    ):
+        """Does as `request_span` does, from one mark to the next where lights flicker, and from one shadow's edge to
+        the next."""
+        marked = wp.int32(0)
+        first = wp.int32(0)
+        if wp.static(waveform_count > 0 or relit):
+            first, past = marks_of(marks, px)
+            marked = past - first
+        edges = wp.int32(0)
+        parts = wp.int32(1)
+        bits = wp.uint64(0)
+        if wp.static(changes.changes_lamps):
+            if params.parts > 0:
+                bits = scene.light_changes[
+                    (px.k - params.first) * params.envs + px.env, px.y - params.margin, px.x - params.margin
+                ]
+                if bits != wp.uint64(0):
+                    parts = parts_of(scene, px.env)
+                    edges = 2 * parts
+        span = Run()
+        span.start = run.start
+        span.before = run.before
+        span.last = run.last
+        rise = pixel(UNKNOWN)
+        whole = wp.bool(False)
+        # All by the same code: a GPU's cache of instructions would not hold copies of it.
+        for n in range(marked + edges + 1):
+            i = run.end
+            later = wp.int32(0)
+            inside = wp.bool(False)
+            if n < marked:
+                i = marks.at[first + n]
+                later = marks.later[first + n]
+                inside = i > run.start and i < run.end
+            elif n < marked + edges:
+                # Lamps are hidden or seen again between the two ends of a part.
+                m = n - marked
+                i = part_at(params, parts, (m + 1) // 2)
+                inside = ((bits >> wp.uint64(m // 2)) & wp.uint64(1)) != wp.uint64(0) and i > span.start and i < run.end
+            if inside or n == marked + edges:
+                span.end = i
+                span.after = run.after
+                if inside:
+                    span.after = entry_near(params, scene, px, i, span.start, span.before)
+                last, rise, whole = request_span(view, params, keys, scene, requests, px, span, out)
+                if inside:
+                    last = request(params, requests, px, i, span.after, span.after, rise, last, out)
+                    requests.later[last] = later
+                    span.start = i
+                    span.before = span.after
+                span.last = last
+        return span.last, rise, whole
+
+    return request_run
+
+
+@cache
+def make_light_may_change(changes: LightChanges) -> Any:
+    """Makes the function `light_may_change`; changes: of light in the scene."""
+    point_flags = make_point_flags(changes) if changes.any else None
+
+    @wp.func
+    def light_may_change(
+        params: WindowParameters, scene: WindowScene, change: Change, px: PixelInterval, i: int, hit: wp.uint64
+    ):
+        """Tells whether light on what a pixel shows at instant i may change in the gap, beside lamps that flicker."""
+        if wp.static(point_flags is not None):
+            t = triangle_of(hit)
+            if t != MISS:
+                body = scene.targets.pieces[t][0]
+                row = slot_row(params, px.env, px.k, i)
+                to_a = scene.shift[row, body]
+                to_b = scene.shift[row + scene.shift.shape[0] // 2, body]
+                return point_flags(change, body, px.env, row, hit, depth_of(hit) * px.d, to_a, to_b) != 0
+        return False
+
+    return light_may_change
+
+
+@cache
+def make_needs_midpoint(channels: int, changes: LightChanges) -> Any:
+    """Makes the function `needs_midpoint`, which tells of light that frames do not show; arguments as of
+    make_request_single_surface."""
+    # What light does otherwise goes on evenly, as far as frames tell.
+    passing = changes.shadows or changes.spot or changes.view
+    light_may_change = make_light_may_change(changes)
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+
+    @wp.func
+    def needs_midpoint(
+        params: WindowParameters,
+        scene: WindowScene,
+        change: Change,
+        px: PixelInterval,
+        ends: EndEntries,
+        rise: pixel,
+        grown: pixel,
+        whole: bool,
+    ):
+        """Tells whether a pixel that shows one surface and has no sample has to be looked at halfway.
+
+        So it is where ln I has grown otherwise than it rises in the keyframes, or light may have come and gone. whole:
+        they show all of it.
+        """
+        if apart(grown, pixel(0.0)) > params.jump and (not whole or apart(rise, grown) > params.bend):
+            return True
+        if wp.static(passing):
+            # A shadow or a highlight may have come and gone: frames alone do not tell.
+            return light_may_change(params, scene, change, px, (params.slots + 1) // 2, ends.before)
+        return False
+
+    return needs_midpoint

@@ -1,0 +1,153 @@
+"""Lists the samples of pixels that show one surface all along, and the pixels that show several."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from nodes.interpolator.refine.light.flicker_kernels import Marks, make_request_marks
+from nodes.interpolator.refine.paths.motion_kernels import moves
+from nodes.interpolator.refine.paths.run_path_kernels import (
+    make_light_may_change,
+    make_needs_midpoint,
+    make_request_run,
+)
+from nodes.interpolator.refine.runs.silhouette_kernels import is_beside_silhouette
+from nodes.interpolator.refine.runs.transition_kernels import ChangingPixels
+from nodes.interpolator.refine.samples.list_kernels import ListPart, take_entry
+from nodes.interpolator.refine.samples.request_kernels import UNKNOWN, make_request, make_requests
+from nodes.interpolator.refine.window_kernels import (
+    FEW_REGISTERS,
+    Run,
+    WindowParameters,
+    WindowScene,
+    end_entries_of,
+    frame_after,
+    frame_before,
+    make_coarse_frames,
+    pixel_interval_at,
+    shows_one,
+)
+from nodes.interpolator.relight.change_kernels import Change
+from nodes.interpolator.relight.features import LightChanges
+from nodes.interpolator.rigid.keyframe_kernels import equal, log_of
+from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
+from nodes.renderer.raster.depth_kernels import MISS, triangle_of
+from nodes.renderer.raster.lens.view_kernels import CameraView
+
+wp.set_module_options({"enable_backward": False})
+
+
+@cache
+def make_request_single_surface(
+    lens: str, channels: int, waveform_count: int, relit: bool, painted: bool, changes: LightChanges
+) -> wp.Kernel:
+    """Makes the kernel `request_single_surface`; arguments as of make_look_up.
+
+    relit: whether lights flicker with so many waveforms that surfaces are shaded anew. painted: whether anything has a
+    texture or colours at vertices. changes: of light in the scene.
+    """
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    Keyframes: Any = make_keyframes(channels, waveform_count)
+    Requests: Any = make_requests(channels)
+    CoarseFrames: Any = make_coarse_frames(channels)
+    request, request_marks = (
+        make_request(channels),
+        make_request_marks(channels, waveform_count) if waveform_count else None,
+    )
+    request_run = make_request_run(lens, channels, waveform_count, relit, painted, changes)
+    needs_midpoint, light_may_change = make_needs_midpoint(channels, changes), make_light_may_change(changes)
+
+    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FEW_REGISTERS)
+    def request_single_surface(
+        # in
+        view: CameraView,
+        params: WindowParameters,
+        row0: int,
+        span: int,
+        keys: Keyframes,
+        scene: WindowScene,
+        coarse: CoarseFrames,
+        marks: Marks,
+        change: Change,
+        # out
+        requests: Requests,
+        out: ListPart,
+        changing: ChangingPixels,
+        changing_part: ListPart,
+    ):
+        """Lists the instants at which pixels are to be looked at that show one surface at both ends of a coarse
+        interval and at all probes, in a part of the list; what shows several is listed in `changing`, in a part of
+        that.
+
+        row0: first row of the band. span: pixels of a thread. marks: of lights that flicker.
+        """
+        n, row, part = wp.tid()
+        env = n % params.envs
+        k = params.first + n // params.envs
+        if scene.held[env] == 1:
+            return
+        y = row0 + row
+        each = params.slots + 1
+        for x in range(part * span, wp.min(part * span + span, params.width)):
+            px = pixel_interval_at(view, params, env, k, y, x)
+            ends = end_entries_of(params, scene, px)
+            one = shows_one(params, scene, px, ends.before, ends.after)
+            grazing = is_beside_silhouette(view, params, scene, px, ends.before)
+            if grazing:
+                one = False
+            changed = wp.bool(ends.before != ends.after)
+            if one and not changed:
+                # It may have come back, or be as far on as what is painted on it repeats.
+                changed = moves(params, scene, px, ends.before)
+            a = frame_before(params, coarse, env, k, y, x)
+            b = frame_after(params, coarse, env, k, y, x)
+            if wp.static(changes.changes_lamps):
+                if one and not changed and params.parts > 0:
+                    changed = scene.light_changes[n, y, x] != wp.uint64(0)
+            done = wp.bool(False)
+            whole = wp.bool(True)
+            last = wp.int32(-1)
+            rise = pixel(UNKNOWN)
+            grown = pixel(0.0)
+            if wp.static(waveform_count > 0):
+                if one and not changed:
+                    done = True
+                    at_b = (env * view.height + px.y) * view.width + px.x
+                    calm = not light_may_change(params, scene, change, px, each // 2, ends.before)
+                    last, rise = request_marks(
+                        params,
+                        keys,
+                        requests,
+                        marks,
+                        px,
+                        at_b,
+                        ends.after,
+                        calm,
+                        log_of(a),
+                        log_of(b),
+                        out,
+                    )
+                    grown = log_of(b) - log_of(a)
+            if not one:
+                listed = changing_part.start + take_entry(changing_part)
+                changing.at[listed] = n // params.envs * (params.envs * params.height * params.width) + px.q
+                changing.grazing[listed] = wp.where(grazing, 1, 0)
+            elif not done and (changed or not equal(a, b) or (wp.static(relit) and triangle_of(ends.after) != MISS)):
+                run = Run()
+                run.end = each
+                run.before = ends.before
+                run.after = ends.after
+                run.last = -1
+                last, rise, whole = request_run(view, params, keys, scene, requests, marks, px, run, out)
+                if last < 0:
+                    grown = log_of(b) - log_of(a)
+            if one and last < 0:
+                if needs_midpoint(params, scene, change, px, ends, rise, grown, whole):
+                    rise = pixel(UNKNOWN)
+                    last = request(params, requests, px, each // 2, ends.before, ends.after, rise, last, out)
+            if one and last >= 0:
+                requests.tail[last] = rise
+                requests.ends[last] = 1
+
+    return request_single_surface
