@@ -12,7 +12,7 @@ from nodes.interpolator.refine.paths.motion_kernels import motion_since
 from nodes.interpolator.refine.stage_kernels import Cut, Spot, Stage, entry_at
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
-from nodes.renderer.raster.lens.view_kernels import CameraView, ray_steps
+from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_width, ray_steps
 
 wp.set_module_options({"enable_backward": False})
 
@@ -26,19 +26,12 @@ there how far it goes."""
 
 
 @wp.func
-def width_of_pixel(view: CameraView, spot: Spot, hit: wp.uint64):
-    """Computes the width of a pixel [m] where it sees a z-buffer entry, on what faces the camera."""
-    across, down = ray_steps(view, spot.x, spot.y)
-    return depth_of(hit) * wp.max(wp.length(across), wp.length(down))
-
-
-@wp.func
 def finer_than_pixels(view: CameraView, stage: Stage, spot: Spot, hit: wp.uint64):
     """Tells whether the triangle of a z-buffer entry is painted more finely than the pixels of an image show."""
     t = triangle_of(hit)
     if t == MISS:
         return False
-    return stage.targets.grain[t] < width_of_pixel(view, spot, hit)
+    return stage.targets.grain[t] < pixel_width(view, spot.x, spot.y, depth_of(hit))
 
 
 @wp.func
@@ -109,7 +102,7 @@ def make_follow(channels: int, ways: int) -> Any:
             wide = pixels_along(view, spot, depth_of(seen), step + wp.transpose(motion.turn) * step)
             grain = wp.min(stage.targets.grain[triangle_of(hit)], stage.targets.grain[triangle_of(seen)])
             # Pixels are long on what is seen obliquely: by that alone tunnel_exit has 0.048 in place of 0.034.
-            narrow = wp.min(way / wp.max(wide, 1.0e-30), width_of_pixel(view, spot, seen))
+            narrow = wp.min(way / wp.max(wide, 1.0e-30), pixel_width(view, spot.x, spot.y, depth_of(seen)))
             spacing = wp.max(grain / PER_SWING, cut.spacing * narrow)
             moved = moved or (grain < PLAIN and gone + way > TURNED * spacing)
             if grain < PLAIN and i > listed and gone > TURNED * spacing and wp.dot(step, heading) < 0.0:
