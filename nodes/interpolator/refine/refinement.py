@@ -145,7 +145,7 @@ class Refinement:
         motion = known if known and known.gap.same(gap) else self._motion(gap, instants, evaluator)
         stamps, poses = motion.stamps, motion.poses
         evaluator.begin(stamps, gap, poses)
-        self._probes.draw(motion.probes, instants, poses, gap)
+        self._probes.draw(motion.probes, instants, poses, gap, evaluator.targets.albedo_scale)
         self.unseen = self._probes.unseen | motion.unseen | (self._highlights.unseen(poses) & ~held)
         self._held.assign(held.astype(np.int32))
         self._parts.assign(motion.parts.astype(np.int32))

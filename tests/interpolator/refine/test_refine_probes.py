@@ -5,7 +5,7 @@ import pytest
 from rigid_rig import FOCAL, GAP, START, closed_form, keyframe, luminance, painted, plain, pose, quad, world
 
 from evis.runtime.clock import subframe_stamps
-from evis.scene.model import Mesh
+from evis.scene.model import Material, Mesh
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
 from nodes.interpolator.refine.instants import instants_of
 from nodes.interpolator.refine.method import Refined
@@ -164,6 +164,30 @@ def test_what_passes_the_image_between_two_instants_is_told(when, unseen):
     flight = Prescribed(pose(-speed * (START + when * GAP) * 1e-9, 0, DEPTH), [Linear(np.array([speed, 0.0, 0.0]))])
     scene = world([(quad(8.0), plain(0.2), Prescribed(pose(z=3.0))), (strip(20), plain(0.9), flight)])
     assert gap_of(scene).refinement.unseen.tolist() == [unseen]
+
+
+def fast_wall(speed, material):
+    """A wall that fills the image and goes so many pixels per gap."""
+    pace = speed * DEPTH / FOCAL / (GAP * 1e-9)
+    start = pose(-pace * (START + GAP / 2) * 1e-9, 0, DEPTH)
+    return world([(quad(80.0), material, Prescribed(start, [Linear(np.array([pace, 0.0, 0.0]))]))])
+
+
+@pytest.mark.parametrize(("speed", "unseen"), [(2500, False), (6000, True)])
+def test_what_is_painted_and_passes_between_two_instants_is_told(speed, unseen):
+    """Of stripes 32 px wide 78 or 188 edges pass a pixel in a gap of 128 instants, which show all of them or not."""
+    stripes = np.where(np.arange(2048) * 200 // 2048 % 2 == 0, 0.2, 0.8).astype(np.float32)
+    picture = np.broadcast_to(stripes[None, :, None], (8, 2048, 3)).copy()
+    method = gap_of(fast_wall(speed, Material("stripes", np.ones(3), picture, two_sided=True)))
+    first, _, value = method.further.arrays(False)
+    middle = len(first) // 2
+    edges = np.count_nonzero(np.diff(value[first[middle] : first[middle + 1]] > 0.15))
+    assert (edges < 0.95 * speed / 32) == unseen
+    assert method.refinement.unseen.tolist() == [unseen]
+
+
+def test_a_wall_of_one_colour_is_told_of_at_no_speed():
+    assert gap_of(fast_wall(6000, plain(0.5))).refinement.unseen.tolist() == [False]
 
 
 @pytest.mark.parametrize("swings", ["thing", "camera"])

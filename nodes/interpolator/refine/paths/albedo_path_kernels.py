@@ -20,7 +20,7 @@ from nodes.interpolator.refine.window_kernels import (
 )
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
-from nodes.renderer.raster.lens.view_kernels import CameraView, ray_steps
+from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_width, ray_steps
 
 wp.set_module_options({"enable_backward": False})
 
@@ -34,19 +34,12 @@ there how far it goes."""
 
 
 @wp.func
-def width_of_pixel(view: CameraView, px: PixelInterval, hit: wp.uint64):
-    """Computes the width of a pixel [m] where it sees a z-buffer entry, on what faces the camera."""
-    across, down = ray_steps(view, px.x, px.y)
-    return depth_of(hit) * wp.max(wp.length(across), wp.length(down))
-
-
-@wp.func
 def finer_than_pixels(view: CameraView, scene: WindowScene, px: PixelInterval, hit: wp.uint64):
     """Tells whether the triangle of a z-buffer entry is painted more finely than the pixels of an image show."""
     t = triangle_of(hit)
     if t == MISS:
         return False
-    return scene.targets.albedo_scale[t] < width_of_pixel(view, px, hit)
+    return scene.targets.albedo_scale[t] < pixel_width(view, px.x, px.y, depth_of(hit))
 
 
 @wp.func
@@ -115,7 +108,7 @@ def make_request_albedo_path(channels: int, waveform_count: int) -> Any:
                 scene.targets.albedo_scale[triangle_of(hit)], scene.targets.albedo_scale[triangle_of(seen)]
             )
             # Pixels are long on what is seen obliquely: by that alone tunnel_exit has 0.048 in place of 0.034.
-            narrow = wp.min(way / wp.max(wide, 1.0e-30), width_of_pixel(view, px, seen))
+            narrow = wp.min(way / wp.max(wide, 1.0e-30), pixel_width(view, px.x, px.y, depth_of(seen)))
             spacing = wp.max(albedo_scale / PER_SWING, params.spacing * narrow)
             moved = moved or (albedo_scale < PLAIN and gone + way > TURNED * spacing)
             if albedo_scale < PLAIN and i > listed and gone > TURNED * spacing and wp.dot(step, heading) < 0.0:

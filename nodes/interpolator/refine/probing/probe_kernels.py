@@ -1,4 +1,5 @@
-"""Counts how often things would pass a pixel between two z-buffers without being seen in either."""
+"""Counts how often things would pass a pixel between two z-buffers without being seen in either, and how often what is
+painted on them would between two instants."""
 
 from functools import cache
 
@@ -6,7 +7,7 @@ import warp as wp
 
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.lens.displacement_kernels import make_displacement
-from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
+from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray, pixel_width
 
 wp.set_module_options({"enable_backward": False})
 
@@ -116,12 +117,25 @@ def count_passes(missed: wp.array2d(dtype=wp.int64), env: int, least: int, wante
     """Adds up how often something that wants so many z-buffers per gap passes so many pixels, and how often unseen;
     missed, least: as of find_thin."""
     needed = int(wp.min(wanted, float(MOST_NEEDED)))
-    levels = missed.shape[1] - 1
+    levels = missed.shape[1] - 2
     wp.atomic_add(missed, env, levels, wp.int64(pixels * needed))
     for level in range(levels):
         short = needed - (least << level)
         if short > 0:
             wp.atomic_add(missed, env, level, wp.int64(pixels * short))
+
+
+@wp.func
+def count_swings(missed: wp.array2d(dtype=wp.int64), env: int, instants: int, speed: float, scale: float):
+    """Adds up how often what is painted goes up or down more than once from one instant to the next; missed, instants:
+    as of find_thin.
+
+    speed: over a pixel [px per gap]. scale: way over which it goes up or down [px]; what is finer than pixels counts as
+    wide as they are.
+    """
+    swings = wp.min(speed / wp.max(scale, 1.0), float(MOST_NEEDED))
+    if swings > float(instants):
+        wp.atomic_add(missed, env, missed.shape[1] - 1, wp.int64(swings) - wp.int64(instants))
 
 
 @cache
@@ -139,17 +153,20 @@ def make_find_thin(lens: str) -> wp.Kernel:
         span: int,
         gaps: wp.array(dtype=float),
         least: int,
+        instants: int,
         own: wp.array(dtype=int),
         turn: wp.array2d(dtype=wp.mat33),
         shift: wp.array2d(dtype=wp.vec3),
         pieces: wp.array(dtype=wp.vec2i),
         instance: wp.array(dtype=int),
+        albedo_scale: wp.array(dtype=float),
         packed: wp.array3d(dtype=wp.uint64),
         # out
         missed: wp.array2d(dtype=wp.int64),
     ):
         """Adds up, for least, 2 least, 4 least .. z-buffers per gap, how often things pass a pixel between two of them
-        unseen: missed [E, levels + 1], over all rows; last, how often they pass.
+        unseen: missed [E, levels + 2], over all rows; then how often they pass, and how often what is painted on them
+        does between two of so many instants per gap. albedo_scale: of each triangle, as of albedo_scale_of.
 
         turn, shift [rows, N + 2]: how bodies have moved since a short time before, against the camera; gaps [E]: how
         many such times a gap has. packed [rows, H, W]: z-buffers, from row0 on, of which an environment has own [E].
@@ -169,6 +186,9 @@ def make_find_thin(lens: str) -> wp.Kernel:
                 m = turn[row, body] * point + shift[row, body]
                 way = gaps[row % envs] * displacement(view, d, point, m, view.near)
                 speed = wp.length(way)
+                if speed > float(instants) and wp.isfinite(speed):
+                    fine = albedo_scale[t] / pixel_width(view, x, y, depth_of(hit))
+                    count_swings(missed, row % envs, instants, speed, fine)
                 if speed > THIN * float(least) and wp.isfinite(speed):
                     along = way / speed
                     reach = wp.min(int(wp.min(speed / float(least), float(REACH))) + 1, REACH)

@@ -30,7 +30,7 @@ size has: each size has memory of its own."""
 ROOM = 1 << 25
 """Pixels of all these z-buffers of an environment, at most."""
 MISSED = 0.03
-"""How often something thin may pass a pixel unseen in a gap, on the average."""
+"""How often something thin, or a swing of what is painted, may pass a pixel unseen in a gap, on the average."""
 MISSED_OF_ALL, OF_VISITS, FEW = 0.25, 0.1, 0.003
 """Part of what passes that may be unseen, and where something visits the image in between, unless that is few: so
 often a pixel, on the average."""
@@ -138,8 +138,13 @@ class Probes:
         curved = off() if later is None else later.result()
         return ProbeForecast(least, most, begun, looked_at, np.maximum(appearances, curved), passing & ~held, pairs)
 
-    def draw(self, ahead: ProbeForecast | None, instants: Instants, poses: Poses, gap: Span) -> None:
-        """Draws what a gap needs, whose coarse frames are drawn. ahead: as of `foresee`."""
+    def draw(
+        self, ahead: ProbeForecast | None, instants: Instants, poses: Poses, gap: Span, albedo_scale: wp.array
+    ) -> None:
+        """Draws what a gap needs, whose coarse frames are drawn.
+
+        ahead: as of `foresee`. albedo_scale: as of albedo_scale_of.
+        """
         held = gap.held
         self.unseen = np.zeros(self._envs, bool)
         if ahead is None:
@@ -149,7 +154,7 @@ class Probes:
         else:
             begun = int(ahead.begun.max())
             self._draw(instants, poses, 1, begun)
-            each = self._needed(ahead, gap)
+            each = self._needed(ahead, instants, gap, albedo_scale)
             self.unseen |= (ahead.wanted > ahead.most) & ~held
             each = np.where(held, each, np.maximum(each, np.minimum(ahead.wanted, ahead.most)))
             self._draw(instants, poses, begun, int(each.max()))
@@ -211,14 +216,14 @@ class Probes:
             size *= FEWER
         return size
 
-    def _needed(self, ahead: ProbeForecast, gap: Span) -> np.ndarray:
+    def _needed(self, ahead: ProbeForecast, instants: Instants, gap: Span, albedo_scale: wp.array) -> np.ndarray:
         """How many z-buffers per coarse interval each environment needs for what is in those that are drawn, int64 [E],
-        powers of two up to the most."""
+        powers of two up to the most. What is painted on things needs none, but may pass between two instants."""
         v, coarse, rigid, held = self._v, self._coarse, self._rigid, gap.held
         pixels = v.shape[1] * v.shape[2]
         levels = (ahead.most // ahead.least).bit_length()
         parts = {row0: k for k, (row0, _) in enumerate(v.row_tiles.parts)}
-        missed: wp.array = wp.zeros((len(parts), self._envs, levels + 1), dtype=wp.int64, device=v.device)
+        missed: wp.array = wp.zeros((len(parts), self._envs, levels + 2), dtype=wp.int64, device=v.device)
         span = v.shape[2] if v.device.is_cpu else 1
         gaps: wp.array = wp.array(((gap.ends - gap.starts) / SHORT_NS).astype(np.float32), device=v.device)
         own: wp.array = wp.array(np.where(held, 0, ahead.looked_at).astype(np.int32), device=v.device)
@@ -226,7 +231,8 @@ class Probes:
             rows = now.shape[0]
             turn, shift = self._displaced(now, then)
             where = [v.view, self._envs, first * self._envs]
-            what = [span, gaps, ahead.least * coarse, own, turn, shift, rigid.pieces, v.triangle_instance, packed]
+            what = [span, gaps, ahead.least * coarse, instants.count, own, turn, shift]
+            what += [rigid.pieces, v.triangle_instance, albedo_scale, packed]
 
             def of_rows(
                 y0: int, y1: int, rows: int = rows, where: list[Any] = where, what: list[Any] = what
@@ -236,11 +242,11 @@ class Probes:
 
             v.row_tiles.launch(self._find_thin, of_rows, v.device, in_parts=True)
         found = missed.numpy().sum(axis=0)
-        unseen, all_of_it = found[:, :-1], found[:, -1:]
+        unseen, all_of_it, painted = found[:, :-2], found[:, -2:-1], found[:, -1:]
         of_all = np.where(ahead.begun > ahead.least, OF_VISITS, MISSED_OF_ALL)[:, None]
         once = pixels * ahead.looked_at[:, None]
         enough = (unseen <= MISSED * once) & ((unseen <= of_all * all_of_it) | (unseen <= FEW * once))
-        self.unseen = ~enough[:, -1] & ~held
+        self.unseen = ~(enough[:, -1:] & (painted <= MISSED * once))[:, 0] & ~held
         enough[:, -1] = True
         return np.maximum(ahead.least << enough.argmax(axis=1), ahead.begun)
 

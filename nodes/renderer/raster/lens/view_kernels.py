@@ -83,6 +83,13 @@ def ray_steps(view: CameraView, x: int, y: int):
 
 
 @wp.func
+def pixel_width(view: CameraView, x: int, y: int, depth: float):
+    """Computes the width of a pixel [m] on what faces the camera, at a depth [m] along its ray d."""
+    across, down = ray_steps(view, x, y)
+    return depth * wp.max(wp.length(across), wp.length(down))
+
+
+@wp.func
 def tile_pixel(view: CameraView, tile: int, lane: int):
     """Gives the row and column of a thread's pixel where 32 threads do 8 x 4 of them; some may lie outside the
     image."""
