@@ -84,6 +84,7 @@ class Evaluator:
             self.strength = wp.zeros(v.envs * layout.waveform_count, dtype=wp.float32)
         self._gather, self._place = make_look_up_kernels(rigid)
         self._targets, self._portion = self._make_targets(), self._make_portion()
+        self._lists: dict[int, tuple[tuple[wp.array, ...], Any]] = {}
         self._at: list[int] = []
         """The instants that `_index` has."""
         self.reserve(1)
@@ -165,10 +166,7 @@ class Evaluator:
         v, rigid = self.visibility, self._rigid
         values = self.values.reshape((1, 1, -1))
         keys = rigid.pair.kernel(self.moved)
-        # Nothing is flagged here: a list of that is not read.
-        lists: Any = GatherLists()
-        lists.flagged, lists.flagged_count, lists.todo, lists.todo_count = listed, count, listed, count
-        lists.pixels, lists.places, lists.count = self._anew, self._places, unseen
+        lists = self._lists_of(number, listed, count, unseen)
         portion = self._portion
         portion.upsampling, portion.packed = self._upsampling, self.hits.reshape((1, 1, -1))
         portion.keyframes = wp.vec2i(rigid.pair.a.first, rigid.pair.b.first)
@@ -187,6 +185,18 @@ class Evaluator:
         workers = 1 if v.device.is_cpu else LIST_WORKERS
         given = [self._envs, 1, v.margin, self._frame, self._anew, self._places, unseen, self._radiance, values]
         rigid.sampling.launch([(self._place, workers, [workers, first, k, *given]) for k, first in enumerate(firsts)])
+
+    def _lists_of(self, number: int, listed: wp.array, count: wp.array, unseen: wp.array) -> Any:
+        """Gives the struct GatherLists of list `number`, which is made anew where an array is another one."""
+        arrays = listed, count, self._anew, self._places, unseen
+        known = self._lists.get(number)
+        if known is None or any(old is not new for old, new in zip(known[0], arrays)):
+            lists: Any = GatherLists()
+            # Nothing is flagged here: a list of that is not read.
+            lists.flagged, lists.flagged_count, lists.todo, lists.todo_count = listed, count, listed, count
+            lists.pixels, lists.places, lists.count = self._anew, self._places, unseen
+            known = self._lists[number] = arrays, lists
+        return known[1]
 
     def _make_portion(self) -> Any:
         """Fills in what does not change of the struct that the gather kernel reads of the slots and of the scene."""
