@@ -46,19 +46,11 @@ def make_find_light_changes(changes: LightChanges, trees: bool) -> wp.Kernel:
     narrow_flags = make_narrow_flags(changes)
 
     @wp.func
-    def between_probes(
-        params: WindowParameters, scene: WindowScene, px: PixelInterval, i: int, start: wp.uint64, end: wp.uint64
-    ):
-        """Gives the z-buffer entries of the probes before and after instant i; start, end: of the coarse interval."""
-        each = probe_spacing(params, scene, px.env)
-        before = start
-        after = end
-        probe = i // each * each
-        if probe > 0:
-            before = entry_at(params, scene, px, probe)
-        if probe + each <= params.slots:
-            after = entry_at(params, scene, px, probe + each)
-        return before, after
+    def probe_entry(params: WindowParameters, scene: WindowScene, px: PixelInterval, i: int, end: wp.uint64):
+        """Gives the z-buffer entry of the probe at instant i, or `end`, of the coarse interval, beyond its last one."""
+        if i > params.slots:
+            return end
+        return entry_at(params, scene, px, i)
 
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FEW_REGISTERS)
     def find_light_changes(
@@ -89,6 +81,8 @@ def make_find_light_changes(changes: LightChanges, trees: bool) -> wp.Kernel:
         casts = scene.parts[0, env]
         every = parts // wp.max(casts, 1)
         sections = sections_of(scene, env)
+        each = probe_spacing(params, scene, env)
+        wide = (params.slots + 1) // wp.max(casts, 1)
         for x in range(part * span, wp.min(part * span + span, params.width)):
             px = pixel_interval_at(view, params, env, params.first + n // params.envs, y, x)
             ends = end_entries_of(params, scene, px)
@@ -107,15 +101,25 @@ def make_find_light_changes(changes: LightChanges, trees: bool) -> wp.Kernel:
             flag = wp.int32(0)
             step = wp.where(facets == 0, every, 1)
             k = wp.where(parts == 0 or (casts == 0 and facets == 0), parts + 1, 0)
+            before = ends.before
+            after = probe_entry(params, scene, px, each, ends.after)
+            following = each
             while k <= parts:
                 i = part_at(params, parts, k)
+                while following <= i:
+                    following += each
+                    before = after
+                    after = probe_entry(params, scene, px, following, ends.after)
                 cast = casts > 0 and k % every == 0
-                look = ((facets >> (i * sections // (params.slots + 1))) & 1) == 1
+                look = wp.bool(False)
+                if facets != 0:
+                    look = ((facets >> (i * sections // (params.slots + 1))) & 1) == 1
                 if cast or look:
                     there = slot_row(params, env, px.k, i)
-                    hit, after = between_probes(params, scene, px, i, ends.before, ends.after)
+                    hit = before
                     # Where both entries are equal neither the camera nor the surface moves.
-                    if hit != after:
+                    still = hit == after
+                    if not still:
                         hit = trace_between(view, scene.targets, there, px.d, hit, after, False)
                     t = triangle_of(hit)
                     if t != MISS and t != asked:
@@ -143,6 +147,9 @@ def make_find_light_changes(changes: LightChanges, trees: bool) -> wp.Kernel:
                         known = t != MISS
                         hidden = now
                         last = hit
+                    if still and flag == 0 and facets == 0:
+                        # Nothing can change up to the next probe.
+                        k = wp.max(k, (following - 1) // wide * every)
                 else:
                     facing = False
                 k += step
