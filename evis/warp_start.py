@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import sys
 
-
 INLINED = "-inline-threshold=9000", "-inline-threshold=40000"
 """LLVM's limit of what is written out where it is called on a CPU, as Warp has it and as it is here. Kernels hand each
 other structs of 0.5 to 4 kB by value, which are copied wherever a call remains one: with the higher limit the warehouse
