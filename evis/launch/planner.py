@@ -137,6 +137,7 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
     connect(plan, chosen)
     plan.nodes = in_data_flow_order(plan)
     check_pace(plan, {node.name: node for node in chosen})
+    plan.recorded = any(i.topic == "*" and not i.on_device for node in chosen for i in node.cls.INPUTS.values())
     plan.waits, plan.single = who_waits(plan, chosen, options.stepped)
     if not plan.single:
         plan.window = WINDOW_AT_ONCE if together else WINDOW_ON_CPU

@@ -117,9 +117,9 @@ class Executor(Outputs):
                 host.node.warm_up()
 
     def _introduce(self, host: Host) -> None:
-        """Tells a node who runs it, for how long, and whether somebody waits for it."""
+        """Tells a node who runs it, for how long, and whether somebody waits for it or records it."""
         host.node.runtime, host.node.may_gather, host.node.may_lag = self, host.takes_several, not self.plan.waits
-        host.node.run_s = self.plan.duration_s
+        host.node.run_s, host.node.recorded = self.plan.duration_s, self.plan.recorded
 
     def wait_connected(self, timeout_s: float, commands: Commands | None = None) -> None:
         """Waits until every declared edge of this process stands. Raises TimeoutError naming who is missing."""

@@ -155,6 +155,8 @@ class Node:
     (`Plan.waits`); set by the executor before setup."""
     run_s: float | None = None
     """How long the run is to take, in stamps [s], None = until its sources end; set by the executor before setup."""
+    recorded: bool = False
+    """Whether a recorder takes what comes of the run (`Plan.recorded`); set by the executor before setup."""
 
     def __init__(self, name: str, params: Mapping[str, Any]) -> None:
         """params: of PARAMS, and perhaps EACH, which a graph that is held in Python may have."""

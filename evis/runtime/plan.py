@@ -95,6 +95,8 @@ class Plan:
     """Why somebody waits for what comes of each keyframe; "" where nobody does, and it may come with the next one."""
     single: str = UNKNOWN
     """Why every keyframe is made by itself; "" where nobody waits for one, and nodes may make several at once."""
+    recorded: bool = False
+    """Whether a node takes all that it is told to the host, as a recorder does."""
     nodes: dict[str, NodePlan] = field(default_factory=dict)
     topics: dict[str, TopicPlan] = field(default_factory=dict)
     left_out: list[LeftOut] = field(default_factory=list)

@@ -195,7 +195,8 @@ class InterpolatorNode(Node):
             return 1
         paths, rate = parameters.by_paths(p), p["keyframe_rate"] or USUAL_RATE
         keyframes = keyframes_of(self.run_s, rate)
-        gaps = at_once(self.name, p["batch"], p["device"], p["envs"], pixels, p["upsampling"], paths, keyframes)
+        how = p["upsampling"], paths, keyframes, self.recorded
+        gaps = at_once(self.name, p["batch"], p["device"], p["envs"], pixels, *how)
         if not self._sampled:
             return gaps
         length = 1e9 / rate

@@ -11,9 +11,11 @@ from evis.gpu.room import free_memory
 MOST = 32
 """Most keyframes at once: of a disk at 30x8 on an H200, which waits for its host, 16 and 32 run at 64 and 95 times real
 time; what keeps the GPU busy runs as fast with 16."""
-ROUNDS, MOST_OF_SHORT = 12, 8
+ROUNDS, FEW = 12, 8
 """On a GPU a run has so many batches at least, or they have no more keyframes than that: in the first one buffers grow
-to what it makes, and the last one is filled up. tunnel_exit for 4 s ran at 24 times real time with 8 and 19 with 32."""
+to what it makes, and the last one is filled up. tunnel_exit for 4 s ran at 24 times real time with 8 and 19 with 32.
+Nor have they where the run is recorded, by threads that wait for the events of a batch and are then waited for: the
+disk at 640x480 was recorded at 4.1 times real time with 8, 3.8 with 16 and 3.3 with 32."""
 MOST_REFINED, MOST_REFINED_ON_CPU = 8, 4
 """Most gaps at once whose pixels are looked at between frames too: on a GPU the disk, where it has little to do, runs
 1.5 times as fast with eight as with four, and 1.1 times as fast again with sixteen, which take twice the memory."""
@@ -53,6 +55,7 @@ def at_once(
     frames: int,
     paths: bool = False,
     keyframes: float = math.inf,
+    recorded: bool = False,
 ) -> int:
     """Computes how many keyframes a node makes at once.
 
@@ -65,6 +68,7 @@ def at_once(
         frames: made of each keyframe.
         paths: whether light comes by these, beside which a CPU's time for anything else is nothing.
         keyframes: of the whole run.
+        recorded: whether a recorder takes what comes of them.
 
     Raises:
         ValueError: for more than one with several environments, and where the device's memory does not hold as many.
@@ -84,7 +88,7 @@ def at_once(
     most, room = MOST_ON_CPU, PIXELS_ON_CPU
     if where.is_cuda:
         most, room = MOST, min(PIXELS, where.total_memory // (SHARE * BYTES))
-        most = min(most, max(round(min(keyframes, ROUNDS * most)) // ROUNDS, MOST_OF_SHORT))
+        most = FEW if recorded else min(most, max(round(min(keyframes, ROUNDS * most)) // ROUNDS, FEW))
     # The same for nodes whose pixel counts differ by a margin.
     return _power_of_two(min(room // each, most))
 

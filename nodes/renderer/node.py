@@ -160,7 +160,8 @@ class RendererNode(Node):
         if not self.may_gather:
             return 1
         paths, keyframes = parameters.by_paths(p), keyframes_of(self.run_s, p["keyframe_rate"])
-        count = at_once(self.name, p["batch"], p["device"], p["envs"], width * height, frames, paths, keyframes)
+        how = frames, paths, keyframes, self.recorded
+        count = at_once(self.name, p["batch"], p["device"], p["envs"], width * height, *how)
         if count > 1:
             self.result("batch", count)
         return count

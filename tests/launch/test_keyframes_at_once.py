@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -373,6 +374,25 @@ def test_a_short_run_takes_fewer_on_a_gpu() -> None:
     """It would be filled up in the last batch, and its buffers grow in the first."""
     count = lambda run_s, rate: at_once("renderer", 0, "cuda", 1, 1000, 8, keyframes=keyframes_of(run_s, rate))
     assert [count(*run) for run in ((1, 30), (12, 30), (16, 30), (4, 125), (None, 30))] == [8, 16, 32, 32, 32]
+
+
+@pytest.mark.gpu
+def test_a_recorded_run_takes_fewer_on_a_gpu() -> None:
+    """Its recorder would wait for the events of a batch, and then be waited for."""
+    assert [at_once("renderer", 0, "cuda", 1, 1000, 8, recorded=recorded) for recorded in (False, True)] == [32, 8]
+
+
+def test_nodes_are_told_of_a_recorder(tmp_path: Path) -> None:
+    recorded = plan_target("spinning_disk", SMALL, Options(view=False, record=str(tmp_path / "a.mcap")))
+    assert recorded.recorded and not composed("spinning_disk").recorded
+    node = recorded.nodes["event_sensor"]
+    plan = replace(recorded, directory="", topics={}, nodes={"event_sensor": replace(node, inputs={}, outputs={})})
+    executor = Executor(plan, node.process)
+    try:
+        executor._introduce(host := executor._hosts["event_sensor"])
+        assert host.node.recorded
+    finally:
+        executor.close()
 
 
 def test_a_graph_of_small_pictures_takes_several_on_a_cpu() -> None:
