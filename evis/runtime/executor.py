@@ -64,6 +64,7 @@ class Executor(Outputs):
         self._context = zmq.Context()
         self._wakeup = Wakeup()
         self._taps: list[TapSubscription] = []
+        self.failure = ""
         self._last_idle = 0.0
         self._wiring = Wiring(plan, process, self._context)
         self._telemetry = Telemetry(plan, process, self._context, profile, self._redactor, say)

@@ -76,6 +76,8 @@ class Runtime(Protocol):
     """Defines what the process does for its nodes; a node reaches most of it by its own methods."""
 
     plan: Plan
+    failure: str
+    """What ended the graph before its time, in one line, as far as a node that outlives it can know; else empty."""
 
     def wants(self, node: Node, port: str, array: str = "") -> bool:
         """Says whether somebody reads an output now, or an array of its messages."""

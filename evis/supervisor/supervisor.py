@@ -293,6 +293,8 @@ class Supervisor:
         elif (self._interrupts.count or self._over(now)) and not self._stopped_at:
             self._stop(now)
         elif not self._stopped_at and self._workers_ended():
+            if self._failed_at:
+                self._name_cause()  # nobody is left from whom another one could come
             self._stop(now)
         if self._stopped_at and self._workers_ended():
             self._stop_services()
@@ -329,9 +331,12 @@ class Supervisor:
                 self._server.send(child.name, {"stop": 1})
 
     def _stop_services(self) -> None:
+        stop: dict[str, Any] = {"stop": 1}
+        if self._cause is not None:
+            stop["cause"] = printable(self._redactor.text(self._cause))
         for child in self._children.values():
             if child.service and not child.ended:
-                self._server.send(child.name, {"stop": 1})
+                self._server.send(child.name, stop)
 
     def _signal_all(self, number: signal.Signals) -> None:
         for child in self._children.values():

@@ -30,6 +30,9 @@ _HEADERS = {
 }
 _REFUSAL = "403: this page needs its token; use the whole address that the graph printed, or run `evis view`\n"
 _FOREIGN = "403: this page is not served under that name; open it by its address, or give the visualizer names:=NAME\n"
+ALIVE_S = 120.0
+"""Time after which a page is asked for a sign of life; it has half of that to answer [s]. The answer comes after the
+bundle that is on its way, which takes a slow network long: a page that gets one a minute is slow, not gone."""
 CLOSE_S = 0.6
 """Time that open connections get to say goodbye; only a browser that is slow to answer takes it."""
 
@@ -104,7 +107,7 @@ class Application:
         self._admit(request, request.match_info["token"])
         if not _same_site(request.headers.getall("Origin", []), request.host):
             raise web.HTTPForbidden(text="403: another site's page may not connect\n")
-        ws = web.WebSocketResponse(heartbeat=10, max_msg_size=MOST_BYTES, compress=False, timeout=CLOSE_S)
+        ws = web.WebSocketResponse(heartbeat=ALIVE_S, max_msg_size=MOST_BYTES, compress=False, timeout=CLOSE_S)
         await ws.prepare(request)
         page: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._open_pages.add(page)
@@ -120,7 +123,7 @@ class Application:
                 session.cancel()
                 await asyncio.wait((session,))
                 with contextlib.suppress(ConnectionError):  # the page has gone meanwhile
-                    await _goodbye(ws)
+                    await _goodbye(ws, self._hub.failure)
         finally:
             self._open_pages.discard(page)
             page.set_result(None)
@@ -138,7 +141,9 @@ def _same_site(origins: list[str], host: str) -> bool:
         return False
 
 
-async def _goodbye(ws: web.WebSocketResponse) -> None:
-    """Says that the run has ended, as a message too: a closing handshake that is cut off loses its code."""
-    await ws.send_json({"op": "end"})
+async def _goodbye(ws: web.WebSocketResponse, failure: str) -> None:
+    """Says that the run has ended, and by what failure, if any, as a message too: a closing handshake that is cut off
+    loses its code.
+    """
+    await ws.send_json({"op": "end", "failure": failure})
     await ws.close(code=1001, message=b"the graph has ended")

@@ -55,6 +55,8 @@ class Hub:
         self._reported: dict[str, float] = {}
         self._counts: Counter[str] = Counter()
         self._state = "running"
+        self.failure = ""
+        """What ended the graph before its time; empty where nothing did."""
 
     # -- the server's side -------------------------------------------------------------------------------------------
 
@@ -115,7 +117,12 @@ class Hub:
     def status(self) -> dict[str, Any]:
         """Returns rates, node states and refused topics."""
         with self._lock:
-            extra = {"state": self._state, "clients": len(self._clients), "refused": dict(self._refused)}
+            extra = {
+                "state": self._state,
+                "failure": self.failure,
+                "clients": len(self._clients),
+                "refused": dict(self._refused),
+            }
         return {**self.statistics.snapshot(), **extra}
 
     def report(self, text: str) -> None:
@@ -174,10 +181,10 @@ class Hub:
         with self._lock:
             return topic in self._refused
 
-    def finish(self) -> None:
-        """Tells the clients that the graph has ended, before the server goes."""
+    def finish(self, failure: str = "") -> None:
+        """Tells the clients that the graph has ended, of itself or by a failure, before the server goes."""
         with self._lock:
-            self._state = "finished"
+            self._state, self.failure = "finished", failure
         self._wake()
 
     def counts(self) -> Counter[str]:

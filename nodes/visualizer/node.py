@@ -95,9 +95,9 @@ class VisualizerNode(Node):
             hub.refuse(topic, str(error))
 
     def finish(self) -> None:
-        """Tells the page that the graph has ended."""
+        """Tells the page that the graph has ended, and what ended it where that was a failure."""
         if self._hub is not None:
-            self._hub.finish()
+            self._hub.finish(self.runtime.failure)
 
     def close(self) -> None:
         """Closes the taps and ends the server."""

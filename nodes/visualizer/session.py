@@ -1,8 +1,9 @@
 """Serves one open page: which panels it has, its one credit, and the bundles it gets.
 
 From the page (JSON): {"op": "panels", "panels": [{"id", "topic", "view", "env"}]} says all that is open, {"op": "ack"}
-gives the credit back. To the page: {"op": "hello", ...} once, {"op": "error", "text"}, {"op": "end"}, and bundles: a
-little-endian uint32 length, a JSON list of parts ({"panel", "kind", "bytes", ...meta}), and their payloads in order.
+gives the credit back. To the page: {"op": "hello", ...} once, {"op": "error", "text"}, {"op": "end", "failure"}, and
+bundles: a little-endian uint32 length, a JSON list of parts ({"panel", "kind", "bytes", ...meta}), and their payloads
+in order.
 """
 
 from __future__ import annotations

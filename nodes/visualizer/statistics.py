@@ -91,6 +91,7 @@ class Statistics:
         self._nodes: dict[str, _NodeState] = {}
         self._published: dict[str, Meter] = {}
         self._clock: dict[str, Any] = {}
+        self._news_at: float | None = None
         self._pace = Meter()
         self._warnings: deque[dict[str, str]] = deque(maxlen=MAX_WARNINGS)
 
@@ -102,7 +103,8 @@ class Statistics:
                 # A device's time does not start at 0: the factor is that of the last moments, not stamp / wall.
                 stamp = message.header.stamp_ns / 1e9
                 self._pace.add(now, stamp)
-                self._clock = {"t": stamp, "rtf": round(self._pace.rate(), 3), "clock": message.header.clock}
+                self._clock = {"t": stamp, "clock": message.header.clock}
+                self._news_at = now
             elif isinstance(message, Diagnostics):
                 self._diagnose(now, message)
             else:
@@ -115,6 +117,7 @@ class Statistics:
             tapped.skipped += header.seq - tapped.seq - 1
         tapped.seq, tapped.episode, tapped.stamp_ns = header.seq, header.episode, header.stamp_ns
         tapped.messages += 1
+        self._news_at = now
         tapped.rate.add(now, tapped.messages)
         if isinstance(message, EventPacket):
             tapped.total_events += 0 if message.x is None else len(message.x)
@@ -138,7 +141,10 @@ class Statistics:
         published = values.get("published")
         for topic, total in published.items() if isinstance(published, dict) else ():
             if isinstance(total, (int, float)):
-                self._published.setdefault(topic, Meter()).add(now, total)
+                meter = self._published.setdefault(topic, Meter())
+                if total > (meter.samples[-1][1] if meter.samples else 0):
+                    self._news_at = now
+                meter.add(now, total)
 
     def forget(self, topic: str) -> None:
         """Notes that a tap was closed: the messages until it is opened again were not missed."""
@@ -147,6 +153,8 @@ class Statistics:
                 self._tapped[topic].seq = -1
                 self._tapped[topic].rate = Meter()
                 self._tapped[topic].events = Meter()
+            if topic == "/diagnostics":
+                self._news_at = None  # nobody looks any more: what follows will not have been a silence
 
     def snapshot(self) -> dict[str, Any]:
         """Returns what the page's status line and Rates panel show."""
@@ -161,11 +169,15 @@ class Statistics:
             nodes = {name: self._node(now, state) for name, state in self._nodes.items()}
             events = sum(m.events.rate() for m in self._nodes.values())
             clock = dict(self._clock)
-            if not clock and self._tapped:
-                clock = {"t": max(t.stamp_ns for t in self._tapped.values()) / 1e9}
+            heard = [(t.episode, t.stamp_ns) for t in self._tapped.values() if t.seq >= 0]
+            if clock:
+                clock["rtf"] = round(self._pace.rate(), 3)
+            elif heard:  # a topic that is closed, or rare, may have stopped in an earlier round of a recording
+                clock = {"t": max(heard)[1] / 1e9}
             return plain(
                 {
                     "clock": clock,
+                    "quiet_s": None if self._news_at is None else round(now - self._news_at, 1),
                     "topics": topics,
                     "nodes": nodes,
                     "events_per_s": round(events or sum(t.events.rate() for t in self._tapped.values())),

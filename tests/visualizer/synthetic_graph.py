@@ -70,6 +70,7 @@ class FakeRuntime:
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
+        self.failure = ""
         self.taps: dict[str, FakeTap] = {}
         self.requested: list[str] = []
         self.said: list[tuple[str, str]] = []

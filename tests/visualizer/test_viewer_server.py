@@ -361,9 +361,23 @@ def test_shutdown_with_open_pages_is_quick(node: Any, client: Any, monkeypatch: 
             return last[-2:]
 
     said, message = asyncio.run(look())
-    assert json.loads(said.data) == {"op": "end"}
+    assert json.loads(said.data) == {"op": "end", "failure": ""}
     assert message.type is aiohttp.WSMsgType.CLOSE and message.data == 1001
     assert sum(asked) < 1.0
+
+
+def test_a_slow_network_does_not_lose_its_page(node: Any, client: Any) -> None:
+    """A sign of life can only come after the bundle that is on its way: 16 s for one are no reason to hang up."""
+
+    async def look() -> dict[str, Any]:
+        async with client() as page:
+            await page.show(EVENTS)
+            await page.bundle()
+            await asyncio.sleep(16)  # this client answers nothing, as one whose bundle is still on its way
+            await page.ack()
+            return await page.part("e", lambda: (node.idle(), node.runtime.send("/cam0/events", events_at(1))))
+
+    assert asyncio.run(look())["kind"] == "events"
 
 
 def test_a_page_that_speaks_while_the_run_ends_is_told_of_it(
@@ -372,8 +386,8 @@ def test_a_page_that_speaks_while_the_run_ends_is_told_of_it(
     """What it sends is read until it has answered: a socket closed before that would take the last messages with it."""
     answers, goodbye = [], application._goodbye
 
-    async def asked(ws: Any) -> None:
-        await goodbye(ws)
+    async def asked(ws: Any, failure: str) -> None:
+        await goodbye(ws, failure)
         answers.append(ws.close_code)  # 1000 where the server has not waited
 
     monkeypatch.setattr(application, "_goodbye", asked)
@@ -402,6 +416,6 @@ def test_a_page_that_speaks_while_the_run_ends_is_told_of_it(
             return last[-2:]
 
     said, message = asyncio.run(look())
-    assert json.loads(said.data) == {"op": "end"}
+    assert json.loads(said.data) == {"op": "end", "failure": ""}
     assert message.type is aiohttp.WSMsgType.CLOSE and message.data == 1001
     assert answers == [4321]

@@ -14,8 +14,9 @@ from PIL import Image
 from synthetic_graph import HEIGHT, WIDTH, events_at, images_at, labels_at
 
 from evis.media.colour import srgb_from_linear
-from msgs.camera import Depth, EventPacket, Frames, Ids, Imu, Keyframe, Motion
+from msgs.camera import Depth, EventPacket, Frames, Ids, Imu, Keyframe, Motion, Trigger
 from msgs.camera import Image as ImageMessage
+from msgs.diagnostics import Diagnostics
 from msgs.header import Header
 from msgs.world import Clock
 from nodes.visualizer import colour
@@ -440,6 +441,43 @@ def test_real_time_factor_is_of_the_last_moments(monkeypatch: pytest.MonkeyPatch
         now[0] = 100 + 0.02 * k
         statistics.saw("/clock", Clock(Header(7_000_000_000 + 10_000_000 * k), real_time_factor=5.0))
     assert statistics.snapshot()["clock"]["rtf"] == pytest.approx(0.5)
+
+
+def test_a_graph_that_hangs_has_no_real_time_factor(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nor do its heartbeats count as news: only what it publishes does."""
+    now = [100.0]
+    monkeypatch.setattr("nodes.visualizer.statistics.time.monotonic", lambda: now[0])
+    statistics = Statistics()
+    assert statistics.snapshot()["quiet_s"] is None
+    lives = lambda published: Diagnostics(Header(0), node="a", values={"published": {"/cam0/events": published}})
+    for k in range(100):
+        now[0] = 100 + 0.02 * k
+        statistics.saw("/clock", Clock(Header(10_000_000 * k)))
+        statistics.saw("/diagnostics", lives(k))
+    for _ in range(10):
+        now[0] += 1
+        statistics.saw("/diagnostics", lives(99))
+    assert statistics.snapshot()["clock"]["rtf"] == 0 and statistics.snapshot()["quiet_s"] == 10
+    statistics.saw("/diagnostics", lives(100))  # of a topic that nobody looks at
+    assert statistics.snapshot()["quiet_s"] == 0
+    now[0] += 60
+    statistics.forget("/diagnostics")  # the last page was closed, and it is opened again
+    assert statistics.snapshot()["quiet_s"] is None
+
+
+def test_the_time_of_a_recording_is_that_of_its_round() -> None:
+    """What came in an earlier round, of a topic that is closed by now or rare, is later than what is played."""
+    statistics, none = Statistics(), np.empty(0, np.uint8)
+    at = lambda topic, k, episode: statistics.saw(
+        topic, Trigger(Header(k * 10**9, k, episode=episode), none, none, none)
+    )
+    at("/cam0/trigger", 7, 0)
+    at("/cam0/events", 8, 0)
+    at("/cam0/events", 1, 1)
+    assert statistics.snapshot()["clock"] == {"t": 1.0}
+    at("/cam0/image", 2, 1)
+    statistics.forget("/cam0/image")
+    assert statistics.snapshot()["clock"] == {"t": 1.0}
 
 
 def test_gaps_in_the_sequence_are_counted() -> None:

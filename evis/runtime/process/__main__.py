@@ -95,6 +95,7 @@ def _run(executor: Executor, control: ControlClient, termination: Termination, t
         threads.check()
         for command in control.poll():
             if "stop" in command:
+                executor.failure = str(command.get("cause") or "")
                 executor.stop()
         control.heartbeat(executor.progress())
 

@@ -2,8 +2,8 @@
 
 From a process: {"ready"}, {"heartbeat", "stats", "busy_s"}, {"done", "summary"}, {"failed", "node", "text"}, {"want"},
 {"tell", "node"}, which is for the user's eyes alone.
-From the supervisor: {"go": 1}, {"stop": 1}, {"bye": 1} (the answer to done and failed: only then may the sender close,
-or the kernel may lose what it wrote last, libzmq#4660).
+From the supervisor: {"go": 1}, {"stop": 1}, with "cause" where a failure ended the graph, {"bye": 1} (the answer to
+done and failed: only then may the sender close, or the kernel may lose what it wrote last, libzmq#4660).
 """
 
 from __future__ import annotations

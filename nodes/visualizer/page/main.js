@@ -13,6 +13,8 @@ import { Wire } from "./wire.js";
 
 const KINDS = { image: ImagePanel, events: EventsPanel, table: TablePanel, triggers: TablePanel, series: SeriesPanel };
 const SYSTEM = { rates: ["Rates", RatesPanel], graph: ["Graph", GraphPanel], run: ["Run", RunPanel] };
+/** A graph that has sent nothing for longer is not called live [s]. */
+const QUIET_S = 3;
 const narrow = matchMedia("(max-width: 640px)");
 const byId = (id) => document.getElementById(id);
 
@@ -34,6 +36,7 @@ class App {
       prepare: (part) => (this.panelOf(part) || this.arrive(part))?.prepare(part),
       draw: (parts) => parts.forEach((part) => this.draw(part)),
       state: (state) => this.setState(state),
+      end: (failure) => this.end(failure),
       error: (text) => console.error(text),
     });
   }
@@ -42,6 +45,7 @@ class App {
     const same = this.graph && this.graph.run_id === graph.run_id;
     this.graph = graph;
     this.setState("waiting");
+    byId("failure").hidden = true;
     if (same) return;
     this.playback = new Playback(graph.recording);
     this.objects = {};
@@ -221,7 +225,9 @@ class App {
   draw(part) {
     if (part.kind === "status") return this.status(part);
     if (part.panel.startsWith("info:")) {
-      this.objectsOf(part.panel.slice(5)).describe(part);
+      const camera = part.panel.slice(5);
+      this.objectsOf(camera).describe(part);
+      this.panels.filter((p) => this.topic(p.spec.topic)?.camera === camera).forEach((p) => p.renamed());
       this.playback.begins(part.t);
       return;
     }
@@ -233,11 +239,17 @@ class App {
     if (!panel) return;
     panel.draw(part);
     this.playback.saw(part);
-    this.setState(this.graph.recording ? "recording" : "live");
+    if (this.state !== "quiet") this.setState(this.running()); // a description that is kept is no news
+  }
+
+  running() {
+    return this.graph.recording ? "recording" : "live";
   }
 
   status(status) {
-    if (status.state === "finished") this.setState("finished");
+    this.quiet = status.quiet_s;
+    if (status.state === "finished") this.end(status.failure);
+    else if (status.quiet_s !== null) this.setState(status.quiet_s > QUIET_S ? "quiet" : this.running());
     const clock = status.clock;
     const gauges = [
       ["time", "t" in clock ? seconds(clock.t) : "\u2013"],
@@ -256,11 +268,18 @@ class App {
     }
   }
 
+  /** failure: what ended the run before its time; empty where it came to its end. */
+  end(failure) {
+    this.setState(failure ? "failed" : "finished");
+    byId("failure").textContent = failure;
+    byId("failure").hidden = !failure;
+  }
+
   setState(state) {
     // What was sent before the end may be drawn after it; only a graph that says hello begins anew.
-    if (this.state === "finished" && state !== "waiting") return;
+    if (["finished", "failed"].includes(this.state) && state !== "waiting") return;
     this.state = state;
-    const texts = { recording: this.playback.text(), live: "live", waiting: "waiting for data", finished: "run has ended", closed: "not connected", connecting: "connecting" };
+    const texts = { recording: this.playback.text(), live: "live", quiet: `no data for ${Math.floor(this.quiet)} s`, waiting: "waiting for data", finished: "run has ended", failed: "run has failed", closed: "not connected", connecting: "connecting" };
     const element = byId("state");
     element.dataset.state = state;
     if (element.textContent !== texts[state]) element.textContent = texts[state];

@@ -2,7 +2,8 @@
 
 const ON = [255, 173, 77];
 const OFF = [85, 168, 255];
-const CHANNEL = [[255, 84, 84], [96, 220, 120], [96, 140, 255]];
+/** Names and colours of a colour sensor's channels, in their order on the wire. */
+export const CHANNELS = [["R", [255, 84, 84]], ["G", [96, 220, 120]], ["B", [96, 140, 255]]];
 const GROUND = [10, 12, 16];
 
 const blend = (colour, s) => colour.map((c, i) => Math.round(GROUND[i] + (c - GROUND[i]) * s));
@@ -17,7 +18,7 @@ const fading = (colour, share) => Array.from({ length: LAST }, (_, i) => word(bl
 
 /** LAST words each for polarity + 2 * (colour + 1), where colour + 1 = 0 is none; OFF of a colour sensor is the darker half. */
 export const eventColours = Uint32Array.from([
-  fading(OFF, 1), fading(ON, 1), ...CHANNEL.flatMap((colour) => [fading(colour, 0.45), fading(colour, 1)])].flat());
+  fading(OFF, 1), fading(ON, 1), ...CHANNELS.flatMap(([, colour]) => [fading(colour, 0.45), fading(colour, 1)])].flat());
 
 const gamma = (c) => (c <= 0.0031308 ? 12.92 * c : 1.055 * c ** (1 / 2.4) - 0.055);
 

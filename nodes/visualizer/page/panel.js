@@ -66,6 +66,8 @@ export class Panel {
   async prepare() {}
   draw() {}
   status() {}
+  /** What the camera's instances and classes are called has come, or is other than before. */
+  renamed() {}
   refused(text) {
     if (text && this.waiting) this.waiting.textContent = text;
   }
@@ -149,6 +151,10 @@ export class StagePanel extends Panel {
   takeBoxes(part) {
     this.inTime.take(part);
     this.drawBoxes();
+  }
+
+  renamed() {
+    if (this.spec.boxes) this.drawBoxes();
   }
 
   /** Those of the picture's time, or what is nearest to it, which is said. */

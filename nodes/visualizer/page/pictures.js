@@ -1,7 +1,7 @@
 // Panels that show pictures: images (JPEG or PNG from the node) and events (words that are drawn here, fading with time).
 
 import { choice, duration, make, si } from "./dom.js";
-import { drawRamp, drawWheel } from "./palette.js";
+import { CHANNELS, drawRamp, drawWheel } from "./palette.js";
 import { StagePanel, chip } from "./panel.js";
 import { Surface } from "./surface.js";
 
@@ -39,6 +39,7 @@ export class ImagePanel extends StagePanel {
     const key = legend ? legend.kind : instances || classes ? "named" : "";
     if (key !== this.legendKey) {
       this.legendKey = key;
+      this.listed = null; // what stood here is gone
       this.scale = make("canvas");
       this.from = make("span");
       this.to = make("span");
@@ -49,18 +50,24 @@ export class ImagePanel extends StagePanel {
     }
     if (key === "depth") this.from.textContent = metres(legend.from);
     if (legend) this.to.textContent = key === "depth" ? metres(legend.to) : `${si(legend.to)} ${legend.unit}`;
-    if (key === "named") this.listNames(instances || classes, Boolean(instances));
+    this.named = key === "named" ? [instances || classes, Boolean(instances)] : null;
+    if (this.named) this.listNames(...this.named);
   }
 
   /** The names of what is in the picture, and how many more there are. Only news is written: a list is scrolled. */
   listNames({ shown, more }, ofInstances) {
-    const listed = JSON.stringify([shown, more, ofInstances]);
+    const objects = this.app.objectsOf(this.topic.camera);
+    const names = shown.map(([id, colour]) => [ofInstances ? objects.name(id) : objects.kind(id)[0], colour]);
+    const listed = JSON.stringify([names, more]);
     if (listed === this.listed) return;
     this.listed = listed;
-    const objects = this.app.objectsOf(this.topic.camera);
     const rest = more ? [make("span", { className: "more", textContent: `... and ${more} more` })] : [];
-    this.legend.replaceChildren(
-      ...shown.map(([id, colour]) => chip(ofInstances ? objects.name(id) : objects.kind(id)[0], colour)), ...rest);
+    this.legend.replaceChildren(...names.map(([name, colour]) => chip(name, colour)), ...rest);
+  }
+
+  renamed() {
+    super.renamed();
+    if (this.named) this.listNames(...this.named);
   }
 }
 
@@ -79,8 +86,15 @@ export class EventsPanel extends StagePanel {
     }, "Time constant by which events fade, in the graph's time; auto: by how dense they are"));
     this.finishBar();
     this.last = { t: 0, episode: -1 };
-    this.on = chip("ON", "var(--on)");
-    this.legend.append(this.on, chip("OFF", "var(--off)"));
+    this.explain({});
+  }
+
+  /** What the colours stand for: polarities, or the channels of a colour sensor. */
+  explain({ colour, events, on }) {
+    const share = events ? `${Math.round((100 * on) / events)} % ON` : "ON";
+    const channels = () => CHANNELS.map(([name, rgb]) => chip(name, `rgb(${rgb})`));
+    this.legend.replaceChildren(
+      ...(colour ? [...channels(), `${share}, OFF darker`] : [chip(share, "var(--on)"), chip("OFF", "var(--off)")]));
   }
 
   draw(part) {
@@ -96,7 +110,7 @@ export class EventsPanel extends StagePanel {
     this.context.putImageData(this.image, 0, 0);
     const rate = part.span > 0 ? `${si(part.events / part.span, "ev/s")}` : "";
     const drawn = [`${si(part.events)} events`, rate, tau === Infinity ? "newest packet" : `window ${duration(tau)}`];
-    this.on.lastChild.data = part.events ? `${Math.round((100 * part.on) / part.events)} % ON` : "ON";
+    this.explain(part);
     if (part.lost) part.note = [part.note, `${part.lost} lost at the source`].filter(Boolean).join(", ");
     if (part.undrawn) part.note = [part.note, `${si(part.undrawn)} not drawn`].filter(Boolean).join(", ");
     this.describe(part, drawn.filter(Boolean).join("   "));

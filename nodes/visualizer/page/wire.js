@@ -14,7 +14,8 @@ export function parseBundle(buffer) {
 
 const RETRY_MS = 2000;
 
-/** handlers: hello(graph), draw(parts) after which the credit goes back, prepare(part) -> promise, state(text), error(text). */
+/** handlers: hello(graph), draw(parts) after which the credit goes back, prepare(part) -> promise, state(text), end(failure),
+ * error(text). */
 export class Wire {
   constructor(handlers) {
     this.handlers = handlers;
@@ -29,9 +30,9 @@ export class Wire {
     this.socket.binaryType = "arraybuffer";
     this.socket.onmessage = (message) => this.receive(message.data);
     let ended = false; // said in words: the code is lost when the closing handshake is cut off
-    this.end = () => {
+    this.end = (failure) => {
       ended = true;
-      this.handlers.state("finished");
+      this.handlers.end(failure);
     };
     this.socket.onclose = (event) => {
       this.handlers.state(ended || event.code === 1001 ? "finished" : "closed");
@@ -46,7 +47,7 @@ export class Wire {
         this.handlers.hello(message);
         this.show(this.panels);
       } else if (message.op === "end") {
-        this.end();
+        this.end(message.failure);
       } else if (message.op === "error") {
         this.handlers.error(message.text);
       }

@@ -101,6 +101,7 @@ class EventView(TopicView):
     def capture(self, message: Message) -> None:
         assert isinstance(message, EventPacket)
         meta = {**header_meta(message.header), "width": message.width, "height": message.height}
+        meta["colour"] = message.c is not None
         if message.x is None or message.y is None or message.p is None:
             words, ages, events, on, covered = np.empty(0, np.uint32), np.empty(0, np.float32), 0, 0, 0
             meta["note"] = f"packets hold {message.encoding or 'raw'} bytes that are not decoded in this graph"

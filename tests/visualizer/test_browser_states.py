@@ -1,0 +1,115 @@
+"""What the page says of a graph that is silent, that has failed, and of names that come late."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from page_show import MS, Show, camera_info, events, graph, labelled, show, warehouse, world
+from test_browser_graph import START_S, private_runs, start, stop, viewer_url
+from test_browser_page import browser, playwright, wait_for_picture
+
+from msgs.camera import EventPacket
+from msgs.header import Header
+
+__all__ = ["browser", "private_runs", "show"]  # fixtures
+
+SEGMENTATION = '[data-panel="/cam0/labels segmentation"]'
+
+
+def test_a_silent_graph_is_not_called_live(show: Callable[..., Show], tmp_path: Path) -> None:
+    """A description that was kept, and is shown when its panel opens, is no news; the next packet is."""
+    page = show(graph(tmp_path, serial="1"))
+    state = page.tab.locator("#state")
+    sent = lambda k: {"/cam0/info": camera_info(), "/cam0/events": events(k)}
+    page.play(sent, lambda: state.inner_text() == "live", "a live graph")
+    playwright.expect(state).to_have_text(re.compile(r"no data for \d+ s"))
+    page.tab.locator('nav button[title^="/cam0/info"]').click()
+    page.tab.locator('[data-panel="/cam0/info"] td').first.wait_for()
+    page.tab.wait_for_timeout(300)  # as soon as it is drawn the page would have said so
+    assert state.inner_text().startswith("no data for ")
+    page.play(lambda k: sent(100 + k), lambda: state.inner_text() == "live", "a graph that goes on")
+
+
+def test_a_failure_is_told_on_the_page(show: Callable[..., Show], tmp_path: Path) -> None:
+    """As text, whatever it holds, and on a telephone too, where nothing sticks out."""
+    page = show(graph(tmp_path, serial="1"))
+    page.play(
+        lambda k: {"/cam0/events": events(k)}, lambda: page.tab.locator("#state").inner_text() == "live", "a graph"
+    )
+    why = "camera: <img src=x onerror=alert(1)> unplugged in mid-stream after 100286 bytes " + "x" * 300
+    page.node.runtime.failure = why
+    page.node.finish()
+    page.node.close()
+    playwright.expect(page.tab.locator("#state")).to_have_text("run has failed")
+    assert page.tab.locator("#failure").inner_text() == why
+    page.tab.set_viewport_size({"width": 390, "height": 800})
+    assert page.tab.evaluate("document.documentElement.scrollWidth") <= 390
+    assert page.tab.locator("#failure").bounding_box()["y"] < 300
+
+
+def test_a_node_that_dies_is_named_on_the_page(browser: Any, private_runs: Path) -> None:
+    """The launcher names it on standard error, which whoever looks at the page may not see."""
+    process = start("launch", "spinning_disk", "--split", "--duration", "100000")
+    try:
+        tab = browser.new_page()
+        tab.goto(viewer_url(private_runs, process))
+        playwright.expect(tab.locator("#state")).to_have_text("live", timeout=START_S * 1000)
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        (victim,) = [c for c in children if Path(f"/proc/{c}/cmdline").read_bytes().endswith(b"\0event_sensor\0")]
+        os.kill(int(victim), signal.SIGKILL)
+        playwright.expect(tab.locator("#state")).to_have_text("run has failed")
+        assert "event_sensor" in tab.locator("#failure").inner_text()
+        tab.close()
+    finally:
+        stop(process)
+
+
+def test_instances_get_the_names_that_come_late(show: Callable[..., Show], tmp_path: Path) -> None:
+    """The labels may be on the page before the camera's description, and nothing may come after it."""
+    page = show(warehouse(tmp_path, ["segmentation"]))
+    listed = page.tab.locator(f"{SEGMENTATION} .instances")
+    shown = labelled(1)
+    unnamed = lambda: listed.count() and re.search(r"\bid \d", listed.inner_text())
+    page.play(lambda k: {"/cam0/labels": shown["/cam0/labels"]}, unnamed, "a list without names")
+    page.send({"/cam0/info": world()[0]})
+    playwright.expect(listed).to_contain_text("forklift_0")
+    playwright.expect(listed).not_to_contain_text(re.compile(r"\bid \d"))
+
+
+def test_the_list_of_instances_comes_back_with_its_view(show: Callable[..., Show], tmp_path: Path) -> None:
+    """Between segmentation and segmentation a panel shows the flow, whose legend takes the list's place."""
+    page = show(warehouse(tmp_path, ["segmentation", "flow"]))
+    foot, view = page.tab.locator(f"{SEGMENTATION} .foot"), page.tab.locator(f"{SEGMENTATION} select[title=View]")
+    page.play(labelled, lambda: "forklift_0" in foot.inner_text(), "the list")
+    view.select_option("flow")
+    page.play(labelled, lambda: "px/s" in foot.inner_text(), "the flow's legend")
+    view.select_option("segmentation")
+    page.play(labelled, lambda: re.search(r"\d+ instances", foot.inner_text()), "the segmentation")
+    playwright.expect(foot).to_contain_text("forklift_0")
+
+
+def test_colours_of_a_colour_sensor_are_explained(show: Callable[..., Show], tmp_path: Path) -> None:
+    """Its events are drawn in red, green and blue, not in the colours of ON and OFF."""
+    page = show(graph(tmp_path, serial="1"))
+    legend = page.tab.locator('[data-panel="/cam0/events"] .legend')
+    assert legend.inner_text().split() == ["ON", "OFF"]
+
+    def coloured(k: int) -> EventPacket:
+        n = np.arange(90)
+        x, y, p, c = n.astype(np.uint16), n.astype(np.uint16), (n % 3 == 0).astype(np.uint8), (n % 3).astype(np.uint8)
+        t = np.full(90, k * 33 * MS)
+        header = Header(k * 33 * MS, k)
+        return EventPacket(header, np.array([0, 90]), t, x, y, p, c, width=173, height=130, t0_ns=(k - 1) * 33 * MS)
+
+    page.play(lambda k: {"/cam0/events": coloured(k)}, lambda: "R" in legend.inner_text(), "the colours")
+    wait_for_picture(page.tab, "/cam0/events")
+    assert legend.inner_text().replace("\n", " ") == "R G B 33 % ON, OFF darker"
+    drawn = legend.locator("i").evaluate_all("all => all.map(i => getComputedStyle(i).backgroundColor)")
+    channels = [[int(v) for v in re.findall(r"\d+", colour)] for colour in drawn]
+    assert [int(np.argmax(rgb)) for rgb in channels] == [0, 1, 2]
