@@ -170,9 +170,13 @@ class Statistics:
             events = sum(m.events.rate() for m in self._nodes.values())
             clock = dict(self._clock)
             heard = [(t.episode, t.stamp_ns) for t in self._tapped.values() if t.seq >= 0]
-            if clock:
+            if (
+                clock and len(self._pace.samples) > 1
+            ):  # of one stamp, as a round of a recording begins with, there is none
                 clock["rtf"] = round(self._pace.rate(), 3)
-            elif heard:  # a topic that is closed, or rare, may have stopped in an earlier round of a recording
+            elif (
+                not clock and heard
+            ):  # a topic that is closed, or rare, may have stopped in an earlier round of a recording
                 clock = {"t": max(heard)[1] / 1e9}
             return plain(
                 {

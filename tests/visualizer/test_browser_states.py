@@ -14,8 +14,8 @@ from page_show import MS, Show, camera_info, events, graph, labelled, show, ware
 from test_browser_graph import START_S, private_runs, start, stop, viewer_url
 from test_browser_page import browser, playwright, wait_for_picture
 
-from msgs.camera import EventPacket
-from msgs.header import Header
+from msgs.camera import EventPacket, Trigger
+from msgs.header import Header, Message
 
 __all__ = ["browser", "private_runs", "show"]  # fixtures
 
@@ -113,3 +113,72 @@ def test_colours_of_a_colour_sensor_are_explained(show: Callable[..., Show], tmp
     drawn = legend.locator("i").evaluate_all("all => all.map(i => getComputedStyle(i).backgroundColor)")
     channels = [[int(v) for v in re.findall(r"\d+", colour)] for colour in drawn]
     assert [int(np.argmax(rgb)) for rgb in channels] == [0, 1, 2]
+
+
+def test_trigger_edges_are_those_of_the_round(show: Callable[..., Show], tmp_path: Path) -> None:
+    """A recording that is played again has each edge once."""
+    page = show(graph(tmp_path, file="/data/a.aedat4", again=True))
+    page.tab.locator('nav button[title^="/cam0/trigger"]').click()
+    rows = page.tab.locator('[data-panel="/cam0/trigger"] tbody tr')
+    ones = np.ones(1, np.uint8)
+
+    def rounds(k: int) -> dict[str, Message]:
+        episode, place = divmod(k - 1, 5)
+        edge = Trigger(Header(place * 33 * MS, k, episode=episode), np.array([place * 33 * MS]), ones, ones)
+        return {"/cam0/trigger": edge, "/cam0/events": events(place + 1, episode=episode)}
+
+    page.play(rounds, lambda: rows.count() == 5, "all edges of a round")
+    counts = []
+    for k in range(101, 116):
+        page.send(rounds(k))
+        counts.append(rows.count())
+    assert 0 < max(counts) <= 5
+
+
+def test_all_words_can_be_read(show: Callable[..., Show], tmp_path: Path) -> None:
+    """Each has 4.5 times the luminance of what is behind it, or the other way round (WCAG 2.2, 1.4.3)."""
+    page = show(warehouse(tmp_path, ["segmentation", "boxes"]))
+    page.tab.locator('nav button[title="Run"]').click()
+    page.play(labelled, lambda: page.tab.locator("#state").inner_text() == "live", "a graph")
+    page.tab.locator("[data-panel=rates] td").first.wait_for()
+    words = page.tab.evaluate("""() => {
+      const shown = [...document.querySelectorAll("body *")].filter((e) => e.checkVisibility() &&
+        [...e.childNodes].some((n) => n.nodeType === 3 && n.data.trim()) && !e.closest("svg, noscript, option"));
+      const ground = (e) => { for (; e; e = e.parentElement) {
+        const colour = getComputedStyle(e).backgroundColor;
+        if (!/, 0\\)$/.test(colour)) return colour; } };
+      return shown.map((e) => [e.textContent.trim(), getComputedStyle(e).color, ground(e)]) }""")
+    faint = {text: round(contrast(colour, ground), 2) for text, colour, ground in words}
+    assert len(faint) > 40
+    assert {text: ratio for text, ratio in faint.items() if ratio < 4.5} == {}
+
+
+def contrast(*colours: str) -> float:
+    """Contrast ratio of two CSS colours, as WCAG 2.2 defines it."""
+    numbers = [[int(v) for v in re.findall(r"\d+", colour)[:3]] for colour in colours]
+    bright, dark = sorted((srgb_luminance(np.array(rgb) / 255) for rgb in numbers), reverse=True)
+    return (bright + 0.05) / (dark + 0.05)
+
+
+def srgb_luminance(rgb: np.ndarray) -> float:
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
+
+
+def test_keys_alone_are_enough(show: Callable[..., Show], tmp_path: Path) -> None:
+    """The focus stays where the work goes on, when its element goes: it would fall back to the top of the page."""
+    page = show(warehouse(tmp_path, ["segmentation", "boxes", "poses"]))
+    focused = lambda what: page.tab.evaluate(f"(document.activeElement.{what})")
+    view = page.tab.locator(f"{SEGMENTATION} select[title=View]")
+    view.focus()
+    page.tab.keyboard.press("ArrowDown")
+    playwright.expect(view).to_have_value("objects")
+    page.tab.locator(f"{SEGMENTATION} .scroll").wait_for()  # a table in place of the picture
+    assert focused("title") == "View"
+    page.tab.keyboard.press("ArrowUp")
+    playwright.expect(view).to_have_value("segmentation")
+    page.tab.locator(f"{SEGMENTATION} button[title=Close]").focus()
+    page.tab.keyboard.press("Enter")
+    assert "/cam0/labels segmentation" not in page.panels() and focused("textContent") == "labels"
+    page.tab.keyboard.press("Enter")
+    page.tab.locator('[data-panel="/cam0/labels"]').wait_for()

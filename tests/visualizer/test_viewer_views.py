@@ -453,6 +453,7 @@ def test_a_graph_that_hangs_has_no_real_time_factor(monkeypatch: pytest.MonkeyPa
     for k in range(100):
         now[0] = 100 + 0.02 * k
         statistics.saw("/clock", Clock(Header(10_000_000 * k)))
+        assert ("rtf" in statistics.snapshot()["clock"]) == (k > 0)  # of one stamp there is none
         statistics.saw("/diagnostics", lives(k))
     for _ in range(10):
         now[0] += 1

@@ -124,6 +124,8 @@ class App {
   }
 
   close(panel) {
+    const { id, topic } = panel.spec;
+    if (panel.root.contains(document.activeElement)) this.buttons[topic ?? id].focus(); // the button that opens it again
     panel.root.remove();
     this.panels = this.panels.filter((p) => p !== panel);
     this.changed();
@@ -138,8 +140,10 @@ class App {
       if (!Kind || Kind === panel.kind) return;
       const fresh = new Kind(this, panel.spec, topic);
       fresh.kind = Kind;
+      const focus = panel.root.contains(document.activeElement) ? document.activeElement.title : "";
       panel.root.replaceWith(fresh.root);
       this.panels[i] = fresh;
+      fresh.bar.querySelector(`[title="${focus}"]`)?.focus(); // who steps through the views by keys goes on from here
     });
     this.remember();
     this.wire.show(document.hidden ? [] : [...this.panels.flatMap((p) => p.subscriptions()), ...this.helpers()]);

@@ -205,14 +205,18 @@ class SeriesView(TopicView):
 
 
 class TriggerView(TopicView):
-    """Shows the last 20 trigger edges, newest first."""
+    """Shows the last 20 trigger edges of an episode, newest first."""
 
     def __init__(self, name: str, env: int) -> None:
         super().__init__(name, env)
         self._edges: deque[list[Any]] = deque(maxlen=20)
+        self._episode = -1
 
     def pick(self, message: Message) -> list[list[Any]]:
         assert isinstance(message, Trigger)
+        if message.header.episode != self._episode:
+            self._episode = message.header.episode
+            self._edges.clear()
         for t, channel, value in list(zip(message.t, message.id, message.value))[-20:]:
             self._edges.appendleft([int(t) / 1e9, int(channel), "rising" if value else "falling"])
         return list(self._edges)
