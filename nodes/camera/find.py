@@ -86,6 +86,20 @@ def open_emulated(
     return driver_on(model, feed, Faults.of(faults), live=speed == 1.0)
 
 
+def check_choice(file: str | None, emulate: str | None, serial: str | None, streams: bool = True) -> None:
+    """Raises ValueError where what was given does not say one camera; the arguments are those of `find_driver`."""
+    if emulate and is_model(emulate):
+        if serial:
+            raise ValueError("emulate and serial are given; an emulated camera has its own serial number")
+        model_named(emulate)
+        if streams and not file:
+            raise ValueError(f"an emulated {emulate} sends a recording: give it with file:=REC or --file REC")
+        return
+    given = [name for name, value in (("file", file), ("emulate", emulate), ("serial", serial)) if value]
+    if len(given) > 1:
+        raise ValueError(f"{' and '.join(given)} are given; a camera is one of file, emulate and serial")
+
+
 def find_driver(
     file: str | None,
     emulate: str | None,
@@ -102,16 +116,9 @@ def find_driver(
     for a device. serial: a camera on USB; the first one when nothing is given. streams: an emulated camera must have
     something to send. topic: of a recording with several event topics; "" = the first.
     """
+    check_choice(file, emulate, serial, streams)
     if emulate and is_model(emulate):
-        if serial:
-            raise ValueError("emulate and serial are given; an emulated camera has its own serial number")
-        model_named(emulate)
-        if streams and not file:
-            raise ValueError(f"an emulated {emulate} sends a recording: give it with file:=REC or --file REC")
         return open_emulated(emulate, file, speed, duration_s, faults, topic)
-    given = [name for name, value in (("file", file), ("emulate", emulate), ("serial", serial)) if value]
-    if len(given) > 1:
-        raise ValueError(f"{' and '.join(given)} are given; a camera is one of file, emulate and serial")
     path = file or emulate
     if path:
         return open_file(path, topic)

@@ -42,7 +42,7 @@ class Hub:
 
     def __init__(self, plan: Plan, quality: int) -> None:
         self.plan = plan
-        self.statistics = Statistics()
+        self.statistics = Statistics({name for name, topic in plan.topics.items() if topic.latched})
         self._quality = quality
         self._lock = threading.Lock()
         self._views: dict[PanelKey, TopicView] = {}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -85,7 +86,9 @@ class Statistics:
     All methods are safe from any thread.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, latched: Collection[str] = ()) -> None:
+        """latched: topics whose messages say again what is so, which is no sign that the graph goes on."""
+        self._latched = latched
         self._lock = threading.Lock()
         self._tapped: dict[str, _Tapped] = {}
         self._nodes: dict[str, _NodeState] = {}
@@ -117,7 +120,8 @@ class Statistics:
             tapped.skipped += header.seq - tapped.seq - 1
         tapped.seq, tapped.episode, tapped.stamp_ns = header.seq, header.episode, header.stamp_ns
         tapped.messages += 1
-        self._news_at = now
+        if topic not in self._latched:
+            self._news_at = now
         tapped.rate.add(now, tapped.messages)
         if isinstance(message, EventPacket):
             tapped.total_events += 0 if message.x is None else len(message.x)
@@ -142,7 +146,7 @@ class Statistics:
         for topic, total in published.items() if isinstance(published, dict) else ():
             if isinstance(total, (int, float)):
                 meter = self._published.setdefault(topic, Meter())
-                if total > (meter.samples[-1][1] if meter.samples else 0):
+                if topic not in self._latched and total > (meter.samples[-1][1] if meter.samples else 0):
                     self._news_at = now
                 meter.add(now, total)
 

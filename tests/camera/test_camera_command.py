@@ -1,4 +1,4 @@
-"""`evis camera` on recordings."""
+"""`evis camera` on recordings and emulated cameras."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ import sys
 import numpy as np
 import pytest
 from camera_rig import write
+from usb_rig import random_recording
 
 from evis.cli import main
 from evis.cli.machine import camera
 from evis.config.params import in_full
+from nodes.camera.file_source import FileSource
 
 
 def call(capsys, *arguments: str) -> str:
@@ -87,3 +89,57 @@ def test_limits_have_all_their_digits(capsys):
         numbers = [f[side] for f in json.loads(told)["settings"].values() for side in ("minimum", "maximum")]
         shown = call(capsys, "info", "--emulate", model, "--settings")
         assert all(f" {in_full(n)}" in shown or f"({in_full(n)}" in shown for n in numbers if n is not None)
+
+
+@pytest.mark.parametrize("as_json", [[], ["--json"]])
+def test_a_camera_that_is_unplugged_tells_what_came(capsys, tmp_path, as_json):
+    """A live camera has no other end than its plug or Ctrl-C: the counts are for that."""
+    random_recording(tmp_path / "a.raw", 640, 480)
+    words = [
+        "camera",
+        "stream",
+        "--emulate",
+        "silkyevcam",
+        "--file",
+        str(tmp_path / "a.raw"),
+        "--pace",
+        "fast",
+        *as_json,
+    ]
+    assert main([*words, "--faults", "short=512,stall_every=9,unplug_after=20000"]) == 1
+    told = capsys.readouterr()
+    lines = told.out.splitlines()
+    if as_json:
+        total = json.loads(lines[-1])
+    else:
+        total = {name: int(value) for name, value in (part.rsplit(" ", 1) for part in lines[-1].split("  "))}
+        assert total["events"] == sum(int(line.split()[2]) for line in lines[:-1])
+    assert total["packets"] > 0 and total["stalls"] > 0 and total["gaps"] > 0
+    assert "unplugged in mid-stream" in told.err and "--reconnect" in told.err
+
+
+def test_a_stream_that_is_interrupted_tells_what_came(capsys, monkeypatch, tmp_path):
+    """By Ctrl-C, here after the third packet."""
+    reads, read = [], FileSource.read
+
+    def until_three(self, timeout_s):
+        if len(reads) == 3:
+            raise KeyboardInterrupt
+        reads.append(read(self, timeout_s))
+        return reads[-1]
+
+    monkeypatch.setattr(FileSource, "read", until_three)
+    path = str(write(tmp_path / "a.npz", np.arange(1, 50) * 1_000_000))
+    assert main(["camera", "stream", "--file", path, "--pace", "fast", "--json"]) == 130
+    total = json.loads(capsys.readouterr().out)
+    assert (total["packets"], total["events"]) == (3, 30)
+
+
+def test_a_camera_that_comes_back_is_told(capsys, tmp_path):
+    """Without a line the command would stand still, for as long as nobody plugs it in."""
+    random_recording(tmp_path / "a.npz", 346, 260)
+    words = ["--file", str(tmp_path / "a.npz"), "--pace", "fast", "--reconnect"]
+    faults = ["--faults", "short=1024,unplug_after=20000,replug"]
+    assert main(["camera", "stream", "--emulate", "davis346", *words, *faults]) == 0
+    said = capsys.readouterr().err
+    assert said.index("was unplugged; waiting for it") < said.index("the camera is back")

@@ -9,7 +9,7 @@ import sys
 
 import numpy as np
 import pytest
-from camera_rig import Runtime, play
+from camera_rig import Runtime, play, write
 from camera_rig import joined as all_events
 from usb_rig import DATA, random_recording, same
 
@@ -66,6 +66,19 @@ def test_node_reconnects_in_a_new_episode(tmp_path):
     assert any("unplugged" in w for w in runtime.warnings) and any("is back" in w for w in runtime.warnings)
     infos = [(m.header.episode, m.header.stamp_ns) for m in runtime.messages["info"]]
     assert [episode for episode, _ in infos] == [0, 1] and infos[1][1] == 0  # its clock starts anew
+
+
+def test_a_recording_of_today_goes_on_near_its_own_time(tmp_path):
+    """From 0 to the next event of an emulated camera that is back would be 50 years, in the summary and on the page."""
+    first = 1_633_953_690_000_000_000
+    write(tmp_path / "a.npz", first + np.arange(20_000) * 50_000)
+    runtime = play(
+        Runtime(), emulate="davis346", file=str(tmp_path / "a.npz"), reconnect=True,
+        faults="short=1024,unplug_after=20000,replug", **FAST,
+    )  # fmt: skip
+    assert runtime.counters["reconnected"] == 1
+    stamps = [m.header.stamp_ns for port in ("info", "events") for m in runtime.messages[port]]
+    assert first - 10**7 <= min(stamps) and max(stamps) <= first + 10**9 + 10**7
 
 
 def test_descriptions_have_the_time_of_what_they_say(tmp_path, monkeypatch):
@@ -194,19 +207,25 @@ def test_command_on_emulated_cameras(capsys, tmp_path):
     assert "31f7" in call(capsys, "udev")
 
 
-def test_wrong_use_of_the_command():
-    """One line that names what is wrong."""
-    parser = argparse.ArgumentParser()
-    camera.add_arguments(parser)
-    for arguments, text in (
-        (["info", "--emulate", "evk5"], "no camera model 'evk5'; did you mean 'evk"),
-        (["stream", "--emulate", "evk4"], "an emulated evk4 sends a recording: give it with"),
-        (["info", "--emulate", "evk4", "--serial", "1"], "emulate and serial are given"),
-        (["stream", "--emulate", "evk4", "--file", "/none/a.raw"], "no such file"),
-        (["info", "--emulate", "evk4", "--faults", "bussy"], "did you mean 'busy'"),
+def test_wrong_use_of_the_command(capsys, tmp_path):
+    """One line that names what is wrong, and exit status 2; a file that is not there is a failure."""
+    file = str(write(tmp_path / "a.raw", [1000]))
+    played = ["stream", "--emulate", "evk4", "--file", file]
+    for status, arguments, text in (
+        (2, ["info", "--emulate", "evk5"], "no camera model 'evk5'; did you mean 'evk"),
+        (2, ["stream", "--emulate", "evk4"], "an emulated evk4 sends a recording: give it with"),
+        (2, ["info", "--emulate", "evk4", "--serial", "1"], "emulate and serial are given"),
+        (2, ["info", "--file", file, "--serial", "1"], "file and serial are given"),
+        (2, ["info", "--emulate", "evk4", "--faults", "bussy"], "did you mean 'busy'"),
+        (2, [*played, "--set", "bias_fi=1"], "no setting 'bias_fi'; did you mean 'bias_fo'"),
+        (2, [*played, "--set", "bias_fo=9999"], "bias_fo is 9999 codes from the factory's; it must be -35 to 55"),
+        (2, [*played, "--set", "bias_fo"], "a setting is given as name=value"),
+        (2, [*played, "--packet-ms", "0"], "packet_ms is 0 ms; it must be"),
+        (2, ["stream", "--file", file, "--packet-ms", "0"], "packet_ms is 0 ms; it must be"),
+        (1, ["stream", "--emulate", "evk4", "--file", "/none/a.raw"], "no such file"),
     ):
-        with pytest.raises(ValueError, match=text):
-            camera.run(parser.parse_args(arguments))
+        assert (main(["camera", *arguments]), arguments) == (status, arguments)
+        assert text in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("model", ["davis346", "evk4"])

@@ -31,7 +31,9 @@ def test_a_silent_graph_is_not_called_live(show: Callable[..., Show], tmp_path: 
     playwright.expect(state).to_have_text(re.compile(r"no data for \d+ s"))
     page.tab.locator('nav button[title^="/cam0/info"]').click()
     page.tab.locator('[data-panel="/cam0/info"] td').first.wait_for()
-    page.tab.wait_for_timeout(300)  # as soon as it is drawn the page would have said so
+    for _ in range(20):  # a camera that was unplugged says again and again who it was
+        page.send({"/cam0/info": camera_info()})
+    page.tab.wait_for_timeout(600)  # as soon as it is drawn, or with the next rates, the page would have said so
     assert state.inner_text().startswith("no data for ")
     page.play(lambda k: sent(100 + k), lambda: state.inner_text() == "live", "a graph that goes on")
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
 import json
 import sys
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from evis.cli.numbers import number_up_to
@@ -77,24 +79,28 @@ def run(args: argparse.Namespace) -> int:
         print(rules(), end="")
         return 0
     from evis.runtime.pacing import parse_pace
-    from nodes.camera.find import find_driver, is_model
-    from nodes.camera.usb.models import model_named
+    from nodes.camera.emulated.faults import Faults
+    from nodes.camera.find import check_choice, find_driver
 
-    if is_model(args.emulate):
-        try:
-            model_named(args.emulate)
-        except ValueError as error:
-            raise UsageError(str(error)) from None
-    speed, duration = 1.0, 0.0
-    if args.action == "stream":
-        try:
-            speed, duration = parse_pace(args.pace or "realtime"), args.duration
-        except ValueError as error:
-            raise UsageError(f"--{error}") from None
-    _check_effect(args)
     streams = args.action == "stream"
+    with _usage():
+        check_choice(args.file, args.emulate, args.serial, streams)
+        Faults.of(args.faults)
+    with _usage("--"):
+        speed = parse_pace((args.pace if streams else None) or "realtime")
+    duration = args.duration if streams else 0.0
+    _check_effect(args)
     with find_driver(args.file, args.emulate, args.serial, speed, duration, args.faults, streams, args.topic) as driver:
         return _info(driver, args) if args.action == "info" else _stream(driver, args, speed)
+
+
+@contextlib.contextmanager
+def _usage(before: str = "") -> Iterator[None]:
+    """Makes a ValueError of what was given a UsageError, with `before` in front of its text."""
+    try:
+        yield
+    except ValueError as error:
+        raise UsageError(f"{before}{error}") from None
 
 
 def _check_effect(args: argparse.Namespace) -> None:
@@ -143,7 +149,8 @@ def _info(driver: Driver, args: argparse.Namespace) -> int:
     settings = about.pop("settings", {})
     width = max(map(len, about))
     for name, value in about.items():
-        print(f"{name:{width}}  {value if value not in ('', [], {}) else '-'}")
+        shown = ", ".join(map(str, value)) if isinstance(value, list) else value
+        print(f"{name:{width}}  {shown if shown not in ('', {}) else '-'}")
     for name, facts in settings.items():
         low, high = facts["minimum"], facts["maximum"]
         span = (
@@ -159,25 +166,44 @@ def _info(driver: Driver, args: argparse.Namespace) -> int:
 
 
 def _stream(driver: Driver, args: argparse.Namespace, speed: float) -> int:
-    from evis.console.outlet import strict_output
     from nodes.camera.file_source import FileSettings, FileSource
     from nodes.camera.interface.settings import parse_settings
 
-    if isinstance(driver, FileSource):
-        driver.configure(FileSettings(args.packet_ms, 1.0 if args.emulate else speed, args.duration))
-    else:
-        kind = driver.settings_type()
-        common = {"packet_ms": args.packet_ms, "reconnect": args.reconnect}
-        driver.configure(kind.of({**common, **parse_settings(kind, args.set)}))
+    with _usage():
+        if isinstance(driver, FileSource):
+            driver.configure(FileSettings(args.packet_ms, 1.0 if args.emulate else speed, args.duration))
+        else:
+            kind = driver.settings_type()
+            common = {"packet_ms": args.packet_ms, "reconnect": args.reconnect}
+            driver.configure(kind.of({**common, **parse_settings(kind, args.set)}))
     driver.start()
     for warning in driver.info().details.get("warnings", ()):
         print(f"evis camera stream: {printable(warning)}", file=sys.stderr)
     total: dict[str, Any] = {"packets": 0, "events": 0, "triggers": 0, "imu": 0, "frames": 0, "late_packets": 0}
+    try:
+        _count(driver, args, total)
+    finally:  # a live camera ends by Ctrl-C, or by its plug: what came, and what was lost, is told then too
+        total |= driver.counters()
+        print(json.dumps(total) if args.json else "  ".join(f"{k} {v}" for k, v in total.items()))
+    return 0
+
+
+def _count(driver: Driver, args: argparse.Namespace, total: dict[str, Any]) -> None:
+    """Adds what comes to `total`, packet by packet, with a line for each, until there is no more."""
+    from evis.console.outlet import strict_output
+
     first: int | None = None
+    waiting = False
     while not driver.ended:
         reading = driver.read(0.1)
         if reading is None:
+            if args.reconnect and not waiting and driver.counters().get("unplugged", 0) > driver.episode:
+                waiting = True
+                print("evis camera stream: the camera was unplugged; waiting for it", file=sys.stderr)
             continue
+        if waiting:
+            waiting = False
+            print("evis camera stream: the camera is back; its clock starts anew", file=sys.stderr)
         events = reading.events
         span = (reading.stamp_ns - reading.t0_ns) / 1e9
         total["packets"] += 1
@@ -195,6 +221,3 @@ def _stream(driver: Driver, args: argparse.Namespace, speed: float) -> int:
         first = reading.t0_ns if first is None else first
         if args.duration and reading.stamp_ns - first >= args.duration * 1e9:
             break
-    total |= driver.counters()
-    print(json.dumps(total) if args.json else "  ".join(f"{k} {v}" for k, v in total.items()))
-    return 0

@@ -253,7 +253,7 @@ class UsbDriver(Driver):
         if not self._settings.reconnect:
             raise OSError(
                 f"{self.name}: unplugged in mid-stream after {self._running().reader.bytes} bytes; "
-                "with reconnect:=true it is waited for"
+                "with reconnect:=true or --reconnect it is waited for"
             ) from None
         self._before["unplugged"] += 1
         self._let_go()
@@ -294,7 +294,8 @@ class UsbDriver(Driver):
             finally:
                 self._info = self._info or before
             self.episode += 1
-            self.t0_ns = 0
+            # what is 0 on the wire of an emulated camera, whose recording may be of today
+            self.t0_ns = self.emulated.feed.shift_ns if self.emulated is not None else 0
             self._before["reconnected"] += 1
             self._gone_at = 0.0
             return
