@@ -32,6 +32,8 @@ class NodeProfile:
     first_stamp_ns: int | None = None
     """So far back that `stamp_ns` minus it is all the time that was played."""
     episode: int = 0
+    clock: str = "sim"
+    """Domain of `stamp_ns`."""
     made_elsewhere: bool = False
     """Its messages carry events and images that other nodes have made and counted."""
     _framed: dict[str, int] = field(default_factory=dict)
@@ -72,6 +74,7 @@ class NodeProfile:
             # It plays again: what was played before stays counted.
             self.first_stamp_ns += stamp - self.stamp_ns
             self.stamp_ns = stamp
+        self.clock = message.header.clock
         self.episode = max(self.episode, episode)
         self.stamp_ns = max(self.stamp_ns, stamp)
 

@@ -77,7 +77,8 @@ class Telemetry:
             profile = self._profile.node(host.name)
             since = profile.stamp_ns - (profile.first_stamp_ns or 0)
             wall = max(time.monotonic_ns() - self._started, 1)
-            self.publishers["/clock"].send(Clock(Header(profile.stamp_ns), real_time_factor=since / wall))
+            header = Header(profile.stamp_ns, clock=profile.clock, episode=profile.episode)
+            self.publishers["/clock"].send(Clock(header, real_time_factor=since / wall))
 
     def say(self, host: Host | None, name: str, level: str, text: str) -> None:
         """Writes one line to the process's log and sends one Diagnostics message, both without secrets."""

@@ -10,7 +10,8 @@ from evis.runtime.plan import NodePlan, Plan
 
 
 def recording(plan: Plan) -> dict[str, Any] | None:
-    """Describes the recording that the graph's source plays: {"file", "again", "start", "end"}; None for none.
+    """Describes the recording that the graph's source plays: {"node", "file", "again", "start", "end"}; None for
+    none.
 
     start, end: in the recording's own time [s], None where only reading it to the end would tell. again: it is played
     over and over, so that its episodes are the rounds.
@@ -20,7 +21,7 @@ def recording(plan: Plan) -> dict[str, Any] | None:
         if name:
             start, end = _limits(node)
             again = bool(node.params.get("again"))
-            return {"file": Path(name).name, "again": again, "start": start, "end": end}
+            return {"node": node.name, "file": Path(name).name, "again": again, "start": start, "end": end}
     return None
 
 

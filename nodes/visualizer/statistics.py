@@ -93,9 +93,9 @@ class Statistics:
         self._tapped: dict[str, _Tapped] = {}
         self._nodes: dict[str, _NodeState] = {}
         self._published: dict[str, Meter] = {}
-        self._clock: dict[str, Any] = {}
+        self._paces: dict[str, Meter] = {}
+        """Stamps [s] by clock: those of two cameras are apart by anything."""
         self._news_at: float | None = None
-        self._pace = Meter()
         self._warnings: deque[dict[str, str]] = deque(maxlen=MAX_WARNINGS)
 
     def saw(self, topic: str, message: Message) -> None:
@@ -104,9 +104,7 @@ class Statistics:
         with self._lock:
             if isinstance(message, Clock):
                 # A device's time does not start at 0: the factor is that of the last moments, not stamp / wall.
-                stamp = message.header.stamp_ns / 1e9
-                self._pace.add(now, stamp)
-                self._clock = {"t": stamp, "clock": message.header.clock}
+                self._paces.setdefault(message.header.clock, Meter()).add(now, message.header.stamp_ns / 1e9)
                 self._news_at = now
             elif isinstance(message, Diagnostics):
                 self._diagnose(now, message)
@@ -172,15 +170,10 @@ class Statistics:
                     entry["events_per_s"] = round(tapped.events.rate())
             nodes = {name: self._node(now, state) for name, state in self._nodes.items()}
             events = sum(m.events.rate() for m in self._nodes.values())
-            clock = dict(self._clock)
+            clock = self._clock(now)
             heard = [(t.episode, t.stamp_ns) for t in self._tapped.values() if t.seq >= 0]
-            if (
-                clock and len(self._pace.samples) > 1
-            ):  # of one stamp, as a round of a recording begins with, there is none
-                clock["rtf"] = round(self._pace.rate(), 3)
-            elif (
-                not clock and heard
-            ):  # a topic that is closed, or rare, may have stopped in an earlier round of a recording
+            if not clock and heard:
+                # A topic that is closed, or rare, may have stopped in an earlier round of a recording.
                 clock = {"t": max(heard)[1] / 1e9}
             return plain(
                 {
@@ -193,6 +186,16 @@ class Statistics:
                     "warnings": list(self._warnings),
                 }
             )
+
+    def _clock(self, now: float) -> dict[str, Any]:
+        """Time and real-time factor of the clock that was heard first, of those that go on where there are such."""
+        going = [c for c, pace in self._paces.items() if now - pace.samples[-1][0] <= STALE_S] or list(self._paces)
+        if not going:
+            return {}
+        pace = self._paces[going[0]]
+        clock = {"t": pace.samples[-1][1], "clock": going[0]}
+        # Of one stamp, as a round of a recording begins with, there is no rate.
+        return clock | ({"rtf": round(pace.rate(), 3)} if len(pace.samples) > 1 else {})
 
     @staticmethod
     def _node(now: float, state: _NodeState) -> dict[str, Any]:

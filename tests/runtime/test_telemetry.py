@@ -6,6 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import zmq
 
 from evis.bus import Subscriber, endpoints_for
@@ -14,8 +15,10 @@ from evis.runtime.hosting.wiring import system_topic
 from evis.runtime.plan import Plan
 from evis.runtime.profile import Profile
 from evis.runtime.telemetry import Telemetry
+from msgs.camera import Trigger
 from msgs.codec import pack_header
 from msgs.diagnostics import Diagnostics
+from msgs.header import Header
 
 NODES = [f"node{k}" for k in range(12)]
 
@@ -60,3 +63,17 @@ def test_a_warning_that_names_a_file_whose_name_is_not_utf8_is_sent() -> None:
     telemetry.publishers["/diagnostics"] = SimpleNamespace(send=lambda m: sent.append(pack_header(m, {})))  # type: ignore[assignment]
     telemetry.say(None, "reader", "warning", "a\udcff.raw ends early")
     assert lines == ["a\\udcff.raw ends early"] and b"a\\udcff.raw ends early" in sent[0]
+
+
+def test_the_clock_names_its_domain() -> None:
+    """Two cameras have a clock each, on one topic: without its name a time could be of either."""
+    profile = Profile()
+    telemetry = Telemetry(Plan("graph", "1", ""), "all", zmq.Context(), profile, Redactor([]), lambda *_: None)
+    sent: list[Any] = []
+    telemetry.publishers["/clock"] = SimpleNamespace(wanted=lambda: True, send=sent.append)  # type: ignore[assignment]
+    for name, stamp_ns, episode in (("left", 5, 0), ("right", 16 * 10**17, 2)):
+        header = Header(stamp_ns, clock=f"device:{name}", episode=episode)
+        profile.node(name).saw(f"/{name}/trigger", Trigger(header, *[np.empty(0, np.uint8)] * 3))
+        telemetry.tick(SimpleNamespace(name=name))  # type: ignore[arg-type]
+    heard = [(m.header.clock, m.header.stamp_ns, m.header.episode) for m in sent]
+    assert heard == [("device:left", 5, 0), ("device:right", 16 * 10**17, 2)]

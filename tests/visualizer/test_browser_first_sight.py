@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from page_show import (
 )
 from test_browser_page import browser, pixels, playwright, wait_for_picture
 
+from evis.runtime.plan import NodePlan
 from msgs.camera import Image, Imu, Labels
 from msgs.diagnostics import Diagnostics
 from msgs.header import Header, Message
@@ -93,6 +95,27 @@ def test_recording_that_begins_before_0_says_where_it_is(show: Callable[..., Sho
         return "recording 0.2 of 0.3 s" in seen and "recording 0.3 of 0.3 s" in seen
 
     page.play(early, twice, "the place in the second round")
+
+
+def test_place_in_a_recording_is_not_that_of_another(show: Callable[..., Show], tmp_path: Path) -> None:
+    """Two recordings have clocks of their own, whose times may be 50 years apart."""
+    plan = graph(tmp_path, file="/data/left.raw")
+    plan.nodes["right"] = NodePlan("right", "nodes.camera.node:CameraNode", {"file": "/data/right.raw"}, "right")
+    page = show(with_topics(plan, "right", {"/right/events": "EventPacket", "/right/info": "CameraInfo"}))
+
+    def both(k: int) -> dict[str, Message]:
+        today = events(k)
+        today.header.stamp_ns += 16 * 10**17
+        info = camera_info(16 * 10**17)
+        return {"/right/info": info, "/right/events": today, "/cam0/info": camera_info(), "/cam0/events": events(k)}
+
+    feet = page.tab.locator('[data-panel="/cam0/events"] .foot'), page.tab.locator('[data-panel="/right/events"] .foot')
+    page.play(both, lambda: all("events" in foot.inner_text() for foot in feet), "both cameras")
+    seen = set[str]()
+    for k in range(100, 110):
+        page.send(both(k))
+        seen.add(page.tab.locator("#state").inner_text())
+    assert all(re.fullmatch(r"recording [0-3]\.\d s", state) for state in seen), seen
 
 
 def test_bag_of_environments_opens_with_the_events(show: Callable[..., Show], tmp_path: Path) -> None:

@@ -32,7 +32,7 @@ CAMERA, REPLAYER = "nodes.camera.node:CameraNode", "nodes.replayer.node:Replayer
 
 def test_files_are_recordings_and_devices_are_not(tmp_path: Path) -> None:
     played = recording(plan(tmp_path, CAMERA, file="/data/a.raw", again=True))
-    assert played == {"file": "a.raw", "again": True, "start": None, "end": None}
+    assert played == {"node": "source", "file": "a.raw", "again": True, "start": None, "end": None}
     assert recording(plan(tmp_path, CAMERA, serial="1")) is None
     assert recording(plan(tmp_path, CAMERA, file="/data/a.raw", emulate="evk4")) is None
     assert recording(plan(tmp_path, "nodes.physics.node:PhysicsNode", scene="x")) is None
@@ -45,11 +45,11 @@ def test_limits_of_a_bag_are_those_of_its_messages(tmp_path: Path) -> None:
         for stamp_ns in (2_000_000_000, 2_500_000_000, 7_250_000_000):
             bag.write("/cam0/events", packet(stamp_ns, np.array([stamp_ns])))
     whole = recording(plan(tmp_path, REPLAYER, bag=str(path), again=True))
-    assert whole == {"file": "a.mcap", "again": True, "start": 2.0, "end": 7.25}
+    assert whole == {"node": "source", "file": "a.mcap", "again": True, "start": 2.0, "end": 7.25}
     part = recording(plan(tmp_path, REPLAYER, bag=str(path), start=1.0, duration=2.5))
-    assert part == {"file": "a.mcap", "again": False, "start": 3.0, "end": 5.5}
+    assert part == {"node": "source", "file": "a.mcap", "again": False, "start": 3.0, "end": 5.5}
     missing = recording(plan(tmp_path, REPLAYER, bag=str(tmp_path / "b.mcap")))
-    assert missing == {"file": "b.mcap", "again": False, "start": None, "end": None}
+    assert missing == {"node": "source", "file": "b.mcap", "again": False, "start": None, "end": None}
 
 
 def packet(stamp_ns: int, t: np.ndarray, seq: int = 0) -> EventPacket:

@@ -443,6 +443,22 @@ def test_real_time_factor_is_of_the_last_moments(monkeypatch: pytest.MonkeyPatch
     assert statistics.snapshot()["clock"]["rtf"] == pytest.approx(0.5)
 
 
+def test_two_cameras_have_two_clocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Time and factor are those of one, and of the other where that has ended; never of the step between them."""
+    now = [100.0]
+    monkeypatch.setattr("nodes.visualizer.statistics.time.monotonic", lambda: now[0])
+    statistics = Statistics()
+    for k in range(300):
+        now[0] = 100 + 0.02 * k
+        if k < 100:
+            statistics.saw("/clock", Clock(Header(10_000_000 * k, clock="device:a")))
+        statistics.saw("/clock", Clock(Header(1_600_000_000_000_000_000 + 5_000_000 * k, clock="device:b")))
+        if k in (99, 299):
+            shown = statistics.snapshot()["clock"]
+            assert shown["clock"] == ("device:a" if k == 99 else "device:b")
+            assert shown["rtf"] == pytest.approx(0.5 if k == 99 else 0.25)
+
+
 def test_a_graph_that_hangs_has_no_real_time_factor(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nor do its heartbeats count as news: only what it publishes does."""
     now = [100.0]

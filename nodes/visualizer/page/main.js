@@ -232,7 +232,7 @@ class App {
       const camera = part.panel.slice(5);
       this.objectsOf(camera).describe(part);
       this.panels.filter((p) => this.topic(p.spec.topic)?.camera === camera).forEach((p) => p.renamed());
-      this.playback.begins(part.t);
+      if (this.isPlayed(this.graph.topics.find((t) => t.type === "CameraInfo" && t.camera === camera))) this.playback.begins(part.t);
       return;
     }
     if (part.panel === "moving:") {
@@ -242,8 +242,13 @@ class App {
     const panel = this.panelOf(part);
     if (!panel) return;
     panel.draw(part);
-    this.playback.saw(part);
+    if (this.isPlayed(this.topic(panel.spec.topic))) this.playback.saw(part);
     if (this.state !== "quiet") this.setState(this.running()); // a description that is kept is no news
+  }
+
+  /** Whether a topic is of the recording whose place is shown: another one may have other times. */
+  isPlayed(topic) {
+    return topic.node === this.graph.recording?.node;
   }
 
   running() {

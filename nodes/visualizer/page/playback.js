@@ -3,7 +3,7 @@
 import { seconds } from "./dom.js";
 
 export class Playback {
-  /** recording: {file, again, start, end} [s], as the graph's description has it, or null for a live graph. */
+  /** recording: {node, file, again, start, end} [s], as the graph's description has it, or null for a live graph. */
   constructor(recording) {
     this.recording = recording;
     this.start = recording?.start ?? null;
