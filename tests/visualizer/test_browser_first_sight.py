@@ -26,6 +26,7 @@ from page_show import (
 )
 from test_browser_page import browser, pixels, playwright, wait_for_picture
 
+from evis.bag.writer import BagWriter
 from evis.runtime.plan import NodePlan
 from msgs.camera import Image, Imu, Labels
 from msgs.diagnostics import Diagnostics
@@ -95,6 +96,26 @@ def test_recording_that_begins_before_0_says_where_it_is(show: Callable[..., Sho
         return "recording 0.2 of 0.3 s" in seen and "recording 0.3 of 0.3 s" in seen
 
     page.play(early, twice, "the place in the second round")
+
+
+def test_place_in_a_part_of_a_bag_counts_from_where_it_begins(show: Callable[..., Show], tmp_path: Path) -> None:
+    """From 1 s to 2 s of 3 s; the camera's description, which is kept, is of 0 s."""
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        for stamp_ns in (0, 3_000_000_000):
+            bag.write("/cam0/info", camera_info(stamp_ns))
+    plan = graph(tmp_path)
+    params = {"bag": str(tmp_path / "a.mcap"), "start": 1.0, "duration": 1.0}
+    plan.nodes["camera"].target, plan.nodes["camera"].params = "nodes.replayer.node:ReplayerNode", params
+    page, state = show(plan), set[str]()
+
+    def part(k: int) -> dict[str, Message]:
+        return {"/cam0/info": camera_info(), "/cam0/events": events(30 + k % 30)}
+
+    def full() -> bool:
+        state.add(page.tab.locator("#state").inner_text())
+        return "recording 0.9 of 1.0 s" in state
+
+    page.play(part, full, "a place in the part")
 
 
 def test_place_in_a_recording_is_not_that_of_another(show: Callable[..., Show], tmp_path: Path) -> None:

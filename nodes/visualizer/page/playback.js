@@ -12,8 +12,10 @@ export class Playback {
     this.episode = null;
   }
 
-  /** A camera's description comes first, with the time at which its recording begins, or 0 where that is earlier. */
+  /** A camera's description comes first, with the time at which its recording begins, or 0 where that is earlier; of
+   * a part of a bag, whose limits are known, it may be from long before. */
   begins(t) {
+    if ((this.recording?.start ?? null) !== null) return;
     if (this.start === null || t < this.start) this.start = t;
   }
 
