@@ -15,6 +15,7 @@ from test_browser_graph import START_S, private_runs, start, stop, viewer_url
 from test_browser_page import browser, playwright, wait_for_picture
 
 from msgs.camera import EventPacket, Trigger
+from msgs.diagnostics import Diagnostics
 from msgs.header import Header, Message
 
 __all__ = ["browser", "private_runs", "show"]  # fixtures
@@ -115,6 +116,29 @@ def test_colours_of_a_colour_sensor_are_explained(show: Callable[..., Show], tmp
     drawn = legend.locator("i").evaluate_all("all => all.map(i => getComputedStyle(i).backgroundColor)")
     channels = [[int(v) for v in re.findall(r"\d+", colour)] for colour in drawn]
     assert [int(np.argmax(rgb)) for rgb in channels] == [0, 1, 2]
+
+
+def test_warnings_are_seen_above_many_nodes(show: Callable[..., Show], tmp_path: Path) -> None:
+    """Without scrolling, the newest first, beside the rates; what is selected to be copied stays so."""
+    page = show(warehouse(tmp_path, ["segmentation"]))
+    panel = page.tab.locator("[data-panel=rates]")
+
+    def nodes(k: int) -> dict[str, Message]:
+        values = {"updates": k, "published": {"/cam0/events": k}}
+        level, text = ("warning", f"cause {k}") if k < 20 else ("ok", "")
+        return {"/diagnostics": Diagnostics(Header(k), f"node_{k % 40}", level, text, values=values)}
+
+    page.play(nodes, lambda: "node_39" in panel.inner_text(), "rates of many nodes")
+    first = panel.get_by_text("node_19: cause 19")
+    first.wait_for()
+    line, head, frame = first.bounding_box(), panel.locator("thead").first.bounding_box(), panel.bounding_box()
+    assert frame["y"] < line["y"] < head["y"] < frame["y"] + frame["height"]
+    first.evaluate("line => getSelection().selectAllChildren(line)")
+    row = panel.locator("tbody").first.element_handle()
+    page.play(
+        lambda k: nodes(100 + k), lambda: not row.evaluate("row => row.isConnected"), "rates that are written anew"
+    )
+    assert page.tab.evaluate("getSelection().toString()") == "node_19: cause 19"
 
 
 def test_trigger_edges_are_those_of_the_round(show: Callable[..., Show], tmp_path: Path) -> None:

@@ -10,6 +10,9 @@ export class RatesPanel extends Panel {
     this.finishBar();
     this.body.className = "scroll low";
     this.foot.remove();
+    this.said = make("ul", { className: "lines said", hidden: true });
+    this.rates = make("div");
+    this.body.append(this.said, this.rates); // what nodes warn of comes first: below many nodes nobody would see it
   }
 
   status(status) {
@@ -23,11 +26,19 @@ export class RatesPanel extends Panel {
     const topics = Object.entries(status.topics).sort().map(([name, t]) => make("tr", {},
       make("td", { textContent: name }), cell(t.hz, (v) => v.toFixed(1)), cell(t.shown_hz, (v) => v.toFixed(1)),
       cell(t.events_per_s, (v) => si(v)), cell(t.skipped, String)));
-    const lines = status.warnings.slice(0, 20).map((w) => make("li", { className: w.level, textContent: `${w.node}: ${w.text}` }));
-    this.body.replaceChildren(
+    this.say(status.warnings.slice(0, 20));
+    this.rates.replaceChildren(
       grid(["node", "Hz", "ms", "busy", "waits", "queue", "drops", "counters"], nodes, "nothing heard yet"),
-      grid(["topic", "Hz", "shown Hz", "events/s", "not shown"], topics, "nothing heard yet"),
-      make("ul", { className: "lines" }, ...lines));
+      grid(["topic", "Hz", "shown Hz", "events/s", "not shown"], topics, "nothing heard yet"));
+  }
+
+  /** The newest first. Only news is written: the lines are scrolled, and copied. */
+  say(warnings) {
+    const news = JSON.stringify(warnings);
+    if (news === this.news) return;
+    this.news = news;
+    this.said.hidden = !warnings.length;
+    this.said.replaceChildren(...warnings.map((w) => make("li", { className: w.level, textContent: `${w.node}: ${w.text}` })));
   }
 }
 
