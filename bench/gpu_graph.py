@@ -19,9 +19,11 @@ from typing import Any
 import warp as wp
 
 from bench import command
+from bench.interpolation.between import draw
 from bench.roofline.plot import plot_roofline
 from bench.throughput.attempts import Limits
 from bench.throughput.cases import CASES
+from bench.throughput.errors import RATE
 from bench.throughput.sections import SECTIONS, Measurement
 
 COMMAND = "evis bench gpu_graph"
@@ -76,8 +78,12 @@ def with_rows_of(made: dict[str, Any], before: dict[str, Any]) -> dict[str, Any]
 
 
 def plot(sections: dict[str, Any], out: Path) -> list[Path]:
-    """Writes roofline.png, where kernels were counted."""
-    return [plot_roofline(sections, out)] if "roofline" in sections else []
+    """Writes roofline.png, where kernels were counted, and errors.png, where events were compared."""
+    made = [plot_roofline(sections, out)] if "roofline" in sections else []
+    if "errors" in sections:
+        label = f"run time [ms per {1e3 / RATE:.0f} ms]"
+        made.append(draw(sections["errors"]["rows"], "run time [ms]", label, out / "errors.png"))
+    return made
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

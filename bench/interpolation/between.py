@@ -57,6 +57,7 @@ WAYS = (
 )
 STYLES = {FRAMES: ("^-", "tab:red"), FURTHER: ("*-", "tab:green"), DENSE: ("o-", "tab:blue")}
 """Marker, line and colour by family."""
+TITLES = {FRAMES: "frames alone", FURTHER: "with further samples, by time_tolerance", DENSE: "dense rendering"}
 
 
 def seconds(run: Run) -> float:
@@ -106,47 +107,47 @@ def measure(quick: bool = False) -> dict[str, Any]:
 
 
 def plot(sections: dict[str, Any], out: Path) -> list[Path]:
-    """Writes between.png: error against CPU time, a panel for each scene, both axes logarithmic."""
+    """Writes between.png: error against CPU time."""
+    return [draw(sections["between"]["rows"], "all [ms]", "CPU time [ms per 32 ms]", out / "between.png")]
+
+
+def draw(rows: Sequence[dict[str, Any]], cost: str, label: str, path: Path) -> Path:
+    """Plots error against cost, a panel for each scene, both axes logarithmic. cost: its column; label: of its axis."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    rows = sections["between"]["rows"]
+    rows = [line for line in rows if line.get(cost) and line["error"]]
     scenes = list(dict.fromkeys(line["scene"] for line in rows))
-    columns = min(4, len(scenes))
-    figure, panels = plt.subplots(
-        -(-len(scenes) // columns), columns, figsize=(3.6 * columns, 3.4 * -(-len(scenes) // columns)), squeeze=False
-    )
+    columns = max(1, min(4, len(scenes)))
+    lines = max(1, -(-len(scenes) // columns))
+    figure, panels = plt.subplots(lines, columns, figsize=(3.6 * columns, 3.4 * lines), squeeze=False)
     for axes, scene in zip(panels.flat, scenes):
-        _panel(axes, [line for line in rows if line["scene"] == scene])
+        _panel(axes, [line for line in rows if line["scene"] == scene], cost)
         axes.set_title(scene, fontsize=10)
     for axes in panels[-1]:
-        axes.set_xlabel("CPU time [ms per 32 ms]", fontsize=9)
+        axes.set_xlabel(label, fontsize=9)
     for axes in panels[:, 0]:
         axes.set_ylabel("spike-train error (1/ms)", fontsize=9)
     handles, labels = panels.flat[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="lower center", ncols=3, fontsize=9, frameon=False)
     figure.tight_layout(rect=(0, 0.05, 1, 1))
-    path = out / "between.png"
     figure.savefig(path, dpi=110)
     plt.close(figure)
-    return [path]
+    return path
 
 
-def _panel(axes: Any, rows: Sequence[dict[str, Any]]) -> None:
+def _panel(axes: Any, rows: Sequence[dict[str, Any]], cost: str) -> None:
     """One scene."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    names = {
-        FRAMES: "frames alone, 31 x 8, 16, 32, 64",
-        FURTHER: "with further samples, time_tolerance 0.8, 0.3, 0.1 ms",
-        DENSE: "dense rendering, 250 to 4000 Hz",
-    }
     for family, (style, colour) in STYLES.items():
         own = [line for line in rows if family in line["samples"]]
-        points = [(line["all [ms]"], line["error"]) for line in own]
-        axes.plot(*zip(*points), style, color=colour, ms=8 if family == FURTHER else 5, lw=1.1, label=names[family])
+        each = ", ".join(" ".join(line["samples"].replace(family, "").split()) for line in own)
+        points = [(line[cost], line["error"]) for line in own]
+        size = 8 if family == FURTHER else 5
+        axes.plot(*zip(*points), style, color=colour, ms=size, lw=1.1, label=f"{TITLES[family]}: {each}")
     axes.set(xscale="log", yscale="log")
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))

@@ -30,7 +30,8 @@ class PhysicsNode(physics.PhysicsNode):
     """Publishes states as the physics node does, and measures the run that it drives.
 
     A window of gaps lasts `window_s`; after the last of `windows` the device's work is recorded for as many gaps as
-    last about a window, and with `ends` the run ends there. What was measured is the result `meter` of the run.
+    last about a window, unless `records` is off, and with `ends` the run ends there. What was measured is the result
+    `meter` of the run.
     """
 
     PARAMS: ClassVar[Mapping[str, Param]] = {
@@ -40,6 +41,7 @@ class PhysicsNode(physics.PhysicsNode):
         "warm_s": Param(float, 0.5, "length of what is not measured at first", "s", 0.0),
         "ends": Param(bool, True, "the run ends when all is measured"),
         "measured": Param(str, "cpu", "device whose work is recorded"),
+        "records": Param(bool, True, "its work is recorded after the last window"),
         "counts": Param(bool, False, "instead of times, bytes and operations of kernels are measured"),
     }
 
@@ -86,7 +88,7 @@ class PhysicsNode(physics.PhysicsNode):
         if k == 0:
             self._origin = (0, now, 0.0)
         if self.windows and len(self.windows) == p["windows"]:
-            return self._record(k, now)
+            return not p["records"] or self._record(k, now)
         if not self._mark[1]:
             if k >= WARM_GAPS and now - self._origin[1] >= p["warm_s"]:
                 self._mark = (k, time.perf_counter(), self.waited_s)

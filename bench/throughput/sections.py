@@ -9,9 +9,9 @@ from typing import Any
 import warp as wp
 
 from bench.roofline import ceilings
-from bench.throughput import sensors
+from bench.throughput import errors, sensors
 from bench.throughput.attempts import Limits
-from bench.throughput.cases import CASES, DEFAULTS, ROOFS, STARTS, chosen
+from bench.throughput.cases import CASES, DEFAULTS, ROOFS, SIZE, SMALL, STARTS, chosen
 from bench.throughput.tables import AUDITED, DEFAULT_S, default_row, frames_row, kernel_rows, roofline_rows, start_row
 
 
@@ -104,11 +104,26 @@ def sensors_of_others(m: Measurement) -> dict[str, Any]:
     return {"sensors": {"title": title, "rows": sensors.rows(m.device, m.quick), "note": note}}
 
 
+def errors_against_time(m: Measurement) -> dict[str, Any]:
+    """Measures the error of events and the run time of eight scenes; quick: of one, on a CPU of small images."""
+    size, words = SMALL if m.quick and m.device == "cpu" else SIZE, m.words or (("disk",) if m.quick else ())
+    hz, every = errors.RATE * errors.TRUTH, errors.APART
+    note = (
+        f"Error: Victor-Purpura at 1/ms against dense rendering at {hz} Hz on the same device, of one in {every} rows "
+        f"and columns, {errors.GAPS} gaps. Run time: of 1/{errors.RATE} s, of a graph in one process, where nobody "
+        "waits for single keyframes. With further samples: time_tolerance, and K as upsampling:=auto has it."
+    )
+    title = f"Error against run time, {size[0]}x{size[1]}, one process, {wp.get_device(m.device).name}"
+    found = list(errors.rows(words, size, m.device, m.limits))
+    return {"errors": {"title": title, "rows": found, "note": note}}
+
+
 SECTIONS: Mapping[str, Callable[[Measurement], dict[str, Any]]] = {
     "frames": frames,
     "defaults": defaults,
     "starts": starts,
     "roofline": roofline,
     "sensors": sensors_of_others,
+    "errors": errors_against_time,
 }
 """Name -> what measures it, which may give more sections than one."""

@@ -12,17 +12,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import evis
 from bench import gpu_graph
 from bench.event_sensor.gpu_peers import peers
 from bench.roofline import kernels as roofline
 from bench.roofline.ceilings import Ceilings
 from bench.roofline.counted_source import HIDDEN, ONE, READ, counted, kind_of
 from bench.roofline.launches import symbol_of
+from bench.throughput import errors
 from bench.throughput.attempts import Limits, NotRun, attempt
 from bench.throughput.cases import CASES, Case, chosen
 from bench.throughput.recording import by_name, union
 from bench.throughput.sensors import of_ours
 from bench.throughput.tables import frames_row
+from evis.events.measure.distance import victor_purpura
 
 TINY = Case("spinning_disk", 30, 8, size=(32, 24))
 COUNTED = """
@@ -240,6 +243,37 @@ def test_rows_of_an_earlier_part_are_kept():
     assert made["frames"]["rows"] == [{"run": "b", "median": 2}, {"run": "a", "median": 3}] and "starts" in made
     with pytest.raises(ValueError, match="the earlier report is of 'T', this one of 'U'"):
         gpu_graph.with_rows_of({"frames": {"title": "U", "rows": rows}}, earlier)
+
+
+def test_errors_are_those_of_the_events_at_some_pixels(monkeypatch):
+    """Dense rendering at twice the rate has less error, and at the truth's own rate none; all is of one pixel in 16."""
+    size = (48, 36)
+    of = lambda rate: errors.stream(Case("spinning_disk", rate, 1, size=size), "cpu")
+    truth = of(3840)
+    assert (truth.width, truth.height) == (12, 9) and truth.x.max() < 12 and truth.y.max() < 9
+    assert np.all(np.diff(truth.t) >= 0) and 100_000_000 > truth.t[-1] - truth.t[0] > 90_000_000
+    with evis.Simulation("spinning_disk", width=48, height=36, keyframe_rate=3840, upsampling=1) as simulation:
+        steps = simulation.run(errors.GAPS / errors.RATE)
+    counted = sum(int(((step.events.x % 4 == 0) & (step.events.y % 4 == 0)).sum()) for step in steps if step.events)
+    assert len(truth.t) == counted > 100
+    assert victor_purpura(of(3840), truth, 1.0) == 0.0
+    monkeypatch.setattr(errors, "attempt", lambda *given, **more: {"meter": {"windows": [{"rtf": 2.0}]}})
+    rows = [
+        errors.row(errors.DENSE, Case("spinning_disk", rate, 1, size=size), truth, "cpu", Limits(60.0, 0.0))
+        for rate in (240, 480)
+    ]
+    assert rows[0]["error"] > rows[1]["error"] > 0.0 and rows[0]["samples"] == "240 Hz dense"
+    assert rows[0]["run time [ms]"] == pytest.approx(1e3 / 60, abs=1e-3)
+
+
+def test_errors_against_run_time_are_drawn(tmp_path):
+    pytest.importorskip("matplotlib")
+    rows = [
+        {"scene": "drone", "samples": f"{rate} Hz dense", "error": error, "run time [ms]": ms}
+        for rate, error, ms in ((240, 0.3, 2.0), (960, 0.1, 9.0), (3840, 0.02, None))
+    ]
+    (path,) = gpu_graph.plot({"errors": {"rows": rows}}, tmp_path)
+    assert path.name == "errors.png" and path.stat().st_size > 10_000
 
 
 def test_the_roofline_is_drawn(tmp_path):

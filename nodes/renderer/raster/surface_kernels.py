@@ -114,10 +114,9 @@ def side_of(normal: wp.vec3, ray: wp.vec3):
 
 
 @wp.func
-def seen_face(view: CameraView, seen: Seen, surfaces: Surfaces, pixel: Pixel):
-    """Finds where a pixel's ray meets the triangle that it sees; there must be one."""
+def face_of(view: CameraView, seen: Seen, surfaces: Surfaces, pixel: Pixel, hit: wp.uint64):
+    """Finds where a pixel's ray meets the triangle of a z-buffer entry; there must be one."""
     face = Face()
-    hit = seen.packed[pixel.env, pixel.y, pixel.x]
     t = triangle_of(hit)
     i = surfaces.instance[t]
     d = pixel_ray(view, pixel.x, pixel.y)
@@ -132,6 +131,12 @@ def seen_face(view: CameraView, seen: Seen, surfaces: Surfaces, pixel: Pixel):
     face.normal = side * normal
     face.side = side
     return face
+
+
+@wp.func
+def seen_face(view: CameraView, seen: Seen, surfaces: Surfaces, pixel: Pixel):
+    """Finds where a pixel's ray meets the triangle that it sees; there must be one."""
+    return face_of(view, seen, surfaces, pixel, seen.packed[pixel.env, pixel.y, pixel.x])
 
 
 @wp.func

@@ -7,7 +7,7 @@ from typing import Any
 import warp as wp
 
 from nodes.interpolator.refine.paths.albedo_scale import EVEN
-from nodes.interpolator.refine.paths.motion_kernels import motion_since
+from nodes.interpolator.refine.paths.motion_kernels import motion_since, stride_of
 from nodes.interpolator.refine.samples.list_kernels import ListPart
 from nodes.interpolator.refine.samples.request_kernels import PAINTED, UNKNOWN, make_request, make_requests
 from nodes.interpolator.refine.window_kernels import (
@@ -83,6 +83,9 @@ def make_request_albedo_path(channels: int, waveform_count: int) -> Any:
         last = run.last
         body = scene.targets.pieces[triangle_of(run.before)][0]
         each = probe_spacing(params, scene, px.env)
+        if triangle_of(run.before) == triangle_of(run.after):
+            # One triangle is painted alike: what goes straight is not looked at on the way.
+            each = stride_of(params, scene, px, 0, body, depth_of(run.before))
         listed = run.start
         moved = wp.bool(False)
         gone = wp.float32(0.0)

@@ -136,11 +136,13 @@ def make_remodulate(channels: int, waveform_count: int, kind: tuple[bool, bool, 
     log_albedo = make_log_albedo(*kind)
 
     @wp.func
-    def remodulate(view: CameraView, n: int, y: int, x: int, shown: Seen, surfaces: Surfaces, before: LookUps):
+    def remodulate(
+        view: CameraView, n: int, y: int, x: int, hit: wp.uint64, shown: Seen, surfaces: Surfaces, before: LookUps
+    ):
         """Adds to the light alone, where keyframes tell no more, the texture that a pixel shows; without one they show
         nothing."""
         looks = before
-        texture = log_albedo(view, pixel_at(n, y, x), shown, surfaces)
+        texture = log_albedo(view, pixel_at(n, y, x), hit, shown, surfaces)
         if looks.state_a == DEMODULATED:
             looks.state_a = wp.where(texture == 0.0, HIDDEN, SEEN)
             looks.a += texture
@@ -312,9 +314,7 @@ def make_gather(
                 looks = look_up_both(view, portion, keys, s, env, i, since, behind, wp.where(later, 0, 2))
                 if wp.static(remodulate is not None):
                     if looks.state_a == DEMODULATED or looks.state_b == DEMODULATED:
-                        if wp.static(single):
-                            shown.packed[n, y, x] = hit
-                        looks = remodulate(view, n, y, x, shown, surfaces, looks)
+                        looks = remodulate(view, n, y, x, hit, shown, surfaces, looks)
                 hard = wp.bool(False)
                 if wp.static(not careful):
                     hard = looks.state_a == HARD or looks.state_b == HARD

@@ -8,16 +8,15 @@ import warp as wp
 
 from evis.media.colour import REC709
 from nodes.interpolator.rigid.look_up.look_up_kernels import NO_ALBEDO
-from nodes.renderer.raster.depth_kernels import MISS
+from nodes.renderer.raster.depth_kernels import MISS, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.raster.surface_kernels import (
     Pixel,
     Seen,
     Surfaces,
+    face_of,
     make_surface,
     pixel_at,
-    seen_face,
-    seen_triangle,
 )
 
 wp.set_module_options({"enable_backward": False})
@@ -33,11 +32,14 @@ def make_log_albedo(textures: bool, smooth: bool, tinted: bool) -> Any:
     surface = make_surface(textures, smooth, tinted)
 
     @wp.func
-    def log_albedo(view: CameraView, pixel: Pixel, seen: Seen, surfaces: Surfaces):
-        """Computes ln of the luminance of the albedo that a pixel shows; 0 of what is not textured, glows or is dim."""
-        if seen_triangle(seen, pixel) == MISS:
+    def log_albedo(view: CameraView, pixel: Pixel, hit: wp.uint64, seen: Seen, surfaces: Surfaces):
+        """Computes ln of the luminance of the albedo that a pixel shows; 0 of what is not textured, glows or is dim.
+
+        hit: its z-buffer entry, which need not stand in `seen`.
+        """
+        if triangle_of(hit) == MISS:
             return 0.0
-        face = seen_face(view, seen, surfaces, pixel)
+        face = face_of(view, seen, surfaces, pixel, hit)
         if surfaces.textures.place[face.instance][1] == 0:
             return 0.0
         if wp.max(surfaces.emission[surfaces.material[face.instance]]) > 0.0:
@@ -73,7 +75,7 @@ def make_demodulate(textures: bool, smooth: bool, tinted: bool) -> wp.Kernel:
         env, row, part = wp.tid()
         y = row0 + row
         for x in range(part * span, wp.min(part * span + span, view.width)):
-            texture = log_albedo(view, pixel_at(env, y, x), seen, surfaces)
+            texture = log_albedo(view, pixel_at(env, y, x), seen.packed[env, y, x], seen, surfaces)
             demodulated[env, y, x] = wp.where(texture == 0.0, NO_ALBEDO, logs[env, y, x] - texture)
 
     return demodulate
