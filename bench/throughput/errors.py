@@ -19,6 +19,7 @@ from bench.throughput.attempts import Limits, NotRun, attempt
 from bench.throughput.cases import Case
 from bench.throughput.tables import unaudited
 from evis.events.measure.distance import EventStream, victor_purpura
+from evis.gpu.host_copies import host_array
 from nodes.interpolator.auto.choice import frames_beside_samples
 
 RATE = 30
@@ -49,7 +50,7 @@ def stream(case: Case, device: str) -> EventStream:
     parts: list[list[np.ndarray]] = [[], [], [], []]
     for step in steps:
         if (events := step.events) is not None:
-            fields = [np.asarray(getattr(events, name)) for name in "txyp"]
+            fields = [host_array(getattr(events, name)) for name in "txyp"]
             chosen = (fields[1] % APART == 0) & (fields[2] % APART == 0)
             for part, field in zip(parts, fields):
                 part.append(field[chosen])
