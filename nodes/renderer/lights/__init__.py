@@ -4,5 +4,5 @@
 into the camera's frame; `light_kernels.py` describes them to kernels. `direct_kernels.py` sums what a point gets: from
 lights without size, and from area lights (`area_kernels.py`, in closed form by `rectangle_kernels.py` and by the
 samples of `area_sample_kernels.py`). `sky.py` and `sky_kernels.py` are the sky, of which a glossy lobe gathers by
-`lobe_kernels.py` on a CPU, eight samples at a time (`mirrored.h`).
+`lobe_kernels.py` on a CPU, eight samples at a time (`specular_means.h`).
 """

@@ -12,11 +12,11 @@ from nodes.renderer.raster.depth_kernels import MISS
 from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.raster.surface_kernels import (
     Pixel,
-    Seen,
     Surfaces,
+    VisibilityBuffer,
     make_surface,
     pixel_at,
-    seen_face,
+    primary_hit,
     seen_triangle,
 )
 
@@ -28,21 +28,21 @@ DIM = wp.constant(0.02)
 
 
 @cache
-def make_log_albedo(textures: bool, smooth: bool, tinted: bool) -> Any:
+def make_log_albedo(textures: bool, smooth: bool, vertex_colours: bool) -> Any:
     """Makes the function `log_albedo`."""
-    surface = make_surface(textures, smooth, tinted)
+    surface = make_surface(textures, smooth, vertex_colours)
 
     @wp.func
-    def log_albedo(view: CameraView, pixel: Pixel, seen: Seen, surfaces: Surfaces):
+    def log_albedo(view: CameraView, pixel: Pixel, seen: VisibilityBuffer, surfaces: Surfaces):
         """Computes ln of the luminance of the albedo that a pixel shows; 0 of what is not textured, glows or is dim."""
         if seen_triangle(seen, pixel) == MISS:
             return 0.0
-        face = seen_face(view, seen, surfaces, pixel)
-        if surfaces.textures.place[face.instance][1] == 0:
+        hit = primary_hit(view, seen, surfaces, pixel)
+        if surfaces.textures.place[hit.instance][1] == 0:
             return 0.0
-        if wp.max(surfaces.emission[surfaces.material[face.instance]]) > 0.0:
+        if wp.max(surfaces.emission[surfaces.material[hit.instance]]) > 0.0:
             return 0.0
-        albedo, _facing = surface(view, pixel, seen, surfaces, face)
+        albedo, _facing = surface(view, pixel, seen, surfaces, hit)
         bright = wp.dot(WEIGHTS, albedo)
         if bright < DIM:
             return 0.0
@@ -52,9 +52,9 @@ def make_log_albedo(textures: bool, smooth: bool, tinted: bool) -> Any:
 
 
 @cache
-def make_demodulate(textures: bool, smooth: bool, tinted: bool) -> wp.Kernel:
+def make_demodulate(textures: bool, smooth: bool, vertex_colours: bool) -> wp.Kernel:
     """Makes the kernel `demodulate`."""
-    log_albedo = make_log_albedo(textures, smooth, tinted)
+    log_albedo = make_log_albedo(textures, smooth, vertex_colours)
 
     @wp.kernel(module="unique", enable_backward=False)
     def demodulate(
@@ -62,7 +62,7 @@ def make_demodulate(textures: bool, smooth: bool, tinted: bool) -> wp.Kernel:
         view: CameraView,
         row0: int,
         span: int,
-        seen: Seen,
+        seen: VisibilityBuffer,
         surfaces: Surfaces,
         logs: wp.array3d(dtype=float),
         # out
