@@ -12,12 +12,12 @@ import warp as wp
 
 from nodes.event_sensor.cpu.active_kernels import list_active_row
 from nodes.event_sensor.cpu.crossings_simd_kernels import crossings_at_once
-from nodes.event_sensor.cpu.run_kernels import passed, run_margins
+from nodes.event_sensor.cpu.run_kernels import make_pass_inactive, make_run_margins
 from nodes.event_sensor.model.features import Features
-from nodes.event_sensor.model.pixel_kernels import place_of, sense_pixel
+from nodes.event_sensor.model.pixel_kernels import make_sense_pixel
 from nodes.event_sensor.model.sensor_kernels import EVENTS, LEFT, Sensor
 from nodes.event_sensor.model.state_kernels import RUN, FrequentState, Rare, Run
-from nodes.event_sensor.model.step_kernels import Between, message_of
+from nodes.event_sensor.model.step_kernels import Between, message_of, place_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -49,11 +49,11 @@ def left_over(
 
 
 @lru_cache
-def rows_kernel(features: Features) -> Any:
+def make_sense_rows(features: Features) -> Any:
     """Makes the kernel with just these features."""
-    sense = sense_pixel(features, crossings_at_once(features.curved))
-    margins_of, (run_passes, pixel_passes) = run_margins(features), passed(features)
-    looks_on, straight = features.crossing == "cubic", features.hasty
+    sense_pixel = make_sense_pixel(features, crossings_at_once(features.curved))
+    run_margins, (pass_inactive_run, pass_inactive_pixel) = make_run_margins(features), make_pass_inactive(features)
+    looks_on, straight = features.crossing == "cubic", features.range_decides
 
     @wp.kernel(module="unique", enable_backward=False)
     def sense_rows(
@@ -119,14 +119,14 @@ def rows_kernel(features: Features) -> Any:
             while i < row:
                 many = wp.min(row - i, wp.static(RUN))
                 margins = Run(-1.0)
-                if wp.static(not features.coin and features.curved):
+                if wp.static(not features.bernoulli_leak and features.curved):
                     if whole and many == wp.static(RUN):
-                        margins = margins_of(
+                        margins = run_margins(
                             sensor, state, luminance_runs, slope_runs, start + i, at_first + wp.int64(i),
                             wp.int64(size), count, longest, t_end,
                         )  # fmt: skip
                         if wp.min(margins) >= 0.0:
-                            run_passes(
+                            pass_inactive_run(
                                 sensor, luminance, luminance_runs, dlog_dt, slope_runs, start + i, at_end + wp.int64(i),
                                 wp.int64(size), count, state,
                             )  # fmt: skip
@@ -135,7 +135,7 @@ def rows_kernel(features: Features) -> Any:
                 place_in_run = int(0)
                 while place_in_run < many:
                     if margins[place_in_run] >= 0.0:
-                        pixel_passes(
+                        pass_inactive_pixel(
                             sensor, luminance, dlog_dt, start + i, at_end + wp.int64(i), wp.int64(size), count, state
                         )  # fmt: skip
                     else:
@@ -148,7 +148,7 @@ def rows_kernel(features: Features) -> Any:
             i = active[j + 1]
             kept = saved(counters)
             place = place_of(sensor, env, y, i // sensor.channels, i % sensor.channels)
-            sense(sensor, place, begin[env], message, state, side, state, side, rare, keys, counters)
+            sense_pixel(sensor, place, begin[env], message, state, side, state, side, rare, keys, counters)
             if left_over(sensor, kept, start + i, counters):
                 return
             j += 1
