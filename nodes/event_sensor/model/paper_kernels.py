@@ -25,7 +25,6 @@ from nodes.event_sensor.model.sensor_kernels import (
     has_level,
     light_seen,
 )
-from nodes.event_sensor.model.step_kernels import Place, place_of
 from nodes.event_sensor.model.threshold_kernels import thresholds_crossed
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -75,20 +74,17 @@ def ln_as_prescribed(x: wp.float64):
 
 @wp.func
 def fire(
-    # in
     sensor: Sensor,
+    pixel: PaperPixel,
     now: wp.int64,
     key: wp.int64,
     n: wp.int32,
-    noise: wp.bool,
-    # in and out
-    pixel: PaperPixel,
     written: wp.int32,
-    # out
     keys: wp.array(dtype=wp.int64),
     counters: wp.array(dtype=wp.int64),
+    noise: wp.bool,
 ):
-    """Writes those of n events at `now` that the refractory period leaves; returns the pixel and `written` after them.
+    """Writes those of n events at `now` that the refractory period leaves; returns how many.
 
     written: events of this pixel in this step so far. noise: whether they are, for a sensor that marks its events.
     """
@@ -109,58 +105,17 @@ def fire(
             if slot < sensor.capacity:
                 keys[slot] = event
         j += 1
-    if left > 0:
-        pixel.t_last = now
-        pixel.fired = 1
-    return pixel, written + left
-
-
-@wp.func
-def fire_by_noise(
-    # in
-    sensor: Sensor,
-    place: Place,
-    start: wp.int64,
-    now: wp.int64,
-    head: wp.int64,
-    leak_rate: wp.float64,
-    hot_rate: wp.float64,
-    stream: wp.uint64,
-    # in and out
-    pixel: PaperPixel,
-    written: wp.int32,
-    # out
-    keys: wp.array(dtype=wp.int64),
-    counters: wp.array(dtype=wp.int64),
-):
-    """Draws for a step from `start` to `now` [ns] whether leak, shot noise and a hot pixel fire; see `fire`.
-
-    head: key of its events, but for the pixel and polarity. stream: of the pixel's random numbers.
-    """
-    dt = wp.float64(now - start) * wp.float64(1.0e-9)
-    seen = wp.clamp(wp.float64(pixel.last) / sensor.shot_white, wp.float64(0.0), wp.float64(1.0))
-    bits = mix(stream ^ mix(wp.uint64(now - pixel.origin)))
-    kind = int(0)
-    while kind < 3:
-        rate = leak_rate
-        if kind == 1:
-            rate = sensor.shot_rate * (wp.float64(1.0) - seen)
-        if kind == 2:
-            rate = hot_rate
-        chance = draw(bits, wp.int64(kind))
-        if uniform(chance) < rate * dt:
-            on = kind == 0 or (mix(chance) & wp.uint64(1)) != wp.uint64(0)
-            key = head | key_tail(sensor, place.y, place.x, place.c, on)
-            pixel, written = fire(sensor, now, key, 1, True, pixel, written, keys, counters)
-        kind += 1
-    return pixel, written
+    return left
 
 
 @wp.func
 def sense_paper(
     # in
     sensor: Sensor,
-    place: Place,
+    env: wp.int32,
+    y: wp.int32,
+    x: wp.int32,
+    c: wp.int32,
     begin: wp.int32,
     episode: wp.int32,
     luminance: wp.array(dtype=wp.float32),
@@ -179,8 +134,9 @@ def sense_paper(
     """Takes one pixel through all steps of a message."""
     count = t.shape[0]
     size = sensor.height * sensor.width * sensor.channels
-    index = place.index
-    first = wp.int64(place.env) * wp.int64(count) * wp.int64(size) + wp.int64(place.inner)
+    inner = (y * sensor.width + x) * sensor.channels + c
+    index = env * size + inner
+    first = wp.int64(env) * wp.int64(count) * wp.int64(size) + wp.int64(inner)
     pixel = before[index]
     if begin != 0:
         pixel.reference = wp.float64(wp.nan)
@@ -190,14 +146,14 @@ def sense_paper(
     if thresholds_on.shape[0] > 0:
         c_on = wp.float64(thresholds_on[index])
         c_off = wp.float64(thresholds_off[index])
-    hot_rate = wp.float64(0.0)
+    hot = wp.float64(0.0)
     if hot_rates.shape[0] > 0:
-        hot_rate = wp.float64(hot_rates[index])
-    leak_rate = wp.float64(0.0)
+        hot = wp.float64(hot_rates[index])
+    leak = wp.float64(0.0)
     if leak_rates.shape[0] > 0:
-        leak_rate = wp.float64(leak_rates[index])
-    noisy = hot_rate + leak_rate + sensor.shot_rate > wp.float64(0.0)
-    stream = stream_of(sensor.seed + wp.int64(place.env), place.inner, episode)
+        leak = wp.float64(leak_rates[index])
+    noisy = hot + leak + sensor.shot_rate > wp.float64(0.0)
+    stream = stream_of(sensor.seed + wp.int64(env), inner, episode)
     start = t_base
     k = int(0)
     while k < count:
@@ -213,7 +169,7 @@ def sense_paper(
                 pixel.last = v
                 count_clipped(sensor, v, counters)
         else:
-            head = key_head(sensor, place.env) | key_time(sensor, now - t_base)
+            head = key_head(sensor, env) | key_time(sensor, now - t_base)
             written = int(0)
             if ok:
                 pixel.last = v
@@ -222,12 +178,33 @@ def sense_paper(
                 on = delta > wp.float64(0.0)
                 n, signed = thresholds_crossed(delta, c_on, c_off, wp.float64(0.0))
                 pixel.reference = pixel.reference + signed * wp.float64(n)
-                key = head | key_tail(sensor, place.y, place.x, place.c, on)
-                pixel, written = fire(sensor, now, key, n, False, pixel, written, keys, counters)
+                key = head | key_tail(sensor, y, x, c, on)
+                left = fire(sensor, pixel, now, key, n, written, keys, counters, False)
+                if left > 0:
+                    written += left
+                    pixel.t_last = now
+                    pixel.fired = 1
             if noisy:
-                pixel, written = fire_by_noise(
-                    sensor, place, start, now, head, leak_rate, hot_rate, stream, pixel, written, keys, counters
-                )
+                dt = wp.float64(now - start) * wp.float64(1.0e-9)
+                seen = wp.clamp(wp.float64(pixel.last) / sensor.shot_white, wp.float64(0.0), wp.float64(1.0))
+                bits = mix(stream ^ mix(wp.uint64(now - pixel.origin)))
+                kind = int(0)
+                while kind < 3:
+                    rate = leak
+                    if kind == 1:
+                        rate = sensor.shot_rate * (wp.float64(1.0) - seen)
+                    if kind == 2:
+                        rate = hot
+                    chance = draw(bits, wp.int64(kind))
+                    if uniform(chance) < rate * dt:
+                        on = kind == 0 or (mix(chance) & wp.uint64(1)) != wp.uint64(0)
+                        key = head | key_tail(sensor, y, x, c, on)
+                        left = fire(sensor, pixel, now, key, 1, written, keys, counters, True)
+                        if left > 0:
+                            written += left
+                            pixel.t_last = now
+                            pixel.fired = 1
+                    kind += 1
         start = now
         k += 1
     after[index] = pixel
@@ -258,9 +235,8 @@ def paper(
     column = group * columns
     end = column + columns
     while column < end:
-        place = place_of(sensor, env, y, column // sensor.channels, column % sensor.channels)
         sense_paper(
-            sensor, place, begin[env], episodes[0, env], luminance, t, t_base, thresholds_on, thresholds_off,
-            leak_rates, hot_rates, before, after, keys, counters,
+            sensor, env, y, column // sensor.channels, column % sensor.channels, begin[env], episodes[0, env],
+            luminance, t, t_base, thresholds_on, thresholds_off, leak_rates, hot_rates, before, after, keys, counters,
         )  # fmt: skip
         column += 1
