@@ -169,7 +169,7 @@ def atomics_rows(quick: bool, device: str) -> list[dict[str, Any]]:
         sensor = EventSensor(480, 640, device=device)
         passes = sensor._engine
         assert isinstance(passes, IdealPasses)
-        passes._kernel = ideal_kernels.sense_kernel(False, False, room)
+        passes._kernel = ideal_kernels.make_sense_active(False, False, room)
         loop = Loop(sensor, images)
         us, events = loop.timed(calls, CALLS)
         rows.append(

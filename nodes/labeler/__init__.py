@@ -1,7 +1,13 @@
 """Computes exact ground truth at the stamps of the event packets.
 
 `node.py` joins the state and images of one stamp and publishes a Labels message, only with what `kinds.py` lists and
-somebody asked for: `body_labels.py` takes it out of the state, `image_labels.py` makes it of depth and ids,
-`mesh_labels.py` of the scene's meshes, by rays (`ray_caster.py`) at the time of each event (`event_labels.py`, paired
-with their packets by `event_pairing.py`) or at both ends of an interval (`interval_flow.py`).
+somebody asked for:
+
+- of bodies, out of the state: `body_labels.py`;
+- of what a pixel shows, made of depth and ids: `image_labels.py`, by `image_label_kernels.py`, with boxes of what
+  `box_groups.py` chooses;
+- of the scene's meshes, `mesh_labels.py`: boxes that turn with bodies (`oriented_boxes.py`), and by rays
+  (`ray_caster.py`, `ray_caster_kernels.py`) at the time of each event (`event_labels.py`, paired with their packets by
+  `event_pairing.py`), or at both ends of an interval (`interval_flow.py`, by `instants.py` and `instant_kernels.py`).
+  `motion_history.py` knows where bodies were, and `motion_kernels.py` where they are between the states.
 """

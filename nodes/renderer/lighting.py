@@ -17,7 +17,7 @@ from nodes.renderer.lights.features import Features
 from nodes.renderer.lights.lights import LightSet, check_colour
 from nodes.renderer.lights.sky import make_sky
 from nodes.renderer.materials.ggx import alpha_of, is_plain
-from nodes.renderer.raster.surface_kernels import Seen, Surfaces
+from nodes.renderer.raster.surface_kernels import Surfaces, VisibilityBuffer
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.shading import shading_kernels
 from nodes.renderer.shading.cache_kernels import ShadingCache
@@ -104,7 +104,7 @@ class Shading:
         cached = options.remember and self._cacheable()
         self._listed = not options.remember
         self._still_place = -1
-        self._kept = self._make_cache(visibility.shape if cached else (0, 0, 0))
+        self._cache = self._make_cache(visibility.shape if cached else (0, 0, 0))
         # Pixels that were not finite, and that were clipped, of each thread that shares the rows.
         self._host_counts: HostCopies | None = None
         self._counts = wp.zeros((2, len(visibility.row_tiles.parts)), dtype=wp.int32, device=self.device)
@@ -145,7 +145,7 @@ class Shading:
         return Features(
             textures=textured,
             smooth=geometry.smooth is not None,
-            tinted=geometry.tint is not None,
+            vertex_colours=geometry.tint is not None,
             gloss=gloss,
             directional="directional" in kinds,
             point="point" in kinds,
@@ -154,34 +154,34 @@ class Shading:
             hard=shadows and any(light.shadows and light.kind != "area" for light in scene.lights),
             soft=shadows and any(light.shadows and light.kind == "area" for light in scene.lights),
             flicker=self.lights.flickers,
-            mapped=scene.environment_map is not None,
-            ambience=not rays,
+            sky_map=scene.environment_map is not None,
+            ambient=not rays,
             trees=self.occluders.trees,
-            joined=self._merged,
+            merged=self._merged,
             cached=cached,
-            masked=self.shadow_pass is not None,
+            shadow_pass=self.shadow_pass is not None,
             grids=self._grid is not None,
             tiled=self._tiled,
             by_runs=self.device.is_cpu,
-            fast=self.device.is_cuda,
+            fast_math=self.device.is_cuda,
             half=self._half and not rays,
         )
 
     def _make_cache(self, shape: tuple[int, ...]) -> ShadingCache:
         """Makes an empty memory of still surfaces for an image [E, H, W]."""
-        kept = ShadingCache()
-        kept.triangle = wp.full(shape, -1, dtype=wp.int32, device=self.device)
-        kept.lit = wp.zeros(shape, dtype=wp.uint32, device=self.device)
-        kept.colour = wp.zeros(shape, dtype=wp.vec3, device=self.device)
-        return kept
+        cache = ShadingCache()
+        cache.triangle = wp.full(shape, -1, dtype=wp.int32, device=self.device)
+        cache.lit_mask = wp.zeros(shape, dtype=wp.uint32, device=self.device)
+        cache.radiance = wp.zeros(shape, dtype=wp.vec3, device=self.device)
+        return cache
 
-    def _make_seen(self) -> Seen:
+    def _make_seen(self) -> VisibilityBuffer:
         """Gathers what the kernels read of the visibility and of the shadow pass."""
-        v, seen = self.visibility, Seen()
+        v, seen = self.visibility, VisibilityBuffer()
         seen.packed, seen.vertices = v.packed, v.vertices
         seen.rotation, seen.translation = v.rotation, v.translation
         if self.shadow_pass is not None:
-            seen.hidden = self.shadow_pass.hidden
+            seen.shadow_mask = self.shadow_pass.shadow_mask
         return seen
 
     def update(self, frames: InstancePoses) -> None:
@@ -190,7 +190,7 @@ class Shading:
         self.occluders.update(frames)
         if self.features.cached and self._still_place != self.visibility.still_place:
             self._still_place = self.visibility.still_place
-            self._kept.triangle.fill_(-1)
+            self._cache.triangle.fill_(-1)
 
     def set_time(self, t_ns: int | np.ndarray) -> bool:
         """Sets flickering lights to what they are at an instant; True where one is not as it was."""
@@ -291,7 +291,7 @@ class Shading:
         light = [self.seen, self.surfaces, self.lights.kernel, self.sky, self.occluders.casters]
         kernel = self._list_kernel if listed else self._kernel
         grid = self._no_grid if self._grid is None else self._grid.kernel
-        launch(kernel, [*light, grid, self._kept, image if self.paths is None else self._direct])
+        launch(kernel, [*light, grid, self._cache, image if self.paths is None else self._direct])
         if self.paths is not None:
             launch(self.paths.kernel(listed), self.paths.arguments(light, image))
 

@@ -70,7 +70,7 @@ def test_one_spelling_of_kernels_and_no_utils() -> None:
         assert not {"util", "utils", "helpers", "misc", "common"} & set(path.stem.split("_")), path
 
 
-@pytest.mark.parametrize("house", ["nodes/interpolator", "nodes/renderer"])
+@pytest.mark.parametrize("house", ["nodes/event_sensor", "nodes/interpolator", "nodes/labeler", "nodes/renderer"])
 def test_a_room_tells_what_is_in_it(house: str) -> None:
     """The docstring of each package in these deep trees names its files and rooms, all of them and no others."""
     for package in sorted((ROOT / house).rglob("__init__.py")):

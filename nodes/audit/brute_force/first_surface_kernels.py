@@ -9,7 +9,7 @@ from functools import cache
 
 import warp as wp
 
-from nodes.renderer.paths.trace_kernels import make_first_hit
+from nodes.renderer.paths.first_hit_kernels import make_first_hit
 from nodes.renderer.raster.bounds_kernels import facing
 from nodes.renderer.raster.depth_kernels import MISS, entry_of, face_from
 from nodes.renderer.raster.lens.view_kernels import CameraView

@@ -29,8 +29,8 @@ def fire_on_line(
 ) -> wp.int64:  # fmt: skip
     """Writes the events of n crossings of a straight line; returns the last's time.
 
-    keys: with SPARE places beyond its capacity. Parameters as in emission_kernels.crossings_fired; threshold with its
-    sign; cap: no more than sensor.event_cap a step.
+    keys: with SPARE places beyond its capacity. Parameters as of `emit_crossings` in emission_kernels; threshold with
+    its sign; cap: no more than sensor.event_cap a step.
     """
     ...
 

@@ -17,7 +17,7 @@ from nodes.event_sensor.cpu.ideal_kernels import (
     STATUS,
     STEP,
     Lists,
-    ideal_kernel,
+    make_sense_ideal,
 )
 from nodes.event_sensor.cpu.simd_kernels import IdealState, room_for_block
 from nodes.event_sensor.input.batch import Batch, SampleLists
@@ -71,7 +71,7 @@ class IdealEngine:
     def __init__(self, total: int, frame: bool, layout: KeyLayout) -> None:
         """total: pixels and channels of all environments. frame: events carry the stamp of their frame. layout: of
         their keys."""
-        self._kernel, self._frame, self._layout = ideal_kernel(frame), frame, layout
+        self._kernel, self._frame, self._layout = make_sense_ideal(frame), frame, layout
         self._none: wp.array = wp.zeros(0, dtype=wp.int32, device="cpu")
         self._further: Any = None
         self._state: Any = IdealState()
@@ -101,7 +101,7 @@ class IdealEngine:
         lists = batch.further
         inputs = [sensor, batch.images, batch.t, batch.t_base, batch.begin]
         inputs += [self._none, 1] if lists is None else [lists.first, lists.shared]
-        kernel = self._kernel if lists is None else ideal_kernel(self._frame, True)
+        kernel = self._kernel if lists is None else make_sense_ideal(self._frame, True)
         while self._progress[STATUS] != JOINS:
             kept = [self._state, self._work, self._lists.kernel, self._progress_there]
             wp.launch(kernel, 1, [*inputs, *kept], [keys, counters], device="cpu")

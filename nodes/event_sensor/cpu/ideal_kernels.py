@@ -81,6 +81,15 @@ def pause(status: wp.int32, needed: wp.int64, step: wp.int32, progress: wp.array
 
 
 @wp.func
+def go_on_at(env: wp.int32, group: wp.int32, block: wp.int32, k: wp.int32, progress: wp.array(dtype=wp.int64)):
+    """Writes where the next launch goes on."""
+    progress[AT_ENV] = wp.int64(env)
+    progress[AT_GROUP] = wp.int64(group)
+    progress[AT_BLOCK] = wp.int64(block)
+    progress[AT_STEP] = wp.int64(k)
+
+
+@wp.func
 def sort_group(
     # in
     sensor: Sensor,
@@ -119,14 +128,14 @@ def sort_group(
 
 
 @lru_cache
-def ideal_kernel(frame: bool, further: bool = False) -> Any:
+def make_sense_ideal(frame: bool, further: bool = False) -> Any:
     """Makes the kernel, for one thread. frame: events carry the stamp of their frame, not of their crossing.
 
     further: pixels that have further samples between the frames are left as they are, for further_kernels.
     """
 
     @wp.kernel(module="unique", enable_backward=False)
-    def sense(
+    def sense_ideal(
         # in
         sensor: Sensor,
         luminance: wp.array(dtype=wp.float32),
@@ -178,10 +187,7 @@ def ideal_kernel(frame: bool, further: bool = False) -> Any:
                             place = lists.taken[k - group]
                             if place + events + wp.int64(SPARE) > lists.room[k - group]:
                                 pause(OUTGROWN, place + events + wp.int64(SPARE), k - group, progress)
-                                progress[AT_ENV] = wp.int64(env)
-                                progress[AT_GROUP] = wp.int64(group)
-                                progress[AT_BLOCK] = wp.int64(block)
-                                progress[AT_STEP] = wp.int64(k)
+                                go_on_at(env, group, block, k, progress)
                                 return
                             commit(index, n, work, state, counters)
                             emit_listed(sensor, span, wp.static(frame), n, work, lists.keys[k - group], place)
@@ -198,10 +204,7 @@ def ideal_kernel(frame: bool, further: bool = False) -> Any:
                     block += BLOCK
                     k = group
                 if not sort_group(sensor, env, group, end, t, t_base, lists, keys, counters, progress):
-                    progress[AT_ENV] = wp.int64(env)
-                    progress[AT_GROUP] = wp.int64(group)
-                    progress[AT_BLOCK] = wp.int64(size)
-                    progress[AT_STEP] = wp.int64(group)
+                    go_on_at(env, group, size, group, progress)
                     return
                 group += GROUP
                 block = 0
@@ -211,4 +214,4 @@ def ideal_kernel(frame: bool, further: bool = False) -> Any:
             block = 0
             k = 0
 
-    return sense
+    return sense_ideal

@@ -12,12 +12,12 @@ import warp as wp
 
 from nodes.event_sensor.cpu.active_kernels import list_active_row
 from nodes.event_sensor.cpu.crossings_simd_kernels import crossings_at_once
-from nodes.event_sensor.cpu.run_kernels import passed, run_margins
+from nodes.event_sensor.cpu.run_kernels import make_pass_inactive, make_run_margins
 from nodes.event_sensor.model.features import Features
-from nodes.event_sensor.model.pixel_kernels import place_of, sense_pixel
+from nodes.event_sensor.model.pixel_kernels import make_sense_pixel
 from nodes.event_sensor.model.sensor_kernels import EVENTS, LEFT, Sensor
 from nodes.event_sensor.model.state_kernels import RUN, FrequentState, Rare, Run
-from nodes.event_sensor.model.step_kernels import Between, message_of
+from nodes.event_sensor.model.step_kernels import Between, Message, message_of, place_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -48,12 +48,90 @@ def left_over(
     return True
 
 
+@wp.func
+def longest_step(t: wp.array(dtype=wp.int64), t_base: wp.int64, count: wp.int32):
+    """Gives the length of the longest step of a message [ns]."""
+    longest = wp.float32(t[0] - t_base)
+    k = int(1)
+    while k < count:
+        longest = wp.max(longest, wp.float32(t[k] - t[k - 1]))
+        k += 1
+    return longest
+
+
 @lru_cache
-def rows_kernel(features: Features) -> Any:
-    """Makes the kernel with just these features."""
-    sense = sense_pixel(features, crossings_at_once(features.curved))
-    margins_of, (run_passes, pixel_passes) = run_margins(features), passed(features)
-    looks_on, straight = features.crossing == "cubic", features.hasty
+def make_list_row(features: Features) -> Any:
+    """Makes the function `list_row`."""
+    run_margins, (pass_inactive_run, pass_inactive_pixel) = make_run_margins(features), make_pass_inactive(features)
+
+    @wp.func(inline=True)
+    def list_row(
+        # in
+        sensor: Sensor,
+        message: Message,
+        luminance_runs: wp.array(dtype=Run),
+        slope_runs: wp.array(dtype=Run),
+        start: wp.int32,
+        row: wp.int32,
+        at_first: wp.int64,
+        stride: wp.int64,
+        whole: wp.bool,
+        # in and out
+        state: FrequentState,
+        # out
+        rare: wp.array2d(dtype=Rare),
+        active: wp.array(dtype=wp.int32),
+    ):
+        """Lists the pixels of a row to which something may happen, and keeps what is needed of the others.
+
+        start, at_first: of the row's first pixel, in the state and in the first frame. row: its pixels. stride: from
+        frame to frame. whole: runs of pixels may be tested as a whole. active: as of list_active_row.
+        """
+        count = message.count
+        at_end = at_first + wp.int64(count - 1) * stride
+        t_end = message.t[count - 1]
+        longest = longest_step(message.t, message.t_base, count)
+        active[0] = 0
+        i = int(0)
+        margins = Run()
+        while i < row:
+            many = wp.min(row - i, wp.static(RUN))
+            margins = Run(-1.0)
+            if wp.static(not features.bernoulli_leak and features.curved):
+                if whole and many == wp.static(RUN):
+                    margins = run_margins(
+                        sensor, state, luminance_runs, slope_runs, start + i, at_first + wp.int64(i), stride, count,
+                        longest, t_end,
+                    )  # fmt: skip
+                    if wp.min(margins) >= 0.0:
+                        pass_inactive_run(
+                            sensor, message.luminance, luminance_runs, message.dlog_dt, slope_runs, start + i,
+                            at_end + wp.int64(i), stride, count, state,
+                        )  # fmt: skip
+                        i += wp.static(RUN)
+                        continue
+            place_in_run = int(0)
+            while place_in_run < many:
+                if margins[place_in_run] >= 0.0:
+                    pass_inactive_pixel(
+                        sensor, message.luminance, message.dlog_dt, start + i, at_end + wp.int64(i), stride, count,
+                        state,
+                    )  # fmt: skip
+                else:
+                    active[0] = active[0] + 1
+                    active[active[0]] = i
+                    fetch(rare, start + i)
+                i += 1
+                place_in_run += 1
+
+    return list_row
+
+
+@lru_cache
+def make_sense_rows(features: Features) -> Any:
+    """Makes the kernel `sense_rows` with just these features."""
+    sense_pixel, list_row = make_sense_pixel(features, crossings_at_once(features.curved)), make_list_row(features)
+    looks_on, straight = features.crossing == "cubic", features.range_decides
 
     @wp.kernel(module="unique", enable_backward=False)
     def sense_rows(
@@ -90,15 +168,8 @@ def rows_kernel(features: Features) -> Any:
         size = sensor.height * row
         start = env * size + y * row
         at_first = wp.int64(env) * wp.int64(frames) * wp.int64(size) + wp.int64(y * row)
-        at_end = at_first + wp.int64(count - 1) * wp.int64(size)
         # Environments that begin here have no range yet, and a cubic without the frame after has another curve.
         whole = begin[env] == 0 and not (wp.static(looks_on) and frames == count)
-        t_end = t[count - 1]
-        longest = wp.float32(t[0] - t_base)
-        k = int(1)
-        while k < count:
-            longest = wp.max(longest, wp.float32(t[k] - t[k - 1]))
-            k += 1
         # First the pixels to which something may happen are listed, so that what is kept of them can be on its way.
         j = int(0)
         going_on = resume - 1 - start
@@ -109,46 +180,19 @@ def rows_kernel(features: Features) -> Any:
                 j += 1
         elif wp.static(straight) and whole:
             list_active_row(
-                luminance, at_first, wp.int64(size), count, t_end, state, start, row, rare, between.first,
+                luminance, at_first, wp.int64(size), count, t[count - 1], state, start, row, rare, between.first,
                 between.shared, active,
             )  # fmt: skip
         else:
-            active[0] = 0
-            i = int(0)
-            margins = Run()
-            while i < row:
-                many = wp.min(row - i, wp.static(RUN))
-                margins = Run(-1.0)
-                if wp.static(not features.coin and features.curved):
-                    if whole and many == wp.static(RUN):
-                        margins = margins_of(
-                            sensor, state, luminance_runs, slope_runs, start + i, at_first + wp.int64(i),
-                            wp.int64(size), count, longest, t_end,
-                        )  # fmt: skip
-                        if wp.min(margins) >= 0.0:
-                            run_passes(
-                                sensor, luminance, luminance_runs, dlog_dt, slope_runs, start + i, at_end + wp.int64(i),
-                                wp.int64(size), count, state,
-                            )  # fmt: skip
-                            i += wp.static(RUN)
-                            continue
-                place_in_run = int(0)
-                while place_in_run < many:
-                    if margins[place_in_run] >= 0.0:
-                        pixel_passes(
-                            sensor, luminance, dlog_dt, start + i, at_end + wp.int64(i), wp.int64(size), count, state
-                        )  # fmt: skip
-                    else:
-                        active[0] = active[0] + 1
-                        active[active[0]] = i
-                        fetch(rare, start + i)
-                    i += 1
-                    place_in_run += 1
+            list_row(
+                sensor, message, luminance_runs, slope_runs, start, row, at_first, wp.int64(size), whole, state, rare,
+                active,
+            )  # fmt: skip
         while j < active[0]:
             i = active[j + 1]
             kept = saved(counters)
             place = place_of(sensor, env, y, i // sensor.channels, i % sensor.channels)
-            sense(sensor, place, begin[env], message, state, side, state, side, rare, keys, counters)
+            sense_pixel(sensor, place, begin[env], message, state, side, state, side, rare, keys, counters)
             if left_over(sensor, kept, start + i, counters):
                 return
             j += 1

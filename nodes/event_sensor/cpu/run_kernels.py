@@ -40,8 +40,8 @@ def straight_margins(
 
 
 @lru_cache
-def run_margins(features: Features) -> Any:
-    """Makes the function of a number per pixel of a run, below 0 where something may happen to it up to `t_end`."""
+def make_run_margins(features: Features) -> Any:
+    """Makes the function `run_margins`: a number per pixel of a run, below 0 where something may happen to it."""
     cubic, hermite, timed = features.crossing == "cubic", features.crossing == "hermite", features.timed
 
     @wp.func
@@ -57,7 +57,7 @@ def run_margins(features: Features) -> Any:
         count: wp.int32,
         longest: wp.float32,
     ):
-        """Computes the margins to the bounds of surely_inactive, for all steps of `longest` ns at most together."""
+        """Computes the margins to the bounds of `curve_inactive`, for all steps of `longest` ns at most together."""
         dark = Run(wp.float32(sensor.dark_level))
         v = luminance_runs[at]
         least = wp.min(v, state.last_runs[index])
@@ -96,7 +96,7 @@ def run_margins(features: Features) -> Any:
         return wp.min(margins, Run(0.999) - third) + finite + (early - early)
 
     @wp.func
-    def margins_of(
+    def run_margins(
         # in
         sensor: Sensor,
         state: FrequentState,
@@ -124,16 +124,17 @@ def run_margins(features: Features) -> Any:
                         margins[lane] = -1.0
         return margins
 
-    return margins_of
+    return run_margins
 
 
 @lru_cache
-def passed(features: Features) -> tuple[Any, Any]:
-    """Makes the functions, of a run and of a pixel, that keep what is needed of a message in which it was inactive."""
+def make_pass_inactive(features: Features) -> tuple[Any, Any]:
+    """Makes the functions `pass_inactive_run` and `pass_inactive_pixel`: they keep what is needed of a message in which
+    nothing happened."""
     curved, hermite = features.curved, features.crossing == "hermite"
 
     @wp.func
-    def one(
+    def pass_inactive_pixel(
         # in
         sensor: Sensor,
         luminance: wp.array(dtype=wp.float32),
@@ -163,7 +164,7 @@ def passed(features: Features) -> tuple[Any, Any]:
         state.last[index] = luminance[at]
 
     @wp.func
-    def run(
+    def pass_inactive_run(
         # in
         sensor: Sensor,
         luminance: wp.array(dtype=wp.float32),
@@ -182,7 +183,9 @@ def passed(features: Features) -> tuple[Any, Any]:
             if sensor.dark_level > wp.float64(0.0):
                 lane = int(0)
                 while lane < wp.static(RUN):
-                    one(sensor, luminance, slopes, index + lane, at + wp.int64(lane), stride, count, state)
+                    pass_inactive_pixel(
+                        sensor, luminance, slopes, index + lane, at + wp.int64(lane), stride, count, state
+                    )
                     lane += 1
                 return
             state.earlier_runs[index] = state.early_runs[index]
@@ -202,4 +205,4 @@ def passed(features: Features) -> tuple[Any, Any]:
             state.early_runs[index] = before
         state.last_runs[index] = luminance_runs[at]
 
-    return run, one
+    return pass_inactive_run, pass_inactive_pixel

@@ -28,7 +28,7 @@ FULL_FROM = wp.constant(len(COUNTERS) + 2)
 BLOCKED = wp.constant(len(COUNTERS) + 3)
 """Not 0 while the host has to make room for an earlier call."""
 COUNTS = len(COUNTERS) + 4
-NOWHERE = 0x7FFFFFFFFFFFFFFF
+NOT_FULL = 0x7FFFFFFFFFFFFFFF
 """FULL_FROM while there is room."""
 
 # Results, int64, in memory of the host; the first COUNTS are the counters.

@@ -30,7 +30,7 @@ class IdealPasses:
         self._size, self._device = size, device
         # Of one environment a call may have the frames of many messages. With few frames threads lose more by going
         # apart than they gain: 30 % of the pass for eight warehouses of 4 frames and 1,024 disks of 8.
-        self._kernel = ideal_kernels.sense_kernel(frame, ahead=total == size)
+        self._kernel = ideal_kernels.make_sense_active(frame, ahead=total == size)
         self._state = ideal_kernels.IdealState()
         self._state.last = wp.zeros(total, dtype=wp.float32, device=device)
         self._state.low = wp.full(total, float("inf"), dtype=wp.float32, device=device)

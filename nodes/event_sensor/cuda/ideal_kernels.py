@@ -1,7 +1,7 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
 """Computes the ideal sensor's events on a GPU: one pass over all pixels finds those with events, and one senses these.
 
-Pixels that have further samples between the frames are listed too, and walked through all samples in the order of time.
+Pixels that have further samples between the frames are listed too, and sensed sample by sample in the order of time.
 
 The first pass reads every sample of a frame and the inactive range once and writes the last sample: 4 K + 12 bytes a
 pixel for K frames. The second has a thread for every pixel that left its range, so that a warp does not wait for the
@@ -69,13 +69,13 @@ class IdealState:
 
 
 @wp.func
-def inside(v: wp.float32, low: wp.float32, high: wp.float32):
+def in_range(v: wp.float32, low: wp.float32, high: wp.float32):
     """Returns 1 in the range, 0 outside and for NaN."""
     return wp.where(v >= low and v <= high, 1, 0)
 
 
 @wp.func
-def list_of(call: wp.array(dtype=wp.int64), index: wp.int32):
+def further_entries(call: wp.array(dtype=wp.int64), index: wp.int32):
     """Returns where the further samples of a pixel and channel begin and end."""
     found = wp.vec2i(0, 0)
     there = call[FIRST] != wp.int64(0)
@@ -105,7 +105,42 @@ def value_at(call: wp.array(dtype=wp.int64), entry: wp.int32, index: wp.int32):
 
 
 @wp.func
-def must_wait(sensor: Sensor, before: wp.array(dtype=wp.int64)):
+def further_is_next(call: wp.array(dtype=wp.int64), entry: wp.int32, end: wp.int32, stamp: wp.int64):
+    """Tells whether further sample `entry`, of those before `end`, comes before a frame's stamp [ns]."""
+    found = bool(False)
+    if entry < end:
+        found = call[T_BASE] + offset_at(call, entry) < stamp
+    return found
+
+
+@wp.func
+def sample_before(call: wp.array(dtype=wp.int64), entries: wp.vec2i, first: wp.int32):
+    """Finds where a pixel goes on that has dealt with `first` samples: next frame, next further sample, and the stamp
+    [ns] of the sample before.
+
+    entries: of further_entries.
+    """
+    entry = int(entries[0])
+    start = call[T_BASE]
+    k = int(0)
+    if entry == entries[1]:
+        k = first
+        if k > 0:
+            start = call[STAMPS + k - 1]
+    number = int(k)
+    while number < first:
+        start = call[STAMPS + k]
+        if further_is_next(call, entry, entries[1], start):
+            start = call[T_BASE] + offset_at(call, entry)
+            entry += 1
+        else:
+            k += 1
+        number += 1
+    return k, entry, start
+
+
+@wp.func
+def earlier_call_waits(sensor: Sensor, before: wp.array(dtype=wp.int64)):
     """Tells whether the call before, whose counters these are, did not end: the state is not yet that after it."""
     return before[BLOCKED] != wp.int64(0) or before[EVENTS] > sensor.capacity
 
@@ -140,7 +175,7 @@ def find_active(
     if thread < filled.shape[0]:
         filled[thread] = 0
     first = thread // wp.static(BLOCK) * wp.static(BLOCK * EACH) + thread % wp.static(BLOCK)
-    stopped = must_wait(sensor, before)
+    stopped = earlier_call_waits(sensor, before)
     if thread == 0:
         counters[BLOCKED] = wp.where(stopped, wp.int64(1), wp.int64(0))
     if stopped or first >= active.shape[0]:
@@ -160,7 +195,7 @@ def find_active(
         high[j] = state.high[i]
         v[j] = images[at[j]]
     for j in range(wp.static(EACH)):
-        good[j] = inside(v[j], low[j], high[j])
+        good[j] = in_range(v[j], low[j], high[j])
     k = int(1)
     while k < frames:
         more = wp.vec4f()
@@ -171,12 +206,12 @@ def find_active(
             v[j] = images[at[j] + step]
             at[j] = at[j] + step
         for j in range(wp.static(EACH)):
-            good[j] = good[j] & inside(more[j], low[j], high[j]) & inside(v[j], low[j], high[j])
+            good[j] = good[j] & in_range(more[j], low[j], high[j]) & in_range(v[j], low[j], high[j])
         k += 2
     for j in range(wp.static(EACH)):
         i = first + j * wp.static(BLOCK)
         if i < active.shape[0]:
-            entries = list_of(call, i)
+            entries = further_entries(call, i)
             resting = good[j] != 0 and entries[0] == entries[1]
             if resting and call[STAMPS + frames + i // size] == wp.int64(0):
                 state.last[i] = v[j]
@@ -194,7 +229,7 @@ def tail_of(sensor: Sensor, inner: wp.int32, on: wp.bool):
 
 @lru_cache
 def make_write_events(frame: bool) -> wp.Function:
-    """Makes the function `write_events`; frame: as of sense_kernel."""
+    """Makes the function `write_events`; frame: as of make_sense_active."""
 
     @wp.func
     def write_events(
@@ -230,7 +265,7 @@ def make_write_events(frame: bool) -> wp.Function:
 
 
 @wp.func
-def quiet(
+def inactive_samples(
     images: wp.array(dtype=wp.float32),
     at: wp.int64,
     stride: wp.int64,
@@ -250,21 +285,21 @@ def quiet(
         for j in range(wp.static(AHEAD)):
             found[j] = images[at + wp.int64(k + j) * stride]
         for j in range(wp.static(AHEAD)):
-            on = on and inside(found[j], low, high) != 0
+            on = on and in_range(found[j], low, high) != 0
             k += wp.where(on, 1, 0)
     while on and k < frames - 1:
-        on = inside(images[at + wp.int64(k) * stride], low, high) != 0
+        on = in_range(images[at + wp.int64(k) * stride], low, high) != 0
         k += wp.where(on, 1, 0)
     return k - first
 
 
 @lru_cache
-def make_walk(frame: bool, ahead: bool, room: Any) -> wp.Function:
-    """Makes the function `walk`; arguments as of sense_kernel."""
+def make_sense_pixel(frame: bool, ahead: bool, room: Any) -> wp.Function:
+    """Makes the function `sense_pixel`; arguments as of make_sense_active."""
     write_events = make_write_events(frame)
 
     @wp.func
-    def walk(
+    def sense_pixel(
         # in
         sensor: Sensor,
         call: wp.array(dtype=wp.int64),
@@ -303,47 +338,27 @@ def make_walk(frame: bool, ahead: bool, room: Any) -> wp.Function:
         base = state.base[index]
         if first == 0 and call[STAMPS + frames + env] != wp.int64(0):
             pixel.low = float(wp.inf)
-        entries = list_of(call, index)
-        entry = int(entries[0])
-        start = t_base
-        k = int(0)
-        if entry == entries[1]:
-            k = first
-            if k > 0:
-                start = call[STAMPS + k - 1]
-        number = int(k)
-        while number < first:
-            # Past the samples that an earlier launch has dealt with.
-            start = call[STAMPS + k]
-            between = bool(False)
-            if entry < entries[1]:
-                between = t_base + offset_at(call, entry) < start
-            if between:
-                start = t_base + offset_at(call, entry)
-                entry += 1
-            else:
-                k += 1
-            number += 1
+        entries = further_entries(call, index)
+        k, entry, start = sample_before(call, entries, first)
+        number = wp.int32(first)
         l_last = wp.float64(0.0)
-        known = bool(False)
-        stuck = int(-1)
+        last_known = bool(False)
+        without_room = int(-1)
         following = images[at + wp.int64(k) * stride]
         while k < frames:
             if wp.static(ahead) and entry == entries[1]:
                 # Every thread goes on to its own next event first, so that those of a warp work theirs out together.
-                skipped = quiet(images, at, stride, k, frames, pixel.low, pixel.high)
+                skipped = inactive_samples(images, at, stride, k, frames, pixel.low, pixel.high)
                 if skipped > 0:
                     k += skipped
                     number += skipped
                     start = call[STAMPS + k - 1]
                     pixel.last = images[at + wp.int64(k - 1) * stride]
                     following = images[at + wp.int64(k) * stride]
-                    known = bool(False)
+                    last_known = bool(False)
             v = following
             now = call[STAMPS + k]
-            between = bool(False)
-            if entry < entries[1]:
-                between = t_base + offset_at(call, entry) < now
+            between = further_is_next(call, entry, entries[1], now)
             if between:
                 now = t_base + offset_at(call, entry)
                 v = value_at(call, entry, index)
@@ -352,7 +367,7 @@ def make_walk(frame: bool, ahead: bool, room: Any) -> wp.Function:
                 following = images[at + wp.int64(wp.min(k + 1, frames - 1)) * stride]
             if v >= pixel.low and v <= pixel.high:
                 pixel.last = v
-                known = bool(False)
+                last_known = bool(False)
             elif not has_level(sensor, v):
                 # The last good value is held, so the next step starts here and its events are later than this.
                 wp.atomic_add(counters, NONFINITE, wp.int64(1))
@@ -367,7 +382,7 @@ def make_walk(frame: bool, ahead: bool, room: Any) -> wp.Function:
                 count_clipped(sensor, v, counters)
             else:
                 l0 = l_last
-                if not known:
+                if not last_known:
                     l0 = log_level(sensor, pixel.last)
                 l1 = log_level(sensor, v)
                 reference = reference_level(base, pixel.net, pixel.n_off, sensor.threshold_on, sensor.threshold_off)
@@ -378,7 +393,7 @@ def make_walk(frame: bool, ahead: bool, room: Any) -> wp.Function:
                     slot = room(counters, EVENTS, n)
                     if slot + wp.int64(n) > sensor.capacity:
                         wp.atomic_min(counters, FULL_FROM, slot)
-                        stuck = number
+                        without_room = number
                         break
                     write_events(
                         sensor, tail_of(sensor, inner, on), env, n, signed, reference, l0, l1, start - t_base,
@@ -395,7 +410,7 @@ def make_walk(frame: bool, ahead: bool, room: Any) -> wp.Function:
                 count_clipped(sensor, v, counters)
                 pixel.last = v
                 l_last = l1
-                known = bool(True)
+                last_known = bool(True)
             start = now
             number += 1
             if between:
@@ -407,20 +422,20 @@ def make_walk(frame: bool, ahead: bool, room: Any) -> wp.Function:
         state.high[index] = pixel.high
         state.counts[index] = wp.vec2i(pixel.net, pixel.n_off)
         state.base[index] = base
-        return stuck
+        return without_room
 
-    return walk
+    return sense_pixel
 
 
 @lru_cache
-def sense_kernel(frame: bool, ahead: bool = False, room: Any = take_room) -> wp.Kernel:
+def make_sense_active(frame: bool, ahead: bool = False, room: Any = take_room) -> wp.Kernel:
     """Makes the kernel over the listed pixels.
 
     frame: events carry the stamp of their frame, not of their crossing. ahead: each thread goes on to its own next
     event by itself, instead of from sample to sample with the others of its warp; the events are the same. room: how a
     pixel takes room for its events.
     """
-    walk = make_walk(frame, ahead, room)
+    sense_pixel = make_sense_pixel(frame, ahead, room)
 
     @wp.kernel(module="unique", enable_backward=False)
     def sense_active(
@@ -454,8 +469,8 @@ def sense_kernel(frame: bool, ahead: bool = False, room: Any = take_room) -> wp.
         while j < listed:
             index = active[j][0]
             if index >= 0:
-                stuck = walk(sensor, call, frames, size, index, active[j][1], state, keys, counters)
-                active[j] = wp.vec2i(wp.where(stuck < 0, -1, index), stuck)
+                without_room = sense_pixel(sensor, call, frames, size, index, active[j][1], state, keys, counters)
+                active[j] = wp.vec2i(wp.where(without_room < 0, -1, index), without_room)
             j += threads
 
     return sense_active

@@ -9,18 +9,18 @@ from typing import Any
 import warp as wp
 
 from nodes.event_sensor.model.features import Features
-from nodes.event_sensor.model.pixel_kernels import place_of, sense_pixel
+from nodes.event_sensor.model.pixel_kernels import make_sense_pixel
 from nodes.event_sensor.model.sensor_kernels import Sensor
 from nodes.event_sensor.model.state_kernels import FrequentState, Rare
-from nodes.event_sensor.model.step_kernels import Between, message_of
+from nodes.event_sensor.model.step_kernels import Between, message_of, place_of
 
 wp.set_module_options({"enable_backward": False})
 
 
 @lru_cache
-def pixels_kernel(features: Features) -> Any:
+def make_sense_pixels(features: Features) -> Any:
     """Makes the kernel with just these features."""
-    sense = sense_pixel(features)
+    sense_pixel = make_sense_pixel(features)
 
     @wp.kernel(module="unique", enable_backward=False)
     def sense_pixels(
@@ -59,7 +59,7 @@ def pixels_kernel(features: Features) -> Any:
         env, y, column = wp.tid()
         message = message_of(luminance, dlog_dt, frames, count, t, t_base, t_before, episodes, between)
         place = place_of(sensor, env, y, column // sensor.channels, column % sensor.channels)
-        sense(
+        sense_pixel(
             sensor, place, begin[env], message, before, side_before, after, side_after, rare, keys, counters
         )  # fmt: skip
 

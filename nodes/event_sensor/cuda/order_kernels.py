@@ -18,7 +18,7 @@ from nodes.event_sensor.cuda.call_kernels import (
     CROWDS,
     FULL_FROM,
     MOST_CROWDS,
-    NOWHERE,
+    NOT_FULL,
     OFFSETS,
     OUTGROWN,
     SKIPPED,
@@ -194,7 +194,7 @@ def place_buckets(
         for i in range(wp.static(COUNTS)):
             head[i] = counters[i]
             following[i] = wp.int64(0)
-        following[FULL_FROM] = wp.int64(wp.static(NOWHERE))
+        following[FULL_FROM] = wp.int64(wp.static(NOT_FULL))
         if counters[BLOCKED] != wp.int64(0):
             head[STATUS] = wp.int64(wp.static(SKIPPED))
         elif counters[EVENTS] > sensor.capacity:

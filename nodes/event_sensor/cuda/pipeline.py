@@ -371,7 +371,7 @@ class Pipeline:
         if self._source.repeats:
             counters, kept = fresh_counters(), 0
         wp.copy(slot.keys, keys, count=kept)
-        counters[0], counters[call_kernels.FULL_FROM] = kept, call_kernels.NOWHERE
+        counters[0], counters[call_kernels.FULL_FROM] = kept, call_kernels.NOT_FULL
         slot.counters.assign(counters)
         slot.begin()
         self._order.filled[slot.number % 2].zero_()
@@ -383,5 +383,5 @@ class Pipeline:
 def fresh_counters() -> np.ndarray:
     """Makes the counters that a call begins with."""
     counters = np.zeros(call_kernels.COUNTS, np.int64)
-    counters[call_kernels.FULL_FROM] = call_kernels.NOWHERE
+    counters[call_kernels.FULL_FROM] = call_kernels.NOT_FULL
     return counters

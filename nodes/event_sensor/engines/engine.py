@@ -51,5 +51,5 @@ def sensor_struct(p: Mapping[str, Any], shape: tuple[int, int, int], layout: Key
     sensor.height, sensor.width, sensor.channels = shape
     sensor.shift_x, sensor.shift_y, sensor.shift_t, sensor.shift_env = layout.x, layout.y, layout.t, layout.env
     sensor.seed = seed
-    sensor.dead_ns = round(1e3 * p["refractory_us"])
+    sensor.refractory_ns = round(1e3 * p["refractory_us"])
     return sensor

@@ -10,8 +10,8 @@ import numpy as np
 import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
-from nodes.event_sensor.cpu.nonideal_kernels import rows_kernel
-from nodes.event_sensor.cuda.nonideal_kernels import pixels_kernel
+from nodes.event_sensor.cpu.nonideal_kernels import make_sense_rows
+from nodes.event_sensor.cuda.nonideal_kernels import make_sense_pixels
 from nodes.event_sensor.input.batch import Batch, Size
 from nodes.event_sensor.model.faults.fixed_pattern import pattern_of
 from nodes.event_sensor.model.features import features_of
@@ -28,7 +28,7 @@ class NonIdealEngine:
     def __init__(self, size: Size, seed: int, p: Mapping[str, Any], device: Any) -> None:
         total = size.envs * size.pixels
         features = self._features = features_of(p)
-        self._make = pixels_kernel if device.is_cuda else rows_kernel
+        self._make = make_sense_pixels if device.is_cuda else make_sense_rows
         self._make(features)
         self._size, self._device, self.in_place = size, device, not device.is_cuda
 

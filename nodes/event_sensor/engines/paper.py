@@ -14,7 +14,7 @@ from nodes.event_sensor.model import paper_kernels
 from nodes.event_sensor.model.faults.fixed_pattern import pattern_of
 from nodes.event_sensor.model.sensor_kernels import Sensor
 
-PATTERN = ("c_on", "c_off", "leak", "hot")
+PATTERN = ("c_on", "c_off", "leak_rate", "hot_rate")
 """What the kernel reads of the fixed pattern, in its order; an empty array stands for what pixels do not differ in."""
 
 

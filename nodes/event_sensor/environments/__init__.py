@@ -1,1 +1,2 @@
-"""Senses environments that cannot share a sensor: their parameters differ, or they were reset at different times."""
+"""Senses environments that cannot share a sensor: their parameters differ (`separate.py`), or they were reset at
+different times (`reset_groups.py`)."""

@@ -13,7 +13,7 @@ import warp as wp
 
 from nodes.event_sensor.model.features import Features
 from nodes.event_sensor.model.sensor_kernels import UNKNOWN_SLOPES, Sensor, has_level, log_level
-from nodes.event_sensor.model.state_kernels import NOWHERE, Frequent
+from nodes.event_sensor.model.state_kernels import UNKNOWN_LEVEL, Frequent
 from nodes.event_sensor.model.step_kernels import Levels, Sample
 
 wp.set_module_options({"enable_backward": False})
@@ -122,13 +122,13 @@ def slope_of(sensor: Sensor, dlog_dt: wp.float32, intensity: wp.float32):
 
 
 @lru_cache
-def step_curve(features: Features) -> Any:
-    """Makes the function of the curve L(u), u in [0, 1], of a step."""
+def make_step_curve(features: Features) -> Any:
+    """Makes the function `step_curve`."""
     cubic, hermite = features.crossing == "cubic", features.crossing == "hermite"
     ahead = features.ahead
 
     @wp.func
-    def curve(
+    def step_curve(
         # in
         sensor: Sensor,
         frequent: Frequent,
@@ -142,13 +142,13 @@ def step_curve(features: Features) -> Any:
         # out
         counters: wp.array(dtype=wp.int64),
     ):
-        """Computes the coefficients of the curve, and L of the samples beside it.
+        """Computes the coefficients of the curve L(u), u in [0, 1], of a step, and L of the samples beside it.
 
         levels.last, l1: L at both ends. h, h_before, h_after: lengths of the step and of its neighbours [ns].
         """
         zero = wp.float64(0.0)
         l0 = wp.float64(levels.last)
-        levels.next = NOWHERE
+        levels.next = UNKNOWN_LEVEL
         d = l1 - l0
         s = wp.vec4d(l0, d, zero, zero)
         m = wp.vec2d(d, d)
@@ -166,7 +166,7 @@ def step_curve(features: Features) -> Any:
             has_early = frequent.early >= 0.0
             d_before = zero
             if has_early:
-                if levels.early == NOWHERE:
+                if levels.early == UNKNOWN_LEVEL:
                     levels.early = log_level(sensor, frequent.early)
                 d_before = l0 - levels.early
             d_after = zero
@@ -186,7 +186,7 @@ def step_curve(features: Features) -> Any:
                     # What came before is unknown at an episode's start; take it for a corner.
                     bend_before = -bend0
                     if frequent.earlier >= 0.0:
-                        if levels.earlier == NOWHERE:
+                        if levels.earlier == UNKNOWN_LEVEL:
                             levels.earlier = log_level(sensor, frequent.earlier)
                         bend_before = d_before - (levels.early - levels.earlier)
                     m = cubic_slopes(bend_before, bend0, parabola_bend(-d_after, -d, h_after, h), d_before, d, sharp)
@@ -199,4 +199,4 @@ def step_curve(features: Features) -> Any:
         s[3] = m[0] + m[1] - wp.float64(2.0) * d
         return s, levels
 
-    return curve
+    return step_curve

@@ -10,7 +10,7 @@ from nodes.event_sensor.model.crossing_kernels import polynomial, root_of_cubic,
 from nodes.event_sensor.model.features import Features
 from nodes.event_sensor.model.key_kernels import key_time
 from nodes.event_sensor.model.sensor_kernels import DROPPED, EVENTS, Sensor
-from nodes.event_sensor.model.step_kernels import Step, Walk
+from nodes.event_sensor.model.step_kernels import Step, StepProgress
 
 wp.set_module_options({"enable_backward": False})
 
@@ -37,22 +37,22 @@ def emit(
 
 
 @lru_cache
-def curve_value(features: Features) -> Any:
-    """Makes the function S(u) of a step."""
+def make_curve_value(features: Features) -> Any:
+    """Makes the function `curve_value`, S(u) of a step."""
     curved = features.curved
 
     @wp.func
-    def value(s: wp.vec4d, u: wp.float64):
+    def curve_value(s: wp.vec4d, u: wp.float64):
         if wp.static(curved):
             return polynomial(s, u)
         return s[0] + u * s[1]
 
-    return value
+    return curve_value
 
 
 @lru_cache
-def crossings_fired(features: Features, at_once: Any = None) -> Any:
-    """Makes the function that writes the events of n crossings in one monotone piece of a step.
+def make_emit_crossings(features: Features, at_once: Any = None) -> Any:
+    """Makes the function `emit_crossings`: it writes the events of n crossings in one monotone piece of a step.
 
     It returns the time of the last. at_once: the same for all n together, see
     cpu.crossings_simd_kernels.
@@ -61,13 +61,13 @@ def crossings_fired(features: Features, at_once: Any = None) -> Any:
     together = at_once is not None and not features.refractory
 
     @wp.func(inline=True)
-    def fire(
+    def emit_crossings(
         # in
         sensor: Sensor,
         t_base: wp.int64,
         step: Step,
         s: wp.vec4d,
-        walk: Walk,
+        progress: StepProgress,
         signed: wp.float64,
         n: wp.int32,
         piece: wp.float64,
@@ -77,29 +77,29 @@ def crossings_fired(features: Features, at_once: Any = None) -> Any:
         keys: wp.array(dtype=wp.int64),
         counters: wp.array(dtype=wp.int64),
     ):
-        """Writes the events of the n levels beyond walk.reference that the curve s has between walk.u and `piece`.
+        """Writes the events of the n levels beyond the reference that the curve s has between progress.u and `piece`.
 
         t_base: the message's start [ns]. signed: threshold with its sign. until: no event is later [ns]. key: but t.
         """
-        time = wp.int64(walk.here)
+        time = wp.int64(progress.last_time)
         j = int(0)
         if wp.static(together):
             time = at_once(
-                sensor, s, walk.reference, signed, n, walk.u, piece, step.start, until, step.h, t_base, key,
-                time, walk.fired, wp.static(cap), keys, counters,
+                sensor, s, progress.reference, signed, n, progress.u, piece, step.start, until, step.h, t_base, key,
+                time, progress.fired, wp.static(cap), keys, counters,
             )  # fmt: skip
             j = n
-        u = wp.float64(walk.u)
+        u = wp.float64(progress.u)
         while j < n:
-            level = walk.reference + wp.float64(j + 1) * signed
+            level = progress.reference + wp.float64(j + 1) * signed
             if wp.static(curved):
                 root = root_of_cubic(s, level, u, piece)
                 u = root
             else:
                 root = root_of_line(s, level, u, piece)
             time = wp.clamp(stamp_of(root, step.h, step.start), time, until)
-            emit(sensor, key_time(sensor, time - t_base) | key, walk.fired + j, wp.static(cap), keys, counters)
+            emit(sensor, key_time(sensor, time - t_base) | key, progress.fired + j, wp.static(cap), keys, counters)
             j += 1
         return time
 
-    return fire
+    return emit_crossings

@@ -11,19 +11,19 @@ from nodes.event_sensor.model.faults.noise_kernels import stream_here
 from nodes.event_sensor.model.faults.random_kernels import NEVER, waiting_time
 from nodes.event_sensor.model.features import Features
 from nodes.event_sensor.model.sensor_kernels import Sensor, count_clipped, log_level
-from nodes.event_sensor.model.state_kernels import ALIVE, NOWHERE, Frequent, Rare
-from nodes.event_sensor.model.step_kernels import Levels, Message, Own, Place, Sample, Step
+from nodes.event_sensor.model.state_kernels import NOT_REFRACTORY, UNKNOWN_LEVEL, Frequent, Rare
+from nodes.event_sensor.model.step_kernels import Levels, Message, PixelParameters, Place, Sample, Step
 
 wp.set_module_options({"enable_backward": False})
 
 
 @lru_cache
-def own_parameters(features: Features) -> Any:
-    """Makes the function of a pixel's own thresholds, leak and noise."""
+def make_read_state(features: Features) -> Any:
+    """Makes the function `read_state`."""
     leak, noise, mismatch = features.leak, features.noise, features.mismatch
 
     @wp.func(inline=True)
-    def read_own(
+    def read_state(
         # in
         sensor: Sensor,
         rare: wp.array2d(dtype=Rare),
@@ -32,7 +32,7 @@ def own_parameters(features: Features) -> Any:
         wanted: wp.bool,
         # in and out
         state: Rare,
-        own: Own,
+        own: PixelParameters,
     ):
         """Reads a pixel's state, if it is wanted, and joins its fixed pattern to the sensor's parameters."""
         if wanted:
@@ -40,32 +40,32 @@ def own_parameters(features: Features) -> Any:
             state.net = rare[side, index].net
             state.n_off = rare[side, index].n_off
             state.origin = rare[side, index].origin
-            state.dead = rare[side, index].dead
-            state.next = rare[side, index].next
-            state.draws = rare[side, index].draws
+            state.refractory_until = rare[side, index].refractory_until
+            state.next_noise = rare[side, index].next_noise
+            state.noise_draws = rare[side, index].noise_draws
             state.c_on = rare[side, index].c_on
             state.c_off = rare[side, index].c_off
-            state.leak = rare[side, index].leak
-            state.hot = rare[side, index].hot
+            state.leak_rate = rare[side, index].leak_rate
+            state.hot_rate = rare[side, index].hot_rate
             own.c_on = sensor.threshold_on
             own.c_off = sensor.threshold_off
             if wp.static(mismatch):
                 own.c_on = wp.float64(state.c_on)
                 own.c_off = wp.float64(state.c_off)
             if wp.static(leak):
-                own.drift = wp.float64(state.leak) * own.c_on * wp.float64(1.0e-9)
+                own.drift = wp.float64(state.leak_rate) * own.c_on * wp.float64(1.0e-9)
             own.rate = sensor.shot_rate
             if wp.static(noise):
-                own.rate = own.rate + wp.float64(state.hot)
-                own.hot_share = wp.float64(state.hot) / wp.max(own.rate, wp.float64(1.0e-300))
+                own.rate = own.rate + wp.float64(state.hot_rate)
+                own.hot_share = wp.float64(state.hot_rate) / wp.max(own.rate, wp.float64(1.0e-300))
         return state, own
 
-    return read_own
+    return read_state
 
 
 @lru_cache
-def episode_start(features: Features) -> Any:
-    """Makes the function of a pixel's state after the first good sample of an episode."""
+def make_begin_episode(features: Features) -> Any:
+    """Makes the function `begin_episode`."""
     leak, noise, ahead, hermite = features.leak, features.noise, features.ahead, features.crossing == "hermite"
 
     @wp.func(inline=True)
@@ -76,7 +76,7 @@ def episode_start(features: Features) -> Any:
         message: Message,
         step: Step,
         sample: Sample,
-        own: Own,
+        own: PixelParameters,
         here: wp.bool,
         # in and out
         state: Rare,
@@ -92,20 +92,20 @@ def episode_start(features: Features) -> Any:
             state.net = 0
             state.n_off = 0
             state.origin = step.now
-            state.dead = ALIVE
-            state.next = NEVER
-            state.draws = wp.int64(0)
+            state.refractory_until = NOT_REFRACTORY
+            state.next_noise = NEVER
+            state.noise_draws = wp.int64(0)
             if wp.static(leak or noise):
                 stream = stream_here(sensor, place.env, place.inner, message.episodes, step.k)
                 if wp.static(leak):
-                    state.origin = leak_origin(stream, state.leak, step.now)
+                    state.origin = leak_origin(stream, state.leak_rate, step.now)
                 if wp.static(noise):
                     if own.rate > wp.float64(0.0):
-                        state.next = step.now + waiting_time(draw(stream, wp.int64(0)), own.rate)
-            levels.earlier = NOWHERE
-            levels.early = NOWHERE
+                        state.next_noise = step.now + waiting_time(draw(stream, wp.int64(0)), own.rate)
+            levels.earlier = UNKNOWN_LEVEL
+            levels.early = UNKNOWN_LEVEL
             levels.last = state.base
-            levels.next = NOWHERE
+            levels.next = UNKNOWN_LEVEL
             frequent.last = sample.light
             frequent.low = 0.0
             if wp.static(ahead):

@@ -13,7 +13,7 @@ class Features:
 
     crossing: str
     leak: bool = False
-    coin: bool = False
+    bernoulli_leak: bool = False
     noise: bool = False
     refractory: bool = False
     mismatch: bool = False
@@ -38,9 +38,9 @@ class Features:
         return self.leak or self.noise or self.refractory
 
     @property
-    def hasty(self) -> bool:
-        """Tells whether a pixel within its band need not be looked at."""
-        return not self.curved and not self.coin
+    def range_decides(self) -> bool:
+        """Tells whether nothing can happen to a pixel whose samples stay in its inactive range."""
+        return not self.curved and not self.bernoulli_leak
 
 
 def features_of(p: Mapping[str, Any]) -> Features:
@@ -48,7 +48,7 @@ def features_of(p: Mapping[str, Any]) -> Features:
     return Features(
         crossing=p["crossing"],
         leak=p["leak_rate"] > 0 and p["leak_model"] == "drift",
-        coin=p["leak_rate"] > 0 and p["leak_model"] == "bernoulli",
+        bernoulli_leak=p["leak_rate"] > 0 and p["leak_model"] == "bernoulli",
         noise=has_noise(p),
         refractory=round(1e3 * p["refractory_us"]) > 0,
         mismatch=p["threshold_mismatch"] > 0,

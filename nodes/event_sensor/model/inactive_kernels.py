@@ -6,11 +6,11 @@ from typing import Any
 import warp as wp
 
 from nodes.event_sensor.model.faults.random_kernels import LONGEST, NEVER
-from nodes.event_sensor.model.faults.refractory_kernels import dead_beyond
+from nodes.event_sensor.model.faults.refractory_kernels import refractory_beyond
 from nodes.event_sensor.model.features import Features
 from nodes.event_sensor.model.sensor_kernels import LARGEST, Sensor, has_level
 from nodes.event_sensor.model.state_kernels import Frequent, Rare
-from nodes.event_sensor.model.step_kernels import Levels, Own, Sample, Step
+from nodes.event_sensor.model.step_kernels import Levels, PixelParameters, Sample, Step
 from nodes.event_sensor.model.threshold_kernels import inactive_range, least_intensity, reference_level
 
 wp.set_module_options({"enable_backward": False})
@@ -22,13 +22,13 @@ UNKNOWN = wp.constant(wp.float64(1.0 / 16.0))
 
 
 @lru_cache
-def surely_inactive(features: Features) -> Any:
-    """Makes the function that tells whether a step with its samples in the inactive range has its whole curve there."""
+def make_curve_inactive(features: Features) -> Any:
+    """Makes the function `curve_inactive`."""
     cubic, hermite = features.crossing == "cubic", features.crossing == "hermite"
 
     @wp.func
     def curve_inactive(sensor: Sensor, frequent: Frequent, sample: Sample, length: wp.int64):
-        """Tells it for a step of `length` ns."""
+        """Tells whether a step of `length` ns with its samples in the inactive range has its whole curve there."""
         v = sample.light
         slope = sample.slope
         following = sample.following
@@ -54,21 +54,32 @@ def surely_inactive(features: Features) -> Any:
 
 
 @lru_cache
-def range_left(features: Features) -> Any:
-    """Makes the function of the range in which nothing can happen before `wake`."""
+def make_update_inactive_range(features: Features) -> Any:
+    """Makes the function `update_inactive_range`."""
     leak, noise, refractory = features.leak, features.noise, features.refractory
 
     @wp.func(inline=True)
-    def rest(sensor: Sensor, step: Step, own: Own, levels: Levels, looked_at: wp.bool, state: Rare, frequent: Frequent):
-        """Sets low, high and wake of a pixel that was looked at in a step, if it has a reference."""
-        dead = bool(False)
+    def update_inactive_range(
+        sensor: Sensor,
+        step: Step,
+        own: PixelParameters,
+        levels: Levels,
+        looked_at: wp.bool,
+        state: Rare,
+        frequent: Frequent,
+    ):
+        """Sets the range in which nothing can happen before `wake`, of a pixel that was looked at in a step and has a
+        reference."""
+        is_refractory = bool(False)
         if wp.static(refractory):
-            dead = looked_at and frequent.low <= LARGEST and dead_beyond(state.dead, step.now)
-            if dead:
+            is_refractory = (
+                looked_at and frequent.low <= LARGEST and refractory_beyond(state.refractory_until, step.now)
+            )
+            if is_refractory:
                 frequent.low = least_intensity(sensor)
                 frequent.high = LARGEST
-                frequent.wake = state.dead
-        if looked_at and frequent.low <= LARGEST and not dead:
+                frequent.wake = state.refractory_until
+        if looked_at and frequent.low <= LARGEST and not is_refractory:
             zero = wp.float64(0.0)
             reference = reference_level(state.base, state.net, state.n_off, own.c_on, own.c_off)
             reference = reference - own.drift * wp.float64(step.now - state.origin)
@@ -87,11 +98,11 @@ def range_left(features: Features) -> Any:
                     wake = step.now + wp.int64(wp.min(share / own.drift, LONGEST))
                     top = top - share
             if wp.static(noise):
-                wake = wp.min(wake, state.next)
+                wake = wp.min(wake, state.next_noise)
             limits = inactive_range(sensor, wp.exp(wp.float32(reference - own.c_off)), wp.exp(wp.float32(top)))
             frequent.low = limits[0]
             frequent.high = limits[1]
             frequent.wake = wake
         return frequent
 
-    return rest
+    return update_inactive_range

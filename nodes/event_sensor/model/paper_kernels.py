@@ -92,9 +92,9 @@ def fire(
     if sensor.shift_x > wp.int64(3):
         event = with_mark(key, noise)
     left = n
-    if n > 0 and sensor.dead_ns > wp.int64(0):
+    if n > 0 and sensor.refractory_ns > wp.int64(0):
         left = 1
-        if pixel.fired != 0 and now - pixel.t_last < sensor.dead_ns:
+        if pixel.fired != 0 and now - pixel.t_last < sensor.refractory_ns:
             left = 0
     j = int(0)
     while j < left:
@@ -123,8 +123,8 @@ def sense_paper(
     t_base: wp.int64,
     thresholds_on: wp.array(dtype=wp.float32),
     thresholds_off: wp.array(dtype=wp.float32),
-    leaks: wp.array(dtype=wp.float32),
-    hots: wp.array(dtype=wp.float32),
+    leak_rates: wp.array(dtype=wp.float32),
+    hot_rates: wp.array(dtype=wp.float32),
     before: wp.array(dtype=PaperPixel),
     # out
     after: wp.array(dtype=PaperPixel),
@@ -147,11 +147,11 @@ def sense_paper(
         c_on = wp.float64(thresholds_on[index])
         c_off = wp.float64(thresholds_off[index])
     hot = wp.float64(0.0)
-    if hots.shape[0] > 0:
-        hot = wp.float64(hots[index])
+    if hot_rates.shape[0] > 0:
+        hot = wp.float64(hot_rates[index])
     leak = wp.float64(0.0)
-    if leaks.shape[0] > 0:
-        leak = wp.float64(leaks[index])
+    if leak_rates.shape[0] > 0:
+        leak = wp.float64(leak_rates[index])
     noisy = hot + leak + sensor.shot_rate > wp.float64(0.0)
     stream = stream_of(sensor.seed + wp.int64(env), inner, episode)
     start = t_base
@@ -222,8 +222,8 @@ def paper(
     columns: wp.int32,
     thresholds_on: wp.array(dtype=wp.float32),
     thresholds_off: wp.array(dtype=wp.float32),
-    leaks: wp.array(dtype=wp.float32),
-    hots: wp.array(dtype=wp.float32),
+    leak_rates: wp.array(dtype=wp.float32),
+    hot_rates: wp.array(dtype=wp.float32),
     before: wp.array(dtype=PaperPixel),
     # out
     after: wp.array(dtype=PaperPixel),
@@ -237,6 +237,6 @@ def paper(
     while column < end:
         sense_paper(
             sensor, env, y, column // sensor.channels, column % sensor.channels, begin[env], episodes[0, env],
-            luminance, t, t_base, thresholds_on, thresholds_off, leaks, hots, before, after, keys, counters,
+            luminance, t, t_base, thresholds_on, thresholds_off, leak_rates, hot_rates, before, after, keys, counters,
         )  # fmt: skip
         column += 1

@@ -11,14 +11,14 @@ from typing import Any
 
 import warp as wp
 
-from nodes.event_sensor.model.curve_kernels import slope_of, step_curve
-from nodes.event_sensor.model.episode_kernels import episode_start, own_parameters
-from nodes.event_sensor.model.faults.leak_kernels import coin_time
+from nodes.event_sensor.model.curve_kernels import make_step_curve, slope_of
+from nodes.event_sensor.model.episode_kernels import make_begin_episode, make_read_state
+from nodes.event_sensor.model.faults.leak_kernels import bernoulli_leak_time
 from nodes.event_sensor.model.faults.noise_kernels import stream_here
 from nodes.event_sensor.model.faults.random_kernels import NEVER
 from nodes.event_sensor.model.features import Features
-from nodes.event_sensor.model.inactive_kernels import range_left, surely_inactive
-from nodes.event_sensor.model.pixel_step_kernels import pixel_step
+from nodes.event_sensor.model.inactive_kernels import make_curve_inactive, make_update_inactive_range
+from nodes.event_sensor.model.pixel_step_kernels import make_take_step
 from nodes.event_sensor.model.sensor_kernels import (
     EVENTS,
     LARGEST,
@@ -29,45 +29,32 @@ from nodes.event_sensor.model.sensor_kernels import (
     log_level,
 )
 from nodes.event_sensor.model.state_kernels import (
-    NOWHERE,
+    UNKNOWN_LEVEL,
     Frequent,
     FrequentState,
     Rare,
     read_frequent,
     write_frequent,
 )
-from nodes.event_sensor.model.step_kernels import Levels, Message, Own, Place, Sample, Signal, Step
+from nodes.event_sensor.model.step_kernels import Levels, Message, PixelParameters, Place, Sample, Signal, Step
 
 wp.set_module_options({"enable_backward": False})
-
-
-@wp.func
-def place_of(sensor: Sensor, env: wp.int32, y: wp.int32, x: wp.int32, c: wp.int32):
-    """Returns the Place of a pixel and channel."""
-    place = Place()
-    place.env = env
-    place.y = y
-    place.x = x
-    place.c = c
-    place.inner = (y * sensor.width + x) * sensor.channels + c
-    place.index = env * (sensor.height * sensor.width * sensor.channels) + place.inner
-    return place
 
 
 @wp.func
 def no_levels():
     """Returns Levels of which none is known."""
     levels = Levels()
-    levels.earlier = NOWHERE
-    levels.early = NOWHERE
-    levels.last = NOWHERE
-    levels.next = NOWHERE
+    levels.earlier = UNKNOWN_LEVEL
+    levels.early = UNKNOWN_LEVEL
+    levels.last = UNKNOWN_LEVEL
+    levels.next = UNKNOWN_LEVEL
     return levels
 
 
 @lru_cache
-def frames_at_rest(features: Features) -> Any:
-    """Makes the function of how many frames of a message a pixel is inactive for."""
+def make_inactive_frames(features: Features) -> Any:
+    """Makes the function `inactive_frames`."""
     timed = features.timed
 
     @wp.func(inline=True)
@@ -93,15 +80,15 @@ def frames_at_rest(features: Features) -> Any:
 
 
 @lru_cache
-def sample_read(features: Features) -> Any:
-    """Makes the function of what a step reads of the frames at its end and after it."""
+def make_sample_at(features: Features) -> Any:
+    """Makes the function `sample_at`."""
     ahead, hermite = features.ahead, features.crossing == "hermite"
 
     @wp.func(inline=True)
     def sample_at(
         sensor: Sensor, message: Message, begin: wp.int32, k: wp.int32, first: wp.int64, stride: wp.int64
     ):  # fmt: skip
-        """Reads the sample of frame k; see frames_at_rest."""
+        """Reads the sample of frame k and, for curves, of the frame after it; first, stride: as of inactive_frames."""
         sample = Sample()
         sample.light = message.luminance[first + wp.int64(k) * stride]
         sample.following = sample.light
@@ -117,12 +104,12 @@ def sample_read(features: Features) -> Any:
 
 
 @lru_cache
-def next_sample(features: Features) -> Any:
-    """Makes the function that tells whether a further sample of a pixel comes before the next frame."""
+def make_next_further_sample(features: Features) -> Any:
+    """Makes the function `next_further_sample`."""
     further = features.further
 
     @wp.func(inline=True)
-    def before_frame(
+    def next_further_sample(
         # in
         message: Message,
         place: Place,
@@ -145,17 +132,17 @@ def next_sample(features: Features) -> Any:
                     sample.light = message.between.value[value]
         return found, step, sample
 
-    return before_frame
+    return next_further_sample
 
 
 @lru_cache
-def step_signal(features: Features) -> Any:
-    """Makes the function of what a pixel sees in a step."""
+def make_step_signal(features: Features) -> Any:
+    """Makes the function `step_signal`."""
     frame, leak, curved = features.crossing == "frame", features.leak, features.curved
-    curve = step_curve(features)
+    step_curve = make_step_curve(features)
 
     @wp.func(inline=True)
-    def signal_of(
+    def step_signal(
         # in
         sensor: Sensor,
         message: Message,
@@ -163,7 +150,7 @@ def step_signal(features: Features) -> Any:
         start_before: wp.int64,
         frequent: Frequent,
         sample: Sample,
-        own: Own,
+        own: PixelParameters,
         origin: wp.int64,
         # in and out
         levels: Levels,
@@ -175,10 +162,10 @@ def step_signal(features: Features) -> Any:
         start_before: when the step before began. origin: where the leak's drift is zero [ns].
         """
         zero = wp.float64(0.0)
-        if levels.last == NOWHERE:
+        if levels.last == UNKNOWN_LEVEL:
             levels.last = log_level(sensor, frequent.last)
         l1 = wp.float64(levels.next)
-        if l1 == NOWHERE:
+        if l1 == UNKNOWN_LEVEL:
             l1 = log_level(sensor, sample.light)
         s = wp.vec4d(levels.last, wp.where(wp.static(frame), zero, l1 - levels.last), zero, zero)
         if wp.static(curved):
@@ -186,7 +173,7 @@ def step_signal(features: Features) -> Any:
             h_after = wp.float64(1.0)
             if sample.has_next:
                 h_after = wp.float64(message.t[step.k + 1] - step.now)
-            s, levels = curve(sensor, frequent, sample, l1, step.h, h_before, h_after, levels, counters)
+            s, levels = step_curve(sensor, frequent, sample, l1, step.h, h_before, h_after, levels, counters)
         s[0] = s[0] + own.drift * wp.float64(step.start - origin)
         if wp.static(leak):
             s[1] = s[1] + own.drift * step.h
@@ -197,36 +184,36 @@ def step_signal(features: Features) -> Any:
         signal.light = sample.light
         return signal, levels
 
-    return signal_of
+    return step_signal
 
 
 @lru_cache
-def passed_step(features: Features) -> Any:
-    """Makes the function of what the next step looks back at after one in which a pixel was inactive."""
+def make_pass_inactive(features: Features) -> Any:
+    """Makes the function `pass_inactive`."""
     curved, hermite = features.curved, features.crossing == "hermite"
 
     @wp.func(inline=True)
-    def passed(inactive: wp.bool, frequent: Frequent, sample: Sample, levels: Levels):
+    def pass_inactive(inactive: wp.bool, frequent: Frequent, sample: Sample, levels: Levels):
         """Moves samples on by a step, if the pixel was inactive in it; nobody computed its levels."""
         if inactive:
             if wp.static(curved):
                 frequent.earlier = frequent.early
                 frequent.early = wp.where(wp.static(hermite), sample.slope, frequent.last)
             frequent.last = sample.light
-            levels.earlier = NOWHERE
-            levels.early = NOWHERE
-            levels.last = NOWHERE
-            levels.next = NOWHERE
+            levels.earlier = UNKNOWN_LEVEL
+            levels.early = UNKNOWN_LEVEL
+            levels.last = UNKNOWN_LEVEL
+            levels.next = UNKNOWN_LEVEL
         return frequent, levels
 
-    return passed
+    return pass_inactive
 
 
 @lru_cache
-def active_step(features: Features, at_once: Any = None) -> Any:
-    """Makes the function of a step in which something may happen."""
+def make_sense_step(features: Features, at_once: Any = None) -> Any:
+    """Makes the function `sense_step`. at_once: as of make_emit_crossings."""
     ahead, hermite = features.ahead, features.crossing == "hermite"
-    signal_of, take_step = step_signal(features), pixel_step(features, at_once)
+    step_signal, take_step = make_step_signal(features), make_take_step(features, at_once)
 
     @wp.func(inline=True)
     def sense_step(
@@ -237,8 +224,8 @@ def active_step(features: Features, at_once: Any = None) -> Any:
         step: Step,
         start_before: wp.int64,
         sample: Sample,
-        own: Own,
-        coin_at: wp.int64,
+        own: PixelParameters,
+        leak_event_at: wp.int64,
         active: wp.bool,
         # in and out
         state: Rare,
@@ -248,19 +235,19 @@ def active_step(features: Features, at_once: Any = None) -> Any:
         keys: wp.array(dtype=wp.int64),
         counters: wp.array(dtype=wp.int64),
     ):
-        """Takes a pixel that has a reference through a step, if it is active in it; see pixel_step."""
+        """Takes a pixel that has a reference through a step, if it is active in it; see take_step."""
         if active:
             count_clipped(sensor, sample.light, counters)
-            signal, known = signal_of(
+            signal, known = step_signal(
                 sensor, message, step, start_before, frequent, sample, own, state.origin, levels, counters
             )
-            after = take_step(sensor, place, message, step, signal, own, coin_at, state, keys, counters)
+            after = take_step(sensor, place, message, step, signal, own, leak_event_at, state, keys, counters)
             state.base = after.base
             state.net = after.net
             state.n_off = after.n_off
-            state.dead = after.dead
-            state.next = after.next
-            state.draws = after.draws
+            state.refractory_until = after.refractory_until
+            state.next_noise = after.next_noise
+            state.noise_draws = after.noise_draws
             if wp.static(ahead):
                 frequent.earlier = frequent.early
                 frequent.early = frequent.last
@@ -279,18 +266,27 @@ def active_step(features: Features, at_once: Any = None) -> Any:
 
 
 @lru_cache
-def sense_pixel(features: Features, at_once: Any = None) -> Any:
-    """Makes the function of all steps of one pixel in a message. at_once: see emission_kernels.crossings_fired."""
-    surely_active = features.hasty or at_once is not None
-    curved, timed, hasty, coin = features.curved, features.timed, features.hasty, features.coin
-    further, before_frame = features.further, next_sample(features)
-    inactive_frames, sample_at = frames_at_rest(features), sample_read(features)
-    curve_inactive, rest = surely_inactive(features), range_left(features)
-    read_own, begin_episode, passed = own_parameters(features), episode_start(features), passed_step(features)
-    sense_step = active_step(features, at_once)
+def make_sense_pixel(features: Features, at_once: Any = None) -> Any:
+    """Makes the function `sense_pixel`. at_once: as of make_emit_crossings."""
+    surely_active = features.range_decides or at_once is not None
+    curved, timed, range_decides, bernoulli_leak = (
+        features.curved,
+        features.timed,
+        features.range_decides,
+        features.bernoulli_leak,
+    )
+    further, next_further_sample = features.further, make_next_further_sample(features)
+    inactive_frames, sample_at = make_inactive_frames(features), make_sample_at(features)
+    curve_inactive, update_inactive_range = make_curve_inactive(features), make_update_inactive_range(features)
+    read_state, begin_episode, pass_inactive = (
+        make_read_state(features),
+        make_begin_episode(features),
+        make_pass_inactive(features),
+    )
+    sense_step = make_sense_step(features, at_once)
 
     @wp.func(inline=True)
-    def sense(
+    def sense_pixel(
         # in
         sensor: Sensor,
         place: Place,
@@ -323,7 +319,7 @@ def sense_pixel(features: Features, at_once: Any = None) -> Any:
         if wp.static(further):
             entry = message.between.first[index // message.between.shared]
             entries = message.between.first[index // message.between.shared + 1]
-        if wp.static(hasty):
+        if wp.static(range_decides):
             # Most pixels are inactive through the whole message: the short way.
             if begin == 0 and entry == entries:
                 at_rest, last = inactive_frames(message, frequent, first, stride)
@@ -336,41 +332,43 @@ def sense_pixel(features: Features, at_once: Any = None) -> Any:
                     return
                 if k > 0:
                     step.start = message.t[k - 1]
-        # A pixel that a CPU has listed, or that is hasty and here, is active; of others most are not.
+        # A pixel that a CPU has listed, or whose range decides and was left, is active; of others most are not.
         loaded = bool(surely_active)
-        state, own = read_own(sensor, rare, side, index, loaded, Rare(), Own())
+        state, own = read_state(sensor, rare, side, index, loaded, Rare(), PixelParameters())
         levels = no_levels()
         stream = wp.uint64(0)
-        named = bool(False)  # the stream is known
+        stream_known = bool(False)  # the stream is known
         while k < message.count:
             step.k = k
             step.now = message.t[k]
             sample = sample_at(sensor, message, begin, k, first, stride)
-            between, step, sample = before_frame(message, place, entry, entries, step, sample)
+            between, step, sample = next_further_sample(message, place, entry, entries, step, sample)
             begins = k < 2 and ((begin >> k) & 1) != 0 and not between
             if begins:
                 frequent.low = float(wp.inf)
-                named = False
+                stream_known = False
             inactive = sample.light >= frequent.low and sample.light <= frequent.high
             if wp.static(timed):
                 inactive = inactive and step.now < frequent.wake
             if wp.static(curved):
                 inactive = inactive and curve_inactive(sensor, frequent, sample, step.now - step.start)
-            coin_at = NEVER
-            if wp.static(coin):
+            leak_event_at = NEVER
+            if wp.static(bernoulli_leak):
                 if not begins and frequent.low <= LARGEST:
-                    if not named:
+                    if not stream_known:
                         stream = stream_here(sensor, place.env, place.inner, message.episodes, k)
-                        named = True
+                        stream_known = True
                     origin = rare[side, index].origin
                     if loaded:
                         origin = state.origin  # of an episode that began in this message, too
-                    coin_at = coin_time(stream, rare[side, index].leak, step.start, step.now, origin)
-                    inactive = inactive and coin_at == NEVER
-            frequent, levels = passed(inactive, frequent, sample, levels)
+                    leak_event_at = bernoulli_leak_time(
+                        stream, rare[side, index].leak_rate, step.start, step.now, origin
+                    )
+                    inactive = inactive and leak_event_at == NEVER
+            frequent, levels = pass_inactive(inactive, frequent, sample, levels)
             held = not inactive and not has_level(sensor, sample.light)
             if wp.static(not surely_active):
-                state, own = read_own(sensor, rare, side, index, not inactive and not loaded, state, own)
+                state, own = read_state(sensor, rare, side, index, not inactive and not loaded, state, own)
                 loaded = loaded or not inactive
             fresh = frequent.low > LARGEST
             if held:
@@ -385,10 +383,10 @@ def sense_pixel(features: Features, at_once: Any = None) -> Any:
             step.h = wp.float64(step.now - step.start)
             step.per_h = wp.float64(1.0) / step.h
             state, frequent, levels = sense_step(
-                sensor, place, message, step, start_before, sample, own, coin_at, active,
+                sensor, place, message, step, start_before, sample, own, leak_event_at, active,
                 state, frequent, levels, keys, counters,
             )  # fmt: skip
-            frequent = rest(sensor, step, own, levels, not inactive, state, frequent)
+            frequent = update_inactive_range(sensor, step, own, levels, not inactive, state, frequent)
             start_before = step.start
             step.start = step.now
             if between:
@@ -404,4 +402,4 @@ def sense_pixel(features: Features, at_once: Any = None) -> Any:
             if two_sided:
                 side_after[index] = side
 
-    return sense
+    return sense_pixel

@@ -52,7 +52,7 @@ class Sensor:
     shift_t: wp.int64
     shift_env: wp.int64
     seed: wp.int64
-    dead_ns: wp.int64  # refractory period
+    refractory_ns: wp.int64  # refractory period
     shot_rate: wp.float64
     shot_white: wp.float64  # intensity at which shot noise ends
     shot_on_share: wp.float64  # of shot noise
@@ -60,9 +60,22 @@ class Sensor:
 
 
 @wp.func
-def light_seen(sensor: Sensor, intensity: wp.float32):
+def with_dark_current(intensity: wp.float32, dark_level: wp.float64, floor: wp.float64):
     """Computes I + I_dark, of which a pixel takes the logarithm, or the floor if that is more."""
-    return wp.max(wp.float64(intensity) + sensor.dark_level, wp.float64(sensor.floor))
+    return wp.max(wp.float64(intensity) + dark_level, floor)
+
+
+@wp.func
+def light_seen(sensor: Sensor, intensity: wp.float32):
+    """Computes `with_dark_current` of a sensor."""
+    return with_dark_current(intensity, sensor.dark_level, wp.float64(sensor.floor))
+
+
+@wp.func
+def has_logarithm(intensity: wp.float32, dark_level: wp.float64):
+    """Tells whether ln(I + I_dark) is finite: finite light, not negative, and not 0 without dark current; false for
+    NaN."""
+    return intensity >= 0.0 and intensity <= LARGEST and wp.float64(intensity) + dark_level > wp.float64(0.0)
 
 
 @wp.func
@@ -79,8 +92,8 @@ def log_level(sensor: Sensor, intensity: wp.float32):
 
 @wp.func
 def has_level(sensor: Sensor, intensity: wp.float32):
-    """Tells whether L is finite: finite light, not negative, and not 0 without dark current; false for NaN."""
-    return intensity >= 0.0 and intensity <= LARGEST and wp.float64(intensity) + sensor.dark_level > wp.float64(0.0)
+    """Tells whether a sample has a level L; see `has_logarithm`."""
+    return has_logarithm(intensity, sensor.dark_level)
 
 
 @wp.func

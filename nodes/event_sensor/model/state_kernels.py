@@ -14,8 +14,8 @@ import warp as wp
 
 wp.set_module_options({"enable_backward": False})
 
-ALIVE = wp.constant(wp.int64(-0x7FFFFFFFFFFFFFFF))
-NOWHERE = wp.constant(wp.float64(1.0e300))
+NOT_REFRACTORY = wp.constant(wp.int64(-0x7FFFFFFFFFFFFFFF))
+UNKNOWN_LEVEL = wp.constant(wp.float64(1.0e300))
 """L that is not known."""
 RUN = 16
 """Pixels that a CPU looks at together."""
@@ -90,14 +90,16 @@ class Rare:
     base: wp.float64
     net: wp.int32
     n_off: wp.int32
-    origin: wp.int64  # the last reset before the episode, where the leak's drift is zero; with a coin its start
-    dead: wp.int64  # end of the dead time
-    next: wp.int64  # next candidate of the noise process
-    draws: wp.int64  # its number
+    origin: (
+        wp.int64
+    )  # the last reset before the episode, where the leak's drift is zero; with a Bernoulli leak its start
+    refractory_until: wp.int64  # end of the refractory period, NOT_REFRACTORY where there is none
+    next_noise: wp.int64  # next candidate of the noise process
+    noise_draws: wp.int64  # its number
     c_on: wp.float32  # the pixel's own thresholds,
     c_off: wp.float32
-    leak: wp.float32  # leak rate [Hz]
-    hot: wp.float32  # and rate as a hot pixel [Hz]
+    leak_rate: wp.float32  # [Hz]
+    hot_rate: wp.float32  # as a hot pixel [Hz]
 
 
 @wp.func

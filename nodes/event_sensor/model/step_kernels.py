@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import warp as wp
 
+from nodes.event_sensor.model.sensor_kernels import Sensor
+
 if TYPE_CHECKING:
     from nodes.event_sensor.input.batch import SampleLists
 
@@ -86,6 +88,19 @@ class Place:
     index: wp.int32
 
 
+@wp.func
+def place_of(sensor: Sensor, env: wp.int32, y: wp.int32, x: wp.int32, c: wp.int32):
+    """Returns the Place of a pixel and channel."""
+    place = Place()
+    place.env = env
+    place.y = y
+    place.x = x
+    place.c = c
+    place.inner = (y * sensor.width + x) * sensor.channels + c
+    place.index = env * (sensor.height * sensor.width * sensor.channels) + place.inner
+    return place
+
+
 @wp.struct
 class Sample:
     """Holds the frame at the end of a step and, where its curve needs it, of the one after (following)."""
@@ -112,7 +127,7 @@ class Step:
 
 @wp.struct
 class Levels:
-    """Holds L of the samples earlier, early, last and next of a curve, NOWHERE where not known.
+    """Holds L of the samples earlier, early, last and next of a curve, UNKNOWN_LEVEL where not known.
 
     moved: |dL| of the last step.
     """
@@ -135,7 +150,7 @@ class Signal:
 
 
 @wp.struct
-class Own:
+class PixelParameters:
     """Holds what differs from pixel to pixel: thresholds, drift of S by its leak [1/ns], and its noise.
 
     rate: of the candidates of the noise [Hz]; hot_share: how many of them are those of a hot pixel.
@@ -149,19 +164,20 @@ class Own:
 
 
 @wp.struct
-class Walk:
-    """Holds how far a pixel has advanced in a step: at place u in [0, 1], with the last happening at time `here` [ns].
+class StepProgress:
+    """Holds how far a pixel has advanced in a step: at place u in [0, 1], the last happening being at `last_time` [ns].
 
-    reference: L_ref there. fired: events so far. coin_at: when a leak's coin falls, NEVER where it does not or has.
-    stream: of the pixel's random numbers, where `named`. key_on, key_off: of its events, but for their time.
+    reference: L_ref there. fired: events so far. leak_event_at: when the Bernoulli leak fires, NEVER
+    where it does not or has.
+    stream: of the pixel's random numbers, where `stream_known`. key_on, key_off: of its events, but for their time.
     """
 
     u: wp.float64
-    here: wp.int64
+    last_time: wp.int64
     reference: wp.float64
     fired: wp.int32
-    coin_at: wp.int64
+    leak_event_at: wp.int64
     stream: wp.uint64
-    named: wp.bool
+    stream_known: wp.bool
     key_on: wp.int64
     key_off: wp.int64

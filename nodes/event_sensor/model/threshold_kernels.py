@@ -31,7 +31,7 @@ def thresholds_crossed(delta: wp.float64, c_on: wp.float64, c_off: wp.float64, t
 
 @wp.func
 def first_crossed(delta: wp.float64, c_on: wp.float64, c_off: wp.float64):
-    """Computes min(n, 1) of `thresholds_crossed` without its division, for a pixel that a dead time follows."""
+    """Computes min(n, 1) of `thresholds_crossed` without its division, for a pixel with a refractory period."""
     up = delta > wp.float64(0.0)
     c = wp.where(up, c_on, c_off)
     n = wp.int32(wp.abs(delta) + TOLERANCE >= c)

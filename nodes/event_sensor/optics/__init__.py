@@ -1,1 +1,6 @@
-"""Computes what comes before the threshold: defocus and the photoreceptor."""
+"""Computes what comes before the threshold: defocus and the photoreceptor; `optics.py` applies both.
+
+`defocus.py` blurs by `defocus_kernels.py` (`defocus.h`), slopes too (`slope_kernels.py`). `photoreceptor.py` is the low
+pass, by `photoreceptor_kernels.py` and, of many pixels at a time, `photoreceptor_simd_kernels.py`
+(`photoreceptor_simd.h`); `trace.py` and `trace_kernels.py` give its output between the samples.
+"""

@@ -67,7 +67,9 @@ class Photoreceptor:
         if bandwidth_level > 0 and exponent > 0:
             law = simd.PROPORTIONAL if exponent == 1 else simd.POWER
         gpu = self._device.is_cuda
-        self._kernel = kernels.low_pass_gpu(poles, law != simd.CONSTANT) if gpu else kernels.low_pass(poles, law)
+        self._kernel = (
+            kernels.make_filter_pixel(poles, law != simd.CONSTANT) if gpu else kernels.make_filter_blocks(poles, law)
+        )
         self._kind, self._chord = (poles, law), chord
         self._tracer: Any = None
         self._envs, self._size = envs, height * width * channels
@@ -166,6 +168,6 @@ class Photoreceptor:
         tracer, state = self._tracer, self._state()
         tracer.begin(images, state)
         if not self._device.is_cuda:
-            kernel = kernels.low_pass(*self._kind, True)
+            kernel = kernels.make_filter_blocks(*self._kind, True)
             self._filter(kernel, images, t, t_base, fresh, tracer.filtered, tracer.bent)
         return tracer.filtered, tracer.trace(images, lists, stamps, starts, state)

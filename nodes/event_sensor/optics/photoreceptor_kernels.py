@@ -15,7 +15,7 @@ from typing import Any
 
 import warp as wp
 
-from nodes.event_sensor.model.sensor_kernels import LARGEST
+from nodes.event_sensor.model.sensor_kernels import LARGEST, has_logarithm, with_dark_current
 from nodes.event_sensor.optics import photoreceptor_simd_kernels as simd
 from nodes.event_sensor.optics.photoreceptor_simd_kernels import GRAIN, Receptor
 
@@ -60,9 +60,9 @@ def corner(receptor: Receptor, intensity: wp.float32):
 
 
 @wp.func
-def has_level(receptor: Receptor, light: wp.float32):
-    """Tells whether ln(I + I_dark) is finite, as the sensor's function of this name does; false for NaN."""
-    return light >= 0.0 and light <= LARGEST and wp.float64(light) + receptor.dark > wp.float64(0.0)
+def light_seen(receptor: Receptor, light: wp.float32):
+    """Computes `with_dark_current` of a photoreceptor."""
+    return with_dark_current(light, receptor.dark, receptor.floor)
 
 
 @wp.func
@@ -86,12 +86,12 @@ def poles_after(
 
 
 @functools.cache
-def exact_step(poles: int, varying: bool) -> Any:
+def make_exact_step(poles: int, varying: bool) -> Any:
     """Makes the function of one step of a pixel, with the library's ln and exp."""
     two = poles == 2
 
     @wp.func
-    def step(
+    def exact_step(
         receptor: Receptor,
         v: wp.float32,
         last: wp.float32,
@@ -104,20 +104,20 @@ def exact_step(poles: int, varying: bool) -> Any:
 
         last: -1 where there is none yet. constant: the response where it is not varying.
         """
-        good = has_level(receptor, v)
+        good = has_logarithm(v, receptor.dark)
         if last < 0.0:
             if good:
                 return v, v, wp.float64(0.0), wp.float64(0.0)
             return float(wp.nan), last, e1, e2
         # A bad sample holds the input at the last good one; time goes on.
         seen = wp.where(good, v, last)
-        level = wp.max(wp.float64(seen) + receptor.dark, receptor.floor)
+        level = light_seen(receptor, seen)
         first = e1
         second = e2
         if seen != last or e1 != wp.float64(0.0) or e2 != wp.float64(0.0):
             grown = wp.float64(0.0)
             if seen != last:
-                grown = wp.log(level / wp.max(wp.float64(last) + receptor.dark, receptor.floor))
+                grown = wp.log(level / light_seen(receptor, last))
             a = wp.float64(0.0)
             df = constant
             if wp.static(varying):
@@ -136,7 +136,7 @@ def exact_step(poles: int, varying: bool) -> Any:
                 out = wp.clamp(wp.float32(level * wp.exp(y) - receptor.dark), 0.0, LARGEST)
         return out, seen, first, second
 
-    return step
+    return exact_step
 
 
 @wp.func
@@ -151,13 +151,13 @@ def halved(half: wp.float64):
 
 
 @functools.cache
-def low_pass(poles: int, law: int, bends: bool = False) -> wp.Kernel:
+def make_filter_blocks(poles: int, law: int, bends: bool = False) -> wp.Kernel:
     """Makes the filter with one pole or two, with a corner of this law, for a CPU.
 
     bends: pixels are marked whose output may lie further than `chord` from lines between the frames.
     """
     varying = law != simd.CONSTANT
-    exact, step_block = exact_step(poles, varying), simd.step_block(poles, law, bends)
+    exact_step, step_block = make_exact_step(poles, varying), simd.make_step_block(poles, law, bends)
     two = poles == 2
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -215,7 +215,7 @@ def low_pass(poles: int, law: int, bends: bool = False) -> wp.Kernel:
                 e2 = wp.float64(0.0)
                 if wp.static(two):
                     e2 = second_pole[here]
-                out, seen, after1, after2 = exact(
+                out, seen, after1, after2 = exact_step(
                     receptor, luminance[at + wp.int64(i)], last_sample[here], first_pole[here], e2, seconds[k], steps[k]
                 )  # fmt: skip
                 filtered[at + wp.int64(i)] = out
@@ -231,10 +231,10 @@ def low_pass(poles: int, law: int, bends: bool = False) -> wp.Kernel:
 
 
 @functools.cache
-def low_pass_gpu(poles: int, varying: bool) -> wp.Kernel:
+def make_filter_pixel(poles: int, varying: bool) -> wp.Kernel:
     """Makes the filter with a thread per pixel, for a GPU."""
     two = poles == 2
-    exact = exact_step(poles, varying)
+    exact_step = make_exact_step(poles, varying)
 
     @wp.kernel(module="unique", enable_backward=False)
     def filter_pixel(
@@ -265,7 +265,7 @@ def low_pass_gpu(poles: int, varying: bool) -> wp.Kernel:
             e2 = second_pole[index]
         k = int(0)
         while k < count:
-            out, seen, first, second = exact(receptor, luminance[at], last, e1, e2, seconds[k], steps[k])
+            out, seen, first, second = exact_step(receptor, luminance[at], last, e1, e2, seconds[k], steps[k])
             filtered[at] = out
             last = seen
             e1 = first

@@ -66,7 +66,7 @@ def constants(poles: int, law: int, bends: bool) -> dict[str, Any]:
 
 
 @cache
-def step_block(poles: int, law: int, bends: bool = False) -> Any:
+def make_step_block(poles: int, law: int, bends: bool = False) -> Any:
     """Makes the function of one step of a block of pixels.
 
     It returns how many samples it lists in `place` and leaves alone: those that are bad, too
@@ -75,7 +75,7 @@ def step_block(poles: int, law: int, bends: bool = False) -> Any:
     """
 
     @wp.func_native(native_code([STEP], CALL, constants(poles, law, bends)))
-    def step(
+    def step_block(
         receptor: Receptor, luminance: wp.array(dtype=wp.float32), at: wp.int64, ahead: wp.int64, index: wp.int32,
         size: wp.int32, half: wp.float64, halvings: wp.int32, constant_d: wp.float64, constant_f: wp.float64,
         last_sample: wp.array(dtype=wp.float32), first_pole: wp.array(dtype=wp.float64),
@@ -88,15 +88,15 @@ def step_block(poles: int, law: int, bends: bool = False) -> Any:
         """
         ...
 
-    return step
+    return step_block
 
 
 @cache
-def step_alone(poles: int, law: int) -> Any:
+def make_step_alone(poles: int, law: int) -> Any:
     """Makes the function of one step of one pixel, to the bits of step_block."""
 
     @wp.func_native(native_code([STEP], ALONE, constants(poles, law, False)))
-    def step(
+    def step_alone(
         receptor: Receptor, sample: wp.float32, index: wp.int32, half: wp.float64, halvings: wp.int32,
         constant_d: wp.float64, constant_f: wp.float64, last_sample: wp.array(dtype=wp.float32),
         first_pole: wp.array(dtype=wp.float64), second_pole: wp.array(dtype=wp.float64),
@@ -104,4 +104,4 @@ def step_alone(poles: int, law: int) -> Any:
         """Moves the pixel's state on, and returns the output; -1 and nothing done where step_block lists the sample."""
         ...
 
-    return step
+    return step_alone

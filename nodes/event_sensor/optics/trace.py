@@ -20,7 +20,7 @@ class Tracer:
     def __init__(self, poles: int, law: int, receptor: Receptor, chord: float, device: Any) -> None:
         """chord: largest deviation of a line between samples [ln I]."""
         self._receptor, self._chord, self._device = receptor, chord, device
-        self._kernel = (kernels.tracing_gpu if device.is_cuda else kernels.tracing)(poles, law)
+        self._kernel = (kernels.make_trace_or_count if device.is_cuda else kernels.make_trace_bent)(poles, law)
         self._output: Any = kernels.Output()
         self._first: wp.array = wp.zeros(1, dtype=wp.int32, device=device)
         self._before: list[wp.array] = []

@@ -17,10 +17,17 @@ from typing import Any
 
 import warp as wp
 
-from nodes.event_sensor.model.sensor_kernels import LARGEST
+from nodes.event_sensor.model.sensor_kernels import LARGEST, has_logarithm
 from nodes.event_sensor.model.step_kernels import Between
-from nodes.event_sensor.optics.photoreceptor_kernels import corner, exact_step, halved, has_level, poles_after, response
-from nodes.event_sensor.optics.photoreceptor_simd_kernels import CONSTANT, PIECE, WIDEST, Receptor, step_alone
+from nodes.event_sensor.optics.photoreceptor_kernels import (
+    corner,
+    halved,
+    light_seen,
+    make_exact_step,
+    poles_after,
+    response,
+)
+from nodes.event_sensor.optics.photoreceptor_simd_kernels import CONSTANT, PIECE, WIDEST, Receptor, make_step_alone
 
 wp.set_module_options({"enable_backward": False})
 
@@ -53,8 +60,8 @@ def light_of(receptor: Receptor, level: wp.float64, behind: wp.float64):
 
 
 @functools.cache
-def curve_samples(poles: int) -> Any:
-    """Makes the function of the output samples inside of a piece of a line."""
+def make_trace_piece(poles: int) -> Any:
+    """Makes the function `trace_piece`."""
     two = poles == 2
 
     @wp.func
@@ -122,18 +129,127 @@ def curve_samples(poles: int) -> Any:
     return trace_piece
 
 
+@wp.struct
+class InputLine:
+    """Holds the rest of a line of the input between two samples, and what is there where it begins.
+
+    start [ns]; light and level = exp(L); corner [1/s]; grown: dL up to the line's end. e1, e2: how far the poles are
+    behind. made: output samples so far.
+    """
+
+    start: wp.int64
+    light: wp.float32
+    level: wp.float64
+    corner: wp.float64
+    grown: wp.float64
+    e1: wp.float64
+    e2: wp.float64
+    made: wp.int32
+
+
 @functools.cache
-def traced_step(poles: int, law: int, gpu: bool) -> Any:
-    """Makes the function of a pixel's output up to the next sample of the input.
+def make_trace_pieces(poles: int) -> Any:
+    """Makes the function `trace_pieces`."""
+    two = poles == 2
+    trace_piece = make_trace_piece(poles)
+
+    @wp.func
+    def trace_pieces(receptor: Receptor, chord: wp.float64, end: wp.int64, line: InputLine, output: Output):
+        """Writes the output along all pieces of a line but the last, which ends at the sample at `end` [ns]; returns
+        the line's last piece."""
+        rest = line
+        whole = wp.float64(end - line.start)
+        pieces = wp.min(wp.ceil(wp.abs(line.grown) / PIECE), wp.min(MOST_PIECES, whole))
+        if end > LAST_OFFSET:
+            pieces = wp.float64(1.0)
+        j = wp.float64(1.0)
+        while j < pieces:
+            to = line.start + wp.int64(whole * j / pieces)
+            part = line.grown * (wp.float64(to - rest.start) / whole)
+            seen = light_of(receptor, rest.level, part)
+            there = corner(receptor, seen)
+            a = wp.float64(0.5) * (rest.corner + there) * wp.float64(to - rest.start) * wp.float64(1.0e-9)
+            made = trace_piece(
+                receptor, chord, rest.start, to, rest.level, part, a, rest.e1, rest.e2, rest.made, output
+            )  # fmt: skip
+            e1, e2 = poles_after(rest.e1, rest.e2, part, a, response(a), wp.static(two))
+            behind = e1
+            if wp.static(two):
+                behind = e2
+            rest.level = rest.level * wp.exp(part)
+            rest.made = put(output, made, to, light_of(receptor, rest.level, behind))
+            rest.start = to
+            rest.light = seen
+            rest.corner = there
+            rest.e1 = e1
+            rest.e2 = e2
+            j += wp.float64(1.0)
+        rest.grown = line.grown * (wp.float64(end - rest.start) / whole)
+        return rest
+
+    return trace_pieces
+
+
+@functools.cache
+def make_trace_held(poles: int, varying: bool) -> Any:
+    """Makes the function `trace_held`."""
+    two = poles == 2
+    trace_piece = make_trace_piece(poles)
+
+    @wp.func
+    def trace_held(
+        receptor: Receptor,
+        chord: wp.float64,
+        start: wp.int64,
+        now: wp.int64,
+        last: wp.float32,
+        e1: wp.float64,
+        e2: wp.float64,
+        made: wp.int32,
+        output: Output,
+    ):
+        """Writes the output up to a bad sample; returns how many output samples there are.
+
+        The input is held at the last good sample while the output goes on, and the bad sample itself cannot tell how
+        far.
+        """
+        count = wp.int32(made)
+        to = now - wp.int64(1)
+        if to > start and to <= LAST_OFFSET:
+            zero = wp.float64(0.0)
+            level = light_seen(receptor, last)
+            a = receptor.rate
+            if wp.static(varying):
+                a = corner(receptor, last)
+            a *= wp.float64(to - start) * wp.float64(1.0e-9)
+            count = trace_piece(receptor, chord, start, to, level, zero, a, e1, e2, count, output)
+            held_first, held_second = poles_after(e1, e2, zero, a, response(a), wp.static(two))
+            behind = held_first
+            if wp.static(two):
+                behind = held_second
+            count = put(output, count, to, light_of(receptor, level, behind))
+        return count
+
+    return trace_held
+
+
+@functools.cache
+def make_trace_step(poles: int, law: int, gpu: bool) -> Any:
+    """Makes the function `trace_step`.
 
     On a CPU its steps have the bits of those of many pixels together, so that nothing hangs on which of both it is.
     """
     two = poles == 2
     varying = law != CONSTANT
-    exact, trace_piece, alone = exact_step(poles, varying), curve_samples(poles), step_alone(poles, law)
+    exact_step, step_alone = make_exact_step(poles, varying), make_step_alone(poles, law)
+    trace_piece, trace_pieces, trace_held = (
+        make_trace_piece(poles),
+        make_trace_pieces(poles),
+        make_trace_held(poles, varying),
+    )
 
     @wp.func
-    def step(
+    def trace_step(
         # in
         receptor: Receptor,
         chord: wp.float64,
@@ -155,102 +271,68 @@ def traced_step(poles: int, law: int, gpu: bool) -> Any:
         last_sample, first_pole, second_pole: used on the way where this is a CPU.
         """
         seconds = wp.float64(now - start) * wp.float64(1.0e-9)
-        good = has_level(receptor, v)
+        good = has_logarithm(v, receptor.dark)
         begun = last >= 0.0
-        count = wp.int32(made)
-        first = wp.float64(e1)
-        second = wp.float64(e2)
-        from_sample = wp.float32(last)
-        at = wp.int64(start)
-        moves = v != last or e1 != wp.float64(0.0) or e2 != wp.float64(0.0)
-        a = wp.float64(0.0)
-        grown = wp.float64(0.0)
-        if begun and good and moves:
-            level = wp.max(wp.float64(last) + receptor.dark, receptor.floor)
+        line = InputLine()
+        line.start = start
+        line.light = last
+        line.e1 = e1
+        line.e2 = e2
+        line.made = made
+        behind = e1 != wp.float64(0.0) or e2 != wp.float64(0.0)
+        if begun and good and (v != last or behind):
+            line.level = light_seen(receptor, last)
             if v != last:
-                grown = wp.log(wp.max(wp.float64(v) + receptor.dark, receptor.floor) / level)
-            before = receptor.rate
+                line.grown = wp.log(light_seen(receptor, v) / line.level)
+            line.corner = receptor.rate
             after = receptor.rate
             if wp.static(varying):
-                before = corner(receptor, last)
+                line.corner = corner(receptor, last)
                 after = corner(receptor, v)
-                if before != after and wp.abs(grown) > PIECE:
-                    # All pieces but the last, which ends at the sample.
-                    pieces = wp.min(wp.ceil(wp.abs(grown) / PIECE), wp.min(MOST_PIECES, wp.float64(now - start)))
-                    if now > LAST_OFFSET:
-                        pieces = wp.float64(1.0)
-                    whole = wp.float64(now - start)
-                    j = wp.float64(1.0)
-                    while j < pieces:
-                        to = start + wp.int64(whole * j / pieces)
-                        part = grown * (wp.float64(to - at) / whole)
-                        seen = light_of(receptor, level, part)
-                        there = corner(receptor, seen)
-                        a = wp.float64(0.5) * (before + there) * wp.float64(to - at) * wp.float64(1.0e-9)
-                        count = trace_piece(receptor, chord, at, to, level, part, a, first, second, count, output)
-                        first, second = poles_after(first, second, part, a, response(a), wp.static(two))
-                        level = level * wp.exp(part)
-                        behind = first
-                        if wp.static(two):
-                            behind = second
-                        count = put(output, count, to, light_of(receptor, level, behind))
-                        at = to
-                        before = there
-                        from_sample = seen
-                        j += wp.float64(1.0)
-                    grown = grown * (wp.float64(now - at) / whole)
-                    seconds = wp.float64(now - at) * wp.float64(1.0e-9)
-            a = wp.float64(0.5) * (before + after) * seconds
-            count = trace_piece(receptor, chord, at, now, level, grown, a, first, second, count, output)
-        elif begun and not good and (e1 != wp.float64(0.0) or e2 != wp.float64(0.0)):
-            # The input is held while the output goes on, and the bad sample itself cannot tell how far.
-            to = now - wp.int64(1)
-            if to > start and to <= LAST_OFFSET:
-                level = wp.max(wp.float64(last) + receptor.dark, receptor.floor)
-                a = receptor.rate
-                if wp.static(varying):
-                    a = corner(receptor, last)
-                a *= wp.float64(to - start) * wp.float64(1.0e-9)
-                count = trace_piece(receptor, chord, start, to, level, grown, a, first, second, count, output)
-                held_first, held_second = poles_after(first, second, grown, a, response(a), wp.static(two))
-                behind = held_first
-                if wp.static(two):
-                    behind = held_second
-                count = put(output, count, to, light_of(receptor, level, behind))
+                if line.corner != after and wp.abs(line.grown) > PIECE:
+                    line = trace_pieces(receptor, chord, now, line, output)
+                    seconds = wp.float64(now - line.start) * wp.float64(1.0e-9)
+            a = wp.float64(0.5) * (line.corner + after) * seconds
+            line.made = trace_piece(
+                receptor, chord, line.start, now, line.level, line.grown, a, line.e1, line.e2, line.made, output
+            )  # fmt: skip
+        elif begun and not good and behind:
+            line.made = trace_held(receptor, chord, start, now, last, e1, e2, line.made, output)
         constant = wp.vec2d()
         if wp.static(not varying):
             constant = response(receptor.rate * seconds)
         if wp.static(not gpu):
             half = wp.float64(0.5) * receptor.rate * seconds
-            if at == start and not (wp.static(varying) and half > WIDEST):
+            if line.start == start and not (wp.static(varying) and half > WIDEST):
                 last_sample[index] = last
-                first_pole[index] = first
+                first_pole[index] = line.e1
                 if wp.static(two):
-                    second_pole[index] = second
+                    second_pole[index] = line.e2
                 halvings = int(0)
                 if wp.static(varying):
                     half, halvings = halved(half)
-                light = alone(
+                light = step_alone(
                     receptor, v, index, half, halvings, constant[0], constant[1], last_sample, first_pole, second_pole
                 )  # fmt: skip
                 if light >= 0.0:
+                    second = line.e2
                     if wp.static(two):
                         second = second_pole[index]
-                    return light, last_sample[index], first_pole[index], second, count
-        out, seen_last, first, second = exact(receptor, v, from_sample, first, second, seconds, constant)
-        return out, seen_last, first, second, count
+                    return light, last_sample[index], first_pole[index], second, line.made
+        out, seen_last, first, second = exact_step(receptor, v, line.light, line.e1, line.e2, seconds, constant)
+        return out, seen_last, first, second, line.made
 
-    return step
+    return trace_step
 
 
 @functools.cache
-def traced_pixel(poles: int, law: int, gpu: bool) -> Any:
-    """Makes the function of a pixel's output in a message."""
+def make_trace_pixel(poles: int, law: int, gpu: bool) -> Any:
+    """Makes the function `trace_pixel`."""
     two = poles == 2
-    step = traced_step(poles, law, gpu)
+    trace_step = make_trace_step(poles, law, gpu)
 
     @wp.func
-    def trace(
+    def trace_pixel(
         # in
         receptor: Receptor,
         chord: wp.float64,
@@ -306,7 +388,7 @@ def traced_pixel(poles: int, law: int, gpu: bool) -> Any:
                     ]  # fmt: skip
             out = wp.float32(v)
             if v != last or e1 != wp.float64(0.0) or e2 != wp.float64(0.0):
-                out, last, e1, e2, total = step(
+                out, last, e1, e2, total = trace_step(
                     receptor, chord, start, now, v, last, e1, e2, total, output,
                     index, last_sample, first_pole, second_pole,
                 )  # fmt: skip
@@ -326,14 +408,14 @@ def traced_pixel(poles: int, law: int, gpu: bool) -> Any:
                 second_pole[index] = e2
         return total
 
-    return trace
+    return trace_pixel
 
 
 @functools.cache
-def tracing(poles: int, law: int) -> wp.Kernel:
+def make_trace_bent(poles: int, law: int) -> wp.Kernel:
     """Makes the kernel for a CPU, whose threads run one after the other: each goes on behind the one before."""
     two = poles == 2
-    trace = traced_pixel(poles, law, False)
+    trace_pixel = make_trace_pixel(poles, law, False)
 
     @wp.kernel(module="unique", enable_backward=False)
     def trace_bent(
@@ -372,7 +454,7 @@ def tracing(poles: int, law: int) -> wp.Kernel:
             first_pole[index] = first_before[index]
             if wp.static(two):
                 second_pole[index] = second_before[index]
-            total = trace(
+            total = trace_pixel(
                 receptor, chord, fresh[index // receptor.size] != 0, stamps, luminance, between, index, total, True,
                 last_sample, first_pole, second_pole, filtered, output,
             )  # fmt: skip
@@ -382,9 +464,9 @@ def tracing(poles: int, law: int) -> wp.Kernel:
 
 
 @functools.cache
-def tracing_gpu(poles: int, law: int) -> wp.Kernel:
+def make_trace_or_count(poles: int, law: int) -> wp.Kernel:
     """Makes the kernel for a GPU, of two launches: one counts output samples, one writes them and the state."""
-    trace = traced_pixel(poles, law, True)
+    trace_pixel = make_trace_pixel(poles, law, True)
 
     @wp.kernel(module="unique", enable_backward=False)
     def trace_or_count(
@@ -411,7 +493,7 @@ def tracing_gpu(poles: int, law: int) -> wp.Kernel:
         made = int(0)
         if writes:
             made = first[index]
-        total = trace(
+        total = trace_pixel(
             receptor, chord, fresh[index // receptor.size] != 0, stamps, luminance, between, index, made, writes,
             last_sample, first_pole, second_pole, filtered, output,
         )  # fmt: skip

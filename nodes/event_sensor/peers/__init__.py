@@ -1,7 +1,8 @@
 """Implements other published event models behind one interface, so that results can be compared in one run.
 
-Each is written from its paper and has the limits of its paper; they are listed in its file. The sensor of this project
-is nodes.event_sensor.sensor.EventSensor.
+Each is written from its paper and has the limits of its paper; they are listed in its file: `esim.py`
+(`esim_kernels.py`), `v2e.py` (`v2e_kernels.py`), `dvs_voltmeter.py` (`dvs_voltmeter_kernels.py`). What they share is in
+`model.py` and `kernels.py`. The sensor of this project is nodes.event_sensor.sensor.EventSensor.
 """
 
 from __future__ import annotations

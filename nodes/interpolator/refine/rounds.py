@@ -73,7 +73,7 @@ class Kernels:
         """Makes the kernels for what there is in the scene of a `Rigid`."""
         layout, lens, transitions = rigid.layout, rigid.visibility.lens, changes_of(rigid)
         features = rigid.shading.features
-        painted = features.textures or features.tinted
+        painted = features.textures or features.vertex_colours
         how = (lens, layout.channels, layout.waveform_count, layout.relight, painted, transitions)
         ends = make_request_run_ends(layout.channels, not layout.flicker)
         return cls(

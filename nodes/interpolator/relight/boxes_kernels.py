@@ -9,7 +9,7 @@ import warp as wp
 from evis.gpu.reading_kernels import vector_at
 from nodes.interpolator.relight.features import LightChanges
 from nodes.renderer.lights.light_kernels import DIRECTIONAL, FAR
-from nodes.renderer.shadows.ray_kernels import Casters, box_met, inverse_of, rotation_of, sphere_met, translation_of
+from nodes.renderer.shadows.ray_kernels import Casters, hits_box, hits_sphere, inverse_of, rotation_of, translation_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -88,7 +88,7 @@ def crossed(swept: Swept, env: int, eye: wp.mat33, row: int, instance: int, posi
             k = wp.int32(0)
             while k >= 0:
                 box = env * boxes + k
-                met = box_met(vector_at(swept.lower, box) - low, vector_at(swept.upper, box) - high, inverse, length)
+                met = hits_box(vector_at(swept.lower, box) - low, vector_at(swept.upper, box) - high, inverse, length)
                 if k > 0 and met:
                     return True
                 if k > 0 and k + 32 < boxes:
@@ -149,14 +149,14 @@ def make_cast(f: LightChanges) -> Any:
                 # Seen from the point, the light is a cone that is as wide as that at the caster's far side.
                 reach = wp.dot(centre, ray) + casters.radius[i]
                 around = beside + wide * wp.clamp(reach / length, 0.0, 1.0)
-                if sphere_met(centre, casters.radius[i] + around, ray, length):
+                if hits_sphere(centre, casters.radius[i] + around, ray, length):
                     inverse = wp.transpose(rotation_of(casters, row, i))
                     at = inverse * centre
                     # A ray that grazes a face must not be missed for its rounding.
                     sides = half[i] + (around + 1.0e-5 * (wp.length(centre) + casters.radius[i])) * wp.vec3(
                         1.0, 1.0, 1.0
                     )
-                    if box_met(at - sides, at + sides, inverse_of(inverse * ray), length):
+                    if hits_box(at - sides, at + sides, inverse_of(inverse * ray), length):
                         return True
         return False
 

@@ -15,7 +15,7 @@ from evis.media.colour import REC709
 from nodes.interpolator.displacement_kernels import displaced, turned_back
 from nodes.interpolator.relight.boxes_kernels import Swept, crossed, make_cast, nearby
 from nodes.interpolator.relight.features import LightChanges
-from nodes.renderer.lights.light_kernels import AREA, Lights, make_directions
+from nodes.renderer.lights.light_kernels import AREA, Lights, make_light_directions
 from nodes.renderer.lights.sky_kernels import Sky, make_sky
 from nodes.renderer.raster.depth_kernels import triangle_of
 from nodes.renderer.shadows.ray_kernels import CONVEX, PLANAR, Casters, rotation_of
@@ -140,7 +140,7 @@ def in_the_open(flag: int, s: Point):
 @cache
 def make_light(f: LightChanges) -> tuple[Any, Any, Any]:
     """Makes the functions `irradiance`, `shaded` and `log_irradiance_then`."""
-    towards, _ = make_directions(f.directional, f.point or f.area, f.spot)
+    light_direction, _ = make_light_directions(f.directional, f.point or f.area, f.spot)
     _, ambient, _ = make_sky(f.mapped)
     cast = make_cast(f)
 
@@ -150,7 +150,7 @@ def make_light(f: LightChanges) -> tuple[Any, Any, Any]:
         frame of sky_row."""
         e = wp.pi * wp.dot(BRIGHTNESS, ambient(change.sky, sky_row, up))
         for l in range(lights.kind.shape[0]):
-            ray, _length, strength = towards(lights, row, l, s.position)
+            ray, _length, strength = light_direction(lights, row, l, s.position)
             cosine = wp.dot(s.normal, ray)
             if cosine > 0.0:
                 share = cosine * strength * change.weight[l]
@@ -167,7 +167,7 @@ def make_light(f: LightChanges) -> tuple[Any, Any, Any]:
         `around` of a point [m]."""
         for l in range(lights.kind.shape[0]):
             if lights.shadow[l] == 1:
-                ray, length, strength = towards(lights, row, l, s.position)
+                ray, length, strength = light_direction(lights, row, l, s.position)
                 wide = float(0.0)
                 if wp.static(f.area):
                     if lights.kind[l] == AREA:
@@ -191,7 +191,7 @@ def make_light(f: LightChanges) -> tuple[Any, Any, Any]:
 @cache
 def make_half_vector_turn(f: LightChanges) -> Any:
     """Makes the function `half_vector_turn`."""
-    towards, _ = make_directions(f.directional, f.point or f.area, f.spot)
+    light_direction, _ = make_light_directions(f.directional, f.point or f.area, f.spot)
 
     @wp.func
     def half_vector_turn(change: Change, row: int, row_then: int, s: Point, then: Point, moved: bool):
@@ -204,8 +204,8 @@ def make_half_vector_turn(f: LightChanges) -> Any:
         if moved:
             most = float(0.0)
             for l in range(change.now.kind.shape[0]):
-                ray, _length, _strength = towards(change.now, row, l, s.position)
-                before, _length_then, _strength_then = towards(change.then, row_then, l, then.position)
+                ray, _length, _strength = light_direction(change.now, row, l, s.position)
+                before, _length_then, _strength_then = light_direction(change.then, row_then, l, then.position)
                 most = wp.max(most, wp.length(eye * ray - eye_then * before))
             angle += 0.5 * most + wp.length(eye * s.normal - eye_then * then.normal)
         return angle

@@ -7,7 +7,7 @@ from nodes.interpolator.relight.boxes_kernels import bit, crossed, nearby, way_t
 from nodes.interpolator.relight.change_kernels import AROUND, LEAST_COSINE, LIT_ANEW, SHADED, Change
 from nodes.renderer.raster.depth_kernels import MISS, NO_ENTRY, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
-from nodes.renderer.shadows.ray_kernels import box_met, inverse_of
+from nodes.renderer.shadows.ray_kernels import hits_box, inverse_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -62,7 +62,7 @@ def find_shaded(
         wide = sides + (pad + swept.radius[l]) * wp.vec3(1.0, 1.0, 1.0)
         inverse = inverse_of(way)
         for k in range(1, swept.lower.shape[1]):
-            if box_met(swept.lower[env, k] - middle - wide, swept.upper[env, k] - middle + wide, inverse, length):
+            if hits_box(swept.lower[env, k] - middle - wide, swept.upper[env, k] - middle + wide, inverse, length):
                 mask = mask | bit(k - 1)
         masks[env, i, l] = mask
 
@@ -113,7 +113,7 @@ def find_open(
                 j = change.casters.order[n]
                 if j != i:
                     centre, other = box_of(change, body, env, j)
-                    if box_met(centre - middle - other - wide, centre - middle + other + wide, inverse, length):
+                    if hits_box(centre - middle - other - wide, centre - middle + other + wide, inverse, length):
                         result = wp.int32(0)
     open[env, i] = result
 

@@ -73,7 +73,7 @@ class Reprojection:
         self._lists.pixels, self._lists.places, self._lists.count = self._pixels, self._places, self._count
         self._all_starts = starts[:-1]
         f = shading.features
-        kind = (f.textures, f.smooth, f.tinted) if textured_in(shading, layout) else None
+        kind = (f.textures, f.smooth, f.vertex_colours) if textured_in(shading, layout) else None
         self._demodulate = make_demodulate(*kind) if kind else None
         how = (changes, layout.detailed, kind, layout.on_device)
         self._careful_look = make_gather(v.lens, channels, waveform_count, "careful", *how)

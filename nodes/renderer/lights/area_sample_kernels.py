@@ -2,8 +2,8 @@
 
 import warp as wp
 
-from nodes.renderer.lights.light_kernels import SurfacePoint
 from nodes.renderer.lights.rectangle_kernels import Rectangle
+from nodes.renderer.lights.surface_point_kernels import SurfacePoint
 from nodes.renderer.materials.ggx_kernels import sample_density, sample_direction, specular
 
 wp.set_module_options({"enable_backward": False})
@@ -28,7 +28,7 @@ class AreaSample:
     cosine: float
     density: float
     weight: float
-    met: bool
+    hits_light: bool
 
 
 @wp.func
@@ -58,18 +58,18 @@ def frozen_key(q: wp.vec3, footprint: float, instance: int):
 
 
 @wp.func
-def of_light(r: Rectangle, s: SurfacePoint, a: float, b: float):
+def light_area_sample(r: Rectangle, s: SurfacePoint, a: float, b: float):
     """Gives the sample towards the point (a, b) in [0, 1)^2 of a rectangle."""
     sample = AreaSample()
     towards = r.centre + (2.0 * a - 1.0) * r.u + (2.0 * b - 1.0) * r.v
     length = wp.length(towards)
     ray = towards / length
-    cosine = wp.dot(s.facing, ray)
-    leaving = -wp.dot(r.facing, ray)
+    cosine = wp.dot(s.shading_normal, ray)
+    leaving = -wp.dot(r.normal, ray)
     if cosine > 0.0 and leaving > 0.0:
         sample.weight = cosine * leaving / length / length
         sample.density = length * length / (leaving * r.area)
-        sample.met = wp.dot(s.normal, ray) > 0.0
+        sample.hits_light = wp.dot(s.normal, ray) > 0.0
     sample.towards = towards
     sample.ray = ray
     sample.cosine = cosine
@@ -77,22 +77,22 @@ def of_light(r: Rectangle, s: SurfacePoint, a: float, b: float):
 
 
 @wp.func
-def of_lobe(r: Rectangle, s: SurfacePoint, a: float, b: float):
+def lobe_sample(r: Rectangle, s: SurfacePoint, a: float, b: float):
     """Gives the sample of the specular lobe for (a, b) in [0, 1)^2."""
     sample = AreaSample()
-    ray = sample_direction(s.alpha, s.facing, s.view, wp.vec2(a, b))
-    cosine = wp.dot(s.facing, ray)
-    facing = r.facing
-    leaving = -wp.dot(facing, ray)
+    ray = sample_direction(s.alpha, s.shading_normal, s.view, wp.vec2(a, b))
+    cosine = wp.dot(s.shading_normal, ray)
+    normal = r.normal
+    leaving = -wp.dot(normal, ray)
     if cosine > 0.0 and leaving > 0.0:
         centre = r.centre
         u = r.u
         v = r.v
-        length = -wp.dot(centre, facing) / leaving
+        length = -wp.dot(centre, normal) / leaving
         towards = length * ray
         place = towards - centre
         within = wp.abs(wp.dot(place, u)) <= wp.dot(u, u) and wp.abs(wp.dot(place, v)) <= wp.dot(v, v)
-        sample.met = within and wp.dot(s.normal, ray) > 0.0
+        sample.hits_light = within and wp.dot(s.normal, ray) > 0.0
         sample.density = length * length / (leaving * r.area)
         sample.towards = towards
     sample.ray = ray
@@ -101,12 +101,12 @@ def of_lobe(r: Rectangle, s: SurfacePoint, a: float, b: float):
 
 
 @wp.func
-def glint_of(s: SurfacePoint, sample: AreaSample, count: float):
+def specular_estimate(s: SurfacePoint, sample: AreaSample, count: float):
     """Gives the specular radiance by one of `count` samples of a light of radiance 1, taken of the light or of the
     lobe.
 
     The sum of both densities is the balance heuristic's.
     """
-    brdf = specular(s.alpha, s.f0, s.facing, s.view, sample.ray)
-    other = sample_density(s.alpha, s.facing, s.view, sample.ray)
+    brdf = specular(s.alpha, s.f0, s.shading_normal, s.view, sample.ray)
+    other = sample_density(s.alpha, s.shading_normal, s.view, sample.ray)
     return (sample.cosine / (count * (sample.density + other))) * brdf

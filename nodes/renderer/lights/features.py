@@ -13,7 +13,7 @@ class Features:
     """Some instance shows one."""
     smooth: bool = False
     """Some instance has shading normals of its own."""
-    tinted: bool = False
+    vertex_colours: bool = False
     """Some mesh has colours at its vertices."""
     gloss: bool = False
     """Some material is not plain diffuse."""
@@ -28,17 +28,17 @@ class Features:
     """An area light has shadows."""
     flicker: bool = False
     """Strengths of lights change."""
-    mapped: bool = False
+    sky_map: bool = False
     """The sky is a map."""
-    ambience: bool = True
+    ambient: bool = True
     """Surfaces get the sky's light, which nothing hides; without it paths bring it."""
     trees: bool = False
     """Casters lie in trees."""
-    joined: bool = False
+    merged: bool = False
     """There may be one mesh of all still triangles."""
     cached: bool = False
     """Light on still surfaces is remembered."""
-    masked: bool = False
+    shadow_pass: bool = False
     """Rays to lights that are points have been traced before, by shading/shadow_kernels."""
     grids: bool = False
     """Rays to some lights that are points go by grids over what these see (shadows/grid_kernels)."""
@@ -48,7 +48,7 @@ class Features:
     """Several samples of a lobe are taken at a time, in a CPU's way (lobe_kernels)."""
     half: bool = False
     """Light is written as float16."""
-    fast: bool = False
+    fast_math: bool = False
     """On a GPU: quotients, roots and powers may be off by units in the last place, for a fifth fewer instructions."""
 
     @property

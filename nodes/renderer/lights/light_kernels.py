@@ -1,4 +1,4 @@
-"""Describes lights, the points of surfaces that they shine on, and the ray between them for lights without size."""
+"""Describes lights, and the ray to one without size from a point of a surface."""
 
 from functools import cache
 from typing import Any
@@ -6,6 +6,7 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.reading_kernels import vector_at
+from nodes.renderer.lights.surface_point_kernels import SurfacePoint
 
 wp.set_module_options({"enable_backward": False})
 
@@ -38,36 +39,19 @@ class Lights:
 
 
 @wp.struct
-class SurfacePoint:
-    """Holds where light arrives. normal is geometric, facing the one to shade with; both towards the viewer.
-
-    lift: start of shadow rays, which leave out instance `alone`. view: towards the viewer. key: of the surface's frozen
-    random numbers. alpha < 0: plain diffuse, otherwise GGX with reflectance f0 at normal incidence.
-    """
-
-    position: wp.vec3
-    lift: wp.vec3
-    normal: wp.vec3
-    facing: wp.vec3
-    alone: int
-    view: wp.vec3
-    alpha: float
-    f0: wp.vec3
-    key: wp.uint32
-
-
-@wp.struct
 class DirectLight:
-    """Holds what lights give a surface point: irradiance for the diffuse term and radiance of the specular one.
+    """Holds what lights give a surface point: irradiance for the diffuse term and reflected radiance of the specular
+    one.
 
-    still_irradiance, still_shine: without moving casters. bits: one for each light that still casters let through.
+    still_irradiance, still_specular: without moving casters. lit_mask: a bit for each light that still casters let
+    through.
     """
 
     irradiance: wp.vec3
-    shine: wp.vec3
+    specular: wp.vec3
     still_irradiance: wp.vec3
-    still_shine: wp.vec3
-    bits: wp.uint32
+    still_specular: wp.vec3
+    lit_mask: wp.uint32
 
 
 @wp.func
@@ -102,13 +86,13 @@ def out_of_cone(lights: Lights, env: int, l: int, vector: wp.vec3):
 
 
 @cache
-def make_directions(directional: bool, point: bool, spot: bool) -> tuple[Any, Any]:
-    """Makes the functions `towards` and `idle` of point-like lights."""
+def make_light_directions(directional: bool, point: bool, spot: bool) -> tuple[Any, Any]:
+    """Makes the functions `light_direction` and `cannot_reach` of point-like lights."""
     positional = point or spot
     both = directional and positional
 
     @wp.func
-    def towards(lights: Lights, env: int, l: int, p: wp.vec3):
+    def light_direction(lights: Lights, env: int, l: int, p: wp.vec3):
         """Gives the unit vector to a light, its distance, and its strength: falloff / distance^2, 1 for a directional
         light."""
         vector = vector_of(lights, env, l)
@@ -129,20 +113,19 @@ def make_directions(directional: bool, point: bool, spot: bool) -> tuple[Any, An
         return ray, length, strength
 
     @wp.func
-    def idle(lights: Lights, env: int, l: int, s: SurfacePoint):
-        """Tells whether a light is below the surface, or the surface out of its cone: most are, and this is soon
-        known."""
+    def cannot_reach(lights: Lights, env: int, l: int, s: SurfacePoint):
+        """Tells whether a light is below the surface, or the surface out of its cone: true of most, and soon found."""
         vector = vector_of(lights, env, l)
         if wp.static(both):
             if lights.kind[l] != DIRECTIONAL:
                 vector = vector - s.position
         elif wp.static(positional):
             vector = vector - s.position
-        if wp.dot(s.facing, vector) <= 0.0 or wp.dot(s.normal, vector) <= 0.0:
+        if wp.dot(s.shading_normal, vector) <= 0.0 or wp.dot(s.normal, vector) <= 0.0:
             return True
         if wp.static(spot):
             if lights.kind[l] == SPOT:
                 return out_of_cone(lights, env, l, vector)
         return False
 
-    return towards, idle
+    return light_direction, cannot_reach

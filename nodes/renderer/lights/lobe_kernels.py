@@ -12,18 +12,18 @@ from evis.native_code import native_code
 wp.set_module_options({"enable_backward": False})
 
 RUN = 8
-"""Samples that are taken at a time, as in mirrored.h."""
+"""Samples that are taken at a time, as in specular_means.h."""
 BESIDE = 1
-"""Texels that must follow the last one of a map: mirrored.h reads two numbers beyond it."""
-MIRRORED = Path(__file__).with_name("mirrored.h")
-GATHER = "return mirrored(points, levels, texels, to_world, view, alpha, held, stretched, widest);"
+"""Texels that must follow the last one of a map: specular_means.h reads two numbers beyond it."""
+SPECULAR_MEANS = Path(__file__).with_name("specular_means.h")
+GATHER = "return specular_means(points, levels, texels, to_world, view, alpha, held, stretched, widest);"
 
 Means = wp.types.matrix(shape=(2, 3), dtype=wp.float32)
 """Two means of the radiance of a map, as rows."""
 
 
-@wp.func_native(native_code([MIRRORED], GATHER))
-def gathered_by_runs(
+@wp.func_native(native_code([SPECULAR_MEANS], GATHER))
+def specular_means_by_runs(
     points: wp.array2d(dtype=wp.float32),
     levels: wp.array(dtype=wp.vec3i),
     texels: wp.array(dtype=wp.vec3),
@@ -34,5 +34,5 @@ def gathered_by_runs(
     stretched: wp.vec3,
     widest: float,
 ) -> Means:
-    """Computes the same means as `sky_kernels.gathered`, in C++ with several samples at a time."""
+    """Computes the same means as `sky_kernels.specular_means_by_sample`, in C++ with several samples at a time."""
     ...

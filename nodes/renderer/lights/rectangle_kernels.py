@@ -2,7 +2,8 @@
 
 import warp as wp
 
-from nodes.renderer.lights.light_kernels import Lights, SurfacePoint
+from nodes.renderer.lights.light_kernels import Lights
+from nodes.renderer.lights.surface_point_kernels import SurfacePoint
 
 wp.set_module_options({"enable_backward": False})
 
@@ -18,7 +19,7 @@ class Rectangle:
     centre: wp.vec3
     u: wp.vec3
     v: wp.vec3
-    facing: wp.vec3
+    normal: wp.vec3
     area: float
     flux: float
 
@@ -78,13 +79,13 @@ def rectangle_of(lights: Lights, env: int, l: int, s: SurfacePoint):
     u = lights.half_u[env, l]
     v = lights.half_v[env, l]
     cross = wp.cross(u, v)
-    facing = wp.normalize(cross)
-    if wp.dot(centre, facing) < 0.0:
-        r.flux = rectangle_irradiance(centre, u, v, s.facing)
+    normal = wp.normalize(cross)
+    if wp.dot(centre, normal) < 0.0:
+        r.flux = rectangle_irradiance(centre, u, v, s.shading_normal)
     r.centre = centre
     r.u = u
     r.v = v
-    r.facing = facing
+    r.normal = normal
     r.area = 4.0 * wp.length(cross)
     return r
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from nodes.renderer.lights.lobe_kernels import Means, gathered_by_runs
+from nodes.renderer.lights.lobe_kernels import Means, specular_means_by_runs
 from nodes.renderer.materials.ggx_kernels import (
     LEAST_COSINE,
     PI,
@@ -125,10 +125,10 @@ def reflectances(sky: Sky, alpha: float, nv: float):
 
 
 @wp.func
-def gathered(
+def specular_means_by_sample(
     sky: Sky, to_world: wp.mat33, view: wp.vec2, alpha: float, held: float, stretched: wp.vec3, widest: float
 ) -> Means:
-    """Gives the two means of `make_mirrored`, one sample after another: mirrored.h does the same by runs.
+    """Gives the two means of `make_specular_means`, one sample after another: specular_means.h does the same by runs.
 
     view: towards the viewer, by t and n. held: n.v, held. widest: halvings of the map that suit a sample whose share of
     the lobe is 1.
@@ -160,11 +160,11 @@ def gathered(
 
 
 @cache
-def make_mirrored(by_runs: bool) -> Any:
-    """Makes the function `mirrored`. by_runs: for a CPU, in C++."""
+def make_specular_means(by_runs: bool) -> Any:
+    """Makes the function `specular_means`. by_runs: for a CPU, in C++."""
 
     @wp.func
-    def mirrored(sky: Sky, env: int, n: wp.vec3, v: wp.vec3, alpha: float) -> Means:
+    def specular_means(sky: Sky, env: int, n: wp.vec3, v: wp.vec3, alpha: float) -> Means:
         """Estimates what the specular lobe gathers of the map: two means of its radiance, one as Schlick's weight has
         it where the surface reflects by f0, and one where it reflects whatever f0 is.
 
@@ -184,28 +184,30 @@ def make_mirrored(by_runs: bool) -> Any:
         width = texels * 4.0 * PI * held / (float(sky.points.shape[1]) * view_masking(alpha, held))
         widest = 0.5 * wp.log2(width) + wp.log2(alpha)
         if wp.static(by_runs):
-            return gathered_by_runs(sky.points, sky.levels, sky.texels, to_world, view, alpha, held, stretched, widest)
-        return gathered(sky, to_world, view, alpha, held, stretched, widest)
+            return specular_means_by_runs(
+                sky.points, sky.levels, sky.texels, to_world, view, alpha, held, stretched, widest
+            )
+        return specular_means_by_sample(sky, to_world, view, alpha, held, stretched, widest)
 
-    return mirrored
+    return specular_means
 
 
-def make_sky(mapped: bool, by_runs: bool = False) -> tuple[Any, Any, Any]:
+def make_sky(sky_map: bool, by_runs: bool = False) -> tuple[Any, Any, Any]:
     """Makes the functions `background`, `ambient` and `gloss` for a uniform sky or a map. by_runs: see
-    `make_mirrored`."""
-    mirrored = make_mirrored(by_runs)
+    `make_specular_means`."""
+    specular_means = make_specular_means(by_runs)
 
     @wp.func
     def background(sky: Sky, env: int, ray: wp.vec3):
         """Gives the radiance from where a ray of the camera leads."""
-        if wp.static(mapped):
+        if wp.static(sky_map):
             return equirect(sky.texels, sky.levels[0], sky.camera[env] * ray)
         return sky.uniform
 
     @wp.func
     def ambient(sky: Sky, env: int, n: wp.vec3):
         """Gives the irradiance / pi on a surface with normal n."""
-        if wp.static(mapped):
+        if wp.static(sky_map):
             return equirect(sky.diffuse, sky.levels[sky.levels.shape[0] - 1], sky.camera[env] * n)
         return sky.uniform
 
@@ -213,11 +215,11 @@ def make_sky(mapped: bool, by_runs: bool = False) -> tuple[Any, Any, Any]:
     def gloss(sky: Sky, env: int, n: wp.vec3, v: wp.vec3, alpha: float, f0: wp.vec3):
         """Estimates the radiance from the specular lobe; gives also `reflectances` at this view.
 
-        `mirrored` by the exact shares (a, b) of a uniform sky, so that its samples' noise is that of the map alone.
+        `specular_means` by the exact shares (a, b) of a uniform sky, so that the noise of samples is that of the map.
         """
         r = reflectances(sky, alpha, wp.dot(n, v))
-        if wp.static(mapped):
-            found = mirrored(sky, env, n, v, alpha)
+        if wp.static(sky_map):
+            found = specular_means(sky, env, n, v, alpha)
             return r[0] * wp.cw_mul(f0, found[0]) + r[1] * found[1], r
         return wp.cw_mul(specular_share(r, f0), sky.uniform), r
 

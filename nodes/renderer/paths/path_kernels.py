@@ -1,10 +1,10 @@
 """Computes light that reaches seen surfaces over other surfaces, from the sky and from glowing surfaces, by paths from
 the camera.
 
-At every surface point a path takes one direction from the mixture of its lobes and aims once at a glowing triangle and
-once at the sky's map; what two of these can find is weighted by the balance heuristic (Veach and Guibas, SIGGRAPH
-1995). From the second point on it aims at one light too, chosen by what each would give if it were seen; at the first
-one the light of lights is there already.
+At every surface point a path takes one direction from the mixture of its lobes and, by next-event estimation, aims once
+at a glowing triangle and once at the sky's map; what two of these can find is weighted by the balance heuristic (Veach
+and Guibas, SIGGRAPH 1995). From the second point on it aims at one light too, chosen by what each would give if it were
+seen; at the first one the light of lights is there already.
 """
 
 from typing import Any
@@ -14,18 +14,18 @@ import warp as wp
 from nodes.renderer.lights.features import Features
 from nodes.renderer.lights.light_kernels import Lights
 from nodes.renderer.lights.sky_kernels import Sky
-from nodes.renderer.paths.sampling_kernels import Sources, frozen_shift
-from nodes.renderer.paths.surface_kernels import Bodies
-from nodes.renderer.paths.walk_kernels import PathLimits, make_vertices, make_walk
+from nodes.renderer.paths.path_tracer_kernels import PathLimits, make_path_tracer
+from nodes.renderer.paths.sampling_kernels import PathSources, frozen_shift
+from nodes.renderer.paths.vertex_kernels import PathMeshes, make_vertices
 from nodes.renderer.raster.depth_kernels import MISS
 from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.raster.surface_kernels import (
     Pixel,
-    Seen,
     Surfaces,
+    VisibilityBuffer,
     listed_pixel,
     pixel_at,
-    seen_face,
+    primary_hit,
     seen_triangle,
 )
 from nodes.renderer.shading.radiance_kernels import make_image, make_write
@@ -34,39 +34,39 @@ from nodes.renderer.shadows.ray_kernels import Casters
 wp.set_module_options({"enable_backward": False})
 
 
-def make_paths(f: Features, glowing: bool, dark: bool, half: bool) -> tuple[wp.Kernel, wp.Kernel]:
+def make_paths(f: Features, emitters: bool, only_lights: bool, half: bool) -> tuple[wp.Kernel, wp.Kernel]:
     """Makes the kernels that add the light of paths to all pixels of an image, and to those of a list.
 
-    f: of the shading kernel that brings the light of lights. glowing: some surface glows. dark: none does, and the sky
-    is black. half: light is written as float16.
+    f: of the shading kernel that brings the light of lights. emitters: some surface is one. only_lights: none is, and
+    the sky is black. half: light is written as float16.
     """
     Image: Any = make_image(half)
     write = make_write(half)
     first_vertex, _ = make_vertices(f)
-    walk = make_walk(f, glowing, dark)
+    path_radiance = make_path_tracer(f, emitters, only_lights)
 
     @wp.func
     def paths(
         view: CameraView,
         pixel: Pixel,
         limits: PathLimits,
-        seen: Seen,
+        seen: VisibilityBuffer,
         surfaces: Surfaces,
         lights: Lights,
         sky: Sky,
         casters: Casters,
-        bodies: Bodies,
-        sources: Sources,
+        meshes: PathMeshes,
+        sources: PathSources,
     ):
         """Gives the radiance of a pixel from paths."""
         if seen_triangle(seen, pixel) == MISS:
             return wp.vec3(0.0, 0.0, 0.0)
-        face = seen_face(view, seen, surfaces, pixel)
-        first = first_vertex(view, pixel, seen, surfaces, sky, casters, face)
-        i = face.instance
-        q = wp.transpose(face.turn) * (face.position - seen.translation[pixel.env, i])
+        hit = primary_hit(view, seen, surfaces, pixel)
+        first = first_vertex(view, pixel, seen, surfaces, sky, casters, hit)
+        i = hit.instance
+        q = wp.transpose(hit.rotation) * (hit.position - seen.translation[pixel.env, i])
         shift = frozen_shift(q, casters.radius[i], i)
-        return walk(limits, i, shift, pixel.env, first, surfaces, lights, sky, casters, bodies, sources)
+        return path_radiance(limits, i, shift, pixel.env, first, surfaces, lights, sky, casters, meshes, sources)
 
     # Kernels name their parameters one by one; these two share what they do, and so most of their names.
     @wp.kernel(module="unique", enable_backward=False)
@@ -77,13 +77,13 @@ def make_paths(f: Features, glowing: bool, dark: bool, half: bool) -> tuple[wp.K
         band: int,
         span: int,
         limits: PathLimits,
-        seen: Seen,
+        seen: VisibilityBuffer,
         surfaces: Surfaces,
         lights: Lights,
         sky: Sky,
         casters: Casters,
-        bodies: Bodies,
-        sources: Sources,
+        meshes: PathMeshes,
+        sources: PathSources,
         direct: wp.array3d(dtype=wp.vec3),
         # out
         image: Image,
@@ -92,15 +92,15 @@ def make_paths(f: Features, glowing: bool, dark: bool, half: bool) -> tuple[wp.K
 
         Args:
             row0, band, span, image: as of shading_kernels' `shade`.
-            bodies: what a path has to know of what it meets.
-            sources: what it aims at.
+            meshes: what a path has to know of what it meets.
+            sources: emitters and the sky, for next-event estimation.
             direct: [E, H, W] radiance without paths.
         """
         env, row, part = wp.tid()
         y = row0 + row
         for x in range(part * span, wp.min(part * span + span, view.width)):
             pixel = pixel_at(env, y, x)
-            add = paths(view, pixel, limits, seen, surfaces, lights, sky, casters, bodies, sources)
+            add = paths(view, pixel, limits, seen, surfaces, lights, sky, casters, meshes, sources)
             write(pixel.env, pixel.y, pixel.x, band, direct[pixel.env, pixel.y, pixel.x] + add, image)
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -113,13 +113,13 @@ def make_paths(f: Features, glowing: bool, dark: bool, half: bool) -> tuple[wp.K
         pixels: wp.array(dtype=int),
         count: wp.array(dtype=int),
         limits: PathLimits,
-        seen: Seen,
+        seen: VisibilityBuffer,
         surfaces: Surfaces,
         lights: Lights,
         sky: Sky,
         casters: Casters,
-        bodies: Bodies,
-        sources: Sources,
+        meshes: PathMeshes,
+        sources: PathSources,
         direct: wp.array3d(dtype=wp.vec3),
         # out
         image: Image,
@@ -128,12 +128,12 @@ def make_paths(f: Features, glowing: bool, dark: bool, half: bool) -> tuple[wp.K
 
         Args:
             workers, first, band, pixels, count, image: as of shading_kernels' `shade_list`.
-            bodies, sources, direct: as of `add_paths`.
+            meshes, sources, direct: as of `add_paths`.
         """
         j = wp.tid()
         while j < count[band]:
             pixel = listed_pixel(view, pixels[first + j])
-            add = paths(view, pixel, limits, seen, surfaces, lights, sky, casters, bodies, sources)
+            add = paths(view, pixel, limits, seen, surfaces, lights, sky, casters, meshes, sources)
             write(pixel.env, pixel.y, pixel.x, band, direct[pixel.env, pixel.y, pixel.x] + add, image)
             j += workers
 

@@ -14,15 +14,15 @@ from evis.media.colour import REC709
 from evis.scene.model import Light, Scene
 from nodes.renderer.lights.features import Features
 from nodes.renderer.paths import path_kernels
-from nodes.renderer.paths.sampling_kernels import GLOWING, PICTURE, Sources
-from nodes.renderer.paths.surface_kernels import Bodies
-from nodes.renderer.paths.walk_kernels import PathLimits
+from nodes.renderer.paths.path_tracer_kernels import PathLimits
+from nodes.renderer.paths.sampling_kernels import EMITTER, LIGHT_PROXY, PathSources
+from nodes.renderer.paths.vertex_kernels import PathMeshes
 from nodes.renderer.raster.visibility import Visibility
 
 LUMINANCE = np.array(REC709)
 
 NEAR = 2.0
-"""A glowing instance is the picture of a light that lies within this many times its radius from its middle."""
+"""A glowing instance is the proxy of a light that lies within this many times its radius from its middle."""
 
 MOST_BOUNCES = 63
 
@@ -61,15 +61,15 @@ class Paths:
         self._limits.bounces, self._limits.samples = options.bounces, options.samples
         self._limits.roulette = int(options.roulette)
         self.direct = visibility.empty(visibility.shape, wp.vec3)
-        self._bodies = Bodies()
+        self._bodies = PathMeshes()
         self._bodies.first = put(geometry.first[:-1], wp.int32)
         self._bodies.two_sided, self._bodies.points = visibility.two_sided, visibility.points
-        self.glows = glowing(scene, visibility)
-        glows = self.glows == int(GLOWING)
-        self._sources = make_sources(visibility, glows)
-        self._sources.glows = put(self.glows, wp.int32)
-        dark = not glows.any() and scene.environment_map is None and not np.any(scene.environment)
-        self._kernels = make_paths(features, bool(glows.any()), dark, half)
+        kinds = emitter_kinds(scene, visibility)
+        emits = kinds == int(EMITTER)
+        self._sources = make_path_sources(visibility, emits)
+        self._sources.emitter_kind = put(kinds, wp.int32)
+        only_lights = not emits.any() and scene.environment_map is None and not np.any(scene.environment)
+        self._kernels = make_paths(features, bool(emits.any()), only_lights, half)
 
     def kernel(self, listed: bool) -> wp.Kernel:
         """Makes the kernel for all pixels of the rows it gets, or for those of a list; arguments as of
@@ -81,11 +81,11 @@ class Paths:
         return [self._limits, *light, self._bodies, self._sources, self.direct, image]
 
 
-def glowing(scene: Scene, visibility: Visibility) -> np.ndarray:
-    """Gives int32 [I]: GLOWING for an instance that emits light, PICTURE for one that shows a light, 0 for the others.
+def emitter_kinds(scene: Scene, visibility: Visibility) -> np.ndarray:
+    """Gives int32 [I]: EMITTER for an instance that emits light, LIGHT_PROXY for one that shows a light, 0 for others.
 
     The light of a lamp would be counted twice if its shade lit others too, and what the shade throws back of the light
-    within it is part of that light: paths end at a picture.
+    within it is part of that light: paths end at a proxy.
     """
     geometry = visibility.geometry
     found = np.zeros(len(scene.instances), np.int32)
@@ -93,7 +93,7 @@ def glowing(scene: Scene, visibility: Visibility) -> np.ndarray:
         if np.any(scene.materials[instance.material].emission) and len(instance.mesh.faces):
             reach, centre = NEAR * float(geometry.radius[index]), geometry.translation[index]
             shown = any(_shows(light, instance.body, centre, reach) for light in scene.lights)
-            found[index] = int(PICTURE if shown else GLOWING)
+            found[index] = int(LIGHT_PROXY if shown else EMITTER)
     return found
 
 
@@ -104,31 +104,31 @@ def _shows(light: Light, body: int, centre: np.ndarray, reach: float) -> bool:
     return bool(np.linalg.norm(np.asarray(light.vector, np.float64) - centre) <= reach)
 
 
-def make_sources(visibility: Visibility, glows: np.ndarray) -> Any:
-    """Makes the kernels' sources of light that are no lights; glows: bool [I], those that emit light of their own."""
+def make_path_sources(visibility: Visibility, emits: np.ndarray) -> Any:
+    """Makes the kernels' sources of light that are no lights; emits: bool [I], those that are EMITTER."""
     scene, geometry, put = visibility.scene, visibility.geometry, visibility.put
     instance = geometry.triangle_instance
-    chosen = np.flatnonzero(glows[instance]) if len(instance) else np.zeros(0, np.int64)
+    chosen = np.flatnonzero(emits[instance]) if len(instance) else np.zeros(0, np.int64)
     corners = geometry.vertices[geometry.triangles[chosen]].astype(np.float64).reshape(-1, 3, 3)
     area = areas(corners)
     emission = np.array([m.emission for m in scene.materials], np.float64).reshape(-1, 3) @ LUMINANCE
     material = np.array([i.material for i in scene.instances], np.int64)
     power = area * emission[material[instance[chosen]]]
-    sources = Sources()
-    sources.glow_sum = put(_running(power), wp.float32)
-    sources.glow_instance = put(instance[chosen], wp.int32)
-    sources.glow_corners = put(corners, wp.vec3)
-    sources.glow_density = 1.0 / float(power.sum()) if power.sum() > 0 else 0.0
-    rows, columns, share = np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0))
+    sources = PathSources()
+    sources.emitter_cdf = put(_cdf(power), wp.float32)
+    sources.emitter_instance = put(instance[chosen], wp.int32)
+    sources.emitter_corners = put(corners, wp.vec3)
+    sources.emitter_density = 1.0 / float(power.sum()) if power.sum() > 0 else 0.0
+    rows, columns, pdf = np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0))
     if scene.environment_map is not None:
-        rows, columns, share = sky_shares(np.asarray(scene.environment_map, np.float64))
-    sources.sky_rows = put(rows, wp.float32)
-    sources.sky_columns, sources.sky_share = put(columns, wp.float32), put(share, wp.float32)
+        rows, columns, pdf = sky_distribution(np.asarray(scene.environment_map, np.float64))
+    sources.sky_row_cdf = put(rows, wp.float32)
+    sources.sky_column_cdf, sources.sky_pdf = put(columns, wp.float32), put(pdf, wp.float32)
     return sources
 
 
-def sky_shares(radiance: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Gives running shares of the rows [h] and of the columns [h, w], and each texel's share times their number.
+def sky_distribution(radiance: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Gives the CDF of the rows [h], that of the columns in each row [h, w], and each texel's share times their number.
 
     A texel's luminance counts with its neighbours', for between their centres the map is interpolated, and with a part
     of the mean, so that no direction is left out.
@@ -143,9 +143,10 @@ def sky_shares(radiance: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray
     weight = (light + 0.05 * mean + 1e-30) * solid
     share = weight / weight.sum()
     columns = np.cumsum(weight, 1)
-    return _running(weight.sum(1)), columns / columns[:, -1:], share * (h * w)
+    return _cdf(weight.sum(1)), columns / columns[:, -1:], share * (h * w)
 
 
-def _running(weight: np.ndarray) -> np.ndarray:
+def _cdf(weight: np.ndarray) -> np.ndarray:
+    """Gives the cumulative distribution of weights, the last one 1; zeros where there is no weight."""
     total = np.cumsum(weight)
     return total / total[-1] if len(total) and total[-1] > 0 else total

@@ -1,4 +1,4 @@
-"""Draws random numbers that are frozen on surfaces, and the sources of light that paths aim at."""
+"""Draws random numbers that are frozen on surfaces, and directions to the sky and over a hemisphere."""
 
 import warp as wp
 
@@ -14,35 +14,35 @@ CELLS = wp.constant(0.5)
 TURNS = wp.constant(2.0)
 """How often the numbers go round within a cell's neighbourhood, which makes them nearly uniform over a surface."""
 
-GLOWING = wp.constant(1)
-PICTURE = wp.constant(2)
+EMITTER = wp.constant(1)
+LIGHT_PROXY = wp.constant(2)
 """An instance whose emission is light of its own; one that only shows a light, whose light is counted there."""
 
 
 @wp.struct
-class Sources:
+class PathSources:
     """Holds what light comes from apart from lights, with the sums by which it is chosen.
 
-    Glowing triangles, G of them: glow_sum [G] running share of luminous power; glow_instance [G]; glow_corners
-    [G, 3] in the instance's frame; glow_density: density per area of a unit of luminance [1/W]. glows [I]: GLOWING,
-    PICTURE, or 0 for what does not emit.
+    Glowing triangles, G of them: emitter_cdf [G] by luminous power; emitter_instance [G]; emitter_corners [G, 3] in
+    the instance's frame; emitter_density: density per area of a unit of luminance [1/W]. emitter_kind [I]: EMITTER,
+    LIGHT_PROXY, or 0 for what does not emit.
 
-    Sky map: sky_rows [h] and sky_columns [h, w] running shares; sky_share [h, w] share of a texel times the number of
+    Sky map: sky_row_cdf [h]; sky_column_cdf [h, w], of each row; sky_pdf [h, w] share of a texel times the number of
     texels.
     """
 
-    glow_sum: wp.array(dtype=float)
-    glow_instance: wp.array(dtype=int)
-    glow_corners: wp.array2d(dtype=wp.vec3)
-    glow_density: float
-    glows: wp.array(dtype=int)
-    sky_rows: wp.array(dtype=float)
-    sky_columns: wp.array2d(dtype=float)
-    sky_share: wp.array2d(dtype=float)
+    emitter_cdf: wp.array(dtype=float)
+    emitter_instance: wp.array(dtype=int)
+    emitter_corners: wp.array2d(dtype=wp.vec3)
+    emitter_density: float
+    emitter_kind: wp.array(dtype=int)
+    sky_row_cdf: wp.array(dtype=float)
+    sky_column_cdf: wp.array2d(dtype=float)
+    sky_pdf: wp.array2d(dtype=float)
 
 
 @wp.struct
-class Numbers:
+class Sampler:
     """Holds what the random numbers of a path depend on: that it is sample k of `count`, and where it begins, a point
     of an instance with `shift` (`frozen_shift`)."""
 
@@ -53,13 +53,13 @@ class Numbers:
 
 
 @wp.func
-def around(x: float):
+def fraction(x: float):
     """Gives the fraction of x, below 1 also after rounding."""
     return wp.min(x - wp.floor(x), 0.99999994)
 
 
 @wp.func
-def corner(i: int, j: int, k: int, instance: int):
+def lattice_numbers(i: int, j: int, k: int, instance: int):
     """Gives four random numbers of a lattice point of an instance."""
     state = wp.rand_init(int(cell_key(wp.uint32(i), wp.uint32(j), wp.uint32(k), instance)), 17)
     return wp.vec4(wp.randf(state), wp.randf(state), wp.randf(state), wp.randf(state))
@@ -87,13 +87,13 @@ def frozen_shift(q: wp.vec3, radius: float, instance: int):
         dy = (c >> 1) & 1
         dz = c >> 2
         weight = wp.where(dx == 1, x, 1.0 - x) * wp.where(dy == 1, y, 1.0 - y) * wp.where(dz == 1, z, 1.0 - z)
-        total += weight * corner(i + dx, j + dy, k + dz, instance)
+        total += weight * lattice_numbers(i + dx, j + dy, k + dz, instance)
     total = TURNS * total
-    return wp.vec4(around(total[0]), around(total[1]), around(total[2]), around(total[3]))
+    return wp.vec4(fraction(total[0]), fraction(total[1]), fraction(total[2]), fraction(total[3]))
 
 
 @wp.func
-def reversed_bits(k: int):
+def radical_inverse(k: int):
     """Gives the radical inverse of k in base 2."""
     b = wp.uint32(k)
     b = (b << wp.uint32(16)) | (b >> wp.uint32(16))
@@ -105,47 +105,47 @@ def reversed_bits(k: int):
 
 
 @wp.func
-def point_of(numbers: Numbers, bounce: int, shift: wp.vec2):
+def sample_square(sampler: Sampler, bounce: int, shift: wp.vec2):
     """Gives a path's point in the unit square, moved round by `shift` (Cranley and Patterson, 1976).
 
     Where a path begins these are Hammersley's points; further on, fixed random ones.
     """
-    x = (float(numbers.k) + 0.5) / float(numbers.count)
+    x = (float(sampler.k) + 0.5) / float(sampler.count)
     y = wp.float32(0.0)
     if bounce == 0:
-        y = reversed_bits(numbers.k)
+        y = radical_inverse(sampler.k)
     else:
-        state = wp.rand_init(numbers.instance * 7919 + bounce, numbers.k)
+        state = wp.rand_init(sampler.instance * 7919 + bounce, sampler.k)
         x = wp.randf(state)
         y = wp.randf(state)
-    return wp.vec2(around(x + shift[0]), around(y + shift[1]))
+    return wp.vec2(fraction(x + shift[0]), fraction(y + shift[1]))
 
 
 @wp.func
-def cosine_direction(n: wp.vec3, turn: wp.mat33, u: wp.vec2):
+def cosine_direction(n: wp.vec3, rotation: wp.mat33, u: wp.vec2):
     """Gives a direction about the normal n with density cosine / pi.
 
     The frame about n is made in the instance's frame and so turns with it (Duff et al., JCGT 6(1), 2017).
     """
-    m = wp.transpose(turn) * n
+    m = wp.transpose(rotation) * n
     sign = wp.where(m[2] >= 0.0, 1.0, -1.0)
     a = -1.0 / (sign + m[2])
     b = m[0] * m[1] * a
-    t = turn * wp.vec3(1.0 + sign * m[0] * m[0] * a, sign * b, -sign * m[0])
-    s = turn * wp.vec3(b, sign + m[1] * m[1] * a, -m[1])
+    t = rotation * wp.vec3(1.0 + sign * m[0] * m[0] * a, sign * b, -sign * m[0])
+    s = rotation * wp.vec3(b, sign + m[1] * m[1] * a, -m[1])
     phi = 2.0 * PI * u[1]
     r = wp.sqrt(u[0])
     return wp.normalize(r * wp.cos(phi) * t + r * wp.sin(phi) * s + wp.sqrt(wp.max(1.0 - u[0], 0.0)) * n)
 
 
 @wp.func
-def searched(sums: wp.array(dtype=float), u: float):
-    """Gives the first entry of a running sum that is above u."""
+def search_cdf(cdf: wp.array(dtype=float), u: float):
+    """Finds the first entry of a cumulative distribution that is above u, by bisection."""
     low = wp.int32(0)
-    high = sums.shape[0] - 1
+    high = cdf.shape[0] - 1
     while low < high:
         middle = (low + high) // 2
-        if sums[middle] > u:
+        if cdf[middle] > u:
             high = middle
         else:
             low = middle + 1
@@ -153,36 +153,36 @@ def searched(sums: wp.array(dtype=float), u: float):
 
 
 @wp.func
-def rescaled(sums: wp.array(dtype=float), index: int, u: float):
-    """Finds where u lies within its entry of a running sum, in [0, 1)."""
+def place_in_entry(cdf: wp.array(dtype=float), index: int, u: float):
+    """Finds where u lies within its entry of a cumulative distribution, in [0, 1): what is left of it is uniform."""
     before = wp.float32(0.0)
     if index > 0:
-        before = sums[index - 1]
-    return wp.clamp((u - before) / wp.max(sums[index] - before, 1.0e-30), 0.0, 0.99999994)
+        before = cdf[index - 1]
+    return wp.clamp((u - before) / wp.max(cdf[index] - before, 1.0e-30), 0.0, 0.99999994)
 
 
 @wp.func
-def sky_direction(sources: Sources, u: wp.vec2):
+def sky_direction(sources: PathSources, u: wp.vec2):
     """Gives a world direction towards a bright part of the map."""
-    h = sources.sky_rows.shape[0]
-    row = searched(sources.sky_rows, u[0])
-    y = float(row) + rescaled(sources.sky_rows, row, u[0])
-    sums = sources.sky_columns[row]
-    column = searched(sums, u[1])
-    x = float(column) + rescaled(sums, column, u[1])
+    h = sources.sky_row_cdf.shape[0]
+    row = search_cdf(sources.sky_row_cdf, u[0])
+    y = float(row) + place_in_entry(sources.sky_row_cdf, row, u[0])
+    cdf = sources.sky_column_cdf[row]
+    column = search_cdf(cdf, u[1])
+    x = float(column) + place_in_entry(cdf, column, u[1])
     theta = y / float(h) * PI
-    phi = x / float(sums.shape[0]) * 2.0 * PI
+    phi = x / float(cdf.shape[0]) * 2.0 * PI
     return wp.vec3(wp.sin(theta) * wp.cos(phi), wp.sin(theta) * wp.sin(phi), wp.cos(theta))
 
 
 @wp.func
-def sky_density(sources: Sources, d: wp.vec3):
+def sky_density(sources: PathSources, d: wp.vec3):
     """Gives the density [1/sr] with which `sky_direction` gives d."""
-    h = sources.sky_share.shape[0]
-    w = sources.sky_share.shape[1]
+    h = sources.sky_pdf.shape[0]
+    w = sources.sky_pdf.shape[1]
     sine = wp.sqrt(d[0] * d[0] + d[1] * d[1])
     azimuth = wp.atan2(d[1], d[0]) / (2.0 * PI)
     azimuth = azimuth - wp.floor(azimuth)
     row = wp.clamp(int(wp.atan2(sine, d[2]) / PI * float(h)), 0, h - 1)
     column = wp.clamp(int(azimuth * float(w)), 0, w - 1)
-    return sources.sky_share[row, column] / (2.0 * PI * PI * wp.max(sine, 1.0e-6))
+    return sources.sky_pdf[row, column] / (2.0 * PI * PI * wp.max(sine, 1.0e-6))

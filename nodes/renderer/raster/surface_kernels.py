@@ -34,18 +34,18 @@ class Surfaces:
 
 
 @wp.struct
-class Seen:
-    """Holds what the pixels show: z-buffer uint64 [E, H, W], vertices, and the instances' places [E, I] in the camera
-    frame.
+class VisibilityBuffer:
+    """Holds what the pixels show: depth and triangle, packed, uint64 [E, H, W] (depth_kernels), vertices, and the
+    instances' poses [E, I] in the camera frame.
 
-    hidden: of shadow_kernels, bits [E, H, W] of the lights that are not seen from a pixel; may have no elements.
+    shadow_mask: of shadow_kernels, bits [E, H, W] of the lights that are hidden from a pixel; may have no elements.
     """
 
     packed: wp.array3d(dtype=wp.uint64)
     vertices: wp.array2d(dtype=wp.vec3)
     rotation: wp.array2d(dtype=wp.mat33)
     translation: wp.array2d(dtype=wp.vec3)
-    hidden: wp.array3d(dtype=wp.uint32)
+    shadow_mask: wp.array3d(dtype=wp.uint32)
 
 
 @wp.struct
@@ -58,25 +58,25 @@ class Pixel:
 
 
 @wp.struct
-class Face:
+class SurfaceHit:
     """Holds where a pixel's ray meets a triangle, in the camera frame.
 
-    ray: through `position`. turn: the instance's rotation. normal: geometric, towards the viewer. side: -1 where that
-    is the triangle's back, otherwise 1.
+    ray: through `position`. rotation: of the instance, to the camera frame. normal: geometric, towards the viewer.
+    side: -1 where that is the triangle's back, otherwise 1.
     """
 
     triangle: int
     instance: int
     ray: wp.vec3
     position: wp.vec3
-    turn: wp.mat33
+    rotation: wp.mat33
     normal: wp.vec3
     side: float
 
 
 @wp.struct
-class Weights:
-    """Holds the weights of a triangle's corners where a ray d meets it: w = (e0 . d, e1 . d, e2 . d) / total."""
+class Barycentric:
+    """Holds the barycentric coordinates w of where a ray d meets a triangle: w = (e0 . d, e1 . d, e2 . d) / total."""
 
     w: wp.vec3
     e0: wp.vec3
@@ -102,7 +102,7 @@ def listed_pixel(view: CameraView, at: int):
 
 
 @wp.func
-def seen_triangle(seen: Seen, pixel: Pixel):
+def seen_triangle(seen: VisibilityBuffer, pixel: Pixel):
     """Gives the triangle that a pixel sees, or MISS."""
     return triangle_of(seen.packed[pixel.env, pixel.y, pixel.x])
 
@@ -114,43 +114,48 @@ def side_of(normal: wp.vec3, ray: wp.vec3):
 
 
 @wp.func
-def face_of(view: CameraView, seen: Seen, surfaces: Surfaces, pixel: Pixel, hit: wp.uint64):
+def surface_hit(triangle: int, instance: int, rotation: wp.mat33, outward: wp.vec3, ray: wp.vec3, position: wp.vec3):
+    """Makes the hit of a ray with a triangle at a position; outward: the triangle's normal in its instance's frame."""
+    hit = SurfaceHit()
+    normal = rotation * outward
+    side = side_of(normal, ray)
+    hit.triangle = triangle
+    hit.instance = instance
+    hit.ray = ray
+    hit.position = position
+    hit.rotation = rotation
+    hit.normal = side * normal
+    hit.side = side
+    return hit
+
+
+@wp.func
+def hit_of_entry(view: CameraView, seen: VisibilityBuffer, surfaces: Surfaces, pixel: Pixel, entry: wp.uint64):
     """Finds where a pixel's ray meets the triangle of a z-buffer entry; there must be one."""
-    face = Face()
-    t = triangle_of(hit)
+    t = triangle_of(entry)
     i = surfaces.instance[t]
-    d = pixel_ray(view, pixel.x, pixel.y)
-    turn = seen.rotation[pixel.env, i]
-    normal = turn * surfaces.normals[t]
-    side = side_of(normal, d)
-    face.triangle = t
-    face.instance = i
-    face.ray = d
-    face.position = depth_of(hit) * d
-    face.turn = turn
-    face.normal = side * normal
-    face.side = side
-    return face
+    ray = pixel_ray(view, pixel.x, pixel.y)
+    return surface_hit(t, i, seen.rotation[pixel.env, i], surfaces.normals[t], ray, depth_of(entry) * ray)
 
 
 @wp.func
-def seen_face(view: CameraView, seen: Seen, surfaces: Surfaces, pixel: Pixel):
+def primary_hit(view: CameraView, seen: VisibilityBuffer, surfaces: Surfaces, pixel: Pixel):
     """Finds where a pixel's ray meets the triangle that it sees; there must be one."""
-    return face_of(view, seen, surfaces, pixel, seen.packed[pixel.env, pixel.y, pixel.x])
+    return hit_of_entry(view, seen, surfaces, pixel, seen.packed[pixel.env, pixel.y, pixel.x])
 
 
 @wp.func
-def weights_of(view: CameraView, seen: Seen, surfaces: Surfaces, env: int, face: Face):
-    """Gives the weights of a seen triangle's corners."""
-    centre = seen.translation[env, face.instance]
-    a, b, c = corners_of(view, seen.vertices, surfaces.triangles, face.turn, centre, env, face.triangle)
+def barycentric_of(view: CameraView, seen: VisibilityBuffer, surfaces: Surfaces, env: int, hit: SurfaceHit):
+    """Computes the barycentric coordinates of a hit, of the ray and not of the rounded position."""
+    centre = seen.translation[env, hit.instance]
+    a, b, c = corners_of(view, seen.vertices, surfaces.triangles, hit.rotation, centre, env, hit.triangle)
     e0 = edge_normal(b, c)
     e1 = edge_normal(c, a)
     e2 = edge_normal(a, b)
-    d = face.ray
+    d = hit.ray
     w = wp.vec3(wp.dot(e0, d), wp.dot(e1, d), wp.dot(e2, d))
     total = w[0] + w[1] + w[2]
-    r = Weights()
+    r = Barycentric()
     r.w = w / total
     r.e0 = e0
     r.e1 = e1
@@ -160,7 +165,7 @@ def weights_of(view: CameraView, seen: Seen, surfaces: Surfaces, env: int, face:
 
 
 @wp.func
-def seen_texture(view: CameraView, pixel: Pixel, surfaces: Surfaces, t: int, place: wp.vec2i, r: Weights):
+def seen_texture(view: CameraView, pixel: Pixel, surfaces: Surfaces, t: int, place: wp.vec2i, r: Barycentric):
     """Gives a texture under a pixel that sees triangle t."""
     j = 3 * t
     uv0 = surfaces.uv[j]
@@ -198,27 +203,35 @@ def tint_of(surfaces: Surfaces, t: int, w: wp.vec3):
     return wp.min(wp.max(tint, wp.vec3(0.0, 0.0, 0.0)), wp.vec3(1.0, 1.0, 1.0))
 
 
+@wp.func
+def shading_normal_of(surfaces: Surfaces, hit: SurfaceHit, w: wp.vec3):
+    """Gives the shading normal, towards the viewer, at barycentric coordinates w; the geometric one where a mesh has no
+    other."""
+    n = smooth_normal(surfaces, hit.triangle, w)
+    if wp.dot(n, n) > 0.0:
+        return hit.side * wp.normalize(hit.rotation * n)
+    return hit.normal
+
+
 @cache
-def make_surface(textures: bool, smooth: bool, tinted: bool) -> Any:
+def make_surface(textures: bool, smooth: bool, vertex_colours: bool) -> Any:
     """Makes the function `surface`."""
 
     @wp.func
-    def surface(view: CameraView, pixel: Pixel, seen: Seen, surfaces: Surfaces, face: Face):
+    def surface(view: CameraView, pixel: Pixel, seen: VisibilityBuffer, surfaces: Surfaces, hit: SurfaceHit):
         """Gives the albedo, and shading normal towards the viewer, where a pixel sees a triangle."""
-        albedo = surfaces.albedo[surfaces.material[face.instance]]
-        facing = face.normal
-        if wp.static(textures or smooth or tinted):
-            r = weights_of(view, seen, surfaces, pixel.env, face)
+        albedo = surfaces.albedo[surfaces.material[hit.instance]]
+        shading_normal = hit.normal
+        if wp.static(textures or smooth or vertex_colours):
+            r = barycentric_of(view, seen, surfaces, pixel.env, hit)
             if wp.static(textures):
-                place = surfaces.textures.place[face.instance]
+                place = surfaces.textures.place[hit.instance]
                 if place[1] > 0:
-                    albedo = wp.cw_mul(albedo, seen_texture(view, pixel, surfaces, face.triangle, place, r))
-            if wp.static(tinted):
-                albedo = wp.cw_mul(albedo, tint_of(surfaces, face.triangle, r.w))
+                    albedo = wp.cw_mul(albedo, seen_texture(view, pixel, surfaces, hit.triangle, place, r))
+            if wp.static(vertex_colours):
+                albedo = wp.cw_mul(albedo, tint_of(surfaces, hit.triangle, r.w))
             if wp.static(smooth):
-                n = smooth_normal(surfaces, face.triangle, r.w)
-                if wp.dot(n, n) > 0.0:
-                    facing = face.side * wp.normalize(face.turn * n)
-        return albedo, facing
+                shading_normal = shading_normal_of(surfaces, hit, r.w)
+        return albedo, shading_normal
 
     return surface

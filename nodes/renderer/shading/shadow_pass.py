@@ -24,7 +24,7 @@ BLOCK = 64
 
 
 class ShadowPass:
-    """Fills `hidden`, uint32 [E, H, W] on the device: bit l of a pixel from which light l is hidden by something.
+    """Fills `shadow_mask`, uint32 [E, H, W] on the device: bit l of a pixel from which light l is hidden by something.
 
     Only bits of lights with shadows that are no area lights. Of an image, `clear`, then `launch` where all is placed;
     of a list `launch_list`, and who shades it sets what was listed to 0 again. Lights that have a grid (ShadowGrid) are
@@ -38,13 +38,13 @@ class ShadowPass:
         others = [light for light in every if light not in with_grid]
         self._grid = ShadowGrid(visibility, occluders, with_grid) if with_grid else None
         self._placed = False
-        self.hidden = wp.zeros(visibility.shape, dtype=wp.uint32, device=visibility.device)
+        self.shadow_mask = wp.zeros(visibility.shape, dtype=wp.uint32, device=visibility.device)
         delta = {kind: kind in lights.kinds for kind in ("directional", "point", "spot")}
         # What rays go from and to, the grid that the lights have, and the kernels of an image and of a list.
         self._parts: list[tuple[Any, Any, wp.Kernel, wp.Kernel]] = []
         for part, grid in ((with_grid, self._grid), (others, None)):
             if part:
-                how = {"trees": occluders.trees, "grids": grid is not None, "fast": visibility.device.is_cuda}
+                how = {"trees": occluders.trees, "grids": grid is not None, "fast_math": visibility.device.is_cuda}
                 kernels = shadow_kernels.make_shadow_rays(**delta, **how)
                 self._parts.append((self._receivers(part), Grid() if grid is None else grid.kernel, *kernels))
 
@@ -55,7 +55,7 @@ class ShadowPass:
 
     def clear(self) -> None:
         """Forgets the last image's bits."""
-        self.hidden.zero_()
+        self.shadow_mask.zero_()
 
     def place(self) -> None:
         """Places the grid for the visibility's placed instances; who never calls it has that done by each launch."""
@@ -69,7 +69,9 @@ class ShadowPass:
         v = self._visibility
         for on, grid, kernel, _ in self._parts:
             inputs = [v.view, on, self._lights.kernel, self._occluders.casters, grid]
-            wp.launch(kernel, (on.shadowed.size, *v.tiles), inputs, [self.hidden], device=v.device, block_dim=BLOCK)
+            wp.launch(
+                kernel, (on.shadowed.size, *v.tiles), inputs, [self.shadow_mask], device=v.device, block_dim=BLOCK
+            )
 
     def launch_list(self, workers: int, pixels: wp.array, count: wp.array) -> None:
         """Traces those of count[0] pixels of a list, int32 indices into [E, H, W]."""
@@ -77,7 +79,7 @@ class ShadowPass:
         v = self._visibility
         for on, grid, _, kernel in self._parts:
             inputs = [v.view, on, self._lights.kernel, self._occluders.casters, grid, workers, pixels, count]
-            wp.launch(kernel, (on.shadowed.size, workers), inputs, [self.hidden], device=v.device, block_dim=BLOCK)
+            wp.launch(kernel, (on.shadowed.size, workers), inputs, [self.shadow_mask], device=v.device, block_dim=BLOCK)
 
     def _place_once(self) -> None:
         if not self._placed and self._grid is not None:

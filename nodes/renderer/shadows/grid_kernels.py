@@ -10,7 +10,7 @@ same test, so the shadows are the same.
 import warp as wp
 
 from evis.gpu.bits_kernels import lowest
-from nodes.renderer.shadows.ray_kernels import LIFT, Casters, box_met, in_the_way, inverse_of
+from nodes.renderer.shadows.ray_kernels import LIFT, Casters, hits_box, hits_instance, inverse_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -138,7 +138,7 @@ def hidden_from(
             k += 1
             if whole == 0 and wp.cast(entry[1], wp.float32) >= ahead:
                 k = end
-            elif box_met(grid.lower[entry[0]] - start, grid.upper[entry[0]] - start, inverse, length):
+            elif hits_box(grid.lower[entry[0]] - start, grid.upper[entry[0]] - start, inverse, length):
                 n = entry[0]
         else:
             bit = lowest(movers)
@@ -148,7 +148,7 @@ def hidden_from(
         if n >= 0:
             i = casters.order[n]
             if i != skip:
-                if in_the_way(casters, env, i, origin, direction, length, 0.0):
+                if hits_instance(casters, env, i, origin, direction, length, 0.0):
                     return True
     return False
 

@@ -99,7 +99,7 @@ def merged_holds(casters: Casters, env: int, origin: wp.vec3):
 
 
 @wp.func
-def sphere_met(centre: wp.vec3, radius: float, direction: wp.vec3, length: float):
+def hits_sphere(centre: wp.vec3, radius: float, direction: wp.vec3, length: float):
     """Tells whether a ray from the origin meets a ball; its radius grows by the rounding of positions at this
     distance."""
     along = wp.dot(centre, direction)
@@ -110,7 +110,7 @@ def sphere_met(centre: wp.vec3, radius: float, direction: wp.vec3, length: float
 
 # Comparisons of C++ are one instruction each on a CPU, and fminf and fmaxf on a GPU, where Warp's min and max look for
 # what is not a number. With such a box nothing is compared as less, or it is left out, and the ends stay.
-SLABS = """
+SLAB_TEST = """
     float near = -3.0e38f, far = 3.0e38f;
     for (int k = 0; k < 3; ++k) {
         const float t0 = lower[k] * inverse[k], t1 = upper[k] * inverse[k];
@@ -127,8 +127,8 @@ SLABS = """
 """
 
 
-@wp.func_native(SLABS)
-def slabs(lower: wp.vec3, upper: wp.vec3, inverse: wp.vec3) -> wp.vec2:
+@wp.func_native(SLAB_TEST)
+def slab_test(lower: wp.vec3, upper: wp.vec3, inverse: wp.vec3) -> wp.vec2:
     """Computes where a ray from the origin enters and leaves a box, in lengths of its direction (the slab test; Kay and
     Kajiya, 1986); it misses the box where it leaves before it enters.
 
@@ -147,22 +147,22 @@ def inverse_of(direction: wp.vec3):
 
 
 @wp.func
-def box_met(lower: wp.vec3, upper: wp.vec3, inverse: wp.vec3, length: float):
+def hits_box(lower: wp.vec3, upper: wp.vec3, inverse: wp.vec3, length: float):
     """Tells whether any of a ray from the origin, within `length`, is in a box; so it is in one that is no number."""
-    ends = slabs(lower, upper, inverse)
+    ends = slab_test(lower, upper, inverse)
     return ends[0] <= ends[1] and ends[1] >= 0.0 and ends[0] <= length
 
 
 @wp.func
-def sides_met(half: wp.vec3, start: wp.vec3, direction: wp.vec3, length: float):
+def hits_box_side(half: wp.vec3, start: wp.vec3, direction: wp.vec3, length: float):
     """Tells whether a ray meets a side of a box about the origin, from outside or inside; half: of its sides."""
-    ends = slabs(-half - start, half - start, inverse_of(direction))
+    ends = slab_test(-half - start, half - start, inverse_of(direction))
     met = wp.where(ends[0] < 0.0, ends[1], ends[0])
     return ends[0] <= ends[1] and met >= 0.0 and met <= length
 
 
 @wp.func
-def in_the_way(
+def hits_instance(
     casters: Casters,
     env: int,
     i: int,
@@ -178,23 +178,23 @@ def in_the_way(
     core meets them.
     """
     centre = translation_of(casters, env, i) - origin
-    if sphere_met(centre, casters.radius[i], direction, length):
+    if hits_sphere(centre, casters.radius[i], direction, length):
         inverse = wp.transpose(rotation_of(casters, env, i))
         start = -(inverse * centre)
         along = inverse * direction
         half = casters.box[i]
         if half[0] + half[1] > 0.0:
-            return sides_met(half, start, along, length)
+            return hits_box_side(half, start, along, length)
         wide = ROUNDING * wp.length(start)
         slack = wp.vec3(wide, wide, wide)
         slopes = inverse_of(along)
         outer = casters.outer[i] + slack
-        ends = slabs(-outer - start, outer - start, slopes)
+        ends = slab_test(-outer - start, outer - start, slopes)
         if ends[0] > ends[1] or ends[1] < 0.0 or ends[0] > length:
             return False
         core = casters.core[i] - slack
         if ends[0] > 0.0 and wp.min(core) > 0.0:
-            if box_met(-core - start, core - start, slopes, length):
+            if hits_box(-core - start, core - start, slopes, length):
                 return True
         if wp.mesh_query_ray_anyhit(casters.mesh[i], start, along, length):
             return True
@@ -202,7 +202,7 @@ def in_the_way(
 
 
 @wp.func
-def near_hull(
+def meets_hull(
     casters: Casters,
     env: int,
     i: int,
@@ -288,13 +288,13 @@ def make_search(test: Any, trees: bool) -> tuple[Any, Any]:
 
 
 @cache
-def make_occlusion(trees: bool, joined: bool) -> tuple[Any, Any]:
-    """Makes the functions `occluded` and `crossed`; without trees where there are none, for their mere presence costs.
+def make_occlusion(trees: bool, merged: bool) -> tuple[Any, Any]:
+    """Makes the functions `occluded` and `may_occlude`; without trees where there are none, for even unused they cost.
 
-    joined: there may be a mesh of all still triangles.
+    merged: there may be a mesh of all still triangles.
     """
-    hit_still, hit_elsewhere = make_search(in_the_way, trees)
-    near_still, near_elsewhere = make_search(near_hull, trees)
+    hit_still, hit_elsewhere = make_search(hits_instance, trees)
+    near_still, near_elsewhere = make_search(meets_hull, trees)
 
     @wp.func
     def occluded(
@@ -314,7 +314,7 @@ def make_occlusion(trees: bool, joined: bool) -> tuple[Any, Any]:
             if casters.still_tree != wp.uint64(0) and first == 0 and last >= casters.still:
                 begin = casters.still
                 tried = wp.bool(False)
-                if wp.static(joined):
+                if wp.static(merged):
                     if merged_holds(casters, env, origin):
                         tried = True
                         turn = casters.turn[env]
@@ -327,7 +327,7 @@ def make_occlusion(trees: bool, joined: bool) -> tuple[Any, Any]:
         return hit_elsewhere(casters, env, begin, last, skip, origin, direction, length, 0.0)
 
     @wp.func
-    def crossed(
+    def may_occlude(
         casters: Casters,
         env: int,
         first: int,
@@ -352,4 +352,4 @@ def make_occlusion(trees: bool, joined: bool) -> tuple[Any, Any]:
                     return True
         return near_elsewhere(casters, env, begin, last, skip, origin, direction, length, extent)
 
-    return occluded, crossed
+    return occluded, may_occlude

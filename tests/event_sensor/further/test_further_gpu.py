@@ -15,7 +15,7 @@ from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.step_kernels import between
 from nodes.event_sensor.optics.photoreceptor import Photoreceptor
 from nodes.event_sensor.optics.trace import Tracer
-from nodes.event_sensor.optics.trace_kernels import tracing_gpu
+from nodes.event_sensor.optics.trace_kernels import make_trace_or_count
 from nodes.event_sensor.parameters import resolve_sensor
 from nodes.event_sensor.sensor import EventSensor
 
@@ -76,7 +76,7 @@ def test_the_photoreceptor_counts_and_then_writes(poles, level):
     state = [np.array(values.numpy()) for values in two._state()]
     state = [wp.array(values, device=device) for values in state]
     tracer = Tracer(poles, level > 0, two._receptor, two._chord, device)
-    tracer._kernel = tracing_gpu(poles, level > 0)
+    tracer._kernel = make_trace_or_count(poles, level > 0)
     for k, gap in enumerate(gaps):
         lists = gap.further.on(Size(3, 4, 1, 2), device)
         images, fresh = wp.array(gap.frames.ravel(), device=device), np.full(2, k == 0)

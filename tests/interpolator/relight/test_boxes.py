@@ -8,7 +8,7 @@ from nodes.interpolator.relight.boxes_kernels import Swept, crossed
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.swept_kernels import find_open, find_shaded
 from nodes.renderer.lights.lights import KINDS
-from nodes.renderer.shadows.ray_kernels import box_met, inverse_of
+from nodes.renderer.shadows.ray_kernels import hits_box, inverse_of
 
 
 @wp.kernel(enable_backward=False)
@@ -20,7 +20,7 @@ def meet(
 ):
     """Tells which rays of length 2 meet their boxes."""
     n = wp.tid()
-    if box_met(lower[n], upper[n], inverse_of(ray[n]), 2.0):
+    if hits_box(lower[n], upper[n], inverse_of(ray[n]), 2.0):
         met[n] = 1
 
 

@@ -11,7 +11,7 @@ from light_scenes import facing, world
 from evis.scene.model import WORLD
 from nodes.renderer.lights import sky
 from nodes.renderer.lights.lobe_kernels import BESIDE, RUN
-from nodes.renderer.lights.sky_kernels import Sky, make_mirrored
+from nodes.renderer.lights.sky_kernels import Sky, make_specular_means
 
 LEAST_COSINE = 1e-4
 TYPES = wp.vec3, wp.vec3, wp.float32
@@ -20,7 +20,7 @@ WAYS = pytest.mark.parametrize("by_runs", [False, True])
 
 @cache
 def kernel_of(by_runs):
-    mirrored = make_mirrored(by_runs)
+    specular_means = make_specular_means(by_runs)
 
     @wp.kernel(module="unique", enable_backward=False)
     def gather(
@@ -32,14 +32,14 @@ def kernel_of(by_runs):
         rim: wp.array2d(dtype=wp.vec3),
     ):
         env, i = wp.tid()
-        found = mirrored(sky, env, n[env, i], v[env, i], alpha[env, i])
+        found = specular_means(sky, env, n[env, i], v[env, i], alpha[env, i])
         base[env, i] = found[0]
         rim[env, i] = found[1]
 
     return gather
 
 
-def gathered(by_runs, map_, n, v, alpha):
+def specular_means_by_sample(by_runs, map_, n, v, alpha):
     """Both means [2, E, N, 3] of surfaces [E, N]."""
     means = [wp.zeros(alpha.shape, dtype=wp.vec3, device="cpu") for _ in range(2)]
     inputs = [wp.array(a.astype(np.float32), dtype=t, device="cpu") for a, t in zip((n, v, alpha), TYPES)]
@@ -148,7 +148,7 @@ def test_lobes_against_float64(by_runs, size, alphas):
     radiance, camera = rng.random((*size, 3)) + 0.05, turned(rng, 2)
     n, v = surfaces(rng, 2, 500)
     alpha = rounded(ALPHAS[alphas](rng, n.shape[:2]))
-    found = gathered(by_runs, map_of(radiance, camera), n, v, alpha)
+    found = specular_means_by_sample(by_runs, map_of(radiance, camera), n, v, alpha)
     np.testing.assert_allclose(found, expected(radiance, camera, n, v, alpha), rtol=2e-5 + 2e-6 * size[1])
 
 
@@ -159,7 +159,9 @@ def test_by_runs_as_one_by_one(size):
     map_ = map_of(rng.random((*size, 3)) * 10.0 ** rng.integers(-4, 5, (*size, 1)), turned(rng, 1))
     n, v = surfaces(rng, 1, 2000)
     alpha = rng.random(n.shape[:2]) ** 2
-    np.testing.assert_allclose(gathered(True, map_, n, v, alpha), gathered(False, map_, n, v, alpha), rtol=3e-6)
+    np.testing.assert_allclose(
+        specular_means_by_sample(True, map_, n, v, alpha), specular_means_by_sample(False, map_, n, v, alpha), rtol=3e-6
+    )
 
 
 @WAYS
@@ -171,7 +173,7 @@ def test_a_lobe_without_width_shows_one_place(by_runs):
     v[:, :20] = n[:, :20]
     towards = 2 * (n * v).sum(-1, keepdims=True) * n - v
     shown = interpolated(radiance, (camera[:, None] @ towards[..., None])[..., 0])
-    found = gathered(by_runs, map_of(radiance, camera), n, v, np.zeros(n.shape[:2]))
+    found = specular_means_by_sample(by_runs, map_of(radiance, camera), n, v, np.zeros(n.shape[:2]))
     oblique = (n * v).sum(-1) < 0.9
     np.testing.assert_allclose(found[0], shown, rtol=4e-5)
     np.testing.assert_allclose(found[1][oblique], shown[oblique], rtol=4e-5)
@@ -184,11 +186,11 @@ def test_what_is_no_number_gathers_nothing(by_runs):
     n, v = surfaces(rng, 1, 60)
     alpha = rng.random(n.shape[:2])
     map_ = map_of(rng.random((5, 9, 3)) + 0.05, turned(rng, 1))
-    before = gathered(by_runs, map_, n, v, alpha)
+    before = specular_means_by_sample(by_runs, map_, n, v, alpha)
     for which, value in ((n, np.nan), (v, np.nan), (alpha, np.nan), (n, np.inf), (v, -np.inf)):
         kept = which[0, ::7].copy()
         which[0, ::7] = value
-        after = gathered(by_runs, map_, n, v, alpha)
+        after = specular_means_by_sample(by_runs, map_, n, v, alpha)
         which[0, ::7] = kept
         assert not after[:, 0, ::7].any()
         beside = np.arange(60) % 7 > 0
@@ -205,7 +207,7 @@ def test_a_map_of_one_texel_is_that_texel(by_runs):
     texels = np.concatenate([sky.surrounded(colour[None, None]).reshape(-1, 3), beside])
     map_.texels = wp.array(texels, dtype=wp.vec3, device="cpu")
     n, v = surfaces(rng, 1, 300)
-    found = gathered(by_runs, map_, n, v, rng.random(n.shape[:2]))
+    found = specular_means_by_sample(by_runs, map_, n, v, rng.random(n.shape[:2]))
     np.testing.assert_allclose(found, np.broadcast_to(colour, found.shape), rtol=2e-6)
 
 

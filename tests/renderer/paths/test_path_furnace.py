@@ -9,7 +9,7 @@ from reference_scenes import cube
 from renderer_scenes import at, camera, poses, quad, scene, sphere
 
 from evis.scene.model import WORLD, Light, Material, Mesh
-from nodes.renderer.paths.paths import PathOptions, glowing
+from nodes.renderer.paths.paths import PathOptions, emitter_kinds
 from nodes.renderer.renderer import Renderer
 
 SIZE = camera(24, 18, 20.0)
@@ -199,7 +199,7 @@ def test_a_shade_that_shows_a_lamp_is_not_counted_twice():
     renderer = Renderer(scene_, scene_.cameras[0])
     np.testing.assert_array_equal(lit, renderer.render(poses(at(0, 0, 0)))["radiance"][0])
     scene_.lights = []
-    assert glowing(scene_, renderer.visibility).tolist() == [0, 1]
+    assert emitter_kinds(scene_, renderer.visibility).tolist() == [0, 1]
     assert (image_of(scene_, [at(0, 0, 0)], PathOptions(0, 64))[0, 0] > 0).all()
 
 

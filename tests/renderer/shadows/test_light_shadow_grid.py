@@ -88,7 +88,7 @@ def test_grids_hide_what_trees_do(far, posts, split, without_grids):
             assert all(ShadowGrid.suits(visibility, shading.occluders, light) for light in range(len(LIGHTS)))
             assert shading.features.grids != split
         if shading.shadow_pass is not None:
-            hidden = shading.shadow_pass.hidden.numpy()
+            hidden = shading.shadow_pass.shadow_mask.numpy()
             assert all(((hidden >> bit) & 1).any() for bit in range(len(LIGHTS)))
     assert np.array_equal(*images)
 
@@ -145,7 +145,7 @@ def test_shadow_of_a_ball_on_a_floor(moves, kind):
     shading.place()
     shading.placed()
     shading.shadow_pass.launch()
-    hidden = (shading.shadow_pass.hidden.numpy()[0] & 1) == 1
+    hidden = (shading.shadow_pass.shadow_mask.numpy()[0] & 1) == 1
     depth = (visibility.packed.numpy()[0] >> np.uint64(32)).astype(np.uint32).view(np.float32)
     y, x = np.mgrid[: depth.shape[0], : depth.shape[1]]
     k = world.cameras[0].k

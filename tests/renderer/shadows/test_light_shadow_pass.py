@@ -41,7 +41,7 @@ def test_rays_of_their_own_pass_hide_the_same(count):
         images.append(image.numpy())
     assert np.array_equal(*images)
     assert shading.shadow_pass is not None
-    hidden = shading.shadow_pass.hidden.numpy()
+    hidden = shading.shadow_pass.shadow_mask.numpy()
     # Of the sun and the bulb, not of what casts no shadow.
     assert all(((hidden >> bit) & 1).mean() > 0.01 for bit in (1, 2))
     assert not (hidden & ~np.uint32(6)).any()
@@ -70,4 +70,4 @@ def test_lists_of_pixels_have_their_rays_traced_first_too():
         expected = np.where(shown[:, None], image.numpy().reshape(-1, 3), 0.0)
         assert np.array_equal(listed.numpy().reshape(-1, 3), expected)
         # Nothing is left for the next list.
-        assert not shading.shadow_pass.hidden.numpy().any()
+        assert not shading.shadow_pass.shadow_mask.numpy().any()

@@ -8,7 +8,7 @@ import warp as wp
 
 from evis.scene.model import Mesh
 from nodes.renderer.shadows.boxes import half_of
-from nodes.renderer.shadows.ray_kernels import sides_met
+from nodes.renderer.shadows.ray_kernels import hits_box_side
 
 
 def sheet(cells, k=2, sign=1, size=(2.0, 3.0, 4.0), at=None):
@@ -107,7 +107,7 @@ def meet(
 ):
     """Tells which rays meet a box, by its sides and by its triangles."""
     n = wp.tid()
-    if sides_met(half, start[n], direction[n], length[n]):
+    if hits_box_side(half, start[n], direction[n], length[n]):
         met[0, n] = 1
     if wp.mesh_query_ray_anyhit(mesh_id, start[n], direction[n], length[n]):
         met[1, n] = 1

@@ -13,7 +13,7 @@ from evis.scene.motion import Prescribed
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.shadows.boxes import core_halves
 from nodes.renderer.shadows.occlusion import Occluders
-from nodes.renderer.shadows.ray_kernels import Casters, in_the_way
+from nodes.renderer.shadows.ray_kernels import Casters, hits_instance
 
 COUNT = 20_000
 NEAR = 1e-5
@@ -96,7 +96,7 @@ def meet(
     met: wp.array(dtype=int),
 ):
     n = wp.tid()
-    met[n] = wp.where(in_the_way(casters, 0, 0, start[n], direction[n], length[n], 0.0), 1, 0)
+    met[n] = wp.where(hits_instance(casters, 0, 0, start[n], direction[n], length[n], 0.0), 1, 0)
 
 
 def crossings(corners, start, direction, length):

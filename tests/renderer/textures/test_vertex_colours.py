@@ -51,10 +51,14 @@ def test_only_what_has_colours_is_tinted():
     alone = scene([(plain, 0, 0), (plain, 1, 0)], 2, [material()], view=view, environment=(1.0, 1.0, 1.0))
     both, none = Renderer(mixed, view), Renderer(alone, view)
     seen = none.render(where, None, ("ids",))["ids"][0].copy()
-    tinted, untinted = (r.render(where, None, ("radiance",))["radiance"][0] for r in (both, none))
-    assert np.array_equal(tinted[seen == 1], untinted[seen == 1]) and (seen == 1).sum() > 50
-    assert (tinted[seen == 2] < 0.95 * untinted[seen == 2]).any(-1).all()
-    assert both.shading.features.tinted and not none.shading.features.tinted and not Features().tinted
+    vertex_colours, untinted = (r.render(where, None, ("radiance",))["radiance"][0] for r in (both, none))
+    assert np.array_equal(vertex_colours[seen == 1], untinted[seen == 1]) and (seen == 1).sum() > 50
+    assert (vertex_colours[seen == 2] < 0.95 * untinted[seen == 2]).any(-1).all()
+    assert (
+        both.shading.features.vertex_colours
+        and not none.shading.features.vertex_colours
+        and not Features().vertex_colours
+    )
 
 
 @pytest.mark.parametrize("paths", [None, PathOptions(2, 4)])

@@ -74,8 +74,8 @@ def pattern_of(size: Size, seed: int, p: Mapping[str, Any]) -> dict[str, np.ndar
         on, off = thresholds(seed, envs, pixels, mean, p["threshold_mismatch"], p["threshold_floor"])
         pattern |= {"c_on": on, "c_off": off}
     if p["leak_rate"] > 0:
-        pattern["leak"] = leak_rates(seed, envs, pixels, p["leak_rate"], p["leak_jitter"])
+        pattern["leak_rate"] = leak_rates(seed, envs, pixels, p["leak_rate"], p["leak_jitter"])
     if has_noise(p):
         fraction, rate, spread = (p[f"hot_pixel_{name}"] for name in ("fraction", "rate", "spread"))
-        pattern["hot"] = hot_rates(seed, envs, pixels, fraction, rate, spread)
+        pattern["hot_rate"] = hot_rates(seed, envs, pixels, fraction, rate, spread)
     return pattern

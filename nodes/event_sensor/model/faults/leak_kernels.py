@@ -20,8 +20,11 @@ def leak_origin(stream: wp.uint64, leak: wp.float32, now: wp.int64):
 
 
 @wp.func
-def coin_time(stream: wp.uint64, leak: wp.float32, start: wp.int64, now: wp.int64, origin: wp.int64):
-    """Draws when a leak that is a coin per step fires in (start, now], or NEVER. origin: when the episode began."""
+def bernoulli_leak_time(stream: wp.uint64, leak: wp.float32, start: wp.int64, now: wp.int64, origin: wp.int64):
+    """Draws when a leak that is a Bernoulli trial per step fires in (start, now], or NEVER.
+
+    leak: its rate [Hz]. origin: when the episode began [ns].
+    """
     bits = mix(stream ^ mix(wp.uint64(now - origin)))
     length = wp.float64(now - start)
     when = NEVER

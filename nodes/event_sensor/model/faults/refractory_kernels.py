@@ -8,12 +8,12 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
-def dead_until(sensor: Sensor, fired_at: wp.int64):
-    """Computes when the dead time of a pixel that fired at this time ends [ns]."""
-    return fired_at + sensor.dead_ns
+def refractory_end(sensor: Sensor, fired_at: wp.int64):
+    """Computes when the refractory period of a pixel that fired at this time ends [ns]."""
+    return fired_at + sensor.refractory_ns
 
 
 @wp.func
-def dead_beyond(dead: wp.int64, now: wp.int64):
-    """Tells whether a pixel whose dead time ends at `dead` is still blind just after `now` [ns]."""
-    return dead > now
+def refractory_beyond(refractory_until: wp.int64, now: wp.int64):
+    """Tells whether a pixel whose refractory period ends at a time is still blind just after `now` [ns]."""
+    return refractory_until > now

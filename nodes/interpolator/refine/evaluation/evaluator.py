@@ -35,7 +35,7 @@ def changes_of(rigid: Rigid) -> LightChanges:
 def make_look_up_kernels(rigid: Rigid) -> tuple[wp.Kernel, wp.Kernel]:
     """Makes the kernels that look up listed pixels, and that write to their places what was shaded."""
     layout, f = rigid.layout, rigid.shading.features
-    kind = (f.textures, f.smooth, f.tinted) if textured_in(rigid.shading, layout) else None
+    kind = (f.textures, f.smooth, f.vertex_colours) if textured_in(rigid.shading, layout) else None
     how = (
         layout.channels,
         layout.waveform_count,

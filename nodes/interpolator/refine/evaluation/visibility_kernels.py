@@ -7,7 +7,7 @@ import warp as wp
 from nodes.renderer.raster.depth_kernels import MISS, entry_of, face_from, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.raster.triangle_kernels import corners_of, edge_normal, edge_slack
-from nodes.renderer.shadows.ray_kernels import Casters, sphere_met
+from nodes.renderer.shadows.ray_kernels import Casters, hits_sphere
 
 wp.set_module_options({"enable_backward": False})
 
@@ -109,7 +109,7 @@ def trace_instance(view: CameraView, targets: Targets, row: int, i: int, d: wp.v
     length = wp.length(d)
     u = d / length
     far = until * length
-    if casters.mesh[i] == wp.uint64(0) or not sphere_met(centre, casters.radius[i], u, wp.min(far, FAR)):
+    if casters.mesh[i] == wp.uint64(0) or not hits_sphere(centre, casters.radius[i], u, wp.min(far, FAR)):
         return until, MISS
     inverse = wp.transpose(casters.rotation[row, i])
     origin = -(inverse * centre)

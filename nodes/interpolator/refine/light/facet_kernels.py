@@ -7,7 +7,7 @@ import warp as wp
 from nodes.interpolator.refine.window_kernels import PixelInterval, WindowParameters, WindowScene, entry_at, slot_row
 from nodes.interpolator.relight.change_kernels import MOVED, Change, point_of
 from nodes.interpolator.relight.features import LightChanges
-from nodes.renderer.lights.light_kernels import make_directions
+from nodes.renderer.lights.light_kernels import make_light_directions
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 
 wp.set_module_options({"enable_backward": False})
@@ -25,7 +25,7 @@ def sections_of(scene: WindowScene, env: int):
 @cache
 def make_facets_between(changes: LightChanges) -> wp.Function:
     """Makes `facets_between`; changes: of light in the scene."""
-    towards, _ = make_directions(changes.directional, changes.point or changes.area, changes.spot)
+    light_direction, _ = make_light_directions(changes.directional, changes.point or changes.area, changes.spot)
 
     @wp.func
     def may_turn(
@@ -46,7 +46,7 @@ def make_facets_between(changes: LightChanges) -> wp.Function:
                 row = slot_row(params, px.env, px.k, wp.clamp(i, 1, params.slots))
                 s = point_of(change, change.casters, row, hit, depth_of(hit) * px.d)
                 for l in range(change.now.kind.shape[0]):
-                    ray, _length, strength = towards(change.now, row, l, s.position)
+                    ray, _length, strength = light_direction(change.now, row, l, s.position)
                     if strength > 0.0 and wp.abs(wp.dot(s.normal, ray)) < normal_deviation[t]:
                         near = True
         return near

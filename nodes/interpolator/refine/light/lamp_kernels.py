@@ -7,7 +7,7 @@ import warp as wp
 from evis.random_number_kernels import GOLDEN, mix
 from nodes.interpolator.relight.change_kernels import MOVED, Change, point_of
 from nodes.interpolator.relight.features import LightChanges
-from nodes.renderer.lights.light_kernels import AREA, SPOT, make_directions
+from nodes.renderer.lights.light_kernels import AREA, SPOT, make_light_directions
 from nodes.renderer.raster.depth_kernels import depth_of
 from nodes.renderer.shadows.ray_kernels import LIFT, make_occlusion
 
@@ -28,7 +28,7 @@ def key_of(lamp: int):
 @cache
 def make_hidden_lamps(changes: LightChanges, trees: bool) -> wp.Function:
     """Makes `hidden_lamps`; changes: of light in the scene; trees: as of `make_occlusion`."""
-    towards, _ = make_directions(changes.directional, changes.point or changes.area, changes.spot)
+    light_direction, _ = make_light_directions(changes.directional, changes.point or changes.area, changes.spot)
     occluded, _ = make_occlusion(trees, False)
 
     @wp.func
@@ -43,7 +43,7 @@ def make_hidden_lamps(changes: LightChanges, trees: bool) -> wp.Function:
         first = wp.where((flag & MOVED) != 0, 0, casters.still)
         for l in range(change.now.kind.shape[0]):
             if change.now.shadow[l] == 1 or change.now.kind[l] == SPOT:
-                ray, length, strength = towards(change.now, row, l, s.position)
+                ray, length, strength = light_direction(change.now, row, l, s.position)
                 if wp.dot(s.normal, ray) > 0.0:
                     away = wp.bool(strength <= 0.0)
                     if not away and change.now.shadow[l] == 1:
@@ -69,7 +69,7 @@ def make_hidden_lamps(changes: LightChanges, trees: bool) -> wp.Function:
 @cache
 def make_turned_lamps(changes: LightChanges) -> wp.Function:
     """Makes `turned_lamps`; changes: of light in the scene."""
-    towards, _ = make_directions(changes.directional, changes.point or changes.area, changes.spot)
+    light_direction, _ = make_light_directions(changes.directional, changes.point or changes.area, changes.spot)
 
     @wp.func
     def turned_lamps(change: Change, row: int, hit: wp.uint64, d: wp.vec3):
@@ -77,7 +77,7 @@ def make_turned_lamps(changes: LightChanges) -> wp.Function:
         keys = NOTHING
         s = point_of(change, change.casters, row, hit, depth_of(hit) * d)
         for l in range(change.now.kind.shape[0]):
-            ray, _length, _strength = towards(change.now, row, l, s.position)
+            ray, _length, _strength = light_direction(change.now, row, l, s.position)
             if wp.dot(s.normal, ray) <= 0.0:
                 keys += key_of(l)
         return keys

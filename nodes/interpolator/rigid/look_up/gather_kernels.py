@@ -38,7 +38,7 @@ from nodes.interpolator.rigid.look_up.portion_kernels import Place, Portion, pla
 from nodes.interpolator.rigid.look_up.texture_kernels import make_log_albedo
 from nodes.renderer.raster.depth_kernels import NO_ENTRY
 from nodes.renderer.raster.lens.view_kernels import CameraView
-from nodes.renderer.raster.surface_kernels import Seen, Surfaces, pixel_at
+from nodes.renderer.raster.surface_kernels import Surfaces, VisibilityBuffer, pixel_at
 
 wp.set_module_options({"enable_backward": False})
 
@@ -137,7 +137,14 @@ def make_remodulate(channels: int, waveform_count: int, kind: tuple[bool, bool, 
 
     @wp.func
     def remodulate(
-        view: CameraView, n: int, y: int, x: int, hit: wp.uint64, shown: Seen, surfaces: Surfaces, before: LookUps
+        view: CameraView,
+        n: int,
+        y: int,
+        x: int,
+        hit: wp.uint64,
+        shown: VisibilityBuffer,
+        surfaces: Surfaces,
+        before: LookUps,
     ):
         """Adds to the light alone, where keyframes tell no more, the texture that a pixel shows; without one they show
         nothing."""
@@ -234,7 +241,7 @@ def make_gather(
         portion: Portion,
         keys: Keyframes,
         change: Change,
-        shown: Seen,
+        shown: VisibilityBuffer,
         surfaces: Surfaces,
         # in or out
         lists: GatherLists,

@@ -12,9 +12,9 @@ from nodes.renderer.raster.depth_kernels import MISS, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView
 from nodes.renderer.raster.surface_kernels import (
     Pixel,
-    Seen,
     Surfaces,
-    face_of,
+    VisibilityBuffer,
+    hit_of_entry,
     make_surface,
     pixel_at,
 )
@@ -27,24 +27,24 @@ DIM = wp.constant(0.02)
 
 
 @cache
-def make_log_albedo(textures: bool, smooth: bool, tinted: bool) -> Any:
+def make_log_albedo(textures: bool, smooth: bool, vertex_colours: bool) -> Any:
     """Makes the function `log_albedo`."""
-    surface = make_surface(textures, smooth, tinted)
+    surface = make_surface(textures, smooth, vertex_colours)
 
     @wp.func
-    def log_albedo(view: CameraView, pixel: Pixel, hit: wp.uint64, seen: Seen, surfaces: Surfaces):
+    def log_albedo(view: CameraView, pixel: Pixel, entry: wp.uint64, seen: VisibilityBuffer, surfaces: Surfaces):
         """Computes ln of the luminance of the albedo that a pixel shows; 0 of what is not textured, glows or is dim.
 
-        hit: its z-buffer entry, which need not stand in `seen`.
+        entry: of the z-buffer, which need not stand in `seen`.
         """
-        if triangle_of(hit) == MISS:
+        if triangle_of(entry) == MISS:
             return 0.0
-        face = face_of(view, seen, surfaces, pixel, hit)
-        if surfaces.textures.place[face.instance][1] == 0:
+        hit = hit_of_entry(view, seen, surfaces, pixel, entry)
+        if surfaces.textures.place[hit.instance][1] == 0:
             return 0.0
-        if wp.max(surfaces.emission[surfaces.material[face.instance]]) > 0.0:
+        if wp.max(surfaces.emission[surfaces.material[hit.instance]]) > 0.0:
             return 0.0
-        albedo, _facing = surface(view, pixel, seen, surfaces, face)
+        albedo, _facing = surface(view, pixel, seen, surfaces, hit)
         bright = wp.dot(WEIGHTS, albedo)
         if bright < DIM:
             return 0.0
@@ -54,9 +54,9 @@ def make_log_albedo(textures: bool, smooth: bool, tinted: bool) -> Any:
 
 
 @cache
-def make_demodulate(textures: bool, smooth: bool, tinted: bool) -> wp.Kernel:
+def make_demodulate(textures: bool, smooth: bool, vertex_colours: bool) -> wp.Kernel:
     """Makes the kernel `demodulate`."""
-    log_albedo = make_log_albedo(textures, smooth, tinted)
+    log_albedo = make_log_albedo(textures, smooth, vertex_colours)
 
     @wp.kernel(module="unique", enable_backward=False)
     def demodulate(
@@ -64,7 +64,7 @@ def make_demodulate(textures: bool, smooth: bool, tinted: bool) -> wp.Kernel:
         view: CameraView,
         row0: int,
         span: int,
-        seen: Seen,
+        seen: VisibilityBuffer,
         surfaces: Surfaces,
         logs: wp.array3d(dtype=float),
         # out

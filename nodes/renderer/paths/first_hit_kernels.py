@@ -5,13 +5,13 @@ from typing import Any
 
 import warp as wp
 
-from nodes.renderer.shadows.ray_kernels import Casters, merged_holds, sphere_met
+from nodes.renderer.shadows.ray_kernels import Casters, hits_sphere, merged_holds
 
 wp.set_module_options({"enable_backward": False})
 
 
 @wp.struct
-class Hit:
+class RayHit:
     """Holds instance, -1 for none; triangle of its mesh; distance [m]; weights of the triangle's first two corners."""
 
     instance: int
@@ -22,21 +22,21 @@ class Hit:
 
 
 @wp.func
-def nearer(
+def nearer_hit(
     casters: Casters,
     env: int,
     i: int,
     origin: wp.vec3,
     direction: wp.vec3,
-    hit: Hit,
+    hit: RayHit,
 ):
     """Gives the hit on instance i if it is nearer than `hit`, else that."""
     centre = casters.translation[env, i] - origin
-    if sphere_met(centre, casters.radius[i], direction, hit.distance):
+    if hits_sphere(centre, casters.radius[i], direction, hit.distance):
         inverse = wp.transpose(casters.rotation[env, i])
         query = wp.mesh_query_ray(casters.mesh[i], -(inverse * centre), inverse * direction, hit.distance)
         if query.result:
-            found = Hit()
+            found = RayHit()
             found.instance = i
             found.face = query.face
             found.distance = query.t
@@ -47,8 +47,8 @@ def nearer(
 
 
 @cache
-def make_first_hit(trees: bool, joined: bool) -> Any:
-    """Makes the function `first_hit`; without trees where there are none; joined: as of `make_occlusion`."""
+def make_first_hit(trees: bool, merged: bool) -> Any:
+    """Makes the function `first_hit`; without trees where there are none; merged: as of `make_occlusion`."""
 
     @wp.func
     def first_hit(
@@ -60,7 +60,7 @@ def make_first_hit(trees: bool, joined: bool) -> Any:
         length: float,
     ):
         """Gives the nearest hit within `length`, on any instance but `skip`."""
-        hit = Hit()
+        hit = RayHit()
         hit.instance = -1
         hit.distance = length
         count = casters.order.shape[0]
@@ -73,7 +73,7 @@ def make_first_hit(trees: bool, joined: bool) -> Any:
                 turn = casters.turn[env]
                 start = turn * origin + casters.shift[env]
                 tried = wp.bool(False)
-                if wp.static(joined):
+                if wp.static(merged):
                     if merged_holds(casters, env, origin):
                         tried = True
                         query = wp.mesh_query_ray(casters.merged, start, turn * direction, hit.distance)
@@ -88,7 +88,7 @@ def make_first_hit(trees: bool, joined: bool) -> Any:
                     while wp.bvh_query_next(still, k, hit.distance):
                         i = casters.order[k]
                         if i != skip:
-                            hit = nearer(casters, env, i, origin, direction, hit)
+                            hit = nearer_hit(casters, env, i, origin, direction, hit)
             if casters.moving_tree != wp.uint64(0):
                 end = casters.still
                 root = wp.bvh_get_group_root(casters.moving_tree, env)
@@ -97,11 +97,11 @@ def make_first_hit(trees: bool, joined: bool) -> Any:
                 while wp.bvh_query_next(moving, k, hit.distance):
                     i = casters.order[base + k]
                     if i != skip:
-                        hit = nearer(casters, env, i, origin, direction, hit)
+                        hit = nearer_hit(casters, env, i, origin, direction, hit)
         for n in range(begin, end):
             i = casters.order[n]
             if i != skip:
-                hit = nearer(casters, env, i, origin, direction, hit)
+                hit = nearer_hit(casters, env, i, origin, direction, hit)
         return hit
 
     return first_hit

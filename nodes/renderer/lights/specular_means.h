@@ -1,10 +1,10 @@
 #pragma once
 #include "warp/native/builtin.h"
 
-// Gives what sky_kernels.gathered gives, RUN samples at a time, of which there is a multiple of RUN. Two neighbouring
+// Gives what sky_kernels.specular_means_by_sample gives, RUN samples at a time, of which there is a multiple of RUN. Two neighbouring
 // texels are read as RUN numbers, so two numbers must follow the last texel. A place is held to the texels of its level
 // before it becomes a whole number, for a direction may be no number.
-static const auto mirrored = [](const auto& points, const auto& levels, const auto& texels, const auto& to_world,
+static const auto specular_means = [](const auto& points, const auto& levels, const auto& texels, const auto& to_world,
     const auto& view, float alpha, float held, const auto& stretched, float widest) {
     constexpr int RUN = 8;
     constexpr float PI = 3.14159265f;
