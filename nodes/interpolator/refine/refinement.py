@@ -179,6 +179,10 @@ class Refinement:
             return found
         return self._means.of(found, self._held, since, 1 << instants.depth, self._rigid.pair.a.image, frames)
 
+    def stamps(self, gap: Span) -> np.ndarray:
+        """Gives the times of all instants of a gap, int64 [n] or [E, n] ns."""
+        return gap.stamps(self._instants(gap).count)
+
     def _instants(self, gap: Span) -> Instants:
         """The instants at which pixels may be looked at in a gap."""
         coarse, length = self._rigid.layout.upsampling, max(gap.longest, self.as_long_as_ns)

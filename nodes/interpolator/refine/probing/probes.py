@@ -48,9 +48,10 @@ class ProbeForecast:
     """Holds what is known of a gap's z-buffers before any is drawn.
 
     least, most: per coarse interval. begun [E]: how many are drawn at first. looked_at [E]: of the gap, those in which
-    it is found how many are needed. wanted [E]: how many brief appearances and curved motion need. passing bool [E]:
-    whether something passes the near plane. pairs: poses of all bodies then and a short time before, float64
-    [n E, N, 7], of the frames and, where it is found there, between them.
+    it is found how many are needed. wanted [E]: how many brief appearances and curved motion need. visits, passing bool
+    [E]: whether something is in the image between two frames alone, and whether something passes the near plane. pairs:
+    poses of all bodies then and a short time before, float64 [n E, N, 7], of the frames and, where it is found there,
+    between them.
     """
 
     least: int
@@ -58,6 +59,7 @@ class ProbeForecast:
     begun: np.ndarray
     looked_at: np.ndarray
     wanted: np.ndarray
+    visits: np.ndarray
     passing: np.ndarray
     pairs: list[tuple[np.ndarray, np.ndarray]]
 
@@ -123,20 +125,23 @@ class Probes:
         most = min(1 << max(most.bit_length() - 1, 0), 1 << instants.depth)
         least = min(self._least, 1 << instants.depth)
         most = max(most, least)
-        # So many that what comes and goes is in some of them, then as many as what is in them needs.
+        # So many that what comes and goes is in some of them and goes straight from one to the next, then as many as
+        # what is in them needs.
         off = partial(self._curved_motion.needed, instants, poses, shortest, least, most)
         later = None if beside is None else beside.submit(off)
         appearances, passing = self._appearances.needed(instants, poses, least)
-        begun = np.where(held, least, np.minimum(appearances, most))
-        # Coarse frames tell, but for what is in the image between them alone.
+        curved = off() if later is None else later.result()
+        wanted = np.maximum(appearances, curved)
+        begun = np.where(held, least, np.minimum(wanted, most))
+        # Coarse frames tell, but for what is in the image between them alone, or is faster there than at them.
         looked_at = coarse * np.where(begun > least, begun, 1)
         length = 1 << instants.depth
         # The last one, the keyframe, has the first slot.
         frames = [coarse * length - 1, *range(length - 1, (coarse - 1) * length, length)]
         between = order_of(instants, int(looked_at.max()) // coarse)
         pairs = [self._shortly_before(which, stamps, poses, gap) for which in (frames, between) if which]
-        curved = off() if later is None else later.result()
-        return ProbeForecast(least, most, begun, looked_at, np.maximum(appearances, curved), passing & ~held, pairs)
+        visits = appearances > least
+        return ProbeForecast(least, most, begun, looked_at, wanted, visits, passing & ~held, pairs)
 
     def draw(
         self, ahead: ProbeForecast | None, instants: Instants, poses: Poses, gap: Span, albedo_scale: wp.array
@@ -156,7 +161,6 @@ class Probes:
             self._draw(instants, poses, 1, begun)
             each = self._needed(ahead, instants, gap, albedo_scale)
             self.unseen |= (ahead.wanted > ahead.most) & ~held
-            each = np.where(held, each, np.maximum(each, np.minimum(ahead.wanted, ahead.most)))
             self._draw(instants, poses, begun, int(each.max()))
             each = self._with_brief(ahead, instants, poses, each)
         self.each.assign(each.astype(np.int32))
@@ -243,7 +247,7 @@ class Probes:
             v.row_tiles.launch(self._find_thin, of_rows, v.device, in_parts=True)
         found = missed.numpy().sum(axis=0)
         unseen, all_of_it, painted = found[:, :-2], found[:, -2:-1], found[:, -1:]
-        of_all = np.where(ahead.begun > ahead.least, OF_VISITS, MISSED_OF_ALL)[:, None]
+        of_all = np.where(ahead.visits, OF_VISITS, MISSED_OF_ALL)[:, None]
         once = pixels * ahead.looked_at[:, None]
         enough = (unseen <= MISSED * once) & ((unseen <= of_all * all_of_it) | (unseen <= FEW * once))
         self.unseen = ~(enough[:, -1:] & (painted <= MISSED * once))[:, 0] & ~held
