@@ -301,3 +301,23 @@ def test_what_is_fast_between_frames_and_at_rest_at_them_is_told(width, reach, u
 def test_what_is_fast_between_frames_is_looked_for_as_often_as_it_asks_for():
     """2 px wide and at up to 251 px per gap: it asks for 126 z-buffers where it is fast, to be straight for 64."""
     assert drawn(gap_of(rushing(2, 20, K / 2)))[0] == 128
+
+
+@pytest.mark.parametrize(("speed", "unseen"), [(150.0, False), (200.0, True)])
+def test_what_passes_the_near_plane_within_a_few_instants_is_told(speed, unseen):
+    """A painted plate of 20 x 20 cm goes by its own size in 17 of the 128 instants of a gap, or in 13. Over the last 20
+    cm it grows from the size of the image to all sizes, and what is painted on it sweeps over every pixel."""
+    start = pose(0.02, 0, -speed * (START + 0.51 * GAP) * 1e-9)
+    plate = (quad(0.1), painted(), Prescribed(start, [Linear(np.array([0.0, 0.0, speed]))]))
+    method = gap_of(world([(quad(30.0), plain(0.2), Prescribed(pose(z=9.0))), plate]))
+    assert method.refinement.unseen.tolist() == [unseen]
+
+
+@pytest.mark.parametrize(("swings", "unseen"), [(1.8, False), (2.6, True)])
+def test_what_small_things_lose_is_told_where_z_buffers_are_as_close_as_they_can_be(swings, unseen):
+    """A square of 3 px swings by 30 px to and fro. At up to 339 px per gap it asks for 113 of the 128 z-buffers that
+    there may be, at 490 for 163: a twentieth or more of what passes is unseen, though few pixels see anything pass."""
+    sway = Sinusoid(np.array([30 * DEPTH / FOCAL, 0.0, 0.0]), swings / (GAP * 1e-9))
+    still = (quad(8.0), plain(0.2), Prescribed(pose(z=3.0)))
+    method = gap_of(world([still, (quad(1.5 * DEPTH / FOCAL), plain(0.9), Prescribed(pose(z=DEPTH), [sway]))]))
+    assert method.refinement.unseen.tolist() == [unseen]
