@@ -144,6 +144,7 @@ class Refinement:
         evaluator = rounds.evaluator
         motion = known if known and known.gap.same(gap) else self._motion(gap, instants, evaluator)
         stamps, poses = motion.stamps, motion.poses
+        self._rigid.widen(poses)
         evaluator.begin(stamps, gap, poses)
         self._probes.draw(motion.probes, instants, poses, gap, evaluator.targets.albedo_scale)
         self.unseen = self._probes.unseen | motion.unseen | (self._highlights.unseen(poses) & ~held)

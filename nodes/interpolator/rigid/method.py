@@ -237,6 +237,12 @@ class Rigid:
                 )
             self._graphs.run(("look", portion, self._even, builds), partial(self._reproject, portion, self.frames))
 
+    def widen(self, poses: Poses) -> None:
+        """Has light change wherever it does at any of a gap's instants, and not at its frames alone, for whoever looks
+        there; poses: at these instants, of the gap made last."""
+        if self.change is not None:
+            self.change.widen(self._places.poses, poses)
+
     def foresee(self, gap: Span) -> None:
         """Works out the poses of a gap that is to come, while a GPU works on this one."""
         self._foreseen = gap, self._places.find(gap.stamps(self.layout.upsampling), gap.a, gap.b, gap.held)
