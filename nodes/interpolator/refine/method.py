@@ -38,6 +38,7 @@ class Refined:
         """tolerance_ns: greatest error wanted in the time of a threshold crossing [ns]. fineness: the pixels of `rigid`
         are sub-pixels, of which so many per axis make a pixel; `further` is then of their means."""
         self.rigid, self.refinement = rigid, Refinement(rigid, tolerance_ns, threads, light_samples, fineness)
+        rigid.looks_at = self.refinement.stamps
         self.further: Further | None = None
         self.following: Span | None = None
         self.meanwhile: Callable[[], None] | None = None

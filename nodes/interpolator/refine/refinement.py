@@ -144,6 +144,7 @@ class Refinement:
         evaluator = rounds.evaluator
         motion = known if known and known.gap.same(gap) else self._motion(gap, instants, evaluator)
         stamps, poses = motion.stamps, motion.poses
+        self._rigid.widen(poses)
         evaluator.begin(stamps, gap, poses)
         self._probes.draw(motion.probes, instants, poses, gap, evaluator.targets.albedo_scale)
         self.unseen = self._probes.unseen | motion.unseen | (self._highlights.unseen(poses) & ~held)
@@ -178,6 +179,10 @@ class Refinement:
         if self._means is None:
             return found
         return self._means.of(found, self._held, since, 1 << instants.depth, self._rigid.pair.a.image, frames)
+
+    def stamps(self, gap: Span) -> np.ndarray:
+        """Gives the times of all instants of a gap, int64 [n] or [E, n] ns."""
+        return gap.stamps(self._instants(gap).count)
 
     def _instants(self, gap: Span) -> Instants:
         """The instants at which pixels may be looked at in a gap."""

@@ -3,6 +3,7 @@ on."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
 
 MOVED, SHADED = int(change_kernels.MOVED), int(change_kernels.SHADED)
 LIT_ANEW, AROUND = int(change_kernels.LIT_ANEW), int(change_kernels.AROUND)
+BEYOND, WITHIN = 0.02, 37
+"""Part of its way by which what moves goes beyond where it is at the frames, between them, at most, where these tell;
+instants of a gap at which that is asked, at most: a number that no swing of so many frames is back at."""
 BLURRED = 2.0
 """Distance [px] from a shadow's edge up to which a look-up in a keyframe mixes both sides of it."""
 
@@ -76,7 +80,8 @@ class LightChange:
         on_movers = {i.material for i in scene.instances if i.body in movers}
         self._glows = any(np.any(scene.materials[m].emission) for m in on_movers)
         self._positional = np.array([l.kind != "directional" for l in scene.lights], bool)
-        self._sweep = Sweep(v, envs, movers, half)
+        self._sweep, self._sweep_between = Sweep(v, envs, movers, half), Sweep(v, envs, movers, half)
+        self._sweep_between.lower, self._sweep_between.upper = self._sweep.lower, self._sweep.upper
         # Of the movers, those that carry a lamp or a caster.
         self._telling = np.union1d(np.searchsorted(movers, self._lamps), self._sweep.casters).astype(np.int64)
         self._origin: np.ndarray | None = None
@@ -104,18 +109,42 @@ class LightChange:
         Returns:
             `still` without those whose light a lamp may change at any pixel.
         """
-        flags = self._flags_of(poses.changed)
-        if not np.array_equal(flags, self._flags):
-            self.kernel.flags.assign(flags)
-            self._flags = flags
-        if (flags & (SHADED | AROUND)).any() or (self.kernel.open.size and (flags & MOVED).any()):
-            self._sweep.send(poses.moved, of_bodies(poses.before, self._movers), self._origin_of())
+        flags = self._send(poses, self._sweep)
         changed = (flags & (MOVED | LIT_ANEW)) != 0
         if not changed.any():
             return still
         result = still.copy()
         result[:, :-1][changed & (still[:, :-1] == 1)] = 0
         return result
+
+    def widen(self, frames: Poses, instants: Poses) -> None:
+        """Takes the instants of the gap that has begun into account, for looks between its frames, where something goes
+        farther there than at the frames: what swings may be back, or nearly, at every frame."""
+        count = len(instants.moved)
+        which = np.linspace(0, count - 1, min(count, WITHIN)).astype(np.int64)
+        some = replace(instants, moved=instants.moved[which])
+        (low, high), (lowest, highest) = (self._reach_of(poses) for poses in (frames, some))
+        margin = BEYOND * (highest - lowest)
+        if ((lowest < low - margin) | (highest > high + margin)).any():
+            self._send(some, self._sweep_between)
+            self._find_shaded()
+
+    def _reach_of(self, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
+        """Gives the least and the greatest coordinates of what carries lamps and casters in a gap, float64 [E, C, 3] m
+        each."""
+        before = of_bodies(poses.before, self._movers)[:, self._telling, :3]
+        moved = poses.moved[:, :, self._telling, :3]
+        return np.minimum(moved.min(axis=0), before), np.maximum(moved.max(axis=0), before)
+
+    def _send(self, poses: Poses, sweep: Sweep) -> np.ndarray:
+        """Sends flags and boxes for the poses of a gap, and returns the flags."""
+        flags = self._flags_of(poses.changed)
+        if not np.array_equal(flags, self._flags):
+            self.kernel.flags.assign(flags)
+            self._flags = flags
+        if (flags & (SHADED | AROUND)).any() or (self.kernel.open.size and (flags & MOVED).any()):
+            sweep.send(poses.moved, of_bodies(poses.before, self._movers), self._origin_of())
+        return flags
 
     def place(self) -> None:
         """Notes where the cameras of the slots are: a launch only."""
@@ -149,14 +178,19 @@ class LightChange:
         """Finds what may be shaded in the gap that has begun, and takes that from what is unchanged [E, H, W], keyframe
         B being in the first slot: launches only."""
         v = self._v
+        self._find_shaded()
+        dim = (self._envs, v.shape[1], v.shape[2] // v.span)
+        wp.launch(swept_kernels.exclude_relit, dim, [v.view, v.span, self.kernel, pieces, unchanged], device=v.device)
+
+    def _find_shaded(self) -> None:
+        """Finds what may be shaded in the gap that has begun: launches only."""
+        v = self._v
         if self.features.shadows:
             masks = self.kernel.swept.masks
             wp.launch(swept_kernels.find_shaded, masks.shape[:2], [self.kernel], [masks], device=v.device)
         if (found := self.kernel.open).size:
             given = [self.kernel, self._swept_bodies]
             wp.launch(swept_kernels.find_open, found.shape, given, [found], device=v.device)
-        dim = (self._envs, v.shape[1], v.shape[2] // v.span)
-        wp.launch(swept_kernels.exclude_relit, dim, [v.view, v.span, self.kernel, pieces, unchanged], device=v.device)
 
     def _flags_of(self, gone: np.ndarray) -> np.ndarray:
         """Flags int32 [E, N + 1] of bodies and the world; gone: see Poses."""

@@ -102,6 +102,8 @@ class Rigid:
         """Environments that began an episode with that keyframe."""
         self.rested = False
         """Whether nothing moved or changed in the last gap."""
+        self.looks_at: Callable[[Span], np.ndarray] | None = None
+        """Gives the times of a gap at which others look besides: what swings may be back at every frame."""
         self._even = True
         self._built = False
         self._graphs, self._beside = CudaGraphs(self._device), Branch(self._device)
@@ -186,7 +188,7 @@ class Rigid:
         poses = known[1] if known is not None and known[0].same(gap) else None
         places.begin(stamps, a.states, b.states, held, poses)
         begun = self._begun(a, held)
-        self.rested = self._rests(a, b, held | begun)
+        self.rested = self._rests(gap, a, b, begun)
         if self.rested:
             report = self._rest(b, out)
             return lambda: report
@@ -235,6 +237,12 @@ class Rigid:
                 )
             self._graphs.run(("look", portion, self._even, builds), partial(self._reproject, portion, self.frames))
 
+    def widen(self, poses: Poses) -> None:
+        """Has light change wherever it does at any of a gap's instants, and not at its frames alone, for whoever looks
+        there; poses: at these instants, of the gap made last."""
+        if self.change is not None:
+            self.change.widen(self._places.poses, poses)
+
     def foresee(self, gap: Span) -> None:
         """Works out the poses of a gap that is to come, while a GPU works on this one."""
         self._foreseen = gap, self._places.find(gap.stamps(self.layout.upsampling), gap.a, gap.b, gap.held)
@@ -249,16 +257,19 @@ class Rigid:
         before = a.after if self.in_a_row else a
         return before is not None and self._at_b is before
 
-    def _rests(self, a: KeyframeView, b: KeyframeView, begun: np.ndarray) -> bool:
+    def _rests(self, gap: Span, a: KeyframeView, b: KeyframeView, begun: np.ndarray) -> bool:
         """Whether nothing moves or changes from a to b, as a CPU can tell at once; begun: bool [E], environments that
-        begin or began an episode."""
-        poses = self._places.poses
-        if self._device.is_cuda or self.in_a_row or self.layout.flicker or self._at_b is not a or begun.any():
+        began an episode."""
+        poses, begins = self._places.poses, gap.held | begun
+        if self._device.is_cuda or self.in_a_row or self.layout.flicker or self._at_b is not a or begins.any():
             return False
         moved = poses.moved == poses.before.take(self.placement.movers, axis=1)
         if not (moved.all() and np.array_equal(poses.rest, poses.before)):
             return False
-        return np.array_equal(b.image.numpy().reshape(-1), self.pair.b.image.numpy().reshape(-1))
+        if not np.array_equal(b.image.numpy().reshape(-1), self.pair.b.image.numpy().reshape(-1)):
+            return False
+        looks_at = self.looks_at
+        return looks_at is None or not self._places.find(looks_at(gap), gap.a, gap.b, gap.held).changed.any()
 
     def _rest(self, b: KeyframeView, out: np.ndarray | wp.array | None) -> Report:
         """All frames as b, which is as a: what is known of a is known of b."""

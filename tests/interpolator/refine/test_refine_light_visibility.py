@@ -471,3 +471,36 @@ def test_a_shadows_edge_between_two_frames_is_found(waveform):
     assert listed.sum() > 200
     off = np.abs(found - expected)[:, listed]
     assert np.quantile(np.nan_to_num(off, nan=np.inf), 0.9) < 4 * TOLERANCE
+
+
+@pytest.mark.parametrize("swings", [K, 2 * K])
+def test_a_shadow_that_is_back_at_every_frame_is_looked_for_where_it_goes_in_between(swings):
+    """A rod swings as often as there are frames, or twice as often, and its shadow by 0.4 m to and fro: what a pixel
+    shows is known at any time, for the rod's shadow has the edges of the lines from the lamp to the rod's."""
+    half, reach, rate = 0.06, 0.04, swings / (GAP * 1e-9)
+    sway = Sinusoid(np.array([reach, 0.0, 0.0]), rate, 0.5 * np.pi)
+    scene = rod(half, 0.0)
+    scene.bodies[1].trajectory = Prescribed(pose(0.0, -1.4, ROD), [sway])
+    _, found = refined(scene, K, TOLERANCE)
+    assert found is not None
+    pixels, ns, values = found
+    k = scene.cameras[0].k
+    at = WALL * (np.arange(WIDTH) - k[0, 2]) / k[0, 0]
+    # Where the line from the lamp to a point passes the rod's front, whose edges are all that matters of so flat a box.
+    share = (ROD - half / 4 - LIGHT[2]) / (WALL - LIGHT[2])
+    ways = LIGHT[0] + share * (at - LIGHT[0])
+    stamps = START + np.linspace(0, GAP, 4001)
+    places = reach * np.sin(2 * np.pi * rate * stamps * 1e-9 + 0.5 * np.pi)
+    dark = np.abs(ways[:, None] - places) < half
+    # Points that it comes over by no less than a fiftieth of the time between two frames.
+    changing = np.flatnonzero((dark.mean(axis=1) > 0.02) & (dark.mean(axis=1) < 0.98))
+    row = HEIGHT // 4
+    assert len(changing) > 8
+    wrong = []
+    for x in changing:
+        mine = pixels == row * WIDTH + x
+        assert mine.sum() > K
+        level = 0.5 * (values[mine].min() + values[mine].max())
+        truth = np.interp(ns[mine], stamps - START, dark[x]) > 0.5
+        wrong.append(np.mean((values[mine] < level) != truth))
+    assert np.mean(wrong) < 0.1

@@ -281,3 +281,43 @@ def test_what_passes_the_near_plane_is_seen_at_the_border_too():
     first, _offset, value = method.further.arrays(False)
     pixels = np.repeat(np.arange(len(first) - 1), np.diff(first))
     assert len(np.unique(pixels[value > 0.15])) > 0.98 * (len(first) - 1)
+
+
+def rushing(width_px, reach_px, periods):
+    """A strip that swings to and fro so many times in a gap, by so many pixels, and is at rest at every frame."""
+    period = GAP * 1e-9 / periods
+    # START is a whole number of periods from 0.
+    sway = Sinusoid(np.array([reach_px * DEPTH / FOCAL, 0.0, 0.0]), 1 / period, np.pi / 2)
+    strips = (strip(width_px), plain(0.9), Prescribed(pose(z=DEPTH), [sway]))
+    return world([(quad(8.0), plain(0.2), Prescribed(pose(z=3.0))), strips])
+
+
+@pytest.mark.parametrize(("width", "reach", "unseen"), [(3, 40, True), (40, 20, False)])
+def test_what_is_fast_between_frames_and_at_rest_at_them_is_told(width, reach, unseen):
+    """3 px wide, it goes at up to 1005 px per gap, or 8 px from one of 128 instants to the next."""
+    assert gap_of(rushing(width, reach, K)).refinement.unseen.tolist() == [unseen]
+
+
+def test_what_is_fast_between_frames_is_looked_for_as_often_as_it_asks_for():
+    """2 px wide and at up to 251 px per gap: it asks for 126 z-buffers where it is fast, to be straight for 64."""
+    assert drawn(gap_of(rushing(2, 20, K / 2)))[0] == 128
+
+
+@pytest.mark.parametrize(("speed", "unseen"), [(150.0, False), (200.0, True)])
+def test_what_passes_the_near_plane_within_a_few_instants_is_told(speed, unseen):
+    """A painted plate of 20 x 20 cm goes by its own size in 17 of the 128 instants of a gap, or in 13. Over the last 20
+    cm it grows from the size of the image to all sizes, and what is painted on it sweeps over every pixel."""
+    start = pose(0.02, 0, -speed * (START + 0.51 * GAP) * 1e-9)
+    plate = (quad(0.1), painted(), Prescribed(start, [Linear(np.array([0.0, 0.0, speed]))]))
+    method = gap_of(world([(quad(30.0), plain(0.2), Prescribed(pose(z=9.0))), plate]))
+    assert method.refinement.unseen.tolist() == [unseen]
+
+
+@pytest.mark.parametrize(("swings", "unseen"), [(1.8, False), (2.6, True)])
+def test_what_small_things_lose_is_told_where_z_buffers_are_as_close_as_they_can_be(swings, unseen):
+    """A square of 3 px swings by 30 px to and fro. At up to 339 px per gap it asks for 113 of the 128 z-buffers that
+    there may be, at 490 for 163: a twentieth or more of what passes is unseen, though few pixels see anything pass."""
+    sway = Sinusoid(np.array([30 * DEPTH / FOCAL, 0.0, 0.0]), swings / (GAP * 1e-9))
+    still = (quad(8.0), plain(0.2), Prescribed(pose(z=3.0)))
+    method = gap_of(world([still, (quad(1.5 * DEPTH / FOCAL), plain(0.9), Prescribed(pose(z=DEPTH), [sway]))]))
+    assert method.refinement.unseen.tolist() == [unseen]

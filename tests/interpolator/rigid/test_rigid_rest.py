@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 from rigid_rig import GAP, START, closed_form, keyframe, painted, pose, quad, world
 
-from evis.scene.motion import Linear, Prescribed
+from evis.scene.motion import Linear, Prescribed, Sinusoid
 from nodes.interpolator.refine.method import Refined
 from nodes.interpolator.rigid import Rigid, RigidOptions
 from nodes.renderer.renderer import Renderer
@@ -33,11 +33,12 @@ class Stops:
         return False
 
 
-def run(tolerance_ns=0.0, spared=True):
-    """Frames [GAPS, K, h, w] of a wall and something that rests for a while, which gaps rested, and further samples."""
+def run(tolerance_ns=0.0, spared=True, path=None):
+    """Frames [GAPS, K, h, w] of a wall and something that rests for a while, or goes another path; which gaps rested,
+    and further samples."""
     things = [
         (quad(4.0), painted(), Prescribed(pose(z=3.0))),
-        (quad(0.4), painted(), Stops()),
+        (quad(0.4), painted(), path or Stops()),
     ]
     scene = world(things)
     view = scene.cameras[0]
@@ -76,6 +77,19 @@ def test_samples_between_frames_are_spared_too():
     for one, other in zip(further, all_further):
         assert (one is None) == (other is None)
         assert one is None or all(np.array_equal(a, b) for a, b in zip(one, other))
+
+
+def test_what_swings_and_is_back_at_every_frame_does_not_rest_between_them():
+    """By 0.3 m to and fro: 12 px, over which it hides or shows the wall at every pixel of its borders."""
+    swing = Prescribed(pose(0.1, 0, 2.0), [Sinusoid(np.array([0.15, 0.0, 0.0]), 4e9 / GAP, np.pi / 2)])
+    frames, rested, _ = run(path=swing)
+    assert all(rested[1:]) and (frames == frames[0, 0]).all()
+    frames, rested, further = run(100_000, path=swing)
+    assert not any(rested) and (frames == frames[0, 0]).all()
+    for offset, _ in further:
+        # Each turns up in every quarter of the gap, at 32 rows of 12 px.
+        counts = np.histogram(offset, 4, (0, GAP))[0]
+        assert (counts > 2 * 32 * 12).all()
 
 
 def test_threads_that_have_nothing_to_do():

@@ -13,6 +13,13 @@ QUICK = wp.constant(0.25)
 """Part of its size by which a thing about the near plane moves in a gap, at least, if it is to count."""
 
 
+SWEPT = wp.constant(14.0)
+"""Instants within which what passes the near plane is shown too seldom, if it goes by its own size in them: as it comes
+near, all of it sweeps over every pixel."""
+PASSES = wp.constant(1)
+TOO_FAST = wp.constant(2)
+
+
 @wp.struct
 class ImageReach:
     """Holds how far into the image a box reaches, as a part of how far ahead it does, and beyond which of its sides it
@@ -60,8 +67,9 @@ def find_appearances(
     passing: wp.array(dtype=int),
 ):
     """Finds the shortest visit of a box to the image, in instants: one that begins and ends within the gap, and in
-    which it comes further in than `deep`; 0 for one that does so between two instants alone. passing [E]: 1 where one
-    is on both sides of the near plane for a while, which hides part of it from one instant to the next.
+    which it comes further in than `deep`; 0 for one that does so between two instants alone. passing [E]: PASSES where
+    one is on both sides of the near plane for a while, which hides part of it from one instant to the next, TOO_FAST
+    where that is within too few of them; else 0.
 
     camera: its place among what moves, -1 where it stands at eye [E]. sides: least and greatest x / z, then y / z, of
     the image; deep: in these. poses [n, E, M]: at the instants of a gap, one after the other.
@@ -105,7 +113,9 @@ def find_appearances(
         if shows and gone * wp.float64(poses.shape[0]) > wp.float64(QUICK) * wp.length(half):
             cuts = -reach(wp.vec3d(zero, zero, -wp.float64(1.0)), centre, axes, half) < near
             if cuts or ((way.beyond ^ last.beyond) & 1) == 1:
-                passing[env] = 1
+                size = wp.float64(2.0) * wp.max(wp.max(half[0], half[1]), half[2])
+                fast = wp.float64(SWEPT) * gone > size
+                wp.atomic_max(passing, env, wp.where(fast, TOO_FAST, PASSES))
         # What stays beyond one side all along does not come in, and what hardly moves not far.
         most_in = wp.max(last.inside, way.inside)
         if n > 0 and most_in < deep and (way.beyond & last.beyond) == 0:

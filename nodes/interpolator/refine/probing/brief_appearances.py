@@ -36,11 +36,11 @@ class BriefAppearances:
 
     def needed(self, instants: Instants, poses: Poses, least: int) -> tuple[np.ndarray, np.ndarray]:
         """Gives how many z-buffers per coarse interval each environment needs for them, int64 [E], powers of two, and
-        `least` at least; more than there are instants where one is too short. And bool [E], whether something passes
-        the near plane before the image. poses: at all instants of the gap."""
+        `least` at least; more than there are instants where one is too short. And int32 [E], whether something passes
+        the near plane before the image, PASSES, or does so TOO_FAST. poses: at all instants of the gap."""
         envs, most = poses.rest.shape[0], 1 << instants.depth
         if not self._count or self._sides is None:
-            return np.full(envs, least), np.zeros(envs, bool)
+            return np.full(envs, least), np.zeros(envs, np.int32)
         sides = self._sides
         deep = DEEP * min(sides[1] - sides[0], sides[3] - sides[2])
         shortest: wp.array = wp.full(envs, instants.count, dtype=wp.int32, device="cpu")
@@ -52,4 +52,4 @@ class BriefAppearances:
         found = shortest.numpy()
         apart = np.maximum(found // TWICE, 1)
         needed = np.clip(most >> np.floor(np.log2(apart)).astype(np.int64), least, None)
-        return np.where(found > 0, needed, 2 * most), passing.numpy() > 0
+        return np.where(found > 0, needed, 2 * most), passing.numpy()

@@ -15,6 +15,7 @@ from evis.gpu.cuda_graph import CudaGraphs
 from nodes.interpolator.displacement_kernels import displace
 from nodes.interpolator.keyframe import Span
 from nodes.interpolator.refine.instants import Instants
+from nodes.interpolator.refine.probing.appearance_kernels import TOO_FAST
 from nodes.interpolator.refine.probing.brief_appearances import BriefAppearances
 from nodes.interpolator.refine.probing.curved_motion import CurvedMotion
 from nodes.interpolator.refine.probing.probe_kernels import find_brief, make_find_thin
@@ -34,6 +35,8 @@ MISSED = 0.03
 MISSED_OF_ALL, OF_VISITS, FEW = 0.25, 0.1, 0.003
 """Part of what passes that may be unseen, and where something visits the image in between, unless that is few: so
 often a pixel, on the average."""
+TOLD_OF = 0.05
+"""Part of what passes that may be unseen without being told where z-buffers are as close as they can be."""
 BRIEF = 2
 """How many times more often things are seen in one z-buffer alone than in none, where all times are as frequent for
 which they are on a pixel."""
@@ -48,9 +51,10 @@ class ProbeForecast:
     """Holds what is known of a gap's z-buffers before any is drawn.
 
     least, most: per coarse interval. begun [E]: how many are drawn at first. looked_at [E]: of the gap, those in which
-    it is found how many are needed. wanted [E]: how many brief appearances and curved motion need. passing bool [E]:
-    whether something passes the near plane. pairs: poses of all bodies then and a short time before, float64
-    [n E, N, 7], of the frames and, where it is found there, between them.
+    it is found how many are needed. wanted [E]: how many brief appearances and curved motion need. visits, passing bool
+    [E]: whether something is in the image between two frames alone, and whether something passes the near plane; swept
+    bool [E]: so fast that instants show too little of it. pairs: poses of all bodies then and a short time before,
+    float64 [n E, N, 7], of the frames and, where it is found there, between them.
     """
 
     least: int
@@ -58,7 +62,9 @@ class ProbeForecast:
     begun: np.ndarray
     looked_at: np.ndarray
     wanted: np.ndarray
+    visits: np.ndarray
     passing: np.ndarray
+    swept: np.ndarray
     pairs: list[tuple[np.ndarray, np.ndarray]]
 
 
@@ -123,20 +129,23 @@ class Probes:
         most = min(1 << max(most.bit_length() - 1, 0), 1 << instants.depth)
         least = min(self._least, 1 << instants.depth)
         most = max(most, least)
-        # So many that what comes and goes is in some of them, then as many as what is in them needs.
+        # So many that what comes and goes is in some of them and goes straight from one to the next, then as many as
+        # what is in them needs.
         off = partial(self._curved_motion.needed, instants, poses, shortest, least, most)
         later = None if beside is None else beside.submit(off)
         appearances, passing = self._appearances.needed(instants, poses, least)
-        begun = np.where(held, least, np.minimum(appearances, most))
-        # Coarse frames tell, but for what is in the image between them alone.
+        curved = off() if later is None else later.result()
+        wanted = np.maximum(appearances, curved)
+        begun = np.where(held, least, np.minimum(wanted, most))
+        # Coarse frames tell, but for what is in the image between them alone, or is faster there than at them.
         looked_at = coarse * np.where(begun > least, begun, 1)
         length = 1 << instants.depth
         # The last one, the keyframe, has the first slot.
         frames = [coarse * length - 1, *range(length - 1, (coarse - 1) * length, length)]
         between = order_of(instants, int(looked_at.max()) // coarse)
         pairs = [self._shortly_before(which, stamps, poses, gap) for which in (frames, between) if which]
-        curved = off() if later is None else later.result()
-        return ProbeForecast(least, most, begun, looked_at, np.maximum(appearances, curved), passing & ~held, pairs)
+        passes, swept = (passing > 0) & ~held, (passing == int(TOO_FAST)) & ~held
+        return ProbeForecast(least, most, begun, looked_at, wanted, appearances > least, passes, swept, pairs)
 
     def draw(
         self, ahead: ProbeForecast | None, instants: Instants, poses: Poses, gap: Span, albedo_scale: wp.array
@@ -155,8 +164,7 @@ class Probes:
             begun = int(ahead.begun.max())
             self._draw(instants, poses, 1, begun)
             each = self._needed(ahead, instants, gap, albedo_scale)
-            self.unseen |= (ahead.wanted > ahead.most) & ~held
-            each = np.where(held, each, np.maximum(each, np.minimum(ahead.wanted, ahead.most)))
+            self.unseen |= ((ahead.wanted > ahead.most) & ~held) | ahead.swept
             self._draw(instants, poses, begun, int(each.max()))
             each = self._with_brief(ahead, instants, poses, each)
         self.each.assign(each.astype(np.int32))
@@ -243,10 +251,11 @@ class Probes:
             v.row_tiles.launch(self._find_thin, of_rows, v.device, in_parts=True)
         found = missed.numpy().sum(axis=0)
         unseen, all_of_it, painted = found[:, :-2], found[:, -2:-1], found[:, -1:]
-        of_all = np.where(ahead.begun > ahead.least, OF_VISITS, MISSED_OF_ALL)[:, None]
+        of_all = np.where(ahead.visits, OF_VISITS, MISSED_OF_ALL)[:, None]
         once = pixels * ahead.looked_at[:, None]
         enough = (unseen <= MISSED * once) & ((unseen <= of_all * all_of_it) | (unseen <= FEW * once))
-        self.unseen = ~(enough[:, -1:] & (painted <= MISSED * once))[:, 0] & ~held
+        at_most = (unseen[:, -1:] <= TOLD_OF * all_of_it) | (unseen[:, -1:] <= FEW * once)
+        self.unseen = ~(enough[:, -1:] & at_most & (painted <= MISSED * once))[:, 0] & ~held
         enough[:, -1] = True
         return np.maximum(ahead.least << enough.argmax(axis=1), ahead.begun)
 
