@@ -20,6 +20,7 @@ from evis.events import Events, open_recording
 from msgs.camera import EventPacket
 from msgs.header import Header
 from nodes.camera.emulated.live import EmulatedCameraNode
+from nodes.camera.find import open_emulated
 from nodes.camera.usb.models import MODELS
 
 MS = 1_000_000
@@ -66,6 +67,28 @@ def test_node_reconnects_in_a_new_episode(tmp_path):
     assert any("unplugged" in w for w in runtime.warnings) and any("is back" in w for w in runtime.warnings)
     infos = [(m.header.episode, m.header.stamp_ns) for m in runtime.messages["info"]]
     assert [episode for episode, _ in infos] == [0, 1] and infos[1][1] == 0  # its clock starts anew
+
+
+@pytest.mark.parametrize("replugged", [False, True])
+def test_a_duration_is_that_of_all_connections(tmp_path, monkeypatch, replugged):
+    """After the camera was plugged in again its clock starts anew, and the duration did so too."""
+    random_recording(tmp_path / "a.npz", 346, 260)
+    faults = "short=1024,unplug_after=20000,replug" if replugged else ""
+    given = {"emulate": "davis346", "file": str(tmp_path / "a.npz"), "reconnect": True, "packet_ms": 1.0, **FAST}
+    whole = play(Runtime(), **given, faults=faults).messages["events"]
+    spans = {e: [(m.t0_ns, m.header.stamp_ns) for m in whole if m.header.episode == e] for e in range(1 + replugged)}
+    of_first = spans[0][-1][1] - spans[0][0][0]
+    into_last = (spans[replugged][-1][1] - spans[replugged][0][0]) // 2
+    duration = into_last + (of_first if replugged else 0)
+    monkeypatch.setattr(
+        "nodes.camera.find.find_driver", lambda *_, **__: open_emulated("davis346", given["file"], 0.0, 0.0, faults)
+    )
+    device = {name: given[name] for name in ("reconnect", "packet_ms", "settings")}
+    part = play(Runtime(), **device, duration=duration / 1e9).messages["events"]
+    taken = {e: [(m.t0_ns, m.header.stamp_ns) for m in part if m.header.episode == e] for e in spans}
+    assert all(taken[e] == spans[e] for e in range(replugged))
+    last, begun = taken[replugged], spans[replugged][0][0]
+    assert last == spans[replugged][: len(last)] and last[-1][1] - begun >= into_last > last[-2][1] - begun
 
 
 def test_descriptions_have_the_time_of_what_they_say(tmp_path, monkeypatch):

@@ -161,6 +161,7 @@ def _info(driver: Driver, args: argparse.Namespace) -> int:
 def _stream(driver: Driver, args: argparse.Namespace, speed: float) -> int:
     from evis.console.outlet import strict_output
     from nodes.camera.file_source import FileSettings, FileSource
+    from nodes.camera.interface.elapsed import Elapsed
     from nodes.camera.interface.settings import parse_settings
 
     if isinstance(driver, FileSource):
@@ -173,7 +174,7 @@ def _stream(driver: Driver, args: argparse.Namespace, speed: float) -> int:
     for warning in driver.info().details.get("warnings", ()):
         print(f"evis camera stream: {printable(warning)}", file=sys.stderr)
     total: dict[str, Any] = {"packets": 0, "events": 0, "triggers": 0, "imu": 0, "frames": 0, "late_packets": 0}
-    first: int | None = None
+    elapsed = Elapsed()
     while not driver.ended:
         reading = driver.read(0.1)
         if reading is None:
@@ -192,8 +193,7 @@ def _stream(driver: Driver, args: argparse.Namespace, speed: float) -> int:
             lost = f"  {reading.lost} bytes lost before" if reading.lost else ""
             with strict_output():
                 print(f"{reading.stamp_ns / 1e9:.6f} s  {len(events)} events  {on} ON  {rate:.3f} Mev/s{lost}")
-        first = reading.t0_ns if first is None else first
-        if args.duration and reading.stamp_ns - first >= args.duration * 1e9:
+        if elapsed.add(driver.episode, reading.t0_ns, reading.stamp_ns) >= (args.duration * 1e9 or float("inf")):
             break
     total |= driver.counters()
     print(json.dumps(total) if args.json else "  ".join(f"{k} {v}" for k, v in total.items()))
