@@ -182,9 +182,9 @@ def test_what_diverges_for_ever_is_told_of_some_times_and_counted_always(tmp_pat
     option, body = "<option timestep='.001' gravity='0 0 0'/>", f"<body name='a'>{spring}</body>"
     text = f"<mujoco>{option}<worldbody>{body}</worldbody></mujoco>"
     (tmp_path / "m.xml").write_text(text)
-    node = node_of(scene=str(tmp_path / "m.xml"), envs=7, keyframe_rate=100.0, duration=0.1)
-    assert run(node)[-1].episodes.tolist() == [10] * 7
-    assert node.runtime.counts["diverged"] == 70
+    node = node_of(scene=str(tmp_path / "m.xml"), envs=7, keyframe_rate=100.0, duration=0.25)
+    assert run(node)[-1].episodes.tolist() == [25] * 7
+    assert node.runtime.counts["diverged"] == 175
     told = [text for text in node.runtime.warnings if "diverged at" in text]
     assert len(told) == 20
     assert [text.endswith("; from now on such faults are only counted (diverged)") for text in told] == [False] * 19 + [
