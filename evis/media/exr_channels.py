@@ -29,12 +29,12 @@ def picture_of(channels: Mapping[str, np.ndarray], header: Mapping[str, Any]) ->
     grey = channels.get(GREY)
     if grey is None or not _fits(grey):
         return None
-    chroma = [channels[name] for name in CHROMA if name in channels]
-    if not chroma:
+    ry, by = (channels.get(name) for name in CHROMA)
+    if ry is None and by is None:
         return grey
-    if len(chroma) < len(CHROMA) or not all(map(_fits, chroma)):
+    if ry is None or by is None or not (_fits(ry) and _fits(by)):
         return None
-    return rgb_of(grey, *chroma, header.get("chromaticities", REC_709))
+    return rgb_of(grey, ry, by, header.get("chromaticities", REC_709))
 
 
 def without_picture(channels: Mapping[str, np.ndarray]) -> str:
