@@ -13,6 +13,7 @@ import warp as wp
 
 from evis.gpu.exchange import NUMPY, as_kind, as_warp, kind_of
 from evis.gpu.host_copies import host_array
+from nodes.event_sensor.effects import check_given
 from nodes.event_sensor.input.further import Further
 from nodes.event_sensor.make import make_sensor
 from nodes.event_sensor.parameters import LARGEST_SIDE, frames_only, is_own_model, resolve_sensor
@@ -64,7 +65,7 @@ class EventSensor:
         parameters: those of the node, over the preset's: threshold, threshold_mismatch, refractory_us, leak_rate,
             shot_rate, bandwidth_hz, crossing, ...; docs/event_sensor.md explains them.
 
-    Raises ValueError naming the parameter, the range and the nearest valid name.
+    Raises ValueError naming the parameter, the range and the nearest valid name, or why it would change nothing.
     """
 
     def __init__(
@@ -89,6 +90,7 @@ class EventSensor:
         )
         self.colour, self.seed = colour, _seed(seed)
         self.parameters = _resolved(preset, parameters)
+        check_given(parameters, self.parameters)
         self._device = device
         self._sensor: Any = None
         self._until = 0

@@ -21,7 +21,7 @@ def refused_by(code: str, *arguments: object, memory: int = MEMORY) -> str:
     code: Python, with `arguments` as texts in sys.argv[1:]. A child that ends otherwise fails the test.
     """
     program = f"try:\n    {code}\nexcept ValueError as error:\n    print(error)\nelse:\n    raise SystemExit('passed')"
-    return _output(program, arguments, memory).strip()
+    return output_of(program, arguments, memory).strip()
 
 
 def each_refused(code: str, arguments: Sequence[object], memory: int = MEMORY) -> list[str]:
@@ -29,10 +29,11 @@ def each_refused(code: str, arguments: Sequence[object], memory: int = MEMORY) -
     lines = ["import json, sys", "told = []", "for argument in sys.argv[1:]:", "    try:", f"        {code}"]
     lines += ["    except ValueError as error:", "        told.append(str(error))"]
     lines += ["    else:", "        raise SystemExit(f'not refused: {argument}')", "print(json.dumps(told))"]
-    return [str(text) for text in json.loads(_output("\n".join(lines), arguments, memory).splitlines()[-1])]
+    return [str(text) for text in json.loads(output_of("\n".join(lines), arguments, memory).splitlines()[-1])]
 
 
-def _output(program: str, arguments: Sequence[object], memory: int) -> str:
+def output_of(program: str, arguments: Sequence[object], memory: int = MEMORY) -> str:
+    """Runs a program in a child that may have `memory` bytes, and returns what it prints; it must end well."""
     done = subprocess.run(
         [sys.executable, "-c", program, *map(str, arguments)],
         capture_output=True,

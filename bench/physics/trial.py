@@ -11,10 +11,11 @@ import numpy as np
 
 from bench.physics.case import INTEGRATORS, MS, Case, Course
 from evis.scene import load_scene
-from nodes.physics.interval import Interval
+from nodes.physics.interval import Extras, Interval
 from nodes.physics.mujoco_engine import MujocoEngine
 from nodes.physics.precision.errors import Errors, Estimate
 from nodes.physics.precision.notice import notice
+from nodes.physics.precision.stepping import Stepping
 from nodes.physics.precision.tolerance import Tolerance
 
 STAMP_NS = 20 * MS
@@ -116,7 +117,9 @@ def run(case: Case, method: Method, folder: Path, warp: str | None = None) -> Tr
     errors = Errors()
     tolerance = None if method.tolerance is None else Tolerance(method.tolerance, method.tolerance)
     scene = load_scene(str(_written(case, method, folder)))
-    engine = MujocoEngine(scene, joints=True, errors=errors, tolerance=tolerance, warp=warp)
+    engine = MujocoEngine(
+        scene, errors=errors, warp=warp, stepping=Stepping(tolerance=tolerance), extras=Extras(joints=True)
+    )
     controls = np.array([case.controls]) if case.controls else None
     first = engine.start()
     foretold = tuple(text for _, text in first.warnings)

@@ -14,6 +14,7 @@ from typing import Any
 import yaml
 
 from evis.config.suggestions import nearest
+from evis.files.regular import other_than_file
 
 MAX_BYTES = 1 << 20
 """Longest launch or scene file accepted [bytes]."""
@@ -73,6 +74,8 @@ def read(path: Path, what: str = "launch file") -> Table:
     else.
     """
     name = _short(path)
+    if found := other_than_file(path):
+        raise LaunchError(f"{name}: it is {found}, and a {what} must be a file")
     try:
         if path.stat().st_size > MAX_BYTES:
             raise LaunchError(f"{name}: longer than {MAX_BYTES} bytes; this is not a {what}")

@@ -14,6 +14,7 @@ import operator
 import os
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -23,6 +24,10 @@ MAX_LENGTH = 500
 """Longest expression [characters]."""
 MAX_ITEMS = 10_000
 """Most values in the lists that one value of a file gets by `${...}`, those in lists of lists counted too."""
+MAX_MADE = 1 << 24
+"""Most characters in the texts that a file gets by `${...}`: sixteen times what it may have itself."""
+MAX_MADE_ITEMS = 1 << 20
+"""Most values in the lists that a file gets by `${...}`."""
 MAX_NESTING = 100
 """Most operators within each other, far from the depth at which Python itself gives up: near it nothing else in the
 process can run either, so that what is freed by chance meanwhile would be told as an error of its own."""
@@ -50,6 +55,22 @@ _COMPARE: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
     ast.GtE: operator.ge,
 }
 _WORDS = {"true": True, "false": False, "null": None, "none": None}
+
+
+@dataclass
+class Room:
+    """Holds what the `${...}` of a file may make yet: a short text that is used many times makes a long file of it."""
+
+    characters: int = MAX_MADE
+    items: int = MAX_MADE_ITEMS
+
+    def take(self, text: str, characters: int = 0, items: int = 0) -> None:
+        """Takes what was made from `text`. Raises ExpressionError naming it where there is no more room."""
+        self.characters -= characters
+        self.items -= items
+        made = f"{MAX_MADE} characters" if self.characters < 0 else f"{MAX_MADE_ITEMS} values" if self.items < 0 else ""
+        if made:
+            raise ExpressionError(f"'{text:.60}': up to here ${{...}} makes more than {made} of the file")
 
 
 class ExpressionError(ValueError):
@@ -179,42 +200,49 @@ def _bounded(value: Any, text: str) -> Any:
     return value
 
 
-def substitute(value: Any, arguments: Mapping[str, Any]) -> Any:
+def substitute(value: Any, arguments: Mapping[str, Any], room: Room | None = None) -> Any:
     """Replaces every `${...}` in a value, in lists and maps too; a text that is one `${...}` alone takes the type of
     its result.
 
+    room: what may be made yet of the file in which the value stands; None = of this value alone.
+
     Raises ExpressionError, also for a text or list that becomes too long.
     """
-    return _substituted(value, arguments, [MAX_ITEMS])
+    return _substituted(value, arguments, [MAX_ITEMS], room or Room())
 
 
-def _substituted(value: Any, arguments: Mapping[str, Any], left: list[int]) -> Any:
+def _substituted(value: Any, arguments: Mapping[str, Any], left: list[int], room: Room) -> Any:
     """left: how many more values the lists that are filled in may have."""
     if isinstance(value, dict):
-        return {key: _substituted(item, arguments, left) for key, item in value.items()}
+        return {key: _substituted(item, arguments, left, room) for key, item in value.items()}
     if isinstance(value, list):
-        return [_substituted(item, arguments, left) for item in value]
+        return [_substituted(item, arguments, left, room) for item in value]
     if not isinstance(value, str):
         return value
     whole = _HOLE.fullmatch(value)
     if whole:
         filled = _fill(whole[1], arguments)
         if isinstance(filled, list):
-            left[0] = _left(filled, left[0], value)
+            before, left[0] = left[0], _left(filled, left[0], value)
+            room.take(value, items=before - left[0])
         return filled
     if "${" in _HOLE.sub("", value):
         raise ExpressionError(f"'{value:.60}' has a ${{ without its }}")
-    return _with_holes_filled(value, arguments)
+    filled = _with_holes_filled(value, arguments)
+    if filled is not value:
+        room.take(value, characters=len(filled))
+    return filled
 
 
 def _with_holes_filled(text: str, arguments: Mapping[str, Any]) -> str:
+    """The text itself where it has no hole."""
     pieces, length, at = [], 0, 0
     for hole in _HOLE.finditer(text):
         pieces += [text[at : hole.start()], text_of(_fill(hole[1], arguments))]
         length, at = length + len(pieces[-2]) + len(pieces[-1]), hole.end()
         if length > MAX_TEXT:
             raise ExpressionError(f"'{text:.60}' becomes a text of more than {MAX_TEXT} characters")
-    return "".join([*pieces, text[at:]])
+    return "".join([*pieces, text[at:]]) if pieces else text
 
 
 def _left(value: Any, most: int, text: str, depth: int = MAX_DEPTH) -> int:

@@ -12,6 +12,7 @@ from typing import Any
 from evis.config.removed import instead
 from evis.config.secret import SecretError, fetch
 from evis.config.suggestions import did_you_mean
+from evis.files.regular import other_than_file
 
 EACH = "each"
 """Of a node's parameters, beside those it declares: what environments have for themselves, a mapping for each of them.
@@ -72,7 +73,9 @@ class Param:
 
     def _file(self, owner: str, key: str, value: str) -> str:
         if not os.path.isfile(value):
-            raise ParamError(f"{owner}: {key}: there is no file {value}")
+            what = other_than_file(value)
+            told = f"{value} is {what}, and must be a file" if what else f"there is no file {value}"
+            raise ParamError(f"{owner}: {key}: {told}")
         return os.path.abspath(value)
 
     def _secret(self, owner: str, key: str, value: Any) -> str:

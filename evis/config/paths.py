@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from evis.config.suggestions import closest, did_you_mean, nearest
+from evis.files.regular import other_than_file
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 LAUNCHED = (".yaml", ".yml", ".xml", ".urdf")
@@ -88,6 +89,9 @@ def find_launch(name: str) -> tuple[Path, dict[str, str]]:
     if Path(name).is_file():
         play = f"replay bag:={name}" if name.endswith(".mcap") else f"camera file:={name}"
         raise UnknownLaunch(f"{name} is no launch file and no scene; `evis launch {play}` plays a recording")
+    what = other_than_file(name)
+    if what and not Path(name).is_dir():
+        raise UnknownLaunch(f"{name}: it is {what}, and must be a file")
     if beside := _beside(Path(name)):
         raise UnknownLaunch(f"{name}: no such file; did you mean '{beside}'?")
     known = sorted({*names("launch"), *names("scenes")})

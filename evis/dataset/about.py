@@ -15,6 +15,7 @@ from evis.dataset.names import below
 from evis.events.pixel_limit import check_pixels
 from evis.files.allowance import AllowanceError
 from evis.files.json_text import parsed
+from evis.files.regular import check_file
 from evis.files.whole_file import whole_file
 from msgs.camera import CameraInfo
 from msgs.fields import array_specs
@@ -64,6 +65,7 @@ class About:
     def load(directory: Path) -> About:
         """Reads it from a folder. Raises ValueError with one line for a folder without it, or one of another format."""
         path = directory / FILE
+        check_file(path)
         try:
             whole = parsed(path.read_text())
             if not isinstance(whole, dict):

@@ -19,6 +19,7 @@ from evis.dataset.errors import DatasetError
 from evis.dataset.layouts import LAYOUTS
 from evis.dataset.recipe import Recipe, SceneDraws
 from evis.dataset.recipe_sources import files_of, folders_of
+from evis.files.regular import other_than_file
 from evis.launch.target import Target, read_target, scene_arguments
 from evis.simulation.outputs import NAMES
 
@@ -53,6 +54,8 @@ def find_recipe(name: str) -> Path:
     """Finds a recipe by path or by the name of one that comes with evis. Raises DatasetError."""
     if (path := paths.find("recipes", name)) is not None:
         return path
+    if what := other_than_file(name):
+        raise DatasetError(f"{name}: it is {what}, and a recipe must be a file")
     raise DatasetError(f"there is no recipe {name}; {nearest(Path(name).stem, paths.names('recipes'))}")
 
 

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any
 
 from evis.config.document import LaunchError, Row, Table, submap
-from evis.config.expression import ExpressionError, UnknownName, substitute
+from evis.config.expression import ExpressionError, Room, UnknownName, substitute
 from evis.config.params import Param, ParamError
 from evis.config.removed import instead
 from evis.config.suggestions import nearest
@@ -128,11 +128,14 @@ def _limit(entry: Table, key: str, inherited: float | None) -> float | None:
     return value
 
 
-def resolve(file: str, declared: Mapping[str, Argument], given: Mapping[str, Any]) -> dict[str, Any]:
+def resolve(
+    file: str, declared: Mapping[str, Argument], given: Mapping[str, Any], room: Room | None = None
+) -> dict[str, Any]:
     """Resolves every declared argument's value: the given ones converted and checked, the others at their defaults.
 
-    A default may use environment variables and arguments that stand before it. Raises LaunchError naming the nearest
-    argument for one that the file does not have.
+    A default may use environment variables and arguments that stand before it. room: as of `substitute`.
+
+    Raises LaunchError naming the nearest argument for one that the file does not have.
     """
     for key in given:
         if key not in declared:
@@ -140,9 +143,10 @@ def resolve(file: str, declared: Mapping[str, Argument], given: Mapping[str, Any
                 f"{file} has no argument '{key}'; {option_for(key, given[key]) or instead(key, declared)}"
             )
     values: dict[str, Any] = {}
+    room = room or Room()
     for name, argument in declared.items():
         try:
-            value = given[name] if name in given else substitute(argument.param.default, values)
+            value = given[name] if name in given else substitute(argument.param.default, values, room)
             if name not in given and argument.required:
                 raise ArgumentError(f"{argument.where}: {file} needs the argument {name}:=... ({argument.param.help})")
             values[name] = argument.param.convert("argument", name, value)

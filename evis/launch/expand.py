@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from evis.config.document import LaunchError, Table, submap
-from evis.config.expression import ExpressionError, UnknownName, substitute, text_of
+from evis.config.expression import ExpressionError, Room, UnknownName, substitute, text_of
 from evis.config.suggestions import nearest
 from evis.launch import node_arguments
 from evis.launch.arguments import OPTIONS, brought, resolve
@@ -71,14 +71,25 @@ class Expanded:
     """Arguments whose default another argument brought, as `preset:=dvs128`."""
 
 
-def expand(launch: LaunchFile, given: Mapping[str, Any], options: Mapping[str, Any]) -> Expanded:
-    """Resolves the includes, conditions and `${...}` of a launch file. given: its arguments; options: the values behind
-    the names in arguments.OPTIONS.
+def expand(
+    launch: LaunchFile, given: Mapping[str, Any], options: Mapping[str, Any], room: Room | None = None
+) -> Expanded:
+    """Resolves the includes, conditions and `${...}` of a launch file.
+
+    Args:
+        launch: the file, with those that it includes.
+        given: its arguments.
+        options: the values behind the names in arguments.OPTIONS.
+        room: what `${...}` may make yet of the file that includes this one; None = this one is the first.
+
+    Raises LaunchError, ArgumentError.
     """
+    room = room or Room()
     table = launch.table
-    values = resolve(launch.path.name, launch.arguments, given)
+    values = resolve(launch.path.name, launch.arguments, given, room)
     if "recorded" in table:
-        values = resolve(launch.path.name, launch.arguments, recorded(submap(table, "recorded"), values, given))
+        found_there = recorded(submap(table, "recorded"), values, given)
+        values = resolve(launch.path.name, launch.arguments, found_there, room)
     if not launch.includes:
         # Only where the scene's arguments are known in full.
         values = with_camera_rates(launch.path.name, with_cameras(launch.path.name, values))
@@ -93,11 +104,11 @@ def expand(launch: LaunchFile, given: Mapping[str, Any], options: Mapping[str, A
     for entry, child in launch.includes:
         if not _holds(entry, scope):
             continue
-        set_here = {k: _fill(submap(entry, "args"), k, scope) for k in submap(entry, "args")}
+        set_here = {k: _fill(submap(entry, "args"), k, scope, room=room) for k in submap(entry, "args")}
         # Sizes that a preset brings which is set here are the child's to find.
         own = [k for k, a in child.arguments.items() if a.by[0] in set_here and k not in given]
         passed = {k: values[k] for k in child.arguments if k in values and k not in set_here and k not in own}
-        part = expand(child, set_here | passed, options)
+        part = expand(child, set_here | passed, options, room)
         prefix = _namespace(entry, scope)
         for node in part.nodes:
             node.namespace = _join(prefix, node.namespace)
@@ -119,12 +130,12 @@ def expand(launch: LaunchFile, given: Mapping[str, Any], options: Mapping[str, A
     for name in nodes:
         if not isinstance(nodes[name], Table):
             raise LaunchError(f"{nodes.where(name)}: node '{name}' must be a map with at least `type:`")
-        _expand_node(result, nodes, name, scope)
+        _expand_node(result, nodes, name, scope, room)
     _check_names(result.nodes)
     return result
 
 
-def _expand_node(result: Expanded, nodes: Table, name: str, scope: Mapping[str, Any]) -> None:
+def _expand_node(result: Expanded, nodes: Table, name: str, scope: Mapping[str, Any], room: Room) -> None:
     entry: Table = nodes[name]
     entry.check_keys(NODE_KEYS, f"node '{name}'")
     if len(result.nodes) + len(result.absent) >= MAX_NODES:
@@ -138,7 +149,7 @@ def _expand_node(result: Expanded, nodes: Table, name: str, scope: Mapping[str, 
         if not _holds(entry, inner):
             with contextlib.suppress(LaunchError):  # what it would have got may make sense only where it is there
                 kind = str(_fill(entry, "type", inner))
-                result.idle.append((kind, _params(entry, inner, nodes.where(name))))
+                result.idle.append((kind, _params(entry, inner, nodes.where(name), room)))
             result.absent[full] = str(_fill(entry, "otherwise", inner, _condition(entry)))
             continue
         if "type" not in entry:
@@ -157,21 +168,21 @@ def _expand_node(result: Expanded, nodes: Table, name: str, scope: Mapping[str, 
                 name=prefix + full,
                 type=str(_fill(entry, "type", inner)),
                 where=nodes.where(name),
-                params=_params(entry, inner, nodes.where(name)),
+                params=_params(entry, inner, nodes.where(name), room),
                 param_lines={k: params.where(k) for k in params},
                 process=prefix + process,
-                remap={str(k): str(target) for k in remap if (target := _fill(remap, k, inner))},
+                remap={str(k): str(target) for k in remap if (target := _fill(remap, k, inner, room=room))},
                 namespace=namespace,
                 respawn=_flag(entry, "respawn", inner),
                 keep=_ports(entry, inner),
                 tap=_flag(entry, "tap", inner),
                 on_demand=_flag(entry, "on_demand", inner),
-                spares={k: str(why) for k in spares if (why := _fill(spares, k, inner))},
+                spares={k: str(why) for k in spares if (why := _fill(spares, k, inner, room=room))},
             )
         )
 
 
-def _params(entry: Table, scope: Mapping[str, Any], where: str) -> dict[str, Any]:
+def _params(entry: Table, scope: Mapping[str, Any], where: str, room: Room) -> dict[str, Any]:
     """A node's parameters: those that it sets, filled in, and those that are arguments as they are."""
     params = submap(entry, "params")
     # What `lookup` finds may be called as a parameter that means something else.
@@ -179,7 +190,7 @@ def _params(entry: Table, scope: Mapping[str, Any], where: str) -> dict[str, Any
     arguments = {name: value for name, value in scope.items() if name not in others}
     passed = node_arguments.passed_on(entry, arguments, where)
     own = [k for k in params if k != node_arguments.FROM or not node_arguments.takes_arguments(params)]
-    return passed | {k: _fill(params, k, scope) for k in own}
+    return passed | {k: _fill(params, k, scope, room=room) for k in own}
 
 
 def turns(entry: Table, scope: Mapping[str, Any]) -> Iterator[tuple[dict[str, Any], bool, dict[str, Any]]]:
@@ -226,11 +237,11 @@ def _process(entry: Table, node: str, scope: Mapping[str, Any], suffix: str) -> 
     return _named(entry, "process", entry["process"], scope, suffix) if "process" in entry else node
 
 
-def _fill(table: Table, key: str, scope: Mapping[str, Any], default: Any = None) -> Any:
+def _fill(table: Table, key: str, scope: Mapping[str, Any], default: Any = None, room: Room | None = None) -> Any:
     if key not in table:
         return default
     try:
-        return substitute(table[key], scope)
+        return substitute(table[key], scope, room)
     except ExpressionError as error:
         raise _located(error, table, key, scope) from None
 

@@ -24,6 +24,7 @@ from evis.launch.graph.wiring import WiredNode, publishers, secret_values, wire
 from evis.launch.resolved_file import as_written, resolved_file
 from evis.launch.target import read_target, values_of_scene, with_scene_arguments
 from evis.launch.unused_arguments import check_effect, check_options
+from evis.runtime.node import of_all
 from evis.runtime.plan import COMPOSED, NodePlan, Plan
 from msgs.topics import SYSTEM_TOPICS
 
@@ -147,9 +148,10 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
         for node in chosen
         if _draws(node) and not plan.nodes[node.name].dormant
     }
+    awake = [node for node in chosen if not plan.nodes[node.name].dormant]
+    _share_words(plan, awake)
     if options.explain:
-        awake = [node for node in chosen if not plan.nodes[node.name].dormant]
-        plan.warnings = {n.among_all(n.name): list(said) for n in awake if (said := n.cls.foreseen(n.params))}
+        plan.warnings = {n.among_all(n.name): said for n in awake if (said := _foreseen(plan, n))}
     plan.imports = list(dict.fromkeys(file for node in nodes for file in files_of(node.target)))
     plan.unknown = [as_written(spec) for spec in unknown]
     plan.secrets = list(
@@ -159,6 +161,24 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
     plan.sensors = {_folder(node): dict(told) for node in [*written, *nodes] if (told := node.cls.sensor(node.params))}
     plan.launch_text = resolved_file(expanded, written, Redactor(plan.secrets))
     return plan
+
+
+def _share_words(plan: Plan, awake: list[WiredNode]) -> None:
+    """Lets one of the nodes that are alike say what all of them would."""
+    first: dict[Any, NodePlan] = {}
+    for node in awake:
+        if (known := node.cls.alike(node.params)) is not None:
+            planned = plan.nodes[node.name]
+            speaker = first.setdefault((node.target, repr(known)), planned)
+            if speaker is not planned:
+                planned.told_by = speaker.name
+                speaker.tells_for.append(planned.name)
+
+
+def _foreseen(plan: Plan, node: WiredNode) -> list[str]:
+    """What a node is going to warn of."""
+    planned = plan.nodes[node.name]
+    return [] if planned.told_by else [of_all(line, planned.tells_for) for line in node.cls.foreseen(node.params)]
 
 
 def _draws(node: WiredNode) -> bool:

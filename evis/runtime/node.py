@@ -125,6 +125,11 @@ class Runtime(Protocol):
         """Asks the supervisor to start the dormant node that publishes a topic."""
 
 
+def of_all(text: str, others: Sequence[str]) -> str:
+    """Adds to a line of one node the names of those that would say the same."""
+    return f"{text} (the same in {', '.join(others)})" if others else text
+
+
 class Node:
     """Connects a pure part with the graph: the base of all nodes.
 
@@ -147,6 +152,9 @@ class Node:
     PER_ENVIRONMENT: ClassVar[bool] = False
     """What it publishes of environment k depends on its inputs' environment k and on seed + k alone, so that several of
     it, on devices of their own, may share the environments."""
+    told_by: str = ""
+    tells_for: Sequence[str] = ()
+    """As of NodePlan; set by who makes the nodes of a plan."""
     gathers: int = 1
     """Stamps that it waits for, to take them at once by `update_all`; more than 1 only where it `may_gather`."""
     may_gather: bool = False
@@ -227,6 +235,12 @@ class Node:
     def foreseen(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
         """Says what a run with these parameters will warn of as soon as it is set up, for --explain."""
         return ()
+
+    @classmethod
+    def alike(cls, params: Mapping[str, Any]) -> Any:
+        """Returns what decides `foreseen` and what is said by `warn_alike`: of nodes of a graph that have the same, one
+        says it. None, unless a subclass knows better: each says its own."""
+        return None
 
     @classmethod
     def sensor(cls, params: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -388,6 +402,11 @@ class Node:
     def restart_totals(self) -> None:
         """Sets all totals back to 0; what was counted before stays in the node's counters."""
         self._totals = {}
+
+    def warn_alike(self, text: str) -> None:
+        """Says a warning that all nodes alike have (see `alike`): one of them says it, and names the others."""
+        if not self.told_by:
+            self.warn(of_all(text, self.tells_for))
 
     def warn(self, text: str) -> None:
         """Says one warning line in the log and on /diagnostics."""

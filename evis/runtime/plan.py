@@ -66,6 +66,10 @@ class NodePlan:
     """Has a share of the environments; its topics are for the nodes of that share and for who joins them."""
     joins: bool = False
     """Publishes what others have made, each of a share of the environments."""
+    told_by: str = ""
+    """The node that says by `Node.warn_alike` what this one would say too; "" = it says it itself."""
+    tells_for: list[str] = field(default_factory=list)
+    """Nodes for which this one says it."""
     outside: dict[str, str] = field(default_factory=dict)
     """Ports -> topics that a program outside the graph may give, as no node of it does."""
 

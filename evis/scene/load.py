@@ -12,6 +12,7 @@ from evis.config.document import LaunchError, Row, Table, read
 from evis.config.params import Param, ParamError, resolve
 from evis.config.paths import find, names
 from evis.config.suggestions import nearest
+from evis.files.regular import other_than_file
 from evis.scene.draws import Draws
 from evis.scene.errors import SceneError
 from evis.scene.model import MODELS, Scene
@@ -191,6 +192,8 @@ def find_scene(name_or_path: str) -> Path:
         return direct
     path = find("scenes", name_or_path)
     if path is None:
+        if what := other_than_file(name_or_path):
+            raise FileNotFoundError(f"{name_or_path}: it is {what}, and a scene must be a file")
         known = names("scenes")
         raise FileNotFoundError(f"no scene '{name_or_path}'; {nearest(direct.stem, known)}")
     return path

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -68,6 +69,8 @@ class Simulation:
             SimulationError: in one line, for anything that `evis launch` would refuse.
         """
         self._closed = True
+        self._process = os.getpid()
+        """Of which the threads are that the run may have."""
         self._seeds: dict[int, int] = {}
         """Environment -> the seed that it was reset with, where that is not the run's and its number."""
         self._asked = parse(outputs)
@@ -315,8 +318,9 @@ class Simulation:
     # -- its end -----------------------------------------------------------------------------------------------------
 
     def close(self) -> None:
-        """Ends the run and releases memory and files. A second call does nothing."""
-        if not self._closed:
+        """Ends the run and releases memory and files. A second call does nothing, nor does one in a forked process,
+        whose copy of the run goes with it."""
+        if not self._closed and os.getpid() == self._process:
             self._closed = True
             try:
                 self._run.close()
@@ -345,6 +349,11 @@ class Simulation:
     def _check_open(self) -> None:
         if self._closed:
             raise SimulationError("the simulation is closed; make another one")
+        if os.getpid() != self._process:
+            raise SimulationError(
+                "a simulation cannot go on in a process that was forked from its own, whose threads are not there; "
+                "make one where it is needed, by its arguments"
+            )
 
     def _check_usable(self) -> None:
         self._check_open()

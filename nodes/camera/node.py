@@ -14,6 +14,7 @@ from evis.events.codecs.buffer import Columns, plain
 from evis.runtime.node import Node, Output
 from evis.runtime.pacing import parse_pace
 from msgs.header import Message
+from nodes.camera.interface.elapsed import Elapsed
 from nodes.camera.interface.messages import camera_info, packets
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ class CameraNode(Node):
         "serial": Param(str, None, "serial number of the camera; the first one found when not given", optional=True),
         "pace": Param(str, "realtime", "how fast a file is played: realtime, fast, or a speed such as 2.0"),
         "packet_ms": Param(float, 10.0, "interval of one packet", "ms", 0.01, 10_000),
-        "duration": Param(float, 0.0, "stop after this device time; 0 = all", "s", 0, 1e9),
+        "duration": Param(float, 0.0, "stop after this device time, all connections together; 0 = all", "s", 0, 1e9),
         "raw": Param(bool, False, "packets carry the wire bytes too, where there are any"),
         "settings": Param(list, [], "the camera's own settings, as bias_fo=10,event_rate_limit=2e7"),
         "reconnect": Param(bool, False, "wait for a USB camera that was unplugged to come back"),
@@ -93,7 +94,8 @@ class CameraNode(Node):
 
     def setup(self) -> None:
         self._interval_ns = round(self.params["packet_ms"] * 1e6)
-        self._rounds = self._episode = self._ends_at = self._stamp_ns = 0
+        self._rounds = self._episode = self._stamp_ns = 0
+        self._elapsed = Elapsed()
         self._count_at = self._rest_until = 0.0
         self._open()
 
@@ -151,8 +153,8 @@ class CameraNode(Node):
             self.publish(port, message)
         if not self.params["duration"] or self.params["file"] or self.params["emulate"]:
             return True  # a recording ends by itself
-        self._ends_at = self._ends_at or reading.t0_ns + round(self.params["duration"] * 1e9)
-        return reading.stamp_ns < self._ends_at
+        elapsed = self._elapsed.add(self.driver.episode, reading.t0_ns, reading.stamp_ns)
+        return elapsed < round(self.params["duration"] * 1e9)
 
     def _begin_again(self) -> bool:
         """Play the recording once more, where that is wanted."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from nodes.event_sensor.parameters import SENSOR, is_own_model
@@ -71,6 +71,24 @@ def without_effect(resolved: Mapping[str, Any]) -> dict[str, str]:
             if resolved[name] != bound
         }
     return found
+
+
+def check_given(
+    given: Mapping[str, Any], resolved: Mapping[str, Any], spelled: Callable[[str, Any], str] = "{}={!r}".format
+) -> None:
+    """Raises ValueError for a parameter that a user gave and that changes nothing.
+
+    One that is off anyway (0, None) is never held against the user, nor is what a preset has.
+
+    Args:
+        given: parameters of SENSOR and of the model by name, None = not given.
+        resolved: all of SENSOR, resolved.
+        spelled: name and value as the user wrote them.
+    """
+    idle = without_effect(resolved)
+    for name, value in given.items():
+        if value is not None and resolved[name] and name in idle:
+            raise ValueError(f"{spelled(name, value)} has no effect: {idle[name]}; leave it out")
 
 
 def _of_thresholds(resolved: Mapping[str, Any]) -> dict[str, str]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from evis.media.frames.source import FrameBlock
+from nodes.event_sensor.effects import check_given
 from nodes.event_sensor.make import make_sensor
 from nodes.event_sensor.parameters import resolve_sensor
 from nodes.event_sensor.sensor import Events
@@ -30,11 +31,12 @@ class Simulation:
 
     preset: sensor whose faults to have. seed: of all random numbers. device: `cpu`, `cuda`, `cuda:N`. parameters: those
     of nodes.event_sensor.parameters.SENSOR; what is not given (or None) is the preset's. Raises ValueError naming the
-    parameter and the nearest valid one.
+    parameter and the nearest valid one, or why it would change nothing.
     """
 
     def __init__(self, *, preset: str = "ideal", seed: int = 0, device: str = "cpu", **parameters: Any) -> None:
         self.parameters = resolve_sensor("event sensor", preset, parameters)
+        check_given(parameters, self.parameters)
         self.frames = 0
         """Frames taken so far."""
         self.until_ns: int | None = None

@@ -222,10 +222,17 @@ class InterpolatorNode(Node):
         """Makes one for all environments, or one for each look of the world."""
         if worlds is None:
             return self._interpolator(None, ())
-        groups = worlds.groups(appearance)
+        groups = worlds.groups(self._look)
         if len(groups) == 1:
             return self._interpolator(groups[0][0], worlds.apart())
         return self._separate(Parts(groups, self._each(worlds, groups)))
+
+    def _look(self, scene: Scene) -> tuple[bytes, float]:
+        """Gives what environments that one interpolator works on have in common: what is made of their scenes, and how
+        closely single pixels are looked at in time, which depends on how glossy things may move."""
+        from nodes.interpolator.refine.light.highlights import tolerance_for
+
+        return appearance(scene), tolerance_for(scene, 1e9 * self.params["time_tolerance"]) if self._sampled else 0.0
 
     def _each(self, worlds: Worlds, groups: Sequence[Group]) -> list[Callable[[], Interpolator]]:
         return [partial(self._interpolator, scene, worlds.apart(envs)) for scene, envs in groups]
@@ -281,7 +288,7 @@ class InterpolatorNode(Node):
 
         if not isinstance(self.interpolator, SeparateInterpolators):
             self.interpolator = self._separate(Parts.of_all(self.interpolator, len(worlds.scenes)))
-        groups = worlds.groups(appearance, changed)
+        groups = worlds.groups(self._look, changed)
         for made, (_, envs) in zip(self.interpolator.change(groups, self._each(worlds, groups)), groups):
             self._warm(made, len(envs))
 

@@ -11,7 +11,9 @@ from evis.scene.digest import motion
 from evis.scene.model import Scene
 from evis.scene.worlds import Worlds
 from nodes.physics.engine import Engine
+from nodes.physics.interval import Extras
 from nodes.physics.precision.errors import Errors
+from nodes.physics.precision.stepping import Stepping
 from nodes.physics.precision.tolerance import Tolerance
 
 
@@ -53,9 +55,9 @@ class EngineMaker:
         from nodes.physics.mujoco_engine import MujocoEngine
 
         make = partial(
-            MujocoEngine, scene, seed, envs, timestep=p["timestep"], contacts=p["contacts"], joints=p["joints"],
-            accelerations=p["accelerations"], speed_limit=p["speed_limit"], errors=errors,
-            tolerance=Tolerance.of(p["physics_tolerance"]), threads=threads_for(p["threads"], envs),
+            MujocoEngine, scene, seed, envs, errors=errors, threads=threads_for(p["threads"], envs),
+            stepping=Stepping(p["timestep"], p["speed_limit"], Tolerance.of(p["physics_tolerance"])),
+            extras=Extras(p["contacts"], p["joints"], p["accelerations"]),
         )  # fmt: skip
         if p["engine"] == "mujoco_warp":
             try:

@@ -22,6 +22,19 @@ class Contacts:
     distance: np.ndarray
 
 
+@dataclass(frozen=True)
+class Extras:
+    """Says what intervals of an engine have beside poses and twists.
+
+    contacts: those with their forces. joints: positions and velocities of the joints. accelerations: of the bodies, NaN
+    for cameras that MuJoCo has follow a body.
+    """
+
+    contacts: bool = False
+    joints: bool = False
+    accelerations: bool = False
+
+
 @dataclass
 class Interval:
     """Holds the states from the previous stamp to the new one, or at one instant (S = 1).

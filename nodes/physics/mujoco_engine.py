@@ -36,11 +36,11 @@ from nodes.physics.dynamics.states import State, snapshot
 from nodes.physics.dynamics.stepped_model import prepared_model
 from nodes.physics.dynamics.traced_steps import steps_alone
 from nodes.physics.dynamics.watch import Watch
-from nodes.physics.interval import Interval
+from nodes.physics.interval import Extras, Interval
 from nodes.physics.precision.errors import Errors
 from nodes.physics.precision.sampled import shadow_of
+from nodes.physics.precision.stepping import Stepping
 from nodes.physics.precision.sub_steps import FINEST, SubSteps
-from nodes.physics.precision.tolerance import Tolerance
 from nodes.physics.watchdog import Limits
 
 if TYPE_CHECKING:
@@ -62,13 +62,9 @@ class MujocoEngine:
         seed: int = 0,
         envs: int = 1,
         *,
-        timestep: float | None = None,
-        contacts: bool = False,
-        joints: bool = False,
-        accelerations: bool = False,
-        speed_limit: float = 1000.0,
+        stepping: Stepping | None = None,
+        extras: Extras | None = None,
         errors: Errors | None = None,
-        tolerance: Tolerance | None = None,
         threads: int = 1,
         warp: str | None = None,
     ) -> None:
@@ -78,13 +74,9 @@ class MujocoEngine:
             scene: with an MJCF model.
             seed: seed + k is that of environment k: where its free bodies start.
             envs: E.
-            timestep: sub-step [s], at most 1 ms; None = the model's own, cut into equal parts of at most 1 ms.
-            contacts: whether intervals have contacts with their forces.
-            joints: whether they have positions and velocities of the joints.
-            accelerations: whether they have those of the bodies; NaN for cameras that MuJoCo has follow a body.
-            speed_limit: speed [m/s] of a body beyond which an environment has diverged.
+            stepping: how steps are taken; None = as Stepping().
+            extras: what intervals have beside poses and twists; None = nothing.
             errors: where to note how far the bodies of environment 0 are off; None = it is not looked at.
-            tolerance: for which steps are taken in parts; None = all steps are whole.
             threads: that share the environments; their number changes no bit.
             warp: device on which MuJoCo Warp takes the steps; None = MuJoCo does.
 
@@ -93,26 +85,27 @@ class MujocoEngine:
         """
         # Without a handler MuJoCo writes a log file into the working directory; the watchdog reads the counters.
         mujoco.set_mju_user_warning(lambda text: None)
-        self.scene, self.envs = scene, envs
+        stepping, extras = stepping or Stepping(), extras or Extras()
+        self.scene, self.envs, tolerance = scene, envs, stepping.tolerance
         unbatched = why_not_batched(scene, tolerance)
         if unbatched and warp is not None:
             raise Unsupported(unbatched)
         batched = not unbatched and (envs > 1 or warp is not None)
-        self.model, self.step_ns = prepared_model(scene, timestep, tolerance, deepest=batched and warp is None)
+        self.model, self.step_ns = prepared_model(scene, stepping.timestep, tolerance, deepest=batched and warp is None)
         self._sub_steps = [SubSteps(self.model, tolerance) for _ in range(envs)] if tolerance is not None else None
         self.actuators = actuators_of(self.model)
         self._batch: BatchStepper | None = None
         if batched:
             self._batch = make_batch_stepper(self.model, envs, threads, warp)
         self.data = EnvironmentData(self.model, envs, self._batch)
-        self._scratch = mujoco.MjData(self.model) if contacts or accelerations else None
-        self._contacts, self._accelerations, self._threads = contacts, accelerations, threads
+        self._scratch = mujoco.MjData(self.model) if extras.contacts or extras.accelerations else None
+        self._extras = extras
         finest = self.model.opt.timestep / (1 if tolerance is None else 2**FINEST)
-        limits = Limits(self.model, speed_limit, finest)
+        limits = Limits(self.model, stepping.speed_limit, finest)
         self._watch = Watch(limits, envs)
         self._assembly = Assembly(scene, self.model)
         pool = Workers(threads, "states") if batched and threads > 1 else None
-        self._course = Course(self._assembly, self.model, self.step_ns, joints, accelerations, pool)
+        self._course = Course(self._assembly, self.model, self.step_ns, extras.joints, extras.accelerations, pool)
         self._recorded: RecordedCourse | None = None
         if batched and warp is None and envs >= RECORDED_FROM:
             from nodes.physics.dynamics.batch.recorded import RecordedCourse
@@ -233,7 +226,7 @@ class MujocoEngine:
         for parts in self._sub_steps or ():
             parts.taken.clear()
         # Contacts and accelerations are those of each environment's MjData, which the batch brings up to date.
-        looked_at = self._contacts or self._accelerations
+        looked_at = self._extras.contacts or self._extras.accelerations
         interval = self._step_to(to_ns, ahead, None if looked_at else then_ns)
         if looked_at and then_ns is not None:
             self.foresee(then_ns)
@@ -422,9 +415,9 @@ class MujocoEngine:
         """Adds to an interval what else is to be told of its end."""
         interval.gravity = np.tile(self.model.opt.gravity, (self.envs, 1))
         interval.warnings, self._warnings = self._warnings, []
-        if self._contacts:
+        if self._extras.contacts:
             interval.contacts = gather([contacts_of(self.model, data, self._scratch) for data in self.data])
-        if self._accelerations:
+        if self._extras.accelerations:
             end = self._course.last
             interval.acceleration = self._assembly.accelerations(
                 interval, list(self.data), self._scratch, end["qpos"], end["qvel"]

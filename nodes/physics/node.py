@@ -33,9 +33,10 @@ from nodes.physics.precision.errors import Errors
 from nodes.physics.precision.notice import notice
 from nodes.physics.precision.tolerance import Tolerance
 from nodes.physics.resets import checked
+from nodes.physics.told_together import named, told_together
 
 MOST_TOLD = 20
-"""Faults of a run that are told of one by one: a model that always diverges would fill the log."""
+"""Lines on faults of a run: a model that always diverges would fill the log."""
 
 
 class PhysicsNode(Node):
@@ -339,17 +340,18 @@ class PhysicsNode(Node):
         """An environment that diverged begins its next episode at this stamp; with only one, so does the run."""
         if interval.again:
             self.count("stepped_again_by_mujoco", interval.again)
-        for env, text in interval.warnings:
-            self.count("physics_warnings")
-            self.warn(f"environment {env}: {text}")
-        for env, text in interval.faults:
-            self.episodes[env] += 1
-            self.count("diverged")
+        for envs, text in told_together(interval.warnings):
+            self.count("physics_warnings", len(envs))
+            self.warn(f"{named(envs)}: {text}")
+        for envs, text in told_together(interval.faults):
+            self.episodes[envs] += 1
+            self.count("diverged", len(envs))
             self._faults_told += 1
             if self._faults_told <= MOST_TOLD:
-                again = f"it starts again as episode {self.episodes[env]} at {stamp * 1e-9:g} s"
+                numbers = sorted(set(self.episodes[envs].tolist()))
+                again = f"{'it starts' if len(envs) == 1 else 'each starts'} again as episode {_range(numbers)}"
                 last = "; from now on such faults are only counted (diverged)" if self._faults_told == MOST_TOLD else ""
-                self.warn(f"environment {env}: {text}; {again}{last}")
+                self.warn(f"{named(envs)}: {text}; {again} at {stamp * 1e-9:g} s{last}")
         if interval.faults and len(self.episodes) == 1:
             self.episode += 1
             self.first = self.k
@@ -397,3 +399,8 @@ def _given(envs: list[int], seeds: list[int]) -> tuple[list[int], list[int]]:
     """Those environments that are given a seed, and their seeds."""
     pairs = [(env, seed) for env, seed in zip(envs, seeds) if seed != CONFIGURED]
     return [env for env, _ in pairs], [seed for _, seed in pairs]
+
+
+def _range(numbers: Sequence[int]) -> str:
+    """Numbers in order as words: `3`, `3 to 5`."""
+    return f"{numbers[0]}" if len(numbers) == 1 else f"{numbers[0]} to {numbers[-1]}"

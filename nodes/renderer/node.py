@@ -120,6 +120,11 @@ class RendererNode(Node):
                 return tuple(undersampled(worlds, params["frame_rate"], *_between(params)))
         return ()
 
+    @classmethod
+    def alike(cls, params: Mapping[str, Any]) -> Any:
+        """Tells that renderers of the same worlds at the same rates warn of the same, whatever their cameras."""
+        return {name: value for name, value in params.items() if name not in ("camera", "margin")}
+
     def computes_on(self) -> str:
         """Names its device."""
         return str(self.params["device"])
@@ -130,7 +135,7 @@ class RendererNode(Node):
         worlds = self.worlds = worlds_of(self.name, p)
         self.scene = worlds.scenes[0]
         for note in self.scene.left_out:
-            self.warn(f"scene {self.scene.name}: {note}")
+            self.warn_alike(f"scene {self.scene.name}: {note}")
         samples = p["supersampling"] or camera_of(self.scene, p["camera"]).supersampling
         self._fineness = samples if p["samples_apart"] else 1
         self.gathers = self._at_once(samples)
@@ -138,7 +143,7 @@ class RendererNode(Node):
         self.renderer.begin(self._wanted())
         if p["frame_rate"]:
             for line in undersampled(worlds.scenes, p["frame_rate"], *_between(p)):
-                self.warn(line)
+                self.warn_alike(line)
         self._turns = Turns(self.scene, max(p["frame_rate"], _between(p)[0]))
         self._first_look: FirstLook | None = FirstLook(self.scene)
         self._names = [body.name for body in self.scene.bodies]
@@ -318,7 +323,7 @@ class RendererNode(Node):
                 f"{', '.join(self._names)}; give both nodes the same scene and scene_args"
             )
         for line in self._turns.too_fast(state.moving, state.moving_twist):
-            self.warn(line)
+            self.warn_alike(line)
         if self._first_look is not None:
             camera = camera_of(self.scene, self.params["camera"])
             for line in self._first_look.lines(camera, state.kept_end_pose()[0]):

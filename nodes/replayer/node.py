@@ -99,7 +99,9 @@ class ReplayerNode(Node):
         cameras = [port for port in ports if self.reader.topics[port] == "CameraInfo"]
         episode = self.next[1].header.episode if self.next else 0
         found = {topic: description_at(self.reader, topic, start, episode) for topic in cameras}
-        self.descriptions = Descriptions({topic: info for topic, info in found.items() if info is not None})
+        known = {topic: info for topic, info in found.items() if info is not None}
+        self._tell_of_clocks(known)
+        self.descriptions = Descriptions(known)
         self.outdated: list[str] = []
         """Topics whose description must be published again as the round begins."""
         self.skipped_before = self.reader.skipped - skipped
@@ -116,6 +118,19 @@ class ReplayerNode(Node):
             more = f" and {len(names) - MAX_TOLD} more" if len(names) > MAX_TOLD else ""
             told = ", ".join(names[:MAX_TOLD]) + more
             self.warn(f"{self.reader.path}: not played, for EVIS has no topics of such a name and type: {told}")
+
+    def _tell_of_clocks(self, descriptions: Mapping[str, Message]) -> None:
+        """Says that cameras have clocks of their own, whose times do not tell what was at the same time."""
+        of_clock: dict[str, list[str]] = {}
+        for topic, info in sorted(descriptions.items()):
+            of_clock.setdefault(info.header.clock, []).append(topic.rpartition("/")[0])
+        if len(of_clock) > 1:
+            told = " and ".join(f"{clock} ({', '.join(names[:MAX_TOLD])})" for clock, names in of_clock.items())
+            first = next(iter(of_clock.values()))[0]
+            self.warn(
+                f"{self.reader.path}: the clocks {told} have no time in common: messages come in order of their "
+                f"numbers, episode by episode, and start and duration go by these; topics:={first}/* plays one alone"
+            )
 
     def _publish_descriptions(self, topics: Iterable[str]) -> None:
         """Publishes the descriptions that hold as a round begins."""

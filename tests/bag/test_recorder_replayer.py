@@ -381,6 +381,39 @@ def test_a_paced_replay_does_not_wait_between_two_clocks(tmp_path):
     assert node.runtime.results["pace"]["wanted"] == 2.0
 
 
+def test_two_clocks_have_one_order_whatever_came_first(tmp_path):
+    """By stamp, then by the data's way and the topic; the replay says that their times have nothing in common."""
+    orders = []
+    for seed in range(3):
+        rng, path = np.random.default_rng(seed), tmp_path / f"{seed}.mcap"
+        left = {"device:1": ["left", 0], "sim": ["right", 0]}
+        with BagWriter(path, chunk_period_s=0.03) as bag:
+            for clock, (name, _) in left.items():
+                bag.write(f"/{name}/info", dataclasses.replace(scene(1, 1)["/cam0/info"], header=Header(0, 0, clock)))
+            while left:
+                clock = str(rng.choice(sorted(left)))
+                name, k = left[clock]
+                bag.write(f"/{name}/depth", Depth(Header(k // 2 * 10_000_000 + k % 2 * 3_000_000, k, clock), PIXEL))
+                left[clock][1] += 1
+                if k == 39:
+                    del left[clock]
+        node = make(ReplayerNode, bag=str(path))
+        node.setup()
+        while node.step({}):
+            pass
+        node.close()
+        orders.append([(topic, m.header.clock, m.header.stamp_ns) for topic, m in node.runtime.published])
+        depths = [entry for entry in orders[-1] if "depth" in entry[0]]
+        assert depths == sorted(depths, key=lambda entry: (entry[2], entry[0])) and len(depths) == 80
+        ((level, said),) = node.runtime.said
+        assert level == "warning" and "the clocks device:1 (/left) and sim (/right) have no time in common" in said
+    assert orders[0] == orders[1] == orders[2]
+    alone = make(ReplayerNode, bag=str(tmp_path / "0.mcap"), topics=["/left/*"])
+    alone.setup()
+    assert not alone.runtime.said
+    alone.close()
+
+
 def test_the_rate_of_a_topic_is_that_within_its_episodes(tmp_path):
     """25 Hz, however often the time begins anew."""
     with BagWriter(tmp_path / "a.mcap") as bag:

@@ -20,6 +20,7 @@ from evis.events import Events, open_recording
 from msgs.camera import EventPacket
 from msgs.header import Header
 from nodes.camera.emulated.live import EmulatedCameraNode
+from nodes.camera.find import open_emulated
 from nodes.camera.usb.models import MODELS
 
 MS = 1_000_000
@@ -79,6 +80,28 @@ def test_a_recording_of_today_goes_on_near_its_own_time(tmp_path):
     assert runtime.counters["reconnected"] == 1
     stamps = [m.header.stamp_ns for port in ("info", "events") for m in runtime.messages[port]]
     assert first - 10**7 <= min(stamps) and max(stamps) <= first + 10**9 + 10**7
+
+
+@pytest.mark.parametrize("replugged", [False, True])
+def test_a_duration_is_that_of_all_connections(tmp_path, monkeypatch, replugged):
+    """After the camera was plugged in again its clock starts anew, and the duration did so too."""
+    random_recording(tmp_path / "a.npz", 346, 260)
+    faults = "short=1024,unplug_after=20000,replug" if replugged else ""
+    given = {"emulate": "davis346", "file": str(tmp_path / "a.npz"), "reconnect": True, "packet_ms": 1.0, **FAST}
+    whole = play(Runtime(), **given, faults=faults).messages["events"]
+    spans = {e: [(m.t0_ns, m.header.stamp_ns) for m in whole if m.header.episode == e] for e in range(1 + replugged)}
+    of_first = spans[0][-1][1] - spans[0][0][0]
+    into_last = (spans[replugged][-1][1] - spans[replugged][0][0]) // 2
+    duration = into_last + (of_first if replugged else 0)
+    monkeypatch.setattr(
+        "nodes.camera.find.find_driver", lambda *_, **__: open_emulated("davis346", given["file"], 0.0, 0.0, faults)
+    )
+    device = {name: given[name] for name in ("reconnect", "packet_ms", "settings")}
+    part = play(Runtime(), **device, duration=duration / 1e9).messages["events"]
+    taken = {e: [(m.t0_ns, m.header.stamp_ns) for m in part if m.header.episode == e] for e in spans}
+    assert all(taken[e] == spans[e] for e in range(replugged))
+    last, begun = taken[replugged], spans[replugged][0][0]
+    assert last == spans[replugged][: len(last)] and last[-1][1] - begun >= into_last > last[-2][1] - begun
 
 
 def test_descriptions_have_the_time_of_what_they_say(tmp_path, monkeypatch):

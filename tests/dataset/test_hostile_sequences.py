@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import shutil
 import tarfile
 import zipfile
@@ -13,9 +14,9 @@ from typing import Any
 
 import h5py
 import pytest
-from limited import refused_by
+from limited import output_of, refused_by
 from numpy.lib import format as npy
-from sequences import simulated, written
+from sequences import EVERY, simulated, written
 
 from evis.dataset.layouts import LayoutError, reader_of
 from evis.dataset.making.store import RemoteStore
@@ -222,3 +223,25 @@ def test_zarr_is_of_numbers_and_of_the_size_that_it_says(tmp_path: Path) -> None
         (column / "c" / "0").write_bytes(content)
         with pytest.raises(LayoutError, match=told):
             reader_of("zarr")(folder).events(0, 10**12)
+
+
+@pytest.mark.parametrize("layout", EVERY)
+def test_a_pipe_in_place_of_a_file_is_not_waited_for(layout: str, tmp_path: Path) -> None:
+    """Nobody writes to it. Each file of a sequence in turn; what is not read is left alone."""
+    whole = sequence(layout, tmp_path / "whole")
+    names = sorted(path.relative_to(whole).as_posix() for path in whole.rglob("*") if path.is_file())
+    folders = []
+    for k, name in enumerate(names):
+        folders.append(tmp_path / str(k))
+        shutil.copytree(whole, folders[-1])
+        (folders[-1] / name).unlink()
+        os.mkfifo(folders[-1] / name)
+    read = READ.replace("sys.argv[2]", "argument").replace("import sys; ", "").split("; ", 2)[2]
+    lines = ["import sys", "from pathlib import Path", "from evis.dataset.layouts import reader_of"]
+    lines += ["for argument in sys.argv[2:]:", "    try:", f"        {read}", "        print('left alone')"]
+    lines += ["    except ValueError as error:", "        print(str(error).replace(chr(10), ' '))"]
+    told = dict(zip(names, output_of("\n".join(lines), [layout, *folders]).splitlines(), strict=True))
+    refusals = {name: line for name, line in told.items() if line != "left alone"}
+    assert "about.json" in refusals and len(refusals) > 1
+    known = ("it is a named pipe, and must be a file", "is not there", "is no file", "lacks a chunk")
+    assert all(any(text in line for text in known) for line in refusals.values()), refusals

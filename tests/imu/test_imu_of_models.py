@@ -9,6 +9,7 @@ from evis.scene import load_scene
 from msgs.header import Header
 from msgs.world import WorldState
 from nodes.imu.node import ImuNode
+from nodes.physics.interval import Extras
 from nodes.physics.mujoco_engine import MujocoEngine
 
 MODEL = """
@@ -38,7 +39,7 @@ class Wire:
 
 def read(scene, rate, keyframes, camera="cam0"):
     """Readings of a run, and its states. (Messages [keyframes], each stamp's velocity of the camera and qvel.)"""
-    engine = MujocoEngine(scene, joints=True)
+    engine = MujocoEngine(scene, extras=Extras(joints=True))
     node = ImuNode("imu", {"camera": camera})
     node.runtime = Wire()
     node.setup()

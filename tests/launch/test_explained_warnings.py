@@ -60,3 +60,24 @@ def test_images_without_events_warn_of_a_lamp_too(tmp_path):
         evis.Simulation(str(path), time_tolerance=1e-4, width=32, height=24, outputs=["image"]),
     ):
         pass
+
+
+CAMERA = "{fov: 40 deg, position: [0, 0, 2], look_at: [0, 0, 0], up: [0, 1, 0]}"
+CAMERAS = f"cameras: {{a: {CAMERA}, b: {CAMERA}, c: {CAMERA}}}"
+
+
+@pytest.mark.parametrize("rates", ["", "camera_rate:=b=15"])
+def test_what_all_cameras_show_falsely_is_told_once(tmp_path, rates, capfd):
+    """With the names of their renderers; a camera with a rate of its own, which is enough or not, has its own line."""
+    path = tmp_path / "lamp.yaml"
+    path.write_text(SCENE.replace(SCENE.splitlines()[1], CAMERAS).replace("RATE", "200"))
+    words = ["launch", str(path), "width:=32", "height:=24", "--no-view", *filter(None, [rates])]
+    assert main([*words, "--explain"]) == 0
+    explained = capfd.readouterr().out
+    assert main([*words, "--duration", "0.02", "--compose"]) == 0
+    out, err = capfd.readouterr()
+    others = "renderer_c" if rates else "renderer_b, renderer_c"
+    for text in (explained, out + err):
+        lines = [line for line in text.splitlines() if "light 'lamp' flickers at 200 Hz" in line]
+        assert sum(line.endswith(f"(the same in {others})") for line in lines) == 1
+        assert len(lines) == (1 if not rates else len({line.partition("light")[2] for line in lines}))

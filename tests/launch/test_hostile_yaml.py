@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from limited import each_refused, refused_by
 from evis.config.document import MAX_BYTES, MAX_TEXT, MAX_VALUES, LaunchError, parse, parse_value, read
 from evis.config.expression import MAX_ITEMS, ExpressionError, names_in, substitute
 from evis.config.expression import MAX_TEXT as MAX_FILLED
+from evis.launch.expand import expand
 from evis.launch.files import load
 from evis.launch.recorded import recorded
 
@@ -138,8 +140,6 @@ def test_includes_that_multiply_are_refused(tmp_path: Path) -> None:
 
 def test_loops_that_multiply_are_refused(tmp_path: Path) -> None:
     """Three of a hundred turns each stand for a million nodes."""
-    from evis.launch.expand import expand
-
     path = tmp_path / "g.yaml"
     loops = ", ".join(f"{v}: [{', '.join(map(str, range(100)))}]" for v in "abc")
     path.write_text(f"nodes:\n  x:\n    type: t\n    foreach: {{{loops}}}\n")
@@ -148,6 +148,47 @@ def test_loops_that_multiply_are_refused(tmp_path: Path) -> None:
     path.write_text("nodes:\n" + "".join(f"  x{i}: {{type: t, if: false}}\n" for i in range(1001)))
     with pytest.raises(LaunchError, match=r"g\.yaml:1002: more than 1000 nodes"):
         expand(load(path), {}, {})
+
+
+LONG = "args:\n  a: {default: " + "x" * 9990 + "}\n  l: {type: list, default: [" + "1," * 9000 + "1]}\n"
+NODE = "nodes:\n  n:\n    type: t\n"
+MULTIPLIED = {
+    "a list": LONG + NODE + "    params: {p: [" + "'${a}y', " * 50_000 + "]}\n",
+    "parameters": LONG + NODE + "    params:\n" + "".join(f"      p{i}: '${{a}}y'\n" for i in range(30_000)),
+    "loops": LONG
+    + NODE
+    + f"    foreach: {{i: [{','.join(map(str, range(1000)))}]}}\n    params:\n"
+    + "".join(f"      p{i}: '${{a}}y'\n" for i in range(300)),
+    "arguments": LONG + "".join(f"  p{i}: {{default: '${{a}}y'}}\n" for i in range(20_000)) + "nodes: {}\n",
+    "lists": LONG + NODE + "    params:\n" + "".join(f"      p{i}: ['${{[l]}}']\n" for i in range(20_000)),
+}
+
+
+@pytest.mark.parametrize("what", MULTIPLIED)
+def test_a_short_file_that_makes_a_long_one_is_refused(tmp_path: Path, what: str) -> None:
+    """`"${a}y"` takes 9 bytes and makes 10,000 of them: 20 kB asked for 3 GB."""
+    path = tmp_path / "g.yaml"
+    path.write_text(MULTIPLIED[what])
+    code = (
+        "import sys; from pathlib import Path; from evis.launch.expand import expand; "
+        "from evis.launch.files import load; expand(load(Path(sys.argv[1])), {}, {})"
+    )
+    told = refused_by(code, path, memory=GB)
+    kind = "values" if what == "lists" else "characters"
+    assert re.search(rf"g\.yaml:\d+: '.*': up to here .* makes more than \d+ {kind} of the file$", told), told
+
+
+def test_what_is_made_of_included_files_counts_together(tmp_path: Path) -> None:
+    part = LONG + NODE + "    params:\n" + "".join(f"      p{i}: '${{a}}y'\n" for i in range(500))
+    for k in range(2):
+        (tmp_path / f"part{k}.yaml").write_text(part)
+        expand(load(tmp_path / f"part{k}.yaml"), {}, {})
+    includes = "".join(f"  - {{file: part{k}.yaml, namespace: n{k}}}\n" for k in range(2))
+    (tmp_path / "whole.yaml").write_text("include:\n" + includes)
+    expand(load(tmp_path / "whole.yaml"), {}, {})
+    (tmp_path / "whole.yaml").write_text("include:\n" + includes * 2)
+    with pytest.raises(LaunchError, match=r"part1\.yaml:\d+: '\$\{a\}y': up to here"):
+        expand(load(tmp_path / "whole.yaml"), {}, {})
 
 
 @pytest.mark.parametrize(

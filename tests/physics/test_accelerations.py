@@ -60,12 +60,13 @@ MODEL = """<mujoco><option timestep="0.0005" integrator="RK4" gravity="0 0 -9.81
 
 @pytest.fixture
 def engine(tmp_path):
+    from nodes.physics.interval import Extras
     from nodes.physics.mujoco_engine import MujocoEngine
 
     (tmp_path / "m.xml").write_text(MODEL)
     scene = load_scene(str(tmp_path / "m.xml"))
     scene.keyframe, scene.initial_spread = 0, (0.0, 0.0)
-    return MujocoEngine(scene, envs=2, accelerations=True, joints=True), [b.name for b in scene.bodies]
+    return MujocoEngine(scene, envs=2, extras=Extras(accelerations=True, joints=True)), [b.name for b in scene.bodies]
 
 
 def test_forces_give_g_and_v_squared_over_r(engine):

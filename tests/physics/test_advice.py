@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from engine_arguments import grouped
 
 from evis.scene import load_scene
 
@@ -35,7 +36,7 @@ CASES = {
 def engine_of(folder: Path, world: str, rest: str = "", integrator: str = "Euler", dt: float = 1e-3, **given):
     option = f"<option timestep='{dt}' integrator='{integrator}' gravity='0 0 0'/>"
     (folder / "m.xml").write_text(f"<mujoco>{option}<worldbody>{world}</worldbody>{rest}</mujoco>")
-    return MujocoEngine(load_scene(str(folder / "m.xml"), visuals=False), **given)
+    return MujocoEngine(load_scene(str(folder / "m.xml"), visuals=False), **grouped(**given))
 
 
 def run(engine: MujocoEngine, seconds: float, qpos: float = 0.0, qvel: float = 0.0, parts: int = 100):

@@ -5,12 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from engine_arguments import grouped
 
 from evis import Diverged, Simulation
 from evis.scene import load_scene
 
 pytest.importorskip("mujoco")
 from nodes.physics.mujoco_engine import MujocoEngine
+from nodes.physics.precision.stepping import Stepping
 from nodes.physics.precision.tolerance import Tolerance
 
 G = 9.81
@@ -40,7 +42,7 @@ def test_a_hard_limit_is_foretold_and_the_tolerance_follows_it(tmp_path, source)
     (foretold,) = (text for _, text in MujocoEngine(scene)._warnings)
     assert f"the direct solref of {source} has omega*dt" in foretold and "physics_tolerance" in foretold
 
-    exact = MujocoEngine(scene, tolerance=Tolerance(1e-3, 1e-3))
+    exact = MujocoEngine(scene, stepping=Stepping(tolerance=Tolerance(1e-3, 1e-3)))
     assert exact._warnings == []
     fall, contact = np.sqrt(2 / G), np.pi / np.sqrt(1e7)
     kept = np.exp(-10 * contact / 2)
@@ -68,7 +70,7 @@ def test_a_tolerance_is_not_advised_to_who_has_one(tmp_path):
     """A spring of 31.6 rad a step, which the tolerance follows, swings at 3162 m/s: that is what is said, and not
     that RK4 cannot follow it."""
     scene = load_scene(model(tmp_path, RAIL.format("stiffness='1e9' springref='.1'"), g=0.0), visuals=False)
-    ((_, text),) = MujocoEngine(scene, tolerance=Tolerance(1e-3, 1e-3)).advance(10_000_000).faults
+    ((_, text),) = MujocoEngine(scene, stepping=Stepping(tolerance=Tolerance(1e-3, 1e-3))).advance(10_000_000).faults
     assert "physics_tolerance" not in text and "omega*dt" not in text and "speed_limit:=N" in text
 
 
@@ -85,7 +87,7 @@ def test_what_swings_within_a_step_is_told_and_shorter_steps_show_it(tmp_path, o
     scene = load_scene(model(tmp_path, RAIL.format(f"stiffness='{omega**2}' springref='.01'"), g=0.0), visuals=False)
 
     def off(**given) -> tuple[float, list[str]]:
-        engine = MujocoEngine(scene, tolerance=Tolerance(1e-4, 1e-4), **given)
+        engine = MujocoEngine(scene, **grouped(tolerance=Tolerance(1e-4, 1e-4), **given))
         said = [text for _, text in engine._warnings]
         t = np.array([round(k * 333_333.3) for k in range(1, 31)])
         z = np.array([engine.advance(stamp).end_pose[0, 0, 2] for stamp in t])

@@ -7,6 +7,7 @@ from evis.scene import load_scene
 
 mujoco = pytest.importorskip("mujoco")
 from nodes.physics.mujoco_engine import MujocoEngine  # noqa: E402
+from nodes.physics.precision.stepping import Stepping  # noqa: E402
 
 MS = 1_000_000
 G = 9.81
@@ -19,7 +20,7 @@ def run(tmp_path):
     def go(world, seconds, option="", qvel=(), qpos=None, timestep=None, rest="", controls=None):
         (tmp_path / "m.xml").write_text(f"<mujoco><option {option}/><worldbody>{world}</worldbody>{rest}</mujoco>")
         (tmp_path / "s.yaml").write_text("mjcf: m.xml\ncameras: {cam0: {fov: 1, position: [0, 0, 9]}}\n")
-        engine = MujocoEngine(load_scene(str(tmp_path / "s.yaml")), timestep=timestep)
+        engine = MujocoEngine(load_scene(str(tmp_path / "s.yaml")), stepping=Stepping(timestep=timestep))
         (data,) = engine.data
         data.qvel[: len(qvel)] = qvel
         if qpos is not None:

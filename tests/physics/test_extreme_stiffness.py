@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from engine_arguments import grouped
 
 from evis.geometry import se3
 from evis.scene import load_scene
@@ -21,7 +22,7 @@ def engine_of(tmp_path):
         option = f"<option gravity='{gravity}' integrator='{integrator}' timestep='{DT}'/>"
         (tmp_path / "m.xml").write_text(f"<mujoco>{option}<worldbody>{world}</worldbody>{rest}</mujoco>")
         (tmp_path / "s.yaml").write_text("mjcf: m.xml\ncameras: {cam0: {fov: 1, position: [0, 0, 9]}}\n")
-        return MujocoEngine(load_scene(str(tmp_path / "s.yaml")), **given)
+        return MujocoEngine(load_scene(str(tmp_path / "s.yaml")), **grouped(**given))
 
     return make
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from evis.scene import load_scene
+from nodes.physics.interval import Extras
 from nodes.physics.mujoco_engine import MujocoEngine
 
 MODEL = """<mujoco><option timestep="0.001" integrator="discrete"/><worldbody>
@@ -17,7 +18,7 @@ dof="{dof}"><contact selfcollide="none"/><elasticity young="2e4" poisson=".1" da
 
 def engine_of(tmp_path, **values):
     (tmp_path / "m.xml").write_text(MODEL.format(**({"thin": 0.05, "high": 0.16, "dof": "full"} | values)))
-    return MujocoEngine(load_scene(str(tmp_path / "m.xml"), visuals=False), contacts=True)
+    return MujocoEngine(load_scene(str(tmp_path / "m.xml"), visuals=False), extras=Extras(contacts=True))
 
 
 @pytest.mark.parametrize("dof", ["full", "trilinear"])

@@ -9,6 +9,7 @@ from evis.scene import load_scene
 from evis.scene.load import starts_at_random
 
 pytest.importorskip("mujoco")
+from nodes.physics.interval import Extras
 from nodes.physics.mujoco_engine import MujocoEngine
 
 MODEL = """<mujoco><option gravity="0 0 0"/><worldbody>
@@ -26,7 +27,7 @@ def scene(folder: Path, starts: str):
 
 def start(folder: Path, starts: str, seed: int = 0, envs: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Positions and velocities of the slide and the hinge at the start, each [E, 2]."""
-    interval = MujocoEngine(load_scene(scene(folder, starts)), seed, envs, joints=True).start()
+    interval = MujocoEngine(load_scene(scene(folder, starts)), seed, envs, extras=Extras(joints=True)).start()
     return interval.qpos[:, 0, :2], interval.qvel[:, 0, :2]
 
 
@@ -57,7 +58,7 @@ def test_a_joint_more_does_not_move_the_others(tmp_path: Path) -> None:
 
 
 def test_an_episode_that_begins_anew_begins_elsewhere(tmp_path: Path) -> None:
-    engine = MujocoEngine(load_scene(scene(tmp_path, "{slide: {position: [-1, 1]}}")), 3, joints=True)
+    engine = MujocoEngine(load_scene(scene(tmp_path, "{slide: {position: [-1, 1]}}")), 3, extras=Extras(joints=True))
     first = engine.start().qpos[0, 0, 0]
     engine.data[0].qvel[:] = 1e9
     assert engine.advance(10_000_000).faults

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from engine_arguments import grouped
 
 from evis.scene import load_scene
 
@@ -44,7 +45,7 @@ def engine_of(folder, actuator: str, **given) -> MujocoEngine:
         "<joint name='s' type='slide' axis='1 0 0'/><geom size='.1' mass='1'/></body></worldbody>"
         f"<actuator>{actuator}</actuator></mujoco>"
     )
-    return MujocoEngine(load_scene(str(folder / "m.xml"), visuals=False), **given)
+    return MujocoEngine(load_scene(str(folder / "m.xml"), visuals=False), **grouped(**given))
 
 
 def largest_error(engine: MujocoEngine, way: Way, seconds: int = 2) -> float:

@@ -9,6 +9,7 @@ from evis.scene import load_scene
 
 pytest.importorskip("mujoco")
 from nodes.physics.mujoco_engine import MujocoEngine
+from nodes.physics.precision.stepping import Stepping
 
 MS = 1_000_000
 
@@ -75,7 +76,7 @@ def test_only_the_diverged_environment_starts_again(spring_scene):
 
 def test_too_fast_is_a_fault_although_finite(spring_scene):
     """MuJoCo says nothing of 2 km/s."""
-    engine = MujocoEngine(spring_scene("discrete", 0.0), speed_limit=1000.0)
+    engine = MujocoEngine(spring_scene("discrete", 0.0), stepping=Stepping(speed_limit=1000.0))
     engine.data[0].qvel[1] = 2000.0
     ((env, text),) = engine.advance(10 * MS).faults
     assert env == 0 and "body 'drifter' diverged" in text and "speed is 2000 m/s, the limit is 1000 m/s" in text

@@ -2,14 +2,17 @@
 
 import numpy as np
 import pytest
+from engine_arguments import grouped
 
 from evis.geometry import interpolate, se3
 from evis.scene import SceneError, load_scene
 
 mujoco = pytest.importorskip("mujoco")
 from nodes.physics.dynamics.stepped_model import step_length  # noqa: E402
+from nodes.physics.interval import Extras  # noqa: E402
 from nodes.physics.mujoco_engine import MujocoEngine  # noqa: E402
 from nodes.physics.precision.errors import Errors  # noqa: E402
+from nodes.physics.precision.stepping import Stepping  # noqa: E402
 from nodes.physics.precision.tolerance import Tolerance  # noqa: E402
 
 MS = 1_000_000
@@ -42,7 +45,9 @@ def launch(engine, velocity, omega=(0, 0, 0)):
 @pytest.mark.parametrize("dt", [0.001, 0.00025])
 def test_projectile(scene_of, integrator, bias, dt):
     """P1: RK4 is on the parabola; semi-implicit Euler lies below it by exactly g dt t / 2."""
-    engine = MujocoEngine(scene_of(BALL, f"gravity='0 0 -9.81' integrator='{integrator}'"), timestep=dt)
+    engine = MujocoEngine(
+        scene_of(BALL, f"gravity='0 0 -9.81' integrator='{integrator}'"), stepping=Stepping(timestep=dt)
+    )
     launch(engine, (3, 0, 5))
     for stamp in (250 * MS, 1000 * MS):
         interval = engine.advance(stamp)
@@ -56,7 +61,7 @@ def delayed_slider(scene_of, samples, option, **given):
     """An engine of a slider of 1 kg on which a motor acts 99.5 ms late."""
     slider = "<body><joint name='x' type='slide' axis='1 0 0'/><geom size='0.1' mass='1'/></body>"
     motor = f"<actuator><motor joint='x' delay='0.0995' nsample='{samples}'/></actuator>"
-    return MujocoEngine(scene_of(slider, f"gravity='0 0 0' {option}", motor), **given)
+    return MujocoEngine(scene_of(slider, f"gravity='0 0 0' {option}", motor), **grouped(**given))
 
 
 @pytest.mark.parametrize(("samples", "delay"), [(50, 0.0995), (25, 0.05)])
@@ -149,7 +154,7 @@ def test_twists_are_mujoco_s_object_velocities(scene_of):
 
 def test_twists_are_derivatives_of_poses(scene_of):
     """Central differences over the published sub-steps."""
-    engine = MujocoEngine(scene_of(ARM, "integrator='RK4'"), timestep=1e-4)
+    engine = MujocoEngine(scene_of(ARM, "integrator='RK4'"), stepping=Stepping(timestep=1e-4))
     interval = engine.advance(50 * MS)
     p, v = interval.pose[0, :, :, :3], interval.twist[0, :, :, :3]
     assert np.abs((p[2:] - p[:-2]) / 2e-4 - v[1:-1]).max() < 1e-5 * max(1.0, np.abs(v).max())
@@ -163,7 +168,7 @@ def test_cameras_ride_on_bodies(tmp_path, scene_of):
     scene_of(ARM, "integrator='RK4'")
     path = tmp_path / "ride.yaml"
     path.write_text("mjcf: m.xml\ncameras: {cam0: {fov: 1, parent: c, position: [0.1, 0.2, 0.3]}}\n")
-    interval = MujocoEngine(load_scene(str(path)), timestep=1e-4).advance(50 * MS)
+    interval = MujocoEngine(load_scene(str(path)), stepping=Stepping(timestep=1e-4)).advance(50 * MS)
     assert np.allclose(
         interval.pose[0, :, 4, :3], se3.transform(interval.pose[0, :, 2], np.array([0.1, 0.2, 0.3])), atol=1e-12
     )
@@ -173,7 +178,7 @@ def test_cameras_ride_on_bodies(tmp_path, scene_of):
 
 def test_stamps_between_steps_lie_on_the_same_curve(scene_of):
     """30 Hz is no multiple of 1 ms: every pose is on the parabola, and each message begins where one ended."""
-    engine = MujocoEngine(scene_of(BALL, "gravity='0 0 -9.81' integrator='RK4'"), joints=True)
+    engine = MujocoEngine(scene_of(BALL, "gravity='0 0 -9.81' integrator='RK4'"), extras=Extras(joints=True))
     launch(engine, (3, 0, 5), (1, 2, 3))
     last = None
     for k in range(1, 8):
@@ -240,7 +245,7 @@ def test_resting_contact_carries_the_weight(scene_of):
     world = f"<geom type='plane' size='1 1 1'/>{box}"
     poses = []
     for contacts in (True, False):
-        engine = MujocoEngine(scene_of(world, "integrator='discrete'"), contacts=contacts)
+        engine = MujocoEngine(scene_of(world, "integrator='discrete'"), extras=Extras(contacts=contacts))
         for k in range(1, 21):
             interval = engine.advance(k * 50 * MS)
         poses.append(interval.pose.tobytes())

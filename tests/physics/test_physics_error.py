@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from engine_arguments import grouped
 
 from evis.geometry import se3
 from evis.scene import load_scene
@@ -46,7 +47,7 @@ def course(folder: Path, world: str, seconds: float, integrator: str = "Euler", 
     gravity = "0 0 0" if spin else "0 0 -9.81"
     option = f"<option timestep='.001' integrator='{integrator}' gravity='{gravity}'/>"
     (folder / "m.xml").write_text(f"<mujoco>{option}<worldbody>{world}</worldbody>{start}</mujoco>")
-    engine = MujocoEngine(load_scene(str(folder / "m.xml"), visuals=False), **given)
+    engine = MujocoEngine(load_scene(str(folder / "m.xml"), visuals=False), **grouped(**given))
     stamps = [round(k * 1e9 / 30) for k in range(1, round(30 * seconds) + 1)]
     return engine, np.array([engine.advance(t).end_pose[0, : engine.model.nbody - 1] for t in stamps])
 

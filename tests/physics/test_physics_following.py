@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from engine_arguments import grouped
 
 from evis.geometry import interpolate, se3
 from evis.scene import load_scene
@@ -37,7 +38,7 @@ def scene(tmp_path_factory):
 
 
 def moving_engine(scene, **options):
-    engine = MujocoEngine(scene, **options)
+    engine = MujocoEngine(scene, **grouped(**options))
     for k, data in enumerate(engine.data):
         data.qvel[:] = 0.7 * np.random.default_rng(k).normal(size=engine.model.nv)
         mujoco.mj_forward(engine.model, data)

@@ -13,6 +13,7 @@ from msgs.header import Header
 from msgs.world import Action
 from nodes.physics.node import PhysicsNode
 from nodes.physics.prescribed import PrescribedEngine
+from nodes.physics.told_together import told_together
 
 
 class Wire:
@@ -181,11 +182,33 @@ def test_what_diverges_for_ever_is_told_of_some_times_and_counted_always(tmp_pat
     option, body = "<option timestep='.001' gravity='0 0 0'/>", f"<body name='a'>{spring}</body>"
     text = f"<mujoco>{option}<worldbody>{body}</worldbody></mujoco>"
     (tmp_path / "m.xml").write_text(text)
-    node = node_of(scene=str(tmp_path / "m.xml"), envs=7, keyframe_rate=100.0, duration=0.1)
-    assert run(node)[-1].episodes.tolist() == [10] * 7
-    assert node.runtime.counts["diverged"] == 70
+    node = node_of(scene=str(tmp_path / "m.xml"), envs=7, keyframe_rate=100.0, duration=0.25)
+    assert run(node)[-1].episodes.tolist() == [25] * 7
+    assert node.runtime.counts["diverged"] == 175
     told = [text for text in node.runtime.warnings if "diverged at" in text]
     assert len(told) == 20
     assert [text.endswith("; from now on such faults are only counted (diverged)") for text in told] == [False] * 19 + [
         True
     ]
+
+
+def test_what_several_environments_have_is_told_once(tmp_path, monkeypatch):
+    """One line with their numbers, each time, and every one of them is counted."""
+    monkeypatch.chdir(tmp_path)
+    stiff = CART.replace('axis="1 0 0"', 'axis="1 0 0" stiffness="1e8" springref="0.01"')
+    (tmp_path / "stiff.xml").write_text(stiff)
+    node = node_of(scene="stiff.xml", keyframe_rate=50, duration=0.04, envs=12)
+    messages = run(node)
+    assert messages[-1].episodes.tolist() == [2] * 12 and node.runtime.counts["diverged"] == 24
+    faults = [text for text in node.runtime.warnings if "body 'cart' diverged" in text]
+    assert [text[: text.index(":")] for text in faults] == ["environments 0, 1, 2, 3, 4, 5, 6, 7, ... (12)"] * 2
+    assert "each starts again as episode 1 at 0.02 s" in faults[0] and "episode 2 at 0.04 s" in faults[1]
+
+
+def test_lines_that_differ_in_numbers_alone_are_one():
+    found = [(0, "a is 2.5 m off"), (3, "a is 1e-3 m off"), (1, "b is 2 m off"), (3, "b is 2 m off")]
+    assert told_together(found) == [
+        ([0, 3], "a is 2.5 m off (of environment 0; others differ in numbers)"),
+        ([1, 3], "b is 2 m off"),
+    ]
+    assert told_together([]) == []

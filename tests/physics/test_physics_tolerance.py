@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from engine_arguments import grouped
 
 from evis.scene import load_scene
 
@@ -9,6 +10,7 @@ mujoco = pytest.importorskip("mujoco")
 from nodes.physics.mujoco_engine import MujocoEngine  # noqa: E402
 from nodes.physics.node import PhysicsNode  # noqa: E402
 from nodes.physics.precision.errors import Errors  # noqa: E402
+from nodes.physics.precision.stepping import Stepping  # noqa: E402
 from nodes.physics.precision.tolerance import Tolerance  # noqa: E402
 from tests.physics.test_physics_error import PENDULUM, RACKET, ROCK, SPRING, apart, chain, course, told  # noqa: E402
 
@@ -59,21 +61,25 @@ def test_what_is_let_go_does_not_sleep_in_the_air(tmp_path, steps):
     box = "<body pos='2 0 -1.9'><freejoint/><geom type='box' size='.1 .1 .1' mass='1'/></body>"
     ground = "<geom type='plane' size='5 5 1' pos='0 0 -2'/>"
     (tmp_path / "m.xml").write_text(f"<mujoco>{sleep}<worldbody>{ball}{box}{ground}</worldbody></mujoco>")
-    engine = MujocoEngine(load_scene(str(tmp_path / "m.xml"), visuals=False), **steps)
+    engine = MujocoEngine(load_scene(str(tmp_path / "m.xml"), visuals=False), **grouped(**steps))
     for t in (0.01, 0.02, 0.03):
         found = engine.advance(round(t * 1e9)).end_pose[0, 0, 2]
     assert found == pytest.approx(-0.5 * 9.81 * t**2, rel=3e-2)
 
 
 def engine_of(envs: int) -> MujocoEngine:
-    return MujocoEngine(load_scene("falling_objects", visuals=False), 3, envs, tolerance=Tolerance(1e-2, 1e-1))
+    return MujocoEngine(
+        load_scene("falling_objects", visuals=False), 3, envs, stepping=Stepping(tolerance=Tolerance(1e-2, 1e-1))
+    )
 
 
 def test_other_environments_change_nothing(monkeypatch):
     """Environment 1 of three is that of one run with seed + 1, also where every state is looked at."""
     stamps = [33_333_333 * (k + 1) for k in range(6)]
     three, one_by_one = engine_of(3), engine_of(3)
-    one = MujocoEngine(load_scene("falling_objects", visuals=False), 4, 1, tolerance=Tolerance(1e-2, 1e-1))
+    one = MujocoEngine(
+        load_scene("falling_objects", visuals=False), 4, 1, stepping=Stepping(tolerance=Tolerance(1e-2, 1e-1))
+    )
     monkeypatch.setattr(one_by_one, "_take_part", lambda envs, found, part: envs.tolist())
     for stamp in stamps:
         all_of, again, alone = three.advance(stamp), one_by_one.advance(stamp), one.advance(stamp)

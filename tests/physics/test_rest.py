@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from engine_arguments import grouped
 
 from evis.scene import load_scene
 
@@ -21,7 +22,7 @@ mass='1' contype='0' conaffinity='0'/></body>"""
 def engine_of(folder, world, rest="", integrator="implicitfast", **given):
     option = f"<option timestep='.001' integrator='{integrator}'/>"
     (folder / "m.xml").write_text(f"<mujoco>{option}<worldbody>{world}</worldbody>{rest}</mujoco>")
-    return MujocoEngine(load_scene(str(folder / "m.xml"), visuals=False), **given)
+    return MujocoEngine(load_scene(str(folder / "m.xml"), visuals=False), **grouped(**given))
 
 
 def steps_of(monkeypatch) -> list[int]:

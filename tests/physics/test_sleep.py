@@ -5,6 +5,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from engine_arguments import grouped
 
 from evis.scene import load_scene
 from nodes.physics.environments import Environments
@@ -24,7 +25,7 @@ WORLD = """<mujoco><option timestep="0.001" integrator="{integrator}" sleep_tole
 def engine_of(folder: Path, envs: int, threads: int = 1, seed: int = 3, **options: object) -> MujocoEngine:
     (folder / "m.xml").write_text(WORLD.format(integrator=options.pop("integrator", "implicitfast")))
     scene = load_scene(str(folder / "m.xml"), visuals=False)
-    return MujocoEngine(scene, seed, envs, joints=True, contacts=True, threads=threads, **options)
+    return MujocoEngine(scene, seed, envs, threads=threads, **grouped(joints=True, contacts=True, **options))
 
 
 def push(k: int, envs: int) -> np.ndarray:

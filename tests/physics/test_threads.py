@@ -11,7 +11,7 @@ pytest.importorskip("mujoco")
 from evis.runtime.workers import Workers
 from nodes.physics import mujoco_engine
 from nodes.physics.environments import Environments
-from nodes.physics.interval import Interval
+from nodes.physics.interval import Extras, Interval
 from nodes.physics.mujoco_engine import MujocoEngine
 
 SLIDE = """<mujoco><option timestep="0.001" {option}/><worldbody>
@@ -42,7 +42,7 @@ def engine_of(
     text = SLIDE.format(**{"option": "integrator='Euler'", "height": 0.3} | world)
     (folder / "m.xml").write_text(text)
     scene = load_scene(str(folder / "m.xml"), visuals=False)
-    return MujocoEngine(scene, seed, envs, joints=True, contacts=contacts, threads=threads, warp=warp)
+    return MujocoEngine(scene, seed, envs, threads=threads, warp=warp, extras=Extras(joints=True, contacts=contacts))
 
 
 def controls(k: int, envs: int) -> np.ndarray:

@@ -11,6 +11,7 @@ pytest.importorskip("mujoco")
 import mujoco
 
 from nodes.physics import mujoco_engine
+from nodes.physics.interval import Extras
 from nodes.physics.mujoco_engine import MujocoEngine
 
 FALL = """<mujoco><option timestep="0.001" gravity="0 0 -18000"/><worldbody>
@@ -36,7 +37,7 @@ def test_it_is_the_same_course(scene: str, gap_ns: int, monkeypatch: pytest.Monk
     engines = []
     for least in (1, 4, 4):
         monkeypatch.setattr(mujoco_engine, "RECORDED_FROM", least)
-        engines.append(MujocoEngine(load_scene(scene, visuals=False), 3, 2, joints=True, contacts=True))
+        engines.append(MujocoEngine(load_scene(scene, visuals=False), 3, 2, extras=Extras(joints=True, contacts=True)))
         engines[-1].model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
     recorded, at_once, one_by_one = engines
     assert (recorded._recorded is None, at_once._recorded is None) == (False, True)
@@ -58,7 +59,7 @@ def test_a_divergence_is_found_at_its_step(tmp_path, monkeypatch: pytest.MonkeyP
     stamps = [20_000_000 * (k + 1) for k in range(8)]
     found = []
     for looked_at in (False, True):
-        engine = MujocoEngine(load_scene(str(tmp_path / "fall.xml")), 0, 2, joints=True, contacts=True)
+        engine = MujocoEngine(load_scene(str(tmp_path / "fall.xml")), 0, 2, extras=Extras(joints=True, contacts=True))
         if looked_at:
             monkeypatch.setattr(engine, "_take_part", lambda envs, found, part: envs.tolist())
         found.append(list(course(engine, stamps)))

@@ -12,6 +12,7 @@ from nodes.physics.dynamics.batch.unsupported import Unsupported
 from nodes.physics.environments import Environments
 from nodes.physics.mujoco_engine import MujocoEngine
 from nodes.physics.node import PhysicsNode
+from nodes.physics.precision.stepping import Stepping
 from nodes.physics.precision.tolerance import Tolerance
 from nodes.physics.separate import SeparateEngines
 
@@ -85,7 +86,13 @@ def test_a_run_is_repeated_to_the_bit(tmp_path: Path, device: str) -> None:
 def test_what_it_cannot_take_is_said(tmp_path: Path) -> None:
     """In one line, and MuJoCo itself moves the scene."""
     with pytest.raises(Unsupported, match="physics_tolerance"):
-        MujocoEngine(load_scene("falling_objects", visuals=False), 0, 2, tolerance=Tolerance(1e-3, 1e-3), warp="cpu")
+        MujocoEngine(
+            load_scene("falling_objects", visuals=False),
+            0,
+            2,
+            warp="cpu",
+            stepping=Stepping(tolerance=Tolerance(1e-3, 1e-3)),
+        )
     node = PhysicsNode(
         "physics", {"scene": "cart_pole", "engine": "mujoco_warp", "physics_tolerance": [1e-3], "duration": 0.1}
     )

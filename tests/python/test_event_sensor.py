@@ -233,6 +233,32 @@ def test_a_preset_of_a_file(tmp_path: Path) -> None:
         evis.EventSensor(6, 8, preset=tmp_path / "bad.yaml")
 
 
+@pytest.mark.parametrize(
+    "params, message",
+    [
+        ({"model": "evis-paper", "leak_rate": 9.0, "leak_model": "drift"}, "leak_model='drift' has no effect: event"),
+        ({"model": "evis-paper", "shot_rate": 9.0, "shot_on_share": 0.9}, "shot_on_share=0.9 has no effect: event"),
+        ({"model": "evis-paper", "crossing": "linear"}, "crossing='linear' has no effect: event model evis-paper"),
+        ({"model": "dvs_voltmeter", "refractory_us": 5.0}, "refractory_us=5.0 has no effect: event model"),
+        ({"preset": "davis346", "shot_rate": 0.0, "shot_on_share": 0.9}, "shot_on_share=0.9 has no effect: shot"),
+    ],
+)
+def test_a_parameter_that_changes_nothing_is_refused(params: dict[str, Any], message: str) -> None:
+    """As in a launch file; and it is true: the events without it are those with another value of it."""
+    for make in (lambda: evis.EventSensor(6, 8, **params), lambda: simulate_frames(video()[0], stamps(), **params)):
+        with pytest.raises(ValueError, match="^" + message) as caught:
+            make()
+        assert str(caught.value).endswith("; leave it out")
+
+
+def test_parameters_that_are_off_or_of_a_preset_are_no_mistake(tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text("model: evis-paper\nleak_rate: 5\nleak_model: drift\n")
+    frames, t = video()[0], stamps()
+    sensor = evis.EventSensor(6, 8, preset=tmp_path / "mine.yaml")
+    assert same(sensor(frames, t), evis.EventSensor(6, 8, model="evis-paper", leak_rate=5.0, leak_jitter=0)(frames, t))
+    assert len(evis.EventSensor(6, 8, model="esim", leak_rate=0, defocus_px=0.0)(frames, t))
+
+
 def test_what_is_not_a_number_is_counted() -> None:
     frames = video()
     frames[0, 3, 2, 2] = np.nan

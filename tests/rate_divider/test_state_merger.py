@@ -8,6 +8,7 @@ from evis.runtime.clock import keyframe_stamp
 from evis.scene import load_scene
 from msgs.header import Header
 from msgs.world import WorldState
+from nodes.physics.interval import Extras
 from nodes.physics.mujoco_engine import MujocoEngine
 from nodes.physics.prescribed import PrescribedEngine
 from nodes.rate_divider.merger import Merger
@@ -79,7 +80,7 @@ def test_dynamics_with_joints_and_contacts_are_those_of_the_slower_rate():
     scene = load_scene("falling_objects", visuals=False)
 
     def engine():
-        return MujocoEngine(scene, 3, 2, contacts=True, joints=True)
+        return MujocoEngine(scene, 3, 2, extras=Extras(contacts=True, joints=True))
 
     published = [m for m in push_all(Merger(4), states(engine(), 100, 49, 2)) if m is not None]
     truth = states(engine(), 25, 13, 2)

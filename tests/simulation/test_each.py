@@ -81,6 +81,32 @@ def test_environments_are_what_they_are_by_themselves(case: str) -> None:
         assert len({sim.alone(steps[2], env).events.t.tobytes() for env in range(len(each))}) == len(each)
 
 
+GLOSSY = """
+args: {on: {type: str, default: slider, choices: [slider, turner], help: what carries the box}}
+cameras: {cam0: {fov: 40 deg, position: [0, -1, 0], look_at: [0, 0, 0]}}
+lights: {lamp: {kind: point, position: [0.3, -1, 0.6], intensity: 3}}
+environment: 0.2
+materials: {gloss: {albedo: 0.2, roughness: 0.1}}
+bodies:
+  slider: {motion: [{kind: sinusoid, amplitude: [0.05, 0, 0], frequency: 12}]}
+  turner: {motion: [{kind: spin, axis: [0, 0, 1], rate: 60}]}
+  box: {parent: "${on}", shapes: [{shape: box, size: [0.3, 0.3, 0.3], material: gloss}]}
+"""
+
+
+@pytest.mark.parametrize("carriers", [("slider", "turner"), ("turner", "slider")])
+def test_a_highlight_is_looked_at_as_often_beside_what_does_not_turn(carriers: tuple[str, str], tmp_path: Path) -> None:
+    """What is glossy and may turn is looked at more often than the tolerance asks for; all went by the first."""
+    (tmp_path / "glossy.yaml").write_text(GLOSSY)
+    scene, shared = str(tmp_path / "glossy.yaml"), {"time_tolerance": 1e-3, "outputs": ["events"], **SIZE}
+    with evis.Simulation(scene, each=[{"on": name} for name in carriers], **shared) as sim:
+        steps = [sim.reset(), sim.step(), sim.step()]
+        for env, name in enumerate(carriers):
+            with evis.Simulation(scene, on=name, **shared) as single:
+                for step, expected in zip(steps, [single.reset(), single.step(), single.step()]):
+                    same(sim.alone(step, env).events, expected.events)
+
+
 def test_samples_and_marks_of_events_are_taken_apart() -> None:
     """Into whole messages, whose arrays are those that each gives by itself."""
     outputs, shared = ["samples", "signal", "events"], {"time_tolerance": 3e-4, "shot_rate": 9.0, **SIZE}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
 from typing import Any
 
 from evis.config.params import describe
@@ -43,14 +42,13 @@ def sensor_values(args: argparse.Namespace) -> dict[str, Any]:
     return {name: getattr(args, name) for name in SENSOR}
 
 
-def check_sensor_options(args: argparse.Namespace, resolved: Mapping[str, Any]) -> None:
-    """Raises ValueError for an option that was given and that changes nothing. resolved: all parameters of SENSOR."""
-    from nodes.event_sensor.effects import without_effect
+def check_sensor_options(args: argparse.Namespace) -> None:
+    """Raises ValueError for an option that is wrong, or that was given and changes nothing."""
+    from nodes.event_sensor.effects import check_given
+    from nodes.event_sensor.parameters import resolve_sensor
 
-    idle = without_effect(resolved)
-    for name, value in sensor_values(args).items():
-        if value is not None and resolved[name] and name in idle:
-            raise ValueError(f"{option(name)} {value} has no effect: {idle[name]}; leave it out")
+    given = sensor_values(args)
+    check_given(given, resolve_sensor("event sensor", args.preset, given), lambda name, text: f"{option(name)} {text}")
 
 
 def option(name: str) -> str:

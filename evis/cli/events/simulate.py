@@ -62,8 +62,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise UsageError(f"--{error}") from None
     device_named(args.device)  # before any work, as a device may not be there
     try:
+        check_sensor_options(args)
         simulation = Simulation(preset=args.preset, seed=args.seed, device=args.device, **sensor_values(args))
-        check_sensor_options(args, simulation.parameters)
         simulation.check(args.colour)
     except ValueError as error:
         raise UsageError(str(error)) from None

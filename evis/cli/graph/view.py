@@ -98,12 +98,14 @@ def _attach(args: argparse.Namespace, plan: Plan) -> int:
 
 
 def _play(args: argparse.Namespace) -> int:
+    from evis.files.regular import other_than_file
     from nodes.visualizer import address
     from nodes.visualizer.socket_lender import SocketLender
 
     path = Path(args.file)
     if not path.is_file():
-        raise FileNotFoundError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}")
+        what = other_than_file(path)
+        raise FileNotFoundError(f"{path}: {f'it is {what}, and must be a file' if what else 'no such file'}")
     plan = _plan_of(path.resolve())  # a file that cannot be read is told before an address is
     listener, _ = address.bind("127.0.0.1", args.port)
     token = secrets.token_urlsafe(16)

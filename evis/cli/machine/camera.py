@@ -191,8 +191,9 @@ def _stream(driver: Driver, args: argparse.Namespace, speed: float) -> int:
 def _count(driver: Driver, args: argparse.Namespace, total: dict[str, Any]) -> None:
     """Adds what comes to `total`, packet by packet, with a line for each, until there is no more."""
     from evis.console.outlet import strict_output
+    from nodes.camera.interface.elapsed import Elapsed
 
-    first: int | None = None
+    elapsed = Elapsed()
     waiting = False
     while not driver.ended:
         reading = driver.read(0.1)
@@ -218,6 +219,5 @@ def _count(driver: Driver, args: argparse.Namespace, total: dict[str, Any]) -> N
             lost = f"  {reading.lost} bytes lost before" if reading.lost else ""
             with strict_output():
                 print(f"{reading.stamp_ns / 1e9:.6f} s  {len(events)} events  {on} ON  {rate:.3f} Mev/s{lost}")
-        first = reading.t0_ns if first is None else first
-        if args.duration and reading.stamp_ns - first >= args.duration * 1e9:
+        if elapsed.add(driver.episode, reading.t0_ns, reading.stamp_ns) >= (args.duration * 1e9 or float("inf")):
             break

@@ -20,6 +20,7 @@ from evis.dataset.making.finished import ENTRY, Entry
 from evis.dataset.names import below
 from evis.files.folder_sync import sync_folder
 from evis.files.json_text import parsed
+from evis.files.regular import check_file
 from evis.files.whole_file import whole_file
 
 INDEX = "dataset.json"
@@ -103,10 +104,13 @@ class LocalStore(Store):
         """Implements `Store.entries`."""
         files = [*self.folder.glob(f"*/{ENTRY}"), *self.folder.glob(f"*/*/{ENTRY}")]
         whole = [file for file in files if not any(part.endswith(PART) for part in file.parts)]
+        for file in whole:
+            check_file(file)
         return sorted((_parsed(file.read_text(), str(file)) for file in whole), key=lambda entry: entry["index"])
 
     def index(self) -> dict[str, Any] | None:
         """Implements `Store.index`."""
+        check_file(self.folder / INDEX)
         try:
             return _parsed((self.folder / INDEX).read_text(), str(self.folder / INDEX))
         except (FileNotFoundError, NotADirectoryError):

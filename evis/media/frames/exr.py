@@ -1,5 +1,5 @@
-"""Reads frames as a folder of OpenEXR files: linear R, G, B or Y, with the time in an attribute, times.txt or by
---fps."""
+"""Reads frames as a folder of OpenEXR files: linear R, G, B, or Y, or Y, RY and BY; the time is in an attribute, in
+times.txt, or by --fps."""
 
 from __future__ import annotations
 
@@ -42,7 +42,10 @@ class ExrFrames(FolderFrames):
                 channels = {name: channel.pixels for name, channel in file.channels().items()}
         except Exception as error:  # the library raises RuntimeError, TypeError and others for damaged files
             raise FramesError(f"{path}: cannot be read as EXR: {error_text(error, 150)}") from None
-        pixels = picture_of(channels)
+        try:
+            pixels = picture_of(channels, header)
+        except ValueError as error:
+            raise FramesError(f"{path}: {error}") from None
         if pixels is None:
             raise FramesError(f"{path}: {without_picture(channels)}")
         return self._image(exr_window.displayed(pixels, header)), _stamp(path, header), None

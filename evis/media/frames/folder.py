@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from evis.files.damage import faults_as
+from evis.files.regular import check_file
 from evis.media.frames.source import FrameOptions, FramesError, ImageSource, NamedImage
 
 TIMES = "times.txt"
@@ -67,6 +68,7 @@ def _listed(folder: Path, there: set[str]) -> list[tuple[str, int | None]] | Non
         return None
     result: list[tuple[str, int | None]] = []
     last: int | None = None
+    check_file(path)
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from evis.config.suggestions import did_you_mean
 from evis.files.damage import faults_as
+from evis.files.regular import other_than_file
 from evis.media.frames.exr import ExrFrames
 from evis.media.frames.images import KINDS, ImageFrames
 from evis.media.frames.npz import NpzFrames
@@ -36,6 +37,8 @@ def _open(path: Path, options: FrameOptions) -> FrameSource:
     if path.is_dir():
         names = [p.name for p in path.iterdir() if p.is_file() and not p.name.startswith(".")]
         return _open_images(path, names, options, str(path))
+    if what := other_than_file(path):
+        raise FramesError(f"{path}: it is {what}; frames are read at more than one place: save them to a file first")
     try:
         with path.open("rb") as file:
             head = file.read(4)

@@ -38,6 +38,7 @@ class Wiring:
         for node_plan in (n for n in plan.nodes.values() if n.process == process):
             with NodeCall(None, node_plan.name):
                 node = load_class(node_plan.target)(node_plan.name, node_plan.params)
+                node.told_by, node.tells_for = node_plan.told_by, node_plan.tells_for
             joined = [p for p, topics in node_plan.inputs.items() if node.INPUTS[p].joins(topics[0])]
             self.hosts[node_plan.name] = Host(node, node_plan, Join(joined))
         for host in self.hosts.values():

@@ -105,7 +105,7 @@ def _opened(source: Path | bytes) -> Any:
 
 
 def load_exr(path: Path) -> np.ndarray:
-    """Loads R, G, B (or Y) of an EXR file, float32 [h, w, 3]. Raises SceneError naming it."""
+    """Loads R, G, B (or Y, or Y, RY and BY) of an EXR file, float32 [h, w, 3]. Raises SceneError naming it."""
     import OpenEXR
 
     with note(path).open("rb") as file:
@@ -124,7 +124,10 @@ def load_exr(path: Path) -> np.ndarray:
         raise SceneError(f"{path.name} is {error}") from None
     except Exception as error:  # the library raises RuntimeError, TypeError and others for damaged files
         raise SceneError(f"{path.name} cannot be read as EXR: {error_text(error, 150)}") from None
-    pixels = picture_of(channels)
+    try:
+        pixels = picture_of(channels, headers[0])
+    except ValueError as error:
+        raise SceneError(f"{path.name}: {error}") from None
     if pixels is None:
         raise SceneError(f"{path.name} has {without_picture(channels)}")
     pixels = exr_window.displayed(pixels, headers[0])

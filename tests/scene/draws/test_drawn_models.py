@@ -11,6 +11,7 @@ import pytest
 from evis.geometry import se3
 from evis.scene import SceneError, load_scene
 from evis.scene.mjcf.dynamics import compile_model
+from nodes.physics.interval import Extras
 from nodes.physics.mujoco_engine import MujocoEngine
 
 MODEL = """
@@ -123,7 +124,7 @@ def test_the_start_is_drawn(tmp_path: Path) -> None:
     for seed in range(3):
         scene = load_scene(name, seed=seed, visuals=False)
         drawn = {one.place: one.value for one in scene.drawn}
-        state = MujocoEngine(scene, joints=True).start()
+        state = MujocoEngine(scene, extras=Extras(joints=True)).start()
         assert state.qpos is not None and state.qvel is not None
         assert state.qpos[0, 0, 0] == pytest.approx(np.radians(drawn["model.joints.hinge.position"]))
         assert state.qvel[0, 0, 0] == 0.5
@@ -146,7 +147,7 @@ def test_a_pendulum_swings_by_its_drawn_gravity(tmp_path: Path) -> None:
     scene = load_scene(name, seed=9, visuals=False)
     model = compile_model(scene)
     model.actuator_biasprm[:] = 0
-    engine = MujocoEngine(scene, joints=True)
+    engine = MujocoEngine(scene, extras=Extras(joints=True))
     engine.model.actuator_biasprm[:] = 0
     engine.start()
     state = engine.advance(1_000_000_000)

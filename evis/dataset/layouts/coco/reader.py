@@ -14,6 +14,7 @@ from evis.dataset.layouts.joined import joined
 from evis.dataset.layouts.npz.reader import NpzReader
 from evis.dataset.layouts.reader import ANEW, EventArrays, SequenceReader
 from evis.files.json_text import parsed
+from evis.files.regular import check_file
 
 
 class CocoReader(SequenceReader):
@@ -29,6 +30,7 @@ class CocoReader(SequenceReader):
     def _stamps(self) -> dict[str, list[tuple[int, list[dict[str, Any]]]]]:
         """Camera -> (stamp, annotations) of its images, in order of time."""
         path = self.directory / ANNOTATIONS
+        check_file(path)
         try:
             whole = parsed(path.read_text())
             found: dict[int, list[dict[str, Any]]] = {image["id"]: [] for image in whole["images"]}

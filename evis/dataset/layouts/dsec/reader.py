@@ -17,6 +17,7 @@ from evis.dataset.layouts.millisecond_index import NAME
 from evis.dataset.layouts.reader import ANEW, EventArrays, SequenceReader, framed, spans, within
 from evis.dataset.layouts.stereo_sides import SIDES, sides
 from evis.files.damage import error_text
+from evis.files.regular import check_file
 from evis.media.frames.images import codes
 from msgs.camera import INTERVAL_FLOWS
 
@@ -87,7 +88,9 @@ class DsecReader(SequenceReader):
     def _labels(self, kind: str, t0: int, t1: int, camera: str) -> dict[str, np.ndarray]:
         side = self._sides[camera]
         if kind == "boxes":
-            rows = np.load(self.directory / "object_detections" / side / "tracks.npy", mmap_mode="r")
+            tracks = self.directory / "object_detections" / side / "tracks.npy"
+            check_file(tracks)
+            rows = np.load(tracks, mmap_mode="r")
             return boxes_of(rows[within(rows["t"].astype(np.int64) * 1000, t0, t1)])
         if kind in INTERVAL_FLOWS:
             way = kind.removesuffix("_flow")
@@ -121,6 +124,7 @@ class DsecReader(SequenceReader):
 
     def _times_of(self, name: str, columns: int) -> np.ndarray:
         """The times of a text [T, columns], ns. Raises LayoutError unless all its lines are there."""
+        check_file(self.directory / name)
         text = (self.directory / name).read_text()
         rows = [line.split(",") for line in text.splitlines() if not line.startswith("#")]
         if not text.endswith("\n") or any(len(row) != columns for row in rows):
@@ -138,6 +142,7 @@ class DsecReader(SequenceReader):
 
 def picture(path: Path) -> np.ndarray:
     """Reads a PNG file, uint8 or uint16 [H, W] or [H, W, 3]. Raises LayoutError."""
+    check_file(path)
     try:
         return codes(path.read_bytes())
     except Exception as error:  # Pillow has errors of many kinds for damaged files

@@ -19,6 +19,7 @@ from evis.dataset.layouts import LayoutError
 from evis.dataset.layouts.reader import ANEW
 from evis.events.files.numpy_files.npy import read_header
 from evis.files.allowance import Allowance
+from evis.files.regular import check_file
 from evis.files.whole_file import whole_file
 
 _LOCAL_HEADER = 30
@@ -36,6 +37,7 @@ def pack(path: Path, parts: dict[str, Path]) -> None:
 
 
 def opened(path: Path) -> zipfile.ZipFile:
+    check_file(path)
     try:
         return zipfile.ZipFile(path)
     except (OSError, zipfile.BadZipFile) as error:

@@ -18,6 +18,7 @@ from evis.dataset.layouts.npz.archive import unpacked
 from evis.dataset.layouts.reader import ANEW, EventArrays, SequenceReader, framed, within
 from evis.dataset.layouts.sample import EVENTS
 from evis.files.json_text import parsed
+from evis.files.regular import check_file
 from evis.media.frames.images import codes
 
 
@@ -110,6 +111,7 @@ def _said(text: bytes) -> dict[str, Any]:
 
 def _check_end(shard: Path) -> None:
     """Raises LayoutError for a shard that ends between two samples, which tarfile takes for its end."""
+    check_file(shard)
     with shard.open("rb") as file:
         size = file.seek(0, io.SEEK_END)
         file.seek(max(size - 2 * tarfile.BLOCKSIZE, 0))

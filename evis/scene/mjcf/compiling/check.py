@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from evis.files.allowance import Allowance, AllowanceError
+from evis.files.regular import other_than_file
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
 from evis.scene.images.pictures import TEXEL, check_picture, check_size
@@ -115,10 +116,13 @@ class _Checker:
             left += element.children
 
     def _found(self, element: Element, name: str, places: list[Path]) -> list[Path]:
-        """The files that a name may mean. Raises SceneError where one of them is outside of the folders."""
+        """The files that a name may mean. Raises SceneError where one of them is outside of the folders, or a pipe or a
+        device, of which MuJoCo would wait for the end."""
         found: list[Path] = []
         for place in dict.fromkeys(places):
             path = place / name
+            if not path.is_dir() and (what := other_than_file(path)):
+                raise SceneError(f"{element.where}: '{name}' is {what}, and must be a file")
             if path.is_file() and path.resolve() not in [p.resolve() for p in found]:
                 self.folders.check(path, f"{element.where}: '{name}'")
                 found.append(note(path))

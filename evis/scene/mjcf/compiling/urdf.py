@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 
 from evis.files.damage import error_text
+from evis.files.regular import other_than_file
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
 from evis.scene.mjcf.compiling.check import check_model
@@ -154,6 +155,8 @@ def mesh_file(name: str, urdf: Path, folder: Path, folders: Folders) -> Path:
     whole = folder / unquote(name.removeprefix("file://")) if name.startswith("file://") else folder / name
     bare = folder / Path(name).name  # where MuJoCo looks by itself
     path = bare if bare.is_file() and not whole.is_file() else whole
+    if not path.is_dir() and (what := other_than_file(path)):
+        raise SceneError(f"{urdf.name}: '{name}' is {what}, and must be a file")
     if path.is_file():
         folders.check(path, f"{urdf.name}: '{name}'")
     return path.resolve()

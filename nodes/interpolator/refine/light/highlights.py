@@ -14,7 +14,8 @@ from nodes.renderer.materials.ggx import alpha_of
 TURNED = 75.0
 """How fast surfaces may turn [rad/s] for instants to be no farther apart than a highlight takes to pass by alpha: what
 is smoother than a roughness of 0.2 is looked at more often than 0.3 ms asks for. How fast they do turn does not count
-here, since environments whose bodies move otherwise share the instants."""
+here: environments whose bodies turn otherwise share the instants, and those in which glossy things may not turn have
+their own."""
 CLOSEST_NS = 135_000.0
 """How close instants are for that, at most: with half of that three scenes lose less by 0.5 to 2 % of their events, for
 a tenth to a third more time."""
