@@ -130,6 +130,8 @@ def draw(rows: Sequence[dict[str, Any]], cost: str, label: str, path: Path) -> P
         axes.set_xlabel(label, fontsize=9)
     for axes in panels[:, 0]:
         axes.set_ylabel("spike-train error (1/ms)", fontsize=9)
+    for axes in panels.flat[len(scenes) :]:
+        axes.set_axis_off()
     handles, labels = panels.flat[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="lower center", ncols=3, fontsize=9, frameon=False)
     figure.tight_layout(rect=(0, 0.05, 1, 1))
