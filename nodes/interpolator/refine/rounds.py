@@ -59,6 +59,16 @@ class Window:
 
 
 @dataclass(frozen=True)
+class Found:
+    """Holds what was found in a window: how many samples there are then, how many of the new ones were shaded, and
+    `swings` int32 [E] of `Tally`."""
+
+    samples: int
+    shaded: int
+    swings: np.ndarray
+
+
+@dataclass(frozen=True)
 class Kernels:
     """Holds the kernels of a window that depend on the scene."""
 
@@ -123,7 +133,7 @@ class Rounds:
         self.reads_counts = device.is_cpu
         """Whether the host reads counts while a window is done."""
         self._find_transitions = make_find_transitions(evaluator.shading.occluders.trees)
-        self._tally, self._graphs = Tally(bands, device), CudaGraphs(device)
+        self._tally, self._graphs = Tally(bands, layout.envs, device), CudaGraphs(device)
         self._changing: Any = ChangingPixels()
         self._transitions = GrowingList(Transitions, pixel, bands, device)
         self._requests = GrowingList(make_requests(channels), pixel, bands, device)
@@ -132,12 +142,10 @@ class Rounds:
         rows, bodies = 2 * instants.per_window * layout.envs, evaluator.moved[0].shape[1]
         self.bends = wp.zeros((rows, bodies, instants.depth + 1), dtype=wp.vec2, device=device)
 
-    def run(self, window: Window, total: int, meanwhile: Callable[[], None], share: float = 1.0) -> tuple[int, int]:
+    def run(self, window: Window, total: int, meanwhile: Callable[[], None], share: float = 1.0) -> Found:
         """Finds the samples of a window that the evaluator was sent the instants of; total: samples so far; meanwhile:
         what the host does before it waits; share: of the environments that have a gap, for lists to have room for what
         all of them may need.
-
-        Returns how many there are then, and how many of the new ones were shaded.
         """
         self._make_room(window)
         if window.params.parts:
@@ -153,7 +161,7 @@ class Rounds:
             made = int(told.made.max())
             if not self._grow(told, made, total):
                 self._grow(told, made, made, share)
-                return made, told.shaded
+                return Found(made, told.shaded, told.swings)
 
     def _make_room(self, window: Window) -> None:
         """Makes room for the pixels that show several surfaces, and in lists that are still empty."""
@@ -289,9 +297,9 @@ class Rounds:
         """Adds what was evaluated to the samples, and lists the intervals that are to be halved next in `there`."""
         rigid, evaluator, tally = self._rigid, self.evaluator, self._tally
         workers = evaluator.workers(number)
-        kernel, what = self._kernels.split, [rigid.pieces]
+        kernel, what = self._kernels.split, [window.scene, tally.swings]
         if number == 0:
-            kernel, what = self._kernels.check, [window.scene, window.coarse]
+            kernel, what = self._kernels.check, [window.scene, window.coarse, tally.swings]
         given = [window.params, workers, number, *what, listed.kernel]
         found = [evaluator.hits, evaluator.values, self.samples.kernel, there.kernel]
         count, next_count = tally.lists[number], tally.lists[number + 1]

@@ -34,6 +34,15 @@ def joints(count, width, size=2048):
     return Material("joints", np.ones(3), picture.astype(np.float32), two_sided=True)
 
 
+@pytest.mark.parametrize("size", [1024, 2048, 16384])
+@pytest.mark.parametrize("wide", [2, 4])
+def test_stripes_of_a_large_texture_are_as_wide_as_they_are(size, wide):
+    """Of 16,384 texels every 16th is of one colour where stripes are 2 or 4 texels wide."""
+    scene = world([(quad(1.0), stripes(size // wide // 2, size), Prescribed(pose(z=3.0)))])
+    scale = albedo_scale_of(scene, geometry_of(scene), 0.02)
+    assert scale == pytest.approx(2.0 * wide / size, rel=0.5)
+
+
 def drum(count, rate):
     """A drum with upright stripes that turns about its axis before a wall; the sky lights both."""
     upright = pose(z=AWAY, turn=(np.pi / 2, 0, 0))

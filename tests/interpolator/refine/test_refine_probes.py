@@ -186,6 +186,25 @@ def test_what_is_painted_and_passes_between_two_instants_is_told(speed, unseen):
     assert method.refinement.unseen.tolist() == [unseen]
 
 
+@pytest.mark.parametrize(("speed", "unseen"), [(24, False), (100, True)])
+def test_what_is_painted_so_finely_that_samples_miss_its_peaks_is_told(speed, unseen):
+    """Stripes 1 px wide: of 24 of them each is on a pixel for 5.3 of the gap's 128 instants, of 100 for 1.3."""
+    count = 4096
+    stripes = np.where(np.arange(4 * count) // 4 % 2 == 0, 0.2, 0.8).astype(np.float32)
+    picture = np.broadcast_to(stripes[None, :, None], (4, 4 * count, 3)).copy()
+    pace = speed * DEPTH / FOCAL / (GAP * 1e-9)
+    start = pose(-pace * (START + GAP / 2) * 1e-9, 0, DEPTH)
+    wall = quad(count * DEPTH / FOCAL / 2), Material("stripes", np.ones(3), picture, two_sided=True)
+    method = gap_of(world([(*wall, Prescribed(start, [Linear(np.array([pace, 0.0, 0.0]))]))]))
+    first, _, value = method.further.arrays(False)
+    middle = len(first) // 2
+    light = value[first[middle] : first[middle + 1]]
+    edges = np.count_nonzero(np.diff(light > 0.5 * (light.min() + light.max())))
+    assert method.refinement.unseen.tolist() == [unseen]
+    # What is followed is there as often as it passes, but for peaks at the frames, which are not among the samples.
+    assert unseen or speed - 2 * K <= edges <= speed
+
+
 def test_a_wall_of_one_colour_is_told_of_at_no_speed():
     assert gap_of(fast_wall(6000, plain(0.5))).refinement.unseen.tolist() == [False]
 

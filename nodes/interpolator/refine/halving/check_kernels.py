@@ -9,6 +9,7 @@ from nodes.interpolator.refine.halving.interval_kernels import (
     make_add_interval,
     make_interval,
     make_intervals,
+    make_leaps,
     take_samples,
 )
 from nodes.interpolator.refine.halving.request_interval_kernels import make_is_painted, make_request_intervals
@@ -39,6 +40,7 @@ def make_check(channels: int, glossy: bool) -> wp.Kernel:
     add_sample = make_add_sample(channels)
     add_interval, is_painted = make_add_interval(channels), make_is_painted(channels, glossy)
     value_of, interval_before, interval_after = make_request_intervals(channels, glossy)
+    leaps, turns_back = make_leaps(channels)
 
     @wp.func
     def one_surface(scene: WindowScene, one: Interval):
@@ -63,6 +65,7 @@ def make_check(channels: int, glossy: bool) -> wp.Kernel:
         number: int,
         scene: WindowScene,
         coarse: CoarseFrames,
+        swung: wp.array(dtype=int),
         requests: Requests,
         part: ListPart,
         hits: wp.array(dtype=wp.uint64),
@@ -76,7 +79,8 @@ def make_check(channels: int, glossy: bool) -> wp.Kernel:
         """Adds a part of the requests to the samples, as far as there is room, and lists the intervals beside them that
         are to be halved.
 
-        number: of the list of requests, as of `take_samples`. hits, radiance: what was found of each entry.
+        swung [E]: to which `swings` of Tally are added. number: of the list of requests, as of `take_samples`. hits,
+        radiance: what was found of each entry.
         """
         known = take_samples(samples.made, number, part, wp.tid())
         j = part.start + wp.tid()
@@ -95,8 +99,11 @@ def make_check(channels: int, glossy: bool) -> wp.Kernel:
                 wrong_after = suspect(params, scene, after)
                 p = requests.previous[j]
                 if p >= 0:
-                    if here.painted or is_painted(scene, requests.rise[p], hits[p]):
+                    leap = leaps(params, scene, here)
+                    if leap or here.painted or is_painted(scene, requests.rise[p], hits[p]):
                         there = interval_before(params, p, coarse, scene, requests, hits, radiance)
+                        if leap and leaps(params, scene, there) and turns_back(there, here):
+                            wp.atomic_add(swung, place.env, 1)
                         wrong_before = suspect(params, scene, there)
                         if wrong and not wrong_before and there.painted and one_surface(scene, there):
                             # Where what lies before that is suspect, entry p has listed it.

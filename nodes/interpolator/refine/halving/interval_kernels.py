@@ -6,7 +6,10 @@ from typing import Any
 import warp as wp
 
 from nodes.interpolator.refine.samples.list_kernels import ListPart, take_entry
-from nodes.interpolator.refine.window_kernels import WindowParameters
+from nodes.interpolator.refine.window_kernels import WindowParameters, WindowScene
+from nodes.interpolator.rigid.look_up.log_kernels import apart
+from nodes.interpolator.rigid.plan_kernels import same_surface
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -14,6 +17,8 @@ LENGTHS = wp.constant(1 << 15)
 """Greater than the number of instants of a coarse interval; packs two of them into one number."""
 PAINTED_ENDS = wp.constant(1 << 30)
 """LENGTHS squared, which is added to that number where the interval is PAINTED."""
+FINE = wp.constant(3.0)
+"""Length [px] over which a texture goes up or down from which on it stays as it is from one sample to the next."""
 
 
 @cache
@@ -90,6 +95,31 @@ def make_add_interval(channels: int) -> Any:
             intervals.after[place] = one.after
 
     return add_interval
+
+
+@cache
+def make_leaps(channels: int) -> tuple[Any, Any]:
+    """Makes the functions `leaps` and `turns_back`; channels: 1 (luminance) or 3 (RGB)."""
+    Interval: Any = make_interval(channels)
+
+    @wp.func
+    def leaps(params: WindowParameters, scene: WindowScene, one: Interval):
+        """Tells whether ln I goes far in an interval with no instant in it, over one surface that is painted so finely
+        that samples beside a peak tell little of it."""
+        if one.high - one.low > 1 or apart(one.last, one.first) < params.rough:
+            return False
+        t = triangle_of(one.after)
+        if t == MISS or not same_surface(one.before, one.after, scene.targets.pieces):
+            return False
+        return scene.targets.albedo_scale[t] * params.gain < FINE * depth_of(one.after)
+
+    @wp.func
+    def turns_back(there: Interval, here: Interval):
+        """Tells whether ln I goes less far in two intervals in a row than in one of them."""
+        whole = apart(here.last, there.first)
+        return whole < apart(there.last, there.first) or whole < apart(here.last, here.first)
+
+    return leaps, turns_back
 
 
 @wp.func

@@ -11,11 +11,12 @@ from nodes.interpolator.refine.halving.interval_kernels import (
     make_add_interval,
     make_interval,
     make_intervals,
+    make_leaps,
     take_samples,
 )
 from nodes.interpolator.refine.samples.list_kernels import ListPart, end_of, make_add_sample, make_sample_list
 from nodes.interpolator.refine.samples.request_kernels import PARTS
-from nodes.interpolator.refine.window_kernels import WindowParameters, slot_pixel_of
+from nodes.interpolator.refine.window_kernels import WindowParameters, WindowScene, slot_pixel_of
 from nodes.interpolator.rigid.keyframe_kernels import log_of
 from nodes.interpolator.rigid.look_up.log_kernels import apart
 from nodes.interpolator.rigid.plan_kernels import same_surface
@@ -31,6 +32,7 @@ def make_split(channels: int) -> wp.Kernel:
     Interval: Any = make_interval(channels)
     SampleList: Any = make_sample_list(channels)
     add_interval, add_sample = make_add_interval(channels), make_add_sample(channels)
+    leaps, turns_back = make_leaps(channels)
 
     @wp.kernel(module="unique", enable_backward=False)
     def split(
@@ -38,7 +40,8 @@ def make_split(channels: int) -> wp.Kernel:
         params: WindowParameters,
         workers: int,
         number: int,
-        pieces: wp.array(dtype=wp.vec2i),
+        scene: WindowScene,
+        swung: wp.array(dtype=int),
         intervals: Intervals,
         part: ListPart,
         hits: wp.array(dtype=wp.uint64),
@@ -67,30 +70,32 @@ def make_split(channels: int) -> wp.Kernel:
             log_m = log_of(middle)
             share = float(place.i - low) / float(high - low)
             bent = apart(log_m, log_a + share * (log_b - log_a)) > params.bend
+            there = Interval()
+            there.low = low
+            there.high = place.i
+            there.first = log_a
+            there.last = log_m
+            there.before = intervals.before[j]
+            there.after = hits[j]
+            there.painted = painted
+            here = Interval()
+            here.low = place.i
+            here.high = high
+            here.first = log_m
+            here.last = log_b
+            here.before = hits[j]
+            here.after = intervals.after[j]
+            here.painted = painted
+            if bent and leaps(params, scene, there) and leaps(params, scene, here) and turns_back(there, here):
+                wp.atomic_add(swung, place.env, 1)
             for side in range(2):
-                start = wp.where(side == 0, low, place.i)
-                end = wp.where(side == 0, place.i, high)
-                ahead = intervals.before[j]
-                behind = hits[j]
-                from_here = log_a
-                to_there = log_m
+                half = there
                 if side == 1:
-                    ahead = behind
-                    behind = intervals.after[j]
-                    from_here = log_m
-                    to_there = log_b
-                if end > start + 1:
+                    half = here
+                if half.high > half.low + 1:
                     # Before and behind a peak what is painted, or glossy, has the same light.
-                    taken = bent and (painted or apart(from_here, to_there) > params.jump)
-                    if taken or not same_surface(ahead, behind, pieces):
-                        half = Interval()
-                        half.low = start
-                        half.high = end
-                        half.first = from_here
-                        half.last = to_there
-                        half.before = ahead
-                        half.after = behind
-                        half.painted = painted
+                    taken = bent and (painted or apart(half.first, half.last) > params.jump)
+                    if taken or not same_surface(half.before, half.after, scene.targets.pieces):
                         add_interval(params, halves, at, half, out)
             j += workers
 

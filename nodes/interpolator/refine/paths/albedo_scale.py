@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from evis.media.colour import REC709
@@ -15,7 +17,9 @@ DARKEST = 1e-3
 SWING = 1.0
 """Change of ln albedo that counts as a whole swing, where a texture has more."""
 MOST_TEXELS = 1024
-"""Texels along a side of a texture that are looked at; of a larger one every n-th."""
+"""Texels along a side of a texture that are looked at; of a larger one every n-th, and windows of neighbouring ones."""
+WINDOW = 64
+"""Texels along a side of a window, of which there is one in each of BLOCKS x BLOCKS parts of a large texture."""
 BLOCKS = 16
 """Parts along each side of a texture, of which the one with the finest scale counts."""
 
@@ -65,15 +69,48 @@ def _of_texture(material: Material, least: float) -> tuple[float, float] | None:
     """Computes the albedo scale along u and v, in units of these; None of what is even."""
     if material.texture is None:
         return None
-    step = -(-max(material.texture.shape[:2]) // MOST_TEXELS)
-    shown = np.asarray(material.texture, np.float32)[::step, ::step] * np.asarray(material.albedo, np.float32)
-    log = np.log(np.maximum(shown @ np.array(REC709, np.float32), DARKEST))
+    height, width = material.texture.shape[:2]
+    step = -(-max(height, width) // MOST_TEXELS)
+    log = _log_albedo(material, slice(None, None, step), slice(None, None, step))
     swing = float(log.max() - log.min())
-    if swing < least:
-        return None
-    shown_at = [_along(lines, least) for lines in (log, log.T)]
-    along_u, along_v = (min(swing, SWING) * min(1.0 / max(steep, 1e-12), wide / swing) for steep, wide in shown_at)
-    return along_u, along_v
+    scales = [EVEN, EVEN]
+    if swing >= least:
+        scales = [_swings_over(*_along(lines, least), swing) for lines in (log, log.T)]
+    if step > 1:
+        windows = _windows(material)
+        swing = max(float(np.ptp(window)) for window in windows)
+        for k, size in enumerate((width, height) if swing >= least else ()):
+            fine = _swings_over(*_in_windows([(w, w.T)[k] for w in windows], size, least), swing)
+            # What repeats every so many texels is even where every n-th is looked at; what is longer is seen there.
+            if fine * size < 2 * step:
+                scales[k] = min(scales[k], fine)
+    return None if min(scales) >= EVEN else (scales[0], scales[1])
+
+
+def _swings_over(steep: float, wide: float, swing: float) -> float:
+    """Computes the albedo scale from what `_along` gives, and from the greatest change of ln albedo."""
+    return min(swing, SWING) * min(1.0 / max(steep, 1e-12), wide / swing)
+
+
+def _log_albedo(material: Material, rows: slice, columns: slice) -> np.ndarray:
+    """Computes ln albedo float32 of some texels of a material's texture."""
+    assert material.texture is not None
+    shown = np.asarray(material.texture[rows, columns], np.float32) * np.asarray(material.albedo, np.float32)
+    return np.asarray(np.log(np.maximum(shown @ np.array(REC709, np.float32), DARKEST)))
+
+
+def _windows(material: Material) -> list[np.ndarray]:
+    """Gives ln albedo of a window of neighbouring texels in each part of a texture."""
+    assert material.texture is not None
+    starts = [np.unique(np.arange(BLOCKS) * size // BLOCKS) for size in material.texture.shape[:2]]
+    return [_log_albedo(material, slice(y, y + WINDOW), slice(x, x + WINDOW)) for y in starts[0] for x in starts[1]]
+
+
+def _in_windows(windows: Sequence[np.ndarray], size: int, least: float) -> tuple[float, float]:
+    """Computes what `_along` does, of the window in which the gradient is greatest; size: of a line of the texture."""
+    steep = [float(np.abs(np.diff(window, axis=1)).mean()) if window.shape[1] > 1 else 0.0 for window in windows]
+    finest = windows[int(np.argmax(steep))]
+    return max(steep) * size, _width(finest, slice(0, finest.shape[1]), least) / size
 
 
 def _along(lines: np.ndarray, least: float) -> tuple[float, float]:
