@@ -131,7 +131,9 @@ def test_place_in_a_recording_is_not_that_of_another(show: Callable[..., Show], 
         return {"/right/info": info, "/right/events": today, "/cam0/info": camera_info(), "/cam0/events": events(k)}
 
     feet = page.tab.locator('[data-panel="/cam0/events"] .foot'), page.tab.locator('[data-panel="/right/events"] .foot')
-    page.play(both, lambda: all("events" in foot.inner_text() for foot in feet), "both cameras")
+    # The place is written a moment after the panels are.
+    placed = lambda: page.tab.locator("#state").inner_text() != "recording"
+    page.play(both, lambda: placed() and all("events" in foot.inner_text() for foot in feet), "both cameras")
     seen = set[str]()
     for k in range(100, 110):
         page.send(both(k))
