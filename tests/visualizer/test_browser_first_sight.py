@@ -132,7 +132,7 @@ def test_place_in_a_recording_is_not_that_of_another(show: Callable[..., Show], 
 
     feet = page.tab.locator('[data-panel="/cam0/events"] .foot'), page.tab.locator('[data-panel="/right/events"] .foot')
     # The place is written a moment after the panels are.
-    placed = lambda: page.tab.locator("#state").inner_text() != "recording"
+    placed = lambda: re.match(r"recording \d", page.tab.locator("#state").inner_text())
     page.play(both, lambda: placed() and all("events" in foot.inner_text() for foot in feet), "both cameras")
     seen = set[str]()
     for k in range(100, 110):
