@@ -9,7 +9,7 @@ from rigid_rig import FOCAL, GAP, HEIGHT, START, WIDTH, closed_form, keyframe, l
 
 from evis.scene.mesh.shapes import sphere
 from evis.scene.model import Mesh
-from evis.scene.motion import Prescribed, Spin
+from evis.scene.motion import Linear, Prescribed, Spin
 from nodes.interpolator.refine.light.facets import width_of
 from nodes.interpolator.refine.method import Refined
 from nodes.interpolator.rigid import Rigid, RigidOptions
@@ -34,11 +34,11 @@ def drum(sides=SIDES, radius=RADIUS, half=2.0, smooth=True):
     return Mesh(points, faces.astype(np.int32), normals=normals if smooth else None)
 
 
-def spinning(mesh, rate=RATE, shadows=False):
+def spinning(mesh, rate=RATE, shadows=False, camera_motion=None):
     """A thing that turns on its axis before the camera, under a low sun."""
     things = [(mesh, plain(0.5), Prescribed(pose(z=AWAY), [Spin(UP, rate)]))]
     sun = replace(lamp(shadows=shadows), kind="directional", vector=-SUN, colour=np.full(3, 3.0))
-    return world(things, lights=[sun], sky=SKY)
+    return world(things, camera_motion=camera_motion, lights=[sun], sky=SKY)
 
 
 def dark_times(columns, times):
@@ -124,6 +124,15 @@ def test_as_many_looks_as_facets_come_by(mesh, rate, expected):
     """A side of the drum, 0.13 m wide, is on a point for 1.7 ms at 150 rad/s, and looked at 32 times in that; one that
     is on it for less than 1.5 of the closest looks is counted alone."""
     assert parts_of(spinning(mesh, rate)) == expected
+
+
+@pytest.mark.parametrize(("speed", "expected"), [(0.0, False), (2_000.0, True)])
+def test_the_kernel_is_built_beforehand_where_the_camera_comes_near(speed, expected):
+    comes = Prescribed(pose(z=-2_000.0), [Linear(np.array([0.0, 0.0, speed]))])
+    scene = spinning(drum(), camera_motion=comes)
+    rigid = Rigid(scene, scene.cameras[0], 1, K, 0, options=RigidOptions(single=True))
+    built = {kernel.key for kernel, _ in Refined(rigid, TOLERANCE, 1).refinement.kernels()}
+    assert any(key.endswith("find_light_changes") for key in built) == expected
 
 
 def test_the_width_of_triangles_is_that_of_most_of_their_area():

@@ -108,25 +108,21 @@ class LightVisibility:
         return make_find_light_changes(self._changes, self._rigid.shading.occluders.trees)
 
     def likely(self) -> bool:
-        """Predicts whether gaps will have such shadows, as far as prescribed motion tells; beside a GPU there are cores
-        enough to be ready for what physics moves."""
+        """Predicts whether gaps will have such shadows, as far as prescribed motion tells; beside a GPU, where a kernel
+        takes up to twenty seconds to compile, there are cores enough to be ready in any case."""
         if not self._changes.passes and not self._facets.any:
             return False
         v, movers = self._rigid.visibility, self._rigid.placement.movers
-        paths = [v.scene.bodies[body].trajectory for body in movers]
-        if v.device.is_cuda and None in paths:
+        if v.device.is_cuda:
             return True
         times = np.linspace(0, LOOKED_AT_NS, LOOKS).astype(np.int64)[:, None] + np.array([0, SHORT_NS])
-        moved = np.zeros((len(times), 2, 1, len(movers), 7))
-        moved[..., 6] = 1.0
-        for m, path in enumerate(paths):
+        poses = np.broadcast_to(se3.IDENTITY, (*times.shape, 1, len(v.scene.bodies), 7)).copy()
+        for n, path in enumerate(body.trajectory for body in v.scene.bodies):
             if path is not None:
-                moved[:, :, 0, m] = path.pose(times.ravel()).reshape(*times.shape, 7)
-        still, apart = np.broadcast_to(se3.IDENTITY, (1, len(v.scene.bodies), 7)).copy(), np.array([SHORT_NS])
-        for body, path in enumerate(b.trajectory for b in v.scene.bodies):
-            if path is not None:
-                still[0, body] = path.pose(np.zeros(1, np.int64))[0]
-        looks = [min(seen[0] for seen in self._looks_apart(pair, still, apart)) for pair in moved]
+                poses[:, :, 0, n] = path.pose(times.ravel()).reshape(*times.shape, 7)
+        apart = np.array([SHORT_NS])
+        # What of a facet is seen is up to where the camera is then.
+        looks = [min(seen[0] for seen in self._looks_apart(pair[:, :, movers], pair[0], apart)) for pair in poses]
         return bool(min(looks) * 2 < USUAL_NS)
 
     def parts(
