@@ -9,6 +9,7 @@ import pytest
 from bench.interpolation.pipeline import reference, simulate
 from bench.interpolation.random_scenes import RATE, random_scene
 from evis.events.measure.distance import victor_purpura
+from evis.gpu.host_copies import host_array
 from evis.runtime.clock import NS, keyframe_stamp
 from nodes.interpolator.auto.setting import LIGHT
 from nodes.interpolator.auto.world import World
@@ -78,3 +79,29 @@ def test_samples_between_frames_are_near_dense_rendering(seed):
     """The worst two lose 15 % of their events, where frames have errors of 0.65 and 0.78."""
     (frames, _), (samples, change) = errors(seed, 16_000.0)
     assert samples < max(0.05, 0.5 * frames) and abs(change) < 0.2
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("seed", [0, 2, 7, 9, 11, 19, 23, 26])
+def test_a_gpu_takes_the_samples_of_a_cpu(seed):
+    """Of 32 scenes the worst differs in 1.2 % of its pixels, by one sample each, and in 0.014 % of the values."""
+    scene, found = random_scene(seed), {}
+    made = keyframes(scene)
+    for device in ("cpu", "cuda"):
+        how = {"scene": scene, "camera": scene.camera("cam0"), "time_tolerance": 3e-4, "device": device}
+        alone, gaps = Interpolator("rigid", 4, **how), []
+        for one in made:
+            alone.push(one.stamp_ns, one.episodes, one.image, None, None, states=one.states)
+            further = alone.further
+            gaps += [[np.array(host_array(a)) for a in further.arrays(False)]] if further is not None else []
+        found[device] = gaps
+    assert found["cpu"]
+    for (first, offset, value), (own_first, own_offset, own) in zip(found["cpu"], found["cuda"], strict=True):
+        counts, own_counts = np.diff(first), np.diff(own_first)
+        same = counts == own_counts
+        assert same.mean() > 0.98 and abs(own_counts.sum() / max(counts.sum(), 1) - 1) < 1e-3
+        mine, theirs = np.repeat(same, counts), np.repeat(same, own_counts)
+        together = offset[mine] == own_offset[theirs]
+        assert together.mean() > 0.999
+        apart = np.abs(np.log(np.maximum(own[theirs], 1e-9) / np.maximum(value[mine], 1e-9)))[together]
+        assert (apart > 0.02).mean() < 1e-3
