@@ -65,7 +65,10 @@ def _at_once(plan: Plan) -> str:
     if plan.single:
         return f"one, for {plan.single}"
     given = [node.params[BATCH] for node in plan.nodes.values() if node.params.get(BATCH)]
-    return f"{given[0]}" if given else "as many as pay, which nodes find at the start (batch:=N gives another number)"
+    if given:
+        return f"{given[0]}"
+    until = f"; one at a time once a program attaches, for {plan.waits}" if plan.waits else ""
+    return f"as many as pay, which nodes find at the start (batch:=N gives another number){until}"
 
 
 def _said(value: Any) -> str:

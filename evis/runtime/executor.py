@@ -91,9 +91,17 @@ class Executor(Outputs):
             waits=self.plan.mode == "lockstep",
             now_ns=lambda: self.profile.node(host.name).stamp_ns,
             say=lambda level, text: self.diagnose(host.node, level, text),
+            on_control=self._take_singly,
             note="; the bag keeps what comes of its actions, and not the actions" if recorded else "",
         )
         return host.outside
+
+    def _take_singly(self) -> None:
+        """Has every node take one stamp at a time, because a program outside waits for what comes of each."""
+        for host in self._hosts.values():
+            if host.takes_several:
+                with NodeCall(self.profile, host.name):
+                    host.node.take_singly()
 
     # -- life --------------------------------------------------------------------------------------------------------
 

@@ -158,8 +158,8 @@ class Node:
     gathers: int = 1
     """Stamps that it waits for, to take them at once by `update_all`; more than 1 only where it `may_gather`."""
     may_gather: bool = False
-    """Whether `update_all` is called, for nobody waits for what comes of a single stamp (`Plan.single`); set by the
-    executor before setup."""
+    """Whether `update_all` is called, for nobody waits for what comes of a single stamp (`Plan.single`) until
+    `take_singly`; set by the executor before setup."""
     may_lag: bool = False
     """Whether what comes of a stamp may be published when the next one is under way, for nobody waits for it
     (`Plan.waits`); set by the executor before setup."""
@@ -301,6 +301,10 @@ class Node:
         """
         for one in inputs:
             self.update(one)
+
+    def take_singly(self) -> None:
+        """Takes one stamp at a time from now on, because somebody waits for what comes of each."""
+        self.gathers = 1
 
     def receive(self, port: str, message: Message) -> None:
         """Takes a message of an input that is not joined, or of a latched topic."""

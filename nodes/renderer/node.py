@@ -288,7 +288,7 @@ class RendererNode(Node):
         from nodes.renderer.renderer import LAST
 
         if self.gathers == 1 or any(isinstance(s := one["state"], WorldState) and s.own is not None for one in inputs):
-            self._render_singly()
+            self.take_singly()
             super().update_all(inputs)
             return
         states = [self._state(one) for one in inputs]
@@ -304,11 +304,12 @@ class RendererNode(Node):
             before = np.concatenate([befores[row] for row in rows]) if self.wants("motion") else LAST
             self._render(some, poses, before, np.array([some[row].header.stamp_ns for row in rows]))
 
-    def _render_singly(self) -> None:
-        """From now on, one state at a time."""
+    def take_singly(self) -> None:
+        """Renders one state at a time from now on."""
         if self.gathers > 1:
             self.finish()
-            self.gathers, self._new = 1, True
+            super().take_singly()
+            self._new = True
             self.renderer = self._renderers(self.worlds.groups(appearance))
             self.renderer.prepare(self._wanted())
 

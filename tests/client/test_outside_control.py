@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -364,6 +365,23 @@ def test_a_loop_is_closed_step_by_step(launch: Callable[..., Launched], words: t
     assert stamps[0] == 0 and len(set(stamps)) == 21, "who is there before the graph goes has it from the start"
     np.testing.assert_allclose(np.diff(stamps), 1e9 / 30, atol=1)
     assert "outside_actions=20" in text and "has left /action" in text and "the step at" not in text
+
+
+def test_who_comes_amid_keyframes_made_at_once_has_each_before_its_step(launch: Callable[..., Launched]) -> None:
+    graph = launch("robot_arm", "width:=32", "height:=24", "audit:=0", "--no-view", "--compose")
+    with evis.connect(wait_s=LIMIT_S) as run:
+        (plan,) = Path(os.environ["XDG_RUNTIME_DIR"]).glob("evis/*/plan.json")
+        assert json.loads(plan.read_text())["single"] == "", "several at once"
+        packets = run.topic("/cam0/events", every=True)
+        while packets.read(LIMIT_S).header.stamp_ns < 1_000_000_000:
+            pass
+        run.take()
+        for k in range(12):
+            due = run.due()
+            while packets.read(LIMIT_S).header.stamp_ns < due:
+                pass
+            run.act(np.full(6, 0.01 * k), stamp_ns=due)
+    assert "outside_actions=12" in graph.end()
 
 
 def test_the_script_of_the_page(launch: Callable[..., Launched], tmp_path: Path) -> None:

@@ -313,7 +313,11 @@ def test_several_at_once_only_where_nobody_waits() -> None:
     # It has no actuators; who asks for control is told so.
     assert composed("falling_objects").single == ""
     assert set(composed("falling_objects").nodes["physics"].outside) == {"action", "reset"}
-    assert "a program outside may give /action" in composed("robot_arm").single
+    # Until one does, which the process is told of that has all nodes.
+    assert composed("robot_arm").single == ""
+    assert set(composed("robot_arm").nodes["physics"].outside) == {"action", "reset"}
+    assert "a program outside may give /action" in composed("robot_arm").waits
+    assert "several processes" in on_gpu("robot_arm").single
     asked = composed("robot_arm", batch=4)
     assert asked.single == ""
     assert list(asked.nodes["physics"].outside) == ["reset"]
@@ -326,6 +330,23 @@ def test_several_at_once_only_where_nobody_waits() -> None:
         composed("spinning_disk", pace="realtime", batch=4)
     stepped = Options(view=False, grouping="compose", stepped=True)
     assert plan_target("spinning_disk", SMALL, stepped).single == "its caller takes one step at a time"
+
+
+@pytest.mark.parametrize("given", [{}, {"time_tolerance": 0.0005, "preset": "davis346", "width": 48, "height": 36}])
+def test_who_takes_control_in_a_batch_changes_no_message_before_an_action(given: dict[str, Any]) -> None:
+    """And from then on the events of a state are there before the next one."""
+    order: list[tuple[int, int]] = []
+
+    def at_state(executor: Executor, k: int) -> None:
+        if k == 5:
+            executor._take_singly()
+        order.append((k, executor.progress()["events"]))
+
+    want = published("robot_arm", batch=1, **given)
+    assert published("robot_arm", at_state, **given) == want
+    seen = dict(order)
+    assert seen[1] == seen[4] == 0, "nothing of a batch before it is there"
+    assert seen[6] > 0 and len({seen[k] for k in range(5, 9)}) == 4
 
 
 def test_what_comes_of_a_keyframe_may_lag_where_nobody_waits_for_it() -> None:

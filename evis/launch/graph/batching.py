@@ -17,8 +17,9 @@ def who_waits(plan: Plan, nodes: Sequence[WiredNode], stepped: bool) -> tuple[st
     """Says why somebody waits for what comes of each keyframe of a graph, and why every keyframe is made by itself,
     which has the same reason or another; "" where nobody does, and where several may be made at once.
 
-    A program outside that can publish to a delayed input, such as /action, may wait for keyframes. Where the user asks
-    for several at once, these inputs are taken out of the plan, so that no program outside can.
+    A program outside that can publish to a delayed input, such as /action, may wait for keyframes. In the process that
+    has this input nodes make several at once until one does (`Node.take_singly`). Where the user asks for several at
+    once, these inputs are taken out of the plan, so that no program outside can.
 
     Args:
         plan: of the graph; `outside` of its nodes is changed.
@@ -52,9 +53,11 @@ def who_waits(plan: Plan, nodes: Sequence[WiredNode], stepped: bool) -> tuple[st
         if asked:
             for port in ports:
                 del plan.nodes[node.name].outside[port]
-        else:
-            given = f"a program outside may give {plan.nodes[node.name].outside[ports[0]]}"
-            return waits or given, given
+        elif not waits:
+            # The process that it comes to knows when it does, and has its own nodes take one keyframe at a time then.
+            waits = f"a program outside may give {plan.nodes[node.name].outside[ports[0]]}"
+            there = {plan.nodes[other.name].process for other in awake if BATCH in other.params}
+            single = single or ("" if there == {plan.nodes[node.name].process} else waits)
     return waits, single
 
 

@@ -28,8 +28,8 @@ class OutsideInputs:
 
     node: whose inputs they are. ports: the inputs that nobody in the graph gives, with their topics. directory: of the
     run. waits: whether steps may wait for a controller; a run that keeps to the wall clock cannot. now_ns: tells the
-    stamp that the node published last [ns]. say: takes a level and a line for the user. note: what a controller is told
-    of in the log beside its name.
+    stamp that the node published last [ns]. say: takes a level and a line for the user. on_control: called before a
+    controller is let in. note: what a controller is told of in the log beside its name.
     """
 
     def __init__(
@@ -41,6 +41,7 @@ class OutsideInputs:
         waits: bool,
         now_ns: Callable[[], int],
         say: Say,
+        on_control: Callable[[], None],
         note: str = "",
     ) -> None:
         self._node = node
@@ -49,6 +50,7 @@ class OutsideInputs:
         self._waits = waits
         self._now_ns = now_ns
         self._say = say
+        self._on_control = on_control
         self._listener: Listener | None = None
         self._links: list[Link] = []
         self._look_at = 0.0
@@ -140,6 +142,7 @@ class OutsideInputs:
             raise ValueError("who must be a text: the name that the log tells")
         name = " ".join(name.split())[:LONGEST_NAME]
         who = f"{name} (process {link.peer}, outside)"
+        self._on_control()
         controlled.begin_control(link, who, self._now_ns(), lockstep, patience_s)
         answer(link, op="welcome", lockstep=lockstep, offer=offer, stamp_ns=self._now_ns())
 
