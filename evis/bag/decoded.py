@@ -25,7 +25,7 @@ def decoded_events(reader: BagReader, topic: str, env: int | None = None) -> Ite
     decoder here.
     """
     from evis.events.arrays import Events
-    from evis.events.codecs.decoder import make_decoder
+    from evis.events.codecs.decoder import decoder_for
 
     decoder: Decoder | None = None
     for _, packet in reader.messages([topic]):
@@ -36,7 +36,7 @@ def decoded_events(reader: BagReader, topic: str, env: int | None = None) -> Ite
             yield packet, whole if env is None else whole[packet.env_offsets[env] : packet.env_offsets[env + 1]]
             continue
         try:
-            decoder = decoder or make_decoder(packet.encoding, packet.width, packet.height)
+            decoder = decoder or decoder_for(packet.encoding, packet.width, packet.height)
         except ValueError as error:
             raise BagError(f"{topic}: {error}") from None
         raw = np.empty(0, np.uint8) if packet.raw is None else packet.raw

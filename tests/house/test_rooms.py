@@ -21,7 +21,7 @@ MOST_FILES = 20
 MANY_FILES = 15
 """Rooms with more are warned of."""
 
-TOLD = ["nodes/camera", "nodes/event_sensor", "nodes/interpolator", "nodes/labeler", "nodes/renderer"]
+TOLD = ["evis/events", "nodes/camera", "nodes/event_sensor", "nodes/interpolator", "nodes/labeler", "nodes/renderer"]
 """Deep rooms whose packages tell the way of the data in them."""
 
 LAZY = {"importlib.metadata", "difflib"}

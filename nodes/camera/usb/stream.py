@@ -235,8 +235,7 @@ class ReadingStream:
         assert self._t0 is not None
         events = self._buffer.events() if self._buffer is not None else Events.empty()
         if self._aside:
-            aside = Events.concatenate(self._aside)
-            events.triggers, events.imu, events.frames = aside.triggers, aside.imu, aside.frames
+            events = events.beside(Events.concatenate(self._aside))
         if self.imu_reader is not None:
             to_device = self.clock.to_device if self._live and self.clock.known else None
             events.imu = self.imu_reader.take(None if last else self._stamp, to_device)
@@ -284,11 +283,7 @@ class ReadingStream:
             self.imu_reader.wait_until_quiet()
         self._chunk = None
         reading = self._close_interval(last=True)
-        return reading if len(reading.events) or self._has_more(reading.events) else None
-
-    @staticmethod
-    def _has_more(events: Events) -> bool:
-        return bool(len(events.triggers) or len(events.imu) or events.frames)
+        return reading if len(reading.events) or reading.events.has_aside else None
 
 
 def _shift_aside(events: Events, offset_ns: int) -> None:

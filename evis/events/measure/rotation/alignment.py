@@ -67,7 +67,7 @@ def in_view(
 
 
 def _weights(tau: np.ndarray, half_s: float) -> np.ndarray:
-    """A cosine taper in time, the same for busy and quiet parts of the window; the sum is 1."""
+    """Computes a cosine taper in time, the same for busy and quiet parts of the window; the sum is 1."""
     part = ((tau + half_s) * (8 / half_s)).astype(np.int64).clip(0, 15)
     counts = np.bincount(part, minlength=16)
     weight = np.cos(np.pi / 2 * tau / half_s) ** 2 / (counts[part] + 0.2 * counts.mean() + 1)
