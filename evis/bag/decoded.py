@@ -1,4 +1,4 @@
-"""Reads the events of a bag's topic, whatever they were recorded as."""
+"""Reads the events of a bag's topic, decoded where they were recorded as a sensor's own bytes."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ if TYPE_CHECKING:
 
 
 def decoded_events(reader: BagReader, topic: str, env: int | None = None) -> Iterator[tuple[EventPacket, Events]]:
-    """Yields (packet, its events); a sensor's own bytes are decoded by one decoder that keeps its state between
-    packets.
+    """Yields (packet, its events); one decoder decodes a sensor's own bytes and keeps its state between packets.
 
     env: the environment whose events to give, all of them when None. Raises BagError for an encoding that has no
     decoder here.

@@ -21,7 +21,17 @@ MOST_FILES = 20
 MANY_FILES = 15
 """Rooms with more are warned of."""
 
-TOLD = ["evis/events", "nodes/camera", "nodes/event_sensor", "nodes/interpolator", "nodes/labeler", "nodes/renderer"]
+TOLD = [
+    "evis/bag",
+    "evis/events",
+    "nodes/camera",
+    "nodes/event_sensor",
+    "nodes/interpolator",
+    "nodes/labeler",
+    "nodes/recorder",
+    "nodes/renderer",
+    "nodes/replayer",
+]
 """Deep rooms whose packages tell the way of the data in them."""
 
 LAZY = {"importlib.metadata", "difflib"}
