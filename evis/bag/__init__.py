@@ -10,6 +10,8 @@ The way of a message:
 
 `info.py` describes a bag, `recover.py` makes a torn one whole, `export/` writes single topics to files, and
 `recording.py` reads events of any MCAP file as a recording.
+
+Nothing here is imported before it is used, so that a graph without a bag loads none of it.
 """
 
 

@@ -1,4 +1,4 @@
-"""Sends the lossy copy of a topic to viewers and tools: own socket, rate-limited, silent while nobody listens.
+"""Sends taps of a topic their copies: a limited number a second, and only while one listens.
 
 A full queue drops, here or at the listener; sequence numbers tell it how much it missed.
 """

@@ -15,7 +15,16 @@ from import_graph import ROOT
 VERB = re.compile(r"[A-Z][a-z]+s\b")
 """A verb in the third person, as far as its ending tells: plural nouns pass too, which a reviewer has to see."""
 
-WHOLE = ["evis/bag", "evis/events", "nodes/camera", "nodes/recorder", "nodes/replayer"]
+WHOLE = [
+    "evis/bag",
+    "evis/bus",
+    "evis/events",
+    "evis/runtime",
+    "evis/supervisor",
+    "nodes/camera",
+    "nodes/recorder",
+    "nodes/replayer",
+]
 
 Definition = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 

@@ -23,7 +23,10 @@ MANY_FILES = 15
 
 TOLD = [
     "evis/bag",
+    "evis/bus",
     "evis/events",
+    "evis/runtime",
+    "evis/supervisor",
     "nodes/camera",
     "nodes/event_sensor",
     "nodes/interpolator",
