@@ -36,6 +36,9 @@ class Clock:
     """Holds the current time and the counts: the part of the state that DAVIS and DVXplorer share.
 
     timed: a time has come. offset, now: base of the times and time [us].
+
+    The kernels set its fields one by one in their loops: with a struct assigned as a whole the compiler keeps it in
+    memory, which made them four times as slow.
     """
 
     timed: wp.int64
