@@ -5,7 +5,7 @@ import threading
 import numpy as np
 import pytest
 from bag_messages import scene
-from test_recorder_replayer import make
+from hand_driven_nodes import make_node
 
 from evis.bag import BagError
 from evis.bag.reader import BagReader
@@ -138,7 +138,7 @@ def test_many_of_one_topic_keep_no_other_waiting():
 def test_a_slow_recorder_writes_the_same_bag(tmp_path, monkeypatch):
     """Arrays are read after `receive` has returned."""
     for name, wait_s in (("a", 0.0), ("b", 0.01)):
-        node = make(RecorderNode, path=str(tmp_path / name), topics=["*"])
+        node = make_node(RecorderNode, path=str(tmp_path / name), topics=["*"])
         node.setup()
         write, pause = node.recorder.write, threading.Event()
         monkeypatch.setattr(node._handover, "_take", lambda *m, s=wait_s, r=write, p=pause: (p.wait(s), r(*m)))
