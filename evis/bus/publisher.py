@@ -86,7 +86,7 @@ class Publisher(Lender):
         self._consumers.attach(router)
         self._poller = wire.poller(self._consumers.inbox.fileno(), data, router, tap)
         self._handlers = {
-            data: self._consumers.handle_xpub, router: self._consumers.handle_router, tap: self._tap.subscription,
+            data: self._consumers.handle_xpub, router: self._consumers.handle_router, tap: self._tap.handle_xpub,
         }  # fmt: skip
         bind(data, self.endpoints.lockstep)
         bind(router, self.endpoints.credit)

@@ -63,7 +63,7 @@ HEAD = 4096
 
 
 class RecordingError(ValueError):
-    """Says that a recording is missing, damaged or of an unknown kind. The text names the file and the remedy."""
+    """Reports that a recording is missing, damaged or of an unknown kind. The text names the file and the remedy."""
 
     def __init__(self, text: str) -> None:
         # names inside a file can hold anything; the error is one line

@@ -37,8 +37,11 @@ class Packed(NamedTuple):
 
 
 class Packer:
-    """Compresses chunks with zstd. threads: how many share the work; large chunks have as many of their own, so that
-    nobody who packs the next message waits behind them."""
+    """Compresses chunks with zstd.
+
+    threads: how many share the work. Large chunks have as many threads of their own, so that the next message need not
+    wait for them.
+    """
 
     def __init__(self, threads: Threads) -> None:
         self._threads = threads

@@ -11,7 +11,7 @@ import numpy as np
 from nodes.camera.inivation.fx3 import APS, CHIP, DVS, IMU, INPUT, TRANSPOSED, Fx3Camera, sequences
 from nodes.camera.interface.driver import DeviceInfo
 from nodes.camera.interface.settings import Configuration, setting
-from nodes.camera.usb.access import label
+from nodes.camera.usb.access import UNSUPPORTED, label
 from nodes.camera.usb.driver import UsbSettings
 from nodes.camera.usb.region import region_of, roi_columns, roi_left, roi_rows, roi_top
 
@@ -115,7 +115,7 @@ class Camera(Fx3Camera):
         r = self.registers
         size = r.read(DVS, 0), r.read(DVS, 1)
         if sorted(size) != [HEIGHT, WIDTH]:
-            raise OSError(f"{self.name}: unknown sensor of {size[0]}x{size[1]} px, not {WIDTH}x{HEIGHT}")
+            raise OSError(f"{self.name}: unknown sensor of {size[0]}x{size[1]} px, not {WIDTH}x{HEIGHT}; {UNSUPPORTED}")
         self._clocks = r.clocks()
         self._lists = sequences("davis346")
         self._global_shutter = r.read(APS, 6)

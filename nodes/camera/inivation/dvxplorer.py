@@ -11,7 +11,7 @@ from nodes.camera.inivation import dvxplorer_micro
 from nodes.camera.inivation.fx3 import CHIP, DEBUG_IN, DVS, IMU, INPUT, SYSTEM, TRANSPOSED, Fx3Camera, sequences
 from nodes.camera.interface.driver import DeviceInfo
 from nodes.camera.interface.settings import Configuration, setting
-from nodes.camera.usb.access import label
+from nodes.camera.usb.access import UNSUPPORTED, label
 from nodes.camera.usb.driver import UsbSettings
 from nodes.camera.usb.imu_endpoint import ImuEndpointReader
 from nodes.camera.usb.models import MODELS
@@ -113,7 +113,9 @@ class Camera(Fx3Camera):
         m = self.model
         size = self.registers.read(DVS, 0), self.registers.read(DVS, 1)
         if sorted(size) != [m.height, m.width]:
-            raise OSError(f"{self.name}: unknown sensor of {size[0]}x{size[1]} px, not {m.width}x{m.height}")
+            raise OSError(
+                f"{self.name}: unknown sensor of {size[0]}x{size[1]} px, not {m.width}x{m.height}; {UNSUPPORTED}"
+            )
         details["usb"] = label(self.device)
         details["dvs_orientation"] = self.registers.read(DVS, 2)
         details["imu_orientation"] = 0 if self.micro else self.registers.read(IMU, 1)

@@ -11,7 +11,7 @@ from nodes.camera.interface.settings import Configuration
 from nodes.camera.treuzell import gen31, genx320, imx636
 from nodes.camera.treuzell.protocol import CONTROL_IN, CONTROL_OUT, DATA_IN, Board, TreuzellError
 from nodes.camera.treuzell.sensor import Registers, sequences
-from nodes.camera.usb.access import claim, drain, label, string_descriptor
+from nodes.camera.usb.access import UNSUPPORTED, claim, drain, label, string_descriptor
 from nodes.camera.usb.driver import UsbDriver
 from nodes.camera.usb.models import CYPRESS, MODELS, Model
 
@@ -75,7 +75,7 @@ class Camera(UsbDriver):
             try:
                 self._sensor.check(self.registers)
             except TreuzellError as e:
-                raise OSError(f"{self.name}: {e}") from None
+                raise OSError(f"{self.name}: {e}; {UNSUPPORTED}") from None
         self._lists = sequences(self._name_of_start_lists())
         details = {
             "firmware": version,
@@ -96,7 +96,7 @@ class Camera(UsbDriver):
                 alternate = self.device.idVendor != CYPRESS or self.device.bcdDevice >= ALTERNATE_FROM
                 claim(self.device, interface.bInterfaceNumber, alternate)
                 return
-        raise OSError(f"{self.name}: no interface with the endpoints of a Treuzell board")
+        raise OSError(f"{self.name}: no interface with the endpoints of a Treuzell board; {UNSUPPORTED}")
 
     def _find_sensor(self, compatible: list[list[str]]) -> tuple[Sensor, int]:
         """Finds the sensor that the board's compatible strings name, and its sub-device. Raises OSError."""
@@ -106,7 +106,7 @@ class Camera(UsbDriver):
                     return sensor, index
         found = ", ".join(s for strings in compatible for s in strings) or "none"
         known = ", ".join(s for sensor in SENSORS for s in sensor.compatible)
-        raise OSError(f"{self.name}: unknown sensor ({found}); known are {known}")
+        raise OSError(f"{self.name}: unknown sensor ({found}); known are {known}; {UNSUPPORTED}")
 
     def _model_of_board(self, product: str) -> Model:
         """Finds the model of an EVK board by its sensor, and by the product's name for the IMX636: all share their USB

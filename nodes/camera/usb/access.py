@@ -18,6 +18,8 @@ PERMISSION = (
     "`sudo udevadm control --reload && sudo udevadm trigger`, and plug it in again"
 )
 NO_LIBUSB = "libusb-1.0 was not found: `pip install 'evis[usb]'` brings it, or install your system's libusb-1.0"
+UNSUPPORTED = "evis cannot drive it: record with the maker's program, and play that with file:=REC or --file REC"
+"""What a user can do with a camera that has another sensor than those that the driver knows."""
 DRAIN_READS, DRAIN_MS = 64, 10
 """Most reads that empty a camera's buffers, and how long each waits [ms]."""
 CONTROL_MS = 1000

@@ -1,4 +1,4 @@
-"""Finds where the events are in an HDF5 file, by who wrote it."""
+"""Finds where the events are in an HDF5 file, in the layout of the program that wrote it."""
 
 from __future__ import annotations
 
