@@ -20,7 +20,7 @@ from nodes.camera.interface.settings import Configuration, setting
 from nodes.camera.usb.access import Bus, StreamEnd, Unplugged, label, readable_error, release
 from nodes.camera.usb.models import Model
 from nodes.camera.usb.reader import Reader
-from nodes.camera.usb.stream import ReadingStream
+from nodes.camera.usb.stream import PacketRule, ReadingStream
 
 if TYPE_CHECKING:
     from evis.events.codecs.decoder import Decoder
@@ -198,10 +198,8 @@ class UsbDriver(Driver):
         # a recording behind an emulated device may come late, its quiet intervals close when the next event is there
         live = self._live and not self.wait_when_full
         shift_ns = feed.shift_ns if feed else 0
-        longest_ns = round(s.longest_ms * 1e6)
-        self._stream = ReadingStream(
-            reader, decoder, packet_ns, s.raw, live, shift_ns, longest_ns, self.allocate, self._make_imu_reader()
-        )
+        rule = PacketRule(packet_ns, round(s.longest_ms * 1e6), live, shift_ns, s.raw)
+        self._stream = ReadingStream(reader, decoder, rule, self.allocate, self._make_imu_reader())
         first = feed.first_ns if feed else None
         self.t0_ns = 0 if first is None else packet_boundary(first, packet_ns)
         self._stream.start()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -32,13 +33,28 @@ SPARE = 1.25
 """Room of a packet's arrays against the largest packet so far."""
 
 
+@dataclass(frozen=True)
+class PacketRule:
+    """Describes how a stream is cut into packets.
+
+    packet_ns: length of a packet's interval on the device's clock. longest_ns: of a packet while the host is behind a
+    live source. live: the source runs with the host's clock, which may close a quiet interval. origin_ns: added to all
+    times. raw: packets carry the wire bytes too.
+    """
+
+    packet_ns: int
+    longest_ns: int = 0
+    live: bool = False
+    origin_ns: int = 0
+    raw: bool = False
+
+
 class ReadingStream:
     """Decodes the chunks of a reader and cuts the events into readings of packet_ns each.
 
     Cuts lie before the first event later than the boundary, as in a recording played back: events whose time steps
     back stay in their place. After a gap the decoder waits for the next time word, and its time is carried to the turn
-    of the counter nearest to where the device's clock must be. live: the host's clock may close a quiet interval; not
-    for a source that runs faster or slower than its own clock. origin_ns is added to all times.
+    of the counter nearest to where the device's clock must be.
 
     A live source is not made to wait. When its buffers wait for longer than half a packet, the packet at hand
     takes in the following intervals until the host has caught up, up to longest_ns and as far as its arrays (or
@@ -52,15 +68,12 @@ class ReadingStream:
         self,
         reader: Reader,
         decoder: Decoder,
-        packet_ns: int,
-        raw: bool,
-        live: bool,
-        origin_ns: int = 0,
-        longest_ns: int = 0,
+        rule: PacketRule,
         allocate: Allocate = plain,
         imu_reader: ImuEndpointReader | None = None,
     ) -> None:
-        self.reader, self.decoder, self.packet_ns, self._raw, self._live = reader, decoder, packet_ns, raw, live
+        self.reader, self.decoder = reader, decoder
+        self.packet_ns, self._raw, self._live = rule.packet_ns, rule.raw, rule.live
         self.imu_reader = imu_reader
         self.clock = ClockMap()
         self.counts: Counter[str] = Counter()
@@ -70,13 +83,13 @@ class ReadingStream:
         self._chunk: Chunk | None = None
         self._t0: int | None = None
         self._stamp = 0
-        self._origin = self._offset = origin_ns
+        self._origin = self._offset = rule.origin_ns
         self._newest: int | None = None
         self._clock_due = False
         self._realign = False
         self._lost = 0
-        self._longest_ns = longest_ns if live else 0
-        self._behind_ns = max(packet_ns // 2, LEAST_BEHIND_NS)
+        self._longest_ns = rule.longest_ns if rule.live else 0
+        self._behind_ns = max(rule.packet_ns // 2, LEAST_BEHIND_NS)
         self._allocate = allocate
         self._buffer: EventBuffer | None = None
         self._largest = 0
