@@ -28,9 +28,11 @@ demo: .venv/base
 # processes, pages and devices more than they compute: JOBS of these at once. All others look at clocks and come alone.
 JOBS ?= 2
 COMPUTE := $(addprefix tests/,simulation dataset launch/test_keyframes_at_once.py shares bench rate_divider \
-  cli/test_extreme_graphs.py cli/test_auto_choice.py runtime/test_device_arrays.py runtime/test_headers.py python audit env \
+  cli/test_extreme_graphs.py cli/test_auto_choice.py runtime/test_device_arrays.py \
+  gpu/test_precompiled_headers.py python audit env \
   event_sensor events frame_camera geometry house imu interpolator labeler measure media msgs physics renderer resets scene)
-WAIT := $(addprefix tests/,visualizer client camera bag cli runtime/test_building.py runtime/test_neighbours.py \
+WAIT := $(addprefix tests/,visualizer client camera bag cli gpu/test_parallel_kernel_builds.py \
+  runtime/test_shadowed_modules.py \
   launch/test_early_start.py launch/test_explained_warnings.py launch/test_secrets.py launch/test_hostile_yaml.py \
   launch/test_shipped_launch_files.py launch/test_arguments_without_effect.py launch/test_documented_launch_files.py)
 

@@ -68,7 +68,7 @@ class FloodCameraNode(CameraNode):
 
     def _open(self) -> None:
         from nodes.camera.emulated.bus import driver_on
-        from nodes.camera.emulated.feed import FloodFeed
+        from nodes.camera.emulated.flood_feed import FloodFeed
         from nodes.camera.usb.models import MODELS
 
         p = self.params

@@ -1,4 +1,4 @@
-"""Attaches a recorder to a running graph: it taps the topics, so it can slow nobody, and counts what it missed."""
+"""Records a running graph by taps on its topics, so that it can slow nobody; what it missed is counted."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Taps:
             self._subscribers[topic] = subscriber
 
     def run(self, receive: Callable[[str, Message], None], duration_s: float | None, alive: Callable[[], bool]) -> None:
-        """Hands over messages until `duration_s` is over, the graph is gone or all topics have ended."""
+        """Receives messages until `duration_s` is over, the graph is gone or all topics have ended."""
         from evis.bus import END
 
         ending = None if duration_s is None else time.monotonic() + duration_s

@@ -1,4 +1,4 @@
-"""Reads the events of a bag's topic, whatever they were recorded as."""
+"""Reads the events of a bag's topic, decoded where they were recorded as a sensor's own bytes."""
 
 from __future__ import annotations
 
@@ -18,14 +18,13 @@ if TYPE_CHECKING:
 
 
 def decoded_events(reader: BagReader, topic: str, env: int | None = None) -> Iterator[tuple[EventPacket, Events]]:
-    """Yields (packet, its events); a sensor's own bytes are decoded by one decoder that keeps its state between
-    packets.
+    """Yields (packet, its events); one decoder decodes a sensor's own bytes and keeps its state between packets.
 
     env: the environment whose events to give, all of them when None. Raises BagError for an encoding that has no
     decoder here.
     """
     from evis.events.arrays import Events
-    from evis.events.codecs.decoder import make_decoder
+    from evis.events.codecs.decoder import decoder_for
 
     decoder: Decoder | None = None
     for _, packet in reader.messages([topic]):
@@ -36,7 +35,7 @@ def decoded_events(reader: BagReader, topic: str, env: int | None = None) -> Ite
             yield packet, whole if env is None else whole[packet.env_offsets[env] : packet.env_offsets[env + 1]]
             continue
         try:
-            decoder = decoder or make_decoder(packet.encoding, packet.width, packet.height)
+            decoder = decoder or decoder_for(packet.encoding, packet.width, packet.height)
         except ValueError as error:
             raise BagError(f"{topic}: {error}") from None
         raw = np.empty(0, np.uint8) if packet.raw is None else packet.raw

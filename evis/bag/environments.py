@@ -1,5 +1,5 @@
-"""Splits a message of E parallel environments into E messages of one, each what a single run would have given, and
-joins them again."""
+"""Splits a message of E parallel environments into E messages of one, each as a single run would give it, and joins
+them again."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from msgs.header import Message
 
 
 def count(message: Message) -> int:
-    """Counts the environments in a message, 0 where it has no such axis. An image is of one, and names it."""
+    """Counts the environments in a message, 0 where it has no such axis. An image is of one, which it names."""
     if isinstance(message, EventPacket):
         return max(len(message.env_offsets) - 1, 0)
     specs = array_specs(type(message))
@@ -25,24 +25,23 @@ def count(message: Message) -> int:
 
 
 def check_one(topic: str, envs: int) -> None:
-    """Raises BagError where a topic has several environments, of which what is exported holds one."""
+    """Raises BagError where a topic has several environments and the export can hold only one."""
     if envs > 1:
         raise BagError(f"{topic} has {envs} environments; name one of them: /env0{topic}")
 
 
 def tabular(message: Message) -> bool:
-    """Returns True where rows of tables tell their environment."""
+    """Tells whether the message is a table whose rows name their environment."""
     return any(environment_key(name, type(message)) for name in message.arrays())
 
 
 def split(message: Message, envs: int) -> list[tuple[Message, dict[str, list[int]]]]:
-    """Splits a message into one of a single environment each, and for tables whose rows are not sorted by environment
-    their rows.
-    """
+    """Splits a message into one per environment, and for tables whose rows are not sorted by environment also their
+    rows."""
     if isinstance(message, EventPacket):
         return [(_events(message, e), {}) for e in range(envs)]
     if isinstance(message, CameraInfo):
-        return [(_info(message, e), {}) for e in range(envs)]
+        return [(_info_of_environment(message, e), {}) for e in range(envs)]
     if isinstance(message, Samples):
         return [(message.of(slice(e, e + 1)), {}) for e in range(envs)]
     specs = array_specs(type(message))
@@ -75,9 +74,7 @@ def of_one(message: Message, env: int) -> Message | None:
 
 
 def fits(message: Message, envs: int) -> bool:
-    """Returns False where rows or events are not wholly dealt out among the environments: such a message is kept
-    whole.
-    """
+    """Tells whether rows or events are wholly dealt out among the environments; otherwise a message is kept whole."""
     if isinstance(message, EventPacket):
         offsets = np.asarray(message.env_offsets)
         total = 0 if message.t is None else len(message.t)
@@ -93,7 +90,7 @@ def _events(packet: EventPacket, e: int) -> EventPacket:
 
 
 def join(parts: Sequence[tuple[Message, dict[str, list[int]]]]) -> Message:
-    """Joins the messages that `split` has made of one message."""
+    """Joins the messages that `split` made of one."""
     first = parts[0][0]
     if isinstance(first, EventPacket):
         return _join_events([m for m, _ in parts])  # type: ignore[misc]
@@ -119,7 +116,7 @@ def join(parts: Sequence[tuple[Message, dict[str, list[int]]]]) -> Message:
 
 
 def _join_lists(parts: list[Samples]) -> dict[str, Any]:
-    """The lists of all environments, of messages of one each."""
+    """Joins the lists of samples of messages of one environment each."""
     specs = array_specs(Samples)
     names = [name for name in parts[0].arrays() if specs[name].dims[0] == "R"]
     sizes = np.cumsum([0, *(int(p.first[-1]) for p in parts)])
@@ -136,7 +133,7 @@ def _join_events(packets: list[EventPacket]) -> EventPacket:
 
 
 def info_alone(info: CameraInfo, env: int) -> CameraInfo:
-    """Gives the CameraInfo of one environment as it would have been by itself, with a seed of its own."""
+    """Returns the CameraInfo of one environment as a single run with a seed of its own would give it."""
     own = {place: v[env : env + 1] if len(v) == info.envs else v for place, v in info.drawn.items()}
     drawn = {place: values for place, values in own.items() if values and values[0] is not None}
     sensor = dict(info.sensor)
@@ -145,8 +142,8 @@ def info_alone(info: CameraInfo, env: int) -> CameraInfo:
     return dataclasses.replace(info, envs=1, sensor=sensor, drawn=drawn)
 
 
-def _info(info: CameraInfo, e: int) -> CameraInfo:
-    """The camera as environment e has it."""
+def _info_of_environment(info: CameraInfo, e: int) -> CameraInfo:
+    """Returns the camera as environment e has it."""
     assert info.env_k is not None and info.env_distortion is not None
     drawn = {place: values[e : e + 1] for place, values in info.drawn.items()}
     k, distortion = np.array(info.env_k[e]), np.array(info.env_distortion[e])

@@ -16,7 +16,7 @@ from evis.bag.ros import messages as ros
 
 
 class _Topic:
-    """Counts of one topic of the file (with its environment's prefix)."""
+    """Counts the messages and events of one topic of the file (with its environment's prefix)."""
 
     def __init__(self, stream: BagTopic) -> None:
         self.type = stream.ros_type
@@ -64,7 +64,8 @@ class _Topic:
 
 
 def describe(path: str | Path) -> dict[str, Any]:
-    """Describes duration, topics and metadata of a bag, all of it counted, not believed. Raises BagError.
+    """Describes duration, topics and metadata of a bag, from what is counted in it and not from its index. Raises
+    BagError.
 
     {"path", "bytes", "duration_s", "start_ns", "end_ns", "complete", "problem", "topics": {name: {...}}, "parts":
     {name: {...}}, "metadata"}; `parts` are the topics that only complete others (`/cam0/keyframe/meta`).
@@ -141,7 +142,7 @@ def _integer(body: dict[str, Any], name: str) -> int:
 
 
 def _count_raw_events(reader: BagReader, topics: dict[str, _Topic]) -> None:
-    """Events that are recorded as a sensor's own bytes have to be decoded to be counted."""
+    """Counts events that are recorded as a sensor's own bytes, by decoding them."""
     for name, topic in topics.items():
         packets = [s for s in reader.streams.values() if s.channel.topic == name and s.kind == "EventPacket"]
         foreign = any(not s.part for s in packets)

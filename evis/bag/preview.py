@@ -13,8 +13,9 @@ _BLOCK = 1 << 17
 _TABLE: list[np.ndarray] = []
 
 
-def _curve() -> np.ndarray:
-    """uint8 [LEVELS + 1]: compressed radiance x/(1+x) in steps of 1/LEVELS -> sRGB code (IEC 61966-2-1)."""
+def _srgb_table() -> np.ndarray:
+    """Tabulates the sRGB code (IEC 61966-2-1) of compressed radiance x/(1+x) in steps of 1/LEVELS: uint8
+    [LEVELS + 1]."""
     if not _TABLE:
         u = np.arange(LEVELS + 1) / LEVELS
         _TABLE.append(np.round(255 * srgb_from_linear(u)).astype(np.uint8))
@@ -41,7 +42,7 @@ def tone_map(radiance: np.ndarray, gain: float | None = None, threads: Threads =
 
     gain None = `exposure(radiance)`. NaN is black, +inf white. threads: share the rows.
     """
-    scale, curve = np.float32(exposure(radiance) if gain is None else gain), _curve()
+    scale, curve = np.float32(exposure(radiance) if gain is None else gain), _srgb_table()
     picture = np.empty(radiance.shape, np.uint8)
     rows = max(1, _BLOCK // max(1, radiance[:1].size))
 

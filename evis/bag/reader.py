@@ -18,7 +18,7 @@ from evis.bag import BagError, environments
 from evis.bag.mcap import scan
 from evis.bag.ros import jsonform, mapping
 from evis.bag.ros import messages as ros
-from evis.bag.waiting import Held, Waiting
+from evis.bag.unpacked_chunks import ChunkHold, UnpackedLimit
 from evis.bag.writer import ENV_KEY, MESSAGE_KEY, SUFFIX_KEY, TOPIC_KEY
 from evis.files.damage import faults_as
 from evis.files.descriptor import DescriptorOwner
@@ -48,8 +48,8 @@ class BagTopic:
 
 
 @dataclass
-class _Found:
-    """A message's raw form, ready to be decoded."""
+class _RawMessage:
+    """Holds a message's raw form, ready to be decoded."""
 
     stream: BagTopic
     log_time: int
@@ -57,11 +57,11 @@ class _Found:
     parts: dict[str, list[memoryview]]
     body: dict[str, Any] | None
     raw: memoryview
-    held: tuple[Held, ...]
+    held: tuple[ChunkHold, ...]
     """The chunks that `parts` and `raw` lie in."""
 
 
-_Pending = dict[tuple[str, int | None], list[tuple[int, str, memoryview, Held]]]
+_Pending = dict[tuple[str, int | None], list[tuple[int, str, memoryview, ChunkHold]]]
 """(topic, environment) -> (sequence number, name, bytes, chunk) of each part of a message."""
 
 
@@ -92,7 +92,7 @@ class BagReader(DescriptorOwner):
                 raise
         except OSError as error:
             raise BagError(f"cannot read {self.path}: {error.strerror}") from None
-        self._waiting = Waiting(self.path, self.scanner.size)
+        self._limit = UnpackedLimit(self.path, self.scanner.size)
         self.problem = layout.problem
         self.metadata: Mapping[str, Mapping[str, str]] = layout.metadata
         self.topics = {s.topic: s.kind for s in self.streams.values() if s.kind}
@@ -108,15 +108,15 @@ class BagReader(DescriptorOwner):
     @cached_property
     def start_ns(self) -> int:
         """Returns the earliest log time [ns], of LATCHED messages where there are no others; 0 in an empty bag."""
-        return self._outermost(min, [(c.start_ns, c) for c in self.scanner.layout.chunks])
+        return self._extreme_time(min, [(c.start_ns, c) for c in self.scanner.layout.chunks])
 
     @cached_property
     def end_ns(self) -> int:
         """Returns the latest log time [ns], of LATCHED messages where there are no others; 0 in an empty bag."""
-        return self._outermost(max, [(c.end_ns, c) for c in self.scanner.layout.chunks])
+        return self._extreme_time(max, [(c.end_ns, c) for c in self.scanner.layout.chunks])
 
-    def _outermost(self, least: Callable[..., int], edges: list[tuple[int, scan.Chunk]]) -> int:
-        """The earliest or latest log time, `least` being min or max; edges: that of each chunk.
+    def _extreme_time(self, least: Callable[..., int], edges: list[tuple[int, scan.Chunk]]) -> int:
+        """Finds the earliest or latest log time, `least` being min or max; edges: that of each chunk.
 
         Chunks with LATCHED messages are looked into, those first that may have it.
         """
@@ -161,8 +161,8 @@ class BagReader(DescriptorOwner):
             if topic not in self.topics:
                 raise BagError(self.lacks(topic))
         wanted = frozenset(i for i, s in self.streams.items() if s.kind and (topics is None or s.topic in topics))
-        sets: dict[tuple[str, int, int, int], dict[int, _Found]] = {}
-        for found in self._ordered(wanted, start_ns, end_ns):
+        sets: dict[tuple[str, int, int, int], dict[int, _RawMessage]] = {}
+        for found in self._in_order(wanted, start_ns, end_ns):
             try:
                 with faults_as(BagError, self.path):
                     message = self._complete(found, sets)
@@ -174,7 +174,7 @@ class BagReader(DescriptorOwner):
         self.skipped += len(sets)
 
     def lacks(self, topic: str) -> str:
-        """Tells that a topic is not there, what is, and how it comes to be there."""
+        """Words the error that a topic is not there: which topics are, and how it would be recorded."""
         there = f"it has {', '.join(sorted(self.topics)) or 'none'}"
         if self.problem:
             return f"{self.path} is torn ({self.problem}); up to there it has no topic '{topic}'; {there}"
@@ -184,11 +184,14 @@ class BagReader(DescriptorOwner):
         return f"{self.path} has no topic '{topic}'; {there}"
 
     def skip(self, error: BagError) -> None:
-        """Counts something that was left out because it is damaged."""
+        """Counts a part that is left out because it is damaged."""
         self.skipped += 1
         self.first_problem = self.first_problem or str(error)
 
-    def _complete(self, found: _Found, sets: dict[tuple[str, int, int, int], dict[int, _Found]]) -> Message | None:
+    def _complete(
+        self, found: _RawMessage, sets: dict[tuple[str, int, int, int], dict[int, _RawMessage]]
+    ) -> Message | None:
+        """Decodes a message, once all of its environments are there; None until then."""
         if found.body is None:
             return mapping.decode_foreign(found.stream.ros_type, found.raw, found.sequence)
         envs = found.body.get("_envs")
@@ -210,19 +213,20 @@ class BagReader(DescriptorOwner):
         except (KeyError, TypeError, ValueError, IndexError) as error:
             raise BagError(f"{found.stream.topic}: its environments do not fit together: {error}") from None
 
-    def _ordered(self, wanted: frozenset[int], start_ns: int | None, end_ns: int | None) -> Iterator[_Found]:
-        """Messages of all chunks in order; a message waits until no chunk of its episode can hold an earlier one."""
+    def _in_order(self, wanted: frozenset[int], start_ns: int | None, end_ns: int | None) -> Iterator[_RawMessage]:
+        """Yields the messages of all chunks in order; each waits until no chunk of its episode can hold an
+        earlier one."""
         lowest, highest = start_ns or 0, (1 << 64) if end_ns is None else end_ns
-        for chunks in self._segments(wanted, start_ns, end_ns):
+        for chunks in self._chunks_by_episode(wanted, start_ns, end_ns):
             earliest = [0] * len(chunks)  # of all chunks behind each one
             bound = 1 << 64
             for i in reversed(range(len(chunks))):
                 earliest[i], bound = bound, min(bound, chunks[i].start_ns)
-            heap: list[tuple[int, int, int, str, int, _Found]] = []
+            heap: list[tuple[int, int, int, str, int, _RawMessage]] = []
             count = 0
             pending: _Pending = {}
             for chunk, bound in zip(chunks, earliest):
-                for found in self._chunk(chunk, wanted, pending):
+                for found in self._messages_of(chunk, wanted, pending):
                     if lowest <= found.log_time <= highest:
                         rank = RANKS.get(found.stream.kind, 0)
                         heapq.heappush(heap, (_episode(found), found.log_time, rank, found.stream.topic, count, found))
@@ -230,8 +234,10 @@ class BagReader(DescriptorOwner):
                 while heap and heap[0][1] < bound:
                     yield heapq.heappop(heap)[-1]
 
-    def _segments(self, wanted: frozenset[int], start_ns: int | None, end_ns: int | None) -> Iterator[list[scan.Chunk]]:
-        """The chunks of interest, episode by episode: time may start anew with each."""
+    def _chunks_by_episode(
+        self, wanted: frozenset[int], start_ns: int | None, end_ns: int | None
+    ) -> Iterator[list[scan.Chunk]]:
+        """Yields the wanted chunks episode by episode, for time may start anew with each."""
         layout = self.scanner.layout
         borders = [*sorted(layout.episodes), 1 << 64]
         segment: list[scan.Chunk] = []
@@ -246,13 +252,15 @@ class BagReader(DescriptorOwner):
                 segment.append(chunk)
         yield segment
 
-    def _chunk(self, chunk: scan.Chunk, wanted: frozenset[int], pending: _Pending) -> Iterator[_Found]:
-        """Messages of one chunk. pending: parts of which the closing JSON is still to come; a tool that has written the
-        bag anew may have put it into the next chunk.
+    def _messages_of(self, chunk: scan.Chunk, wanted: frozenset[int], pending: _Pending) -> Iterator[_RawMessage]:
+        """Yields the messages of one chunk.
+
+        pending: parts of which the closing JSON is still to come; a tool that has written the bag anew may have put it
+        into the next chunk.
         """
         try:
             data = self.scanner.chunk_data(chunk)
-            held = self._waiting.hold(len(data))
+            held = self._limit.hold(len(data))
             for opcode, _, record in scan.records(data):
                 if opcode != Opcode.MESSAGE:
                     continue
@@ -262,7 +270,7 @@ class BagReader(DescriptorOwner):
                 stream = self.streams[channel]
                 key = stream.topic, stream.env
                 if not stream.part:
-                    yield _Found(stream, log_time, sequence, {}, None, payload, (held,))
+                    yield _RawMessage(stream, log_time, sequence, {}, None, payload, (held,))
                 elif stream.part != "meta":
                     pending.setdefault(key, []).append((sequence, stream.part, payload, held))
                 else:
@@ -273,7 +281,7 @@ class BagReader(DescriptorOwner):
                         if number == sequence:  # not those of a message whose JSON is lost
                             parts.setdefault(part, []).append(content)
                             chunks[its] = None
-                    yield _Found(stream, log_time, sequence, parts, body, payload, tuple(chunks))
+                    yield _RawMessage(stream, log_time, sequence, parts, body, payload, tuple(chunks))
         except scan.TooLargeError:
             raise
         except BagError as error:
@@ -281,6 +289,6 @@ class BagReader(DescriptorOwner):
             self.skip(error)
 
 
-def _episode(found: _Found) -> int:
+def _episode(found: _RawMessage) -> int:
     episode = found.body["header"].get("episode", 0) if found.body else 0
     return episode if isinstance(episode, int) else 0

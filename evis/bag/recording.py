@@ -1,4 +1,4 @@
-"""Reads MCAP bags: ROS 2 (or ROS 1 messages in MCAP) from any recorder, and those that EVIS records."""
+"""Reads events of MCAP bags as recordings: ROS 2 (or ROS 1 messages in MCAP) from any recorder, and bags of EVIS."""
 
 from __future__ import annotations
 
@@ -94,9 +94,8 @@ class McapRecording(DescriptorOwner, RosRecording):
 
 
 def torn_tail(descriptor: int, size: int, allowance: Allowance) -> bytes:
-    """Returns the records behind the last whole one of a file that ends early: a cut chunk unpacked, or a cut
-    message.
-    """
+    """Returns the records behind the last whole one of a file that ends early: of a cut chunk, unpacked, or a cut
+    message."""
     at = 8
     while at + 9 <= size:
         head = os.pread(descriptor, 9, at)
@@ -154,7 +153,7 @@ class EvisBagRecording(BlockRecording):
         super().__init__()
 
     def _event_topics(self) -> dict[str, tuple[str, int | None]]:
-        """Name -> topic and environment; of several environments each has a name, as `evis bag info` gives it."""
+        """Returns name -> topic and environment; each of several environments has a name, as in `evis bag info`."""
         topics: dict[str, tuple[str, int | None]] = {}
         for topic, kind in self._reader.topics.items():
             if kind == "EventPacket":

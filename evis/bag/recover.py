@@ -1,4 +1,4 @@
-"""Makes a whole bag of a torn one: every chunk whose checksum is right is copied, byte for byte, and indexed anew."""
+"""Makes a whole bag of a torn one: copies every chunk whose checksum is right, byte for byte, and indexes it anew."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from evis.bag.reader import BagReader
 
 @dataclass
 class Recovery:
-    """Describes what was saved. `problem`: what the torn bag lacked, "" where it was whole."""
+    """Describes what was recovered. `problem`: what the torn bag lacked, "" where it was whole."""
 
     path: Path
     messages: int
@@ -50,7 +50,7 @@ def recover(source: str | Path, target: str | Path | None = None) -> Recovery:
 
 
 def _copied(reader: BagReader, container: Container) -> Recovery:
-    """Copies all that is right to an open file."""
+    """Copies every chunk that is right to an open file."""
     saved, damaged, messages = 0, 0, 0
     layout = reader.scanner.layout
     for schema in layout.schemas.values():
@@ -74,7 +74,7 @@ def _copied(reader: BagReader, container: Container) -> Recovery:
             damaged += 1
             continue
         if indexes:
-            container.put_chunk(chunk.compression, chunk.full, chunk.crc, [reader.scanner.stored(chunk)], indexes)
+            container.put_chunk(chunk.compression, chunk.unpacked, chunk.crc, [reader.scanner.stored(chunk)], indexes)
             saved += 1
             messages += sum(len(v) for v in indexes.values())
     return Recovery(container.path, messages, saved, damaged, reader.problem)

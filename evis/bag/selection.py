@@ -1,4 +1,4 @@
-"""Selects which topics of a graph a recording takes."""
+"""Selects the topics of a graph that a recording takes."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ def _matches(name: str, glob: str) -> bool:
 
 
 def unmatched(available: Iterable[str], globs: Sequence[str]) -> list[str]:
-    """Returns the globs that match no topic of the table: most likely misspelt."""
+    """Returns the globs that match no topic of the table, most likely for a typing error."""
     examples = [*available, *(row.pattern.replace("<cam>", "cam0") for row in TOPICS)]
     return [g for g in globs if not any(_matches(name, g) for name in examples)]
 
 
 def unpublished(published: Iterable[str], globs: Sequence[str]) -> list[str]:
-    """Returns the globs that match none of a graph's topics, so that nothing is recorded for them."""
+    """Returns the globs that match no topic of a graph, so that they record nothing."""
     names = list(published)
     return [g for g in globs if not any(_matches(name, g) for name in names)]
 

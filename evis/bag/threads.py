@@ -16,7 +16,7 @@ MOST_THREADS = 8
 
 
 class Threads:
-    """Does a piece of work on several items at once, and waits for all of them.
+    """Runs a function on several items at once, and waits for all results.
 
     count: how many at once; 1 = by the caller, one after the other; None = one per core that the process may use, at
     most MOST_THREADS. Threads start when there is work for them.
@@ -27,8 +27,7 @@ class Threads:
         self._pool = ThreadPoolExecutor(self.count, "bag-work") if self.count > 1 else None
 
     def map(self, work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-        """Returns what `work` gives for each item, in their order. Raises what the first of them raises, when nobody
-        works on one any more.
+        """Returns what `work` gives for each item, in order; raises the error of the first item that has one.
 
         The caller works as well, so that it waits for no thread that has something else to do.
         """
@@ -56,7 +55,7 @@ class Threads:
 
 
 class _Shared(Generic[Item, Result]):
-    """Gives out items in their order, to whoever takes one next, until one fails."""
+    """Gives out items in order to the threads that ask for one, until one fails."""
 
     def __init__(self, work: Callable[[Item], Result], items: Sequence[Item]) -> None:
         self._work, self._items, self._next = work, items, count()
@@ -64,7 +63,7 @@ class _Shared(Generic[Item, Result]):
         self._errors: dict[int, BaseException] = {}
 
     def take(self) -> None:
-        """Works on items until there are no more."""
+        """Works on items until none is left."""
         while not self._errors and (k := next(self._next)) < len(self._items):
             try:
                 self._results[k] = self._work(self._items[k])
@@ -72,7 +71,7 @@ class _Shared(Generic[Item, Result]):
                 self._errors[k] = error
 
     def found(self) -> list[Result]:
-        """Gives the results. Raises the error of the first item that has one: those before it were all taken."""
+        """Returns the results. Raises the error of the first item that has one: those before it were all taken."""
         if self._errors:
             raise self._errors[min(self._errors)]
         return [self._results[k] for k in range(len(self._items))]

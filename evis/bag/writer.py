@@ -29,7 +29,7 @@ _MOST_EARLY = 1000
 
 
 class BagWriter:
-    """Writes messages to a bag; `close` (or `with`) makes the bag whole, but it can be read at any time.
+    """Writes messages to a bag; `close` (or `with`) completes it, but it can be read at any time.
 
     path: an existing bag there is moved to `<name>.bak`, `.bak2`, ... (`backup`) when the new one is open. metadata:
     named tables of texts (launch file, parameters, seeds). event_encoding: `mono` (exact) or `evt3` (1 us, half the
@@ -75,7 +75,7 @@ class BagWriter:
 
     @property
     def backup(self) -> Path | None:
-        """Tells where an older bag of the same name was moved to."""
+        """Returns the place to which an older bag of the same name was moved."""
         return self.container.backup
 
     def __enter__(self) -> BagWriter:
@@ -122,7 +122,8 @@ class BagWriter:
         self.container.flush()
 
     def close(self, metadata: Mapping[str, Mapping[str, str]] | None = None) -> None:
-        """Writes what is open, tables of texts that are only known now, and the index. A second call does nothing."""
+        """Writes the open chunks, the tables of texts that are only known now, and the index. A second call does
+        nothing."""
         if not self.container.failure and not self.container.closed:
             early, self._early = self._early, []
             for topic, message in early:
@@ -175,7 +176,8 @@ class BagWriter:
         return self._encoders[topic]
 
     def _channel(self, name: str, topic: str, ros_type: str, kind: str, part: str, env: int | None) -> int:
-        """Id of the channel of one part; registered when it is first used. Parts of one name share a channel."""
+        """Returns the id of the channel of one part, which its first use registers. Parts of one name share a
+        channel."""
         key = f"{name} {part}"
         if key not in self._channels:
             metadata = {TOPIC_KEY: topic, MESSAGE_KEY: kind, SUFFIX_KEY: part}

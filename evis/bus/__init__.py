@@ -1,5 +1,16 @@
 """Carries messages on topics between processes, over ZeroMQ and shared memory.
 
+The way of a message:
+
+1. A node writes its arrays into memory that `publisher.py` lends (`memory/`).
+2. `consumers.py` says who has credit for it; the header goes to them through a pipe (`pipes.py`) or ZeroMQ, with
+   control messages of `wire.py`. `tap.py` sends viewers a copy, as far as they follow.
+3. `subscriber.py` makes the message again, with its arrays in the publisher's memory; its `lease.py` returns credit and
+   memory.
+
+`local.py` is the publisher of a topic that no other process can read. `endpoints.py` places the sockets, `links.py`
+connects programs outside of a graph, and `errors.py` has the errors.
+
 A topic has one publisher. Its *declared consumers* get every message: each hands out credits (`window`), and the
 publisher sends only when all have some; arrays above 32 kB lie in shared memory slots that are written in place
 (`loan`) and are free again when every consumer has released the message. *Taps* get a rate-limited copy of their own

@@ -1,4 +1,5 @@
-"""Keeps the publisher's view of its declared consumers: who is there, who has credit, who still holds which slot."""
+"""Tracks the declared consumers of a topic for its publisher: which are connected, which have credit, which hold which
+slot."""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ MAX_KEYS = 4096
 
 @dataclass
 class Consumer:
-    """Records one declared consumer.
+    """Describes one declared consumer.
 
     `held`: message -> its slot, until freed; `uncredited`: messages it has not taken yet.
     """
@@ -55,7 +56,7 @@ class Consumer:
         return self.shared is not None
 
     def forget(self) -> None:
-        """Releases all slots that a consumer held which has gone, and forgets its connection."""
+        """Releases all slots that a departed consumer held, and forgets its connection."""
         for slot in self.held.values():
             if slot is not None:
                 slot.unpin()
@@ -68,13 +69,14 @@ class Consumer:
 
 
 class Consumers:
-    """Speaks with the consumers of one topic: XPUB (who comes, who is gone), ROUTER (greetings), pipe (credits)."""
+    """Talks with the consumers of one topic: by XPUB (who comes and goes), ROUTER (greetings) and pipe (credits)."""
 
     def __init__(
         self, topic: str, node: str, names: list[str], message_type: type[Message], window: int, piped: bool
     ) -> None:
-        """topic, node: names of the topic and of its publisher. names: ids `node:port` of the declared consumers.
+        """Takes names and limits of a topic's declared consumers.
 
+        topic, node: names of the topic and of its publisher. names: ids `node:port` of the declared consumers.
         message_type: what a consumer must expect. window: messages that each may be behind. piped: messages may go
         through pipes, where a consumer can be reached that way.
         """
@@ -95,11 +97,11 @@ class Consumers:
         self._lost: list[Consumer] = []
 
     def attach(self, router: zmq.Socket) -> None:
-        """Takes the bound ROUTER through which to answer."""
+        """Sets the bound ROUTER by which to answer."""
         self._router = router
 
     def missing(self) -> list[str]:
-        """Names the consumers that are declared, but not connected now."""
+        """Lists the declared consumers that are not connected now."""
         return [c.name for c in self.all.values() if not self._present(c)]
 
     def _present(self, consumer: Consumer) -> bool:
@@ -113,7 +115,7 @@ class Consumers:
         return new
 
     def room(self) -> int:
-        """Returns the longest record that every consumer's pipe takes [bytes]; 0 when one has none."""
+        """Returns the longest record that every consumer's pipe takes [bytes]; 0 when a consumer has no pipe."""
         return min([c.room for c in self.all.values()], default=1 << 30)
 
     def credit(self) -> int:
@@ -121,15 +123,15 @@ class Consumers:
         return min([c.window - len(c.uncredited) if c.greeted else 0 for c in self.all.values()], default=1 << 30)
 
     def behind(self) -> list[str]:
-        """Names the consumers without credit."""
+        """Lists the consumers without credit."""
         return [c.name for c in self.all.values() if not c.greeted or len(c.uncredited) >= c.window]
 
     def shared(self) -> bool:
-        """Says whether no consumer has said that it cannot open our memory."""
+        """Tells whether no consumer has said that it cannot open our memory."""
         return all(c.shared is not False for c in self.all.values())
 
     def charge(self, consumers: list[Consumer], seq: int, slot: Pinned | None) -> None:
-        """Charges consumers for a message on its way to them; each holds the slot from now on."""
+        """Records a message on its way to consumers: it takes a credit of each, and each holds the slot."""
         for consumer in consumers:
             consumer.uncredited.add(seq)
             consumer.held[seq] = slot
@@ -146,7 +148,7 @@ class Consumers:
                 consumer.forget()
                 raise PeerLost(consumer.name, self.topic)
 
-    def subscription(self, frames: list[bytes]) -> None:
+    def handle_xpub(self, frames: list[bytes]) -> None:
         """Handles a message of the XPUB socket: a consumer has come or gone."""
         key = frames[0][1:]
         if len(frames) != 1 or frames[0][:1] not in (b"\0", b"\1") or len(key) > 512:
@@ -166,15 +168,16 @@ class Consumers:
                         consumer.gone_at = time.monotonic()
                     self._lost.append(consumer)
 
-    def answered(self, timeout_ms: int) -> bool:
-        """Waits a little for the pipe, where all answer through it, and takes what has come; False when nothing has."""
+    def wait_for_credits(self, timeout_ms: int) -> bool:
+        """Waits a little for credits through the pipe, where all consumers use it, and handles them; False when none
+        came."""
         if not all([c.answers for c in self.all.values()]) or not self.inbox.wait(min(timeout_ms, wire.SOON_MS)):
             return False
         self.collect()
         return True
 
     def collect(self) -> None:
-        """Takes the credits that came through the pipe."""
+        """Handles the credits that came through the pipe."""
         for link, op, seq in self.inbox.take(self._links):
             consumer = self._links[link]
             try:
@@ -183,9 +186,8 @@ class Consumers:
             except wire.Malformed:
                 self.rejected += 1
 
-    def talk(self, frames: list[bytes]) -> None:
-        """Handles a message of the ROUTER: a greeting, or a credit of a consumer that cannot reach the pipe or found it
-        full.
+    def handle_router(self, frames: list[bytes]) -> None:
+        """Handles a message of the ROUTER: a greeting, or a credit of a consumer whose pipe is out of reach or full.
 
         Raises BusError for a consumer of another message type.
         """
@@ -262,7 +264,7 @@ class Consumers:
             self._router.send_multipart([route, welcome])
 
     def _new_link(self) -> int:
-        """One that garbage does not hit and that no earlier connection had."""
+        """Makes a number for a connection that random bytes do not hit and that no earlier connection had."""
         return int.from_bytes(os.urandom(4), "little") | 1
 
     def _refuse(self, route: bytes, reason: str) -> None:
@@ -270,7 +272,8 @@ class Consumers:
         self._router.send_multipart([route, wire.pack_map(wire.REFUSED, reason=reason)])
 
     def unfinished(self, heard_at: float) -> bool:
-        """Says whether some have not answered the end of the stream. Raises PeerLost for one that left without a word.
+        """Tells whether some consumers have not answered the end of the stream. Raises PeerLost for one that left
+        before.
 
         heard_at: time.monotonic() before the sockets were last read. Time that passed since tells nothing: this process
         may have been held up with the answer in its queue.

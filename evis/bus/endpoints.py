@@ -1,4 +1,4 @@
-"""Places the sockets of a topic: files in the run's private directory, so that only its user can connect."""
+"""Chooses the socket paths of a topic in the run's private directory, where only its user can connect."""
 
 from __future__ import annotations
 
@@ -38,18 +38,18 @@ class Endpoints:
 
 
 def endpoints_for(directory: str | os.PathLike[str], topic: str) -> Endpoints:
-    """Names the Unix sockets of a topic in the run's directory. Raises BusError when the path is too long for one."""
+    """Returns the Unix sockets of a topic in the run's directory. Raises BusError when the path is too long for one."""
     stem = _stem(directory, topic.strip("/"))
     return Endpoints(*(f"ipc://{stem}.{kind}" for kind in ("data", "credit", "tap")))
 
 
 def outside_socket(directory: str | os.PathLike[str], node: str) -> Path:
-    """Names the Unix socket at which a node of a run takes messages from outside the graph. Raises BusError."""
+    """Returns the Unix socket at which a node of a run takes messages from outside the graph. Raises BusError."""
     return Path(f"{_stem(directory, node)}.door")
 
 
 def _stem(directory: str | os.PathLike[str], name: str) -> Path:
-    """The path of a topic's or node's sockets without their ending, with a hash in place of a name that is too long."""
+    """Makes the path of a topic's or node's sockets without ending, with a hash in place of a name that is too long."""
     folder = Path(directory).absolute()
     room = SUN_PATH - LONGEST_ENDING - len(os.fsencode(folder / "x")) + 1
     file = name.replace("/", "~")  # no name has a '~', so that they stay distinct
@@ -64,7 +64,8 @@ def _stem(directory: str | os.PathLike[str], name: str) -> Path:
 
 
 def check_bind(address: str) -> None:
-    """Refuses an address that others could reach: any but a socket file in a directory of the user's own."""
+    """Raises BusError for an address that others could reach: only socket files in a directory of the user's
+    own pass."""
     scheme, _, path = address.partition("://")
     # libzmq takes `@name` for the abstract namespace, which has no permissions, and `*` for a file in /tmp.
     if scheme != "ipc" or not path.startswith("/"):

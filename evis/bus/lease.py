@@ -1,4 +1,4 @@
-"""Defines what a subscriber gives out beside the messages: the hold on each of them, and the end of the stream."""
+"""Defines what a subscriber returns besides messages: the lease of each, and the end of the stream."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from evis.bus.errors import BusError
 
 
 class End(enum.Enum):
-    """Stands for the end of a stream: what `receive` returns when the publisher has ended it."""
+    """Marks the end of a stream; what `receive` returns once the publisher has ended it."""
 
     END = "end of stream"
 
@@ -19,24 +19,25 @@ END: Final = End.END
 
 
 class Receiver(Protocol):
-    """Stands for the subscriber that a message came through, which answers its publisher."""
+    """Describes the subscriber through which a message came, which answers its publisher."""
 
     topic: str
 
     def reply(self, op: bytes, seq: int) -> None:
-        """Tells the publisher what becomes of a message: CREDIT, TAKEN or FREED of wire.py."""
+        """Sends the publisher CREDIT, TAKEN or FREED of wire.py for a message."""
 
     def free_on_gpu(self, seq: int) -> None:
-        """Tells the publisher FREED when the GPU is past all that was launched so far."""
+        """Sends the publisher FREED once the GPU is past all that was launched so far."""
 
 
 class Lease:
-    """Holds a received message. The first `unpin` returns its credit; when no pin is left its slot may be reused."""
+    """Holds a received message: the first `unpin` returns its credit, the last one frees its slot."""
 
     __slots__ = ("_credited", "_on_gpu", "_pins", "_receiver", "_seq")
 
     def __init__(self, receiver: Receiver, seq: int, on_gpu: bool = False) -> None:
-        """on_gpu: its arrays lie there, where what reads them may still be under way at the last `unpin`."""
+        """Takes a message with one pin. on_gpu: its arrays lie there, and work that reads them may be under way at the
+        last `unpin`."""
         self._receiver = receiver
         self._seq = seq
         self._on_gpu = on_gpu
@@ -50,7 +51,7 @@ class Lease:
         self._pins += 1
 
     def unpin(self) -> None:
-        """Takes one user away and answers the publisher. Raises BusError when there was none."""
+        """Removes one user and answers the publisher. Raises BusError when there was none."""
         if not self._pins:
             raise BusError(f"topic {self._receiver.topic}: a message was released more often than it was kept")
         self._pins -= 1

@@ -1,4 +1,4 @@
-"""Connects a program outside a running graph with a node in it: packets of frames over a Unix socket, both ways.
+"""Connects an outside program with a node of a running graph: packets of frames over a Unix socket, both ways.
 
 A Unix socket tells at once, and for certain, that the other side has gone, however it ended: whoever controls a robot
 must not be missed for seconds. Neither side ever waits for the other inside these calls, but for `send` as long as it
@@ -27,7 +27,7 @@ _CREDENTIALS = struct.Struct("3i")
 
 
 class LinkLost(ConnectionError):
-    """Says that the other side has gone, or sends what is no packet."""
+    """Reports that the other side has gone, or sends invalid packets."""
 
 
 class Link:
@@ -114,7 +114,7 @@ class Link:
 
 
 class Listener:
-    """Takes connections at a path in a directory of the user's own."""
+    """Accepts connections at a path in a directory of the user's own."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -134,7 +134,7 @@ class Listener:
         return self._socket.fileno()
 
     def accept(self) -> Link | None:
-        """Returns the next connection, None when nobody waits for one."""
+        """Returns the next connection, None when none is waiting."""
         try:
             return Link(self._socket.accept()[0])
         except OSError:

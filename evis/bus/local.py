@@ -1,4 +1,4 @@
-"""Implements the sending end of a topic that nobody outside this process can read: no socket, no shared memory."""
+"""Publishes a topic that only nodes of this process can read: without sockets or shared memory."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ENOUGH = 1 << 30
 
 
 class LocalPublisher(Lender):
-    """Publishes one topic to nodes of this process, which are called directly; does what Publisher does for them.
+    """Publishes one topic to nodes of this process, which are called directly, with the interface of Publisher.
 
     topic, node: names. message_type: the only one that it sends. slots: messages that are kept at the same time, as a
     rule.
@@ -34,7 +34,7 @@ class LocalPublisher(Lender):
         self._seq = self._bytes = 0
 
     def start(self) -> None:
-        """Opens nothing: there is nobody to wait for."""
+        """Does nothing: there is nobody to wait for."""
 
     def pump(self) -> None:
         """Does nothing, for a publisher without sockets receives no messages."""
@@ -44,28 +44,28 @@ class LocalPublisher(Lender):
         return ()
 
     def missing(self) -> list[str]:
-        """Names no consumers: those of this process are there."""
+        """Returns no names: the consumers of this process are there."""
         return []
 
     @property
     def declared(self) -> bool:
-        """Tells whether `send` may have to wait for somebody: never."""
+        """Returns False: `send` never waits for a consumer."""
         return False
 
     def credit(self) -> int:
-        """Returns how many messages `send` takes: any number."""
+        """Returns a number of messages without limit."""
         return ENOUGH
 
     def wanted(self) -> bool:
-        """Says that nobody outside reads it."""
+        """Returns False: nothing outside the process reads it."""
         return False
 
     def tapped(self) -> bool:
-        """Says that no tap listens."""
+        """Returns False: no tap can listen."""
         return False
 
     def reads_bytes(self, but: Collection[str] = ()) -> bool:
-        """Says that nobody needs numpy arrays for their bytes' sake."""
+        """Returns False: nothing needs numpy arrays for their bytes' sake."""
         return False
 
     def loan_on(self, device: Any, asked: LoanRequest) -> dict[str, Any]:
@@ -75,11 +75,11 @@ class LocalPublisher(Lender):
         return self._on_device.loan(device, asked)
 
     def reads_on(self, device: Any, but: Collection[str] = ()) -> bool:
-        """Says that no other process reads it."""
+        """Returns False: no other process reads it."""
         return False
 
     def send_on(self, message: Message, slot: DeviceSlot | None) -> bool:
-        """Sends nothing: no other process reads it."""
+        """Does nothing: no other process reads it."""
         return False
 
     def passed(self, message: Message) -> None:
@@ -105,7 +105,7 @@ class LocalPublisher(Lender):
         self._bytes += size
 
     def finish(self, timeout_s: float | None = None) -> bool:
-        """Says that the stream has ended everywhere."""
+        """Returns True: the stream has ended everywhere."""
         return True
 
     def close(self) -> None:

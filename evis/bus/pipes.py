@@ -1,4 +1,4 @@
-"""Connects processes of one machine by pipes: messages to a consumer, credits back to the publisher.
+"""Sends messages to consumers, and credits back to publishers, through pipes between processes of one machine.
 
 ZeroMQ wakes an I/O thread on either side for whatever is sent, which costs more than writing a megabyte of pixels. A
 pipe costs one `write` and one `read`. Each side makes the pipe that it reads from; the other opens it through
@@ -47,7 +47,7 @@ def packed_size(frames: Sequence[Buffer]) -> int:
 
 
 class Inbox:
-    """Owns a pipe to read from; another process writes into it, from `address`."""
+    """Reads from a pipe into which another process writes, which finds it by `address`."""
 
     def __init__(self) -> None:
         self._read, self._write = os.pipe2(os.O_CLOEXEC | os.O_NONBLOCK)
@@ -60,11 +60,11 @@ class Inbox:
         return self._read
 
     def wait(self, timeout_ms: float) -> bool:
-        """Waits at most this long, and says whether there is something to read."""
+        """Waits at most this long, and tells whether there is something to read."""
         return bool(self._poll.poll(timeout_ms))
 
     def fill(self) -> int:
-        """Takes in a page of what has come, and returns how many bytes that were."""
+        """Reads a page of what has come, and returns the number of bytes."""
         try:
             chunk = os.read(self._read, PAGE)
         except BlockingIOError:
@@ -74,18 +74,18 @@ class Inbox:
 
     @property
     def address(self) -> list[int]:
-        """Returns where another process finds it: pid, file descriptor, inode (the pid may mean another process
+        """Returns how another process finds it: pid, file descriptor, inode (the pid may mean another process
         there)."""
         return [os.getpid(), self._write, os.fstat(self._write).st_ino]
 
     def close(self) -> None:
-        """Closes the pipe; who still writes finds nobody there."""
+        """Closes the pipe; who still writes gets an error."""
         os.close(self._read)
         os.close(self._write)
 
 
 class MessageInbox(Inbox):
-    """Receives a consumer's messages, in the order they were sent."""
+    """Receives a consumer's messages, in the order of sending."""
 
     def __init__(self, window: int) -> None:
         super().__init__()
@@ -93,7 +93,7 @@ class MessageInbox(Inbox):
             fcntl.fcntl(self._write, fcntl.F_SETPIPE_SZ, min((PAGES_PER_MESSAGE * window + 1) * PAGE, LARGEST))
 
     def take(self) -> list[bytes] | None:
-        """Returns the frames of the next message, none at all for one that is ELSEWHERE; None when nothing has come.
+        """Returns the frames of the next message, [] for one that is ELSEWHERE; None when nothing has come.
 
         Raises Malformed: what came is no record, and where the next one begins is not known.
         """
@@ -103,7 +103,7 @@ class MessageInbox(Inbox):
         return frames
 
     def pending(self, timeout_ms: float = 0) -> bool:
-        """Waits at most this long, and says whether `take` has something to do.
+        """Waits at most this long, and tells whether `take` has something to do.
 
         Half a record whose writer died does not count.
         """
@@ -131,7 +131,7 @@ class MessageInbox(Inbox):
 
 
 class CreditInbox(Inbox):
-    """Receives a publisher's credits. A link is the number that it gave to one connection of one consumer."""
+    """Receives a publisher's credits. A link is the number of one connection of one consumer."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -139,7 +139,7 @@ class CreditInbox(Inbox):
         """Bytes that belonged to no record."""
 
     def take(self, links: Container[int]) -> list[tuple[int, bytes, int]]:
-        """Returns what has come: (link, operation, sequence number), of these links only.
+        """Returns what has come for these links: (link, operation, sequence number).
 
         Somebody who writes half a record cannot displace those of others: what does not begin with a known link is
         stepped over byte by byte.
@@ -178,7 +178,7 @@ class Outlet:
         return (pages - 1) // window * PAGE
 
     def write(self, record: bytes) -> bool:
-        """Hands a record over; False when the pipe is full. Nobody at the other end needs none."""
+        """Writes a record; False when the pipe is full. Where nobody reads any more, it counts as written."""
         try:
             return os.write(self._fd, record) == len(record)
         except BlockingIOError:
@@ -187,7 +187,7 @@ class Outlet:
             return True  # the other side is gone, which shows elsewhere
 
     def write_credit(self, link: int, op: bytes, seq: int) -> bool:
-        """Hands one credit over; False when the pipe is full."""
+        """Writes one credit; False when the pipe is full."""
         return self.write(_CREDIT.pack(link, op, seq))
 
     def close(self) -> None:

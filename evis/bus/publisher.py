@@ -31,7 +31,7 @@ PUMP_EVERY_S = 0.005
 
 
 class Publisher(Lender):
-    """Publishes one topic: to its declared consumers without loss, to taps as far as they can follow.
+    """Publishes one topic: to its declared consumers without loss, to taps as far as they follow.
 
     context: of ZeroMQ, the process's. topic, node: names. endpoints: the addresses that it binds. consumers: ids
     `node:port` of the declared consumers in other processes. message_type: the only one that it sends. window: messages
@@ -86,7 +86,7 @@ class Publisher(Lender):
         self._consumers.attach(router)
         self._poller = wire.poller(self._consumers.inbox.fileno(), data, router, tap)
         self._handlers = {
-            data: self._consumers.subscription, router: self._consumers.talk, tap: self._tap.subscription,
+            data: self._consumers.handle_xpub, router: self._consumers.handle_router, tap: self._tap.handle_xpub,
         }  # fmt: skip
         bind(data, self.endpoints.lockstep)
         bind(router, self.endpoints.credit)
@@ -106,20 +106,20 @@ class Publisher(Lender):
         """Handles credits, newcomers and departures; never waits. Raises PeerLost."""
         self._consumers.collect()
         for sock in self._sockets:
-            self._hear(sock)
+            self._handle(sock)
         self._settle()
 
-    def _hear(self, sock: zmq.Socket) -> None:
+    def _handle(self, sock: zmq.Socket) -> None:
         while wire.readable(sock):
             self._handlers[sock](sock.recv_multipart())
 
-    def _await(self, timeout_ms: int) -> None:
-        """Wait until something comes and handle it. A credit that comes soon costs no look at the sockets."""
-        if self._consumers.answered(timeout_ms):
+    def _wait_for_consumers(self, timeout_ms: int) -> None:
+        """Waits until something comes, and handles it; a credit that comes soon saves a look at the sockets."""
+        if self._consumers.wait_for_credits(timeout_ms):
             return
         for ready, _ in self._poller.poll(timeout_ms):
             if ready in self._handlers:
-                self._hear(ready)
+                self._handle(ready)
             else:
                 self._consumers.collect()
         self._settle()
@@ -133,7 +133,7 @@ class Publisher(Lender):
                 self._consumers.charge([consumer], self._seq - 1, None)
 
     def missing(self) -> list[str]:
-        """Names the declared consumers that are not connected."""
+        """Lists the declared consumers that are not connected."""
         self.pump()
         return self._consumers.missing()
 
@@ -147,19 +147,20 @@ class Publisher(Lender):
         return self._consumers.credit()
 
     def wanted(self) -> bool:
-        """Says whether somebody reads this topic: a declared consumer, or a tap right now."""
+        """Tells whether a declared consumer, or a tap right now, reads this topic."""
         return bool(self._consumers.all) or self._tap.listeners > 0
 
     def tapped(self) -> bool:
-        """Says whether a tap listens."""
+        """Tells whether a tap listens."""
         return self._tap.listeners > 0
 
     def tapped_by_eager(self) -> bool:
-        """Says whether a tap listens that wants every message."""
+        """Tells whether a tap listens that wants every message."""
         return self._tap.eager > 0
 
     def miss(self, count: int) -> None:
-        """Leaves out sequence numbers: readers count as lost what its node could not make. Not for a latched topic."""
+        """Skips sequence numbers, which readers count as lost: messages that its node could not make. Not for a latched
+        topic."""
         self._seq += count
 
     def loan(self, **arrays: tuple[tuple[int, ...], Any]) -> dict[str, np.ndarray]:
@@ -172,18 +173,18 @@ class Publisher(Lender):
         """Returns Warp arrays on a device as `loan` does: name -> (shape, Warp dtype)."""
         if device.is_cuda:
             self._pool.write_from(device)
-        shown = device.is_cuda and any(c.gpu == device.uuid for c in self._consumers.all.values())
-        return self._on_device.loan(device, asked, shown)
+        exported = device.is_cuda and any(c.gpu == device.uuid for c in self._consumers.all.values())
+        return self._on_device.loan(device, asked, exported)
 
     def reads_bytes(self, but: Collection[str] = ()) -> bool:
-        """Says whether the next message must be sent in numpy arrays: another process or a viewer reads it.
+        """Tells whether the next message must be sent in numpy arrays: another process or a viewer reads it.
 
         but: consumers, as `node:port`, that read no arrays of it.
         """
         return self.latched or not self._consumers.all.keys() <= set(but) or self._tap.ready()
 
     def reads_on(self, device: Any, but: Collection[str] = ()) -> bool:
-        """Says whether other processes read the next message, and all of them on this device, a Warp one.
+        """Tells whether other processes read the next message, and all of them on this Warp device.
 
         but: consumers, as `node:port`, that read no arrays of it.
         """
@@ -193,7 +194,7 @@ class Publisher(Lender):
         return bool(readers) and all(consumer.gpu == device.uuid for consumer in readers)
 
     def passed(self, message: Message) -> None:
-        """Counts a message whose arrays stay on their device, for nobody outside this process gets it."""
+        """Counts a message whose arrays stay on their device, because no other process gets it."""
         check_sent(self.topic, self.node, self.message_type, message)
         message.header.seq = self._seq
         self._bytes += check(message)
@@ -201,18 +202,19 @@ class Publisher(Lender):
         self._tap.skipped += bool(self._tap.listeners)
 
     def send_on(self, message: Message, slot: DeviceSlot | None) -> bool:
-        """Publishes a message to who `reads_on` the device of its arrays, as `send` does; slot: of `claim_on`.
+        """Publishes, as `send` does, a message whose arrays readers take on their device (`reads_on`); slot: of
+        `claim_on`.
 
         False, and nothing is sent, where they are not all in a slot that other processes can read.
         """
         placed = None if slot is None else slot.placed(message)
-        if slot is None or slot.shown is None or placed is None:
+        if slot is None or slot.exported is None or placed is None:
             return False
         check_sent(self.topic, self.node, self.message_type, message)
         self._wait_for_credit(None)
         message.header.seq = self._seq
-        slot.shown.written()
-        self._deliver(self._receivers(), [placed.packed(message, slot.shown)], slot)
+        slot.exported.written()
+        self._deliver(self._receivers(), [placed.packed(message, slot.exported)], slot)
         self._tap.skipped += bool(self._tap.listeners)
         self._seq += 1
         self._bytes += sum(form.nbytes for form in placed.forms.values())
@@ -267,7 +269,8 @@ class Publisher(Lender):
             self._consumers.charge(consumers, self._seq, slot)
 
     def _broadcast(self, frames: list[Buffer]) -> None:
-        """Through the pipes where every consumer's has room for the record, else over the socket, in the same order."""
+        """Sends through the pipes where every consumer's has room for the record, else over the socket, in the same
+        order."""
         through_pipes = pipes.packed_size(frames) <= self._consumers.room()
         record = pipes.pack(frames) if through_pipes else pipes.ELSEWHERE
         for consumer in self._consumers.all.values():
@@ -298,12 +301,12 @@ class Publisher(Lender):
                 if left_s <= 0:
                     slow = ", ".join(self._consumers.behind())
                     raise BusError(f"topic {self.topic}: no credit from {slow} for {timeout_s} s")
-                self._await(min(POLL_MS, int(1000 * left_s) + 1))
+                self._wait_for_consumers(min(POLL_MS, int(1000 * left_s) + 1))
         finally:
             self._waited_s += time.monotonic() - start
 
     def finish(self, timeout_s: float | None = None) -> bool:
-        """Ends the stream: says so (once), and waits until every consumer has answered, so that nothing is under way.
+        """Ends the stream: announces the end (once), and waits until every consumer has answered.
 
         False when some have not answered within timeout_s (0: just look); call again. Raises PeerLost for one that died
         meanwhile.
@@ -320,7 +323,7 @@ class Publisher(Lender):
             left_s = deadline - time.monotonic()
             if left_s <= 0:
                 return False
-            self._await(min(POLL_MS, int(1000 * left_s) + 1))
+            self._wait_for_consumers(min(POLL_MS, int(1000 * left_s) + 1))
             heard_at = time.monotonic()
             self.pump()
         return True

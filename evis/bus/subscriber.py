@@ -16,8 +16,8 @@ from evis.bus.endpoints import Endpoints
 from evis.bus.errors import BusError, PeerLost
 from evis.bus.lease import END, End, Lease
 from evis.bus.memory import mapping
+from evis.bus.memory.cuda_ipc import KIND, ImportedSlots, uuid_of, without_rows
 from evis.bus.memory.device import device_of
-from evis.bus.memory.shown import KIND, ShownSlots, uuid_of, without_rows
 from evis.bus.pipes import MessageInbox, Outlet
 from evis.bus.tap import queue_length
 from msgs.codec import attach, decode_header
@@ -31,7 +31,7 @@ _MONITORED = struct.Struct("=Hi")
 
 
 class Subscriber:
-    """Receives one topic: without loss as a declared consumer `node:port`, or (tap) as much as comes through.
+    """Receives one topic: without loss as a declared consumer `node:port`, or (tap) as far as it follows.
 
     context: of ZeroMQ, the process's. topic, node, port: names. endpoints: the publisher's addresses. message_type: the
     only one that it takes. window: messages it lets the publisher be ahead. every: a tap that asks for every message,
@@ -75,7 +75,7 @@ class Subscriber:
         self._ended = False
         self._disconnected = False
         self._sockets: list[zmq.Socket] = []
-        self._behind: deque[list[bytes]] = deque(maxlen=queue_length(topic))
+        self._received: deque[list[bytes]] = deque(maxlen=queue_length(topic))
         """What a tap has received: of what it lags behind, the newest."""
         self._inbox: MessageInbox | None = None
         self._piped = False
@@ -85,7 +85,7 @@ class Subscriber:
         self._credits: Outlet | None = None
         self._link = 0
         self._device = device
-        self._shown: ShownSlots | None = None
+        self._imported: ImportedSlots | None = None
         """Where the arrays come that stay on a GPU."""
         self._on_gpu = 0
         """Messages with such arrays that are not freed."""
@@ -95,18 +95,19 @@ class Subscriber:
 
     @property
     def socket(self) -> zmq.Socket:
-        """Returns a tap's only source of messages, for a poller: call `receive` when it is readable."""
+        """Returns the only socket on which a tap receives messages, for a poller: call `receive` when it is
+        readable."""
         return self._data
 
     def sockets(self) -> list[zmq.Socket | int]:
-        """Lists sockets and a file descriptor for a poller: when one is readable, `receive` until that gives None.
+        """Lists sockets and a file descriptor for a poller: when one is readable, call `receive` until it returns None.
 
         Then `raise_if_publisher_lost`: it takes in what `signals` shows.
         """
         return [self._data, *([] if self._inbox is None else [self._inbox.fileno()]), *self.signals()]
 
     def signals(self) -> list[zmq.Socket | int]:
-        """Lists those of `sockets` that show no message: a welcome or refusal, the loss of the publisher.
+        """Lists those of `sockets` that carry no messages: a welcome or refusal, the loss of the publisher.
 
         A tap has none.
         """
@@ -115,7 +116,7 @@ class Subscriber:
         return [self._monitor] if self._ready else [self._monitor, self._dealer]
 
     def start(self) -> None:
-        """Connects; the publisher need not be there yet."""
+        """Connects the sockets; the publisher need not be there yet."""
         token = os.urandom(8).hex()
         self._data = self._open(zmq.SUB, TAP_QUEUE if self.tap else 0)
         # Monitored from before the connection is made: a publisher that dies shows as a disconnection.
@@ -139,7 +140,7 @@ class Subscriber:
             self._dealer.send(wire.pack_map(wire.HELLO, id=self.name, token=token, type=kind, window=self._window))
 
     def want_every(self, every: bool) -> None:
-        """Asks for every message from now on, or for those that the publisher's rate lets through; of a tap."""
+        """Sets whether a tap gets every message from now on, or those that the publisher's rate lets through."""
         self.every = every
         self._data.setsockopt(zmq.SUBSCRIBE if every else zmq.UNSUBSCRIBE, wire.EVERY)
 
@@ -149,8 +150,8 @@ class Subscriber:
         return sock
 
     def connected(self) -> bool:
-        """Says whether the publisher has welcomed this consumer (a tap: the connection stands). Raises BusError."""
-        self._watch()
+        """Tells whether the publisher has welcomed this consumer (of a tap: the connection stands). Raises BusError."""
+        self._check_connection()
         if not self.tap and not self._ready:
             self._greet()
         return self._ready
@@ -175,8 +176,8 @@ class Subscriber:
                     self._credits = Outlet(credits)
             address = [] if self._inbox is None else self._inbox.address
             gpu = uuid_of(self._device) if shared and pid != os.getpid() else ""  # no process opens its own memory
-            if gpu and self._shown is None:
-                self._shown = ShownSlots(self._device)
+            if gpu and self._imported is None:
+                self._imported = ImportedSlots(self._device)
             self._dealer.send(wire.pack_map(wire.READY, shared=shared, pipe=address, gpu=gpu))
             self._ready = True
 
@@ -188,14 +189,14 @@ class Subscriber:
         """
         if not self._ready and not self.tap:
             timeout_ms = self._wait_for_welcome(timeout_ms)
-        self._free_read()
+        self._free_past_gpu()
         deadline = time.monotonic() + timeout_ms / 1000
         # Who waits has most likely taken all that came: to wait first costs less than to read nothing first.
         if timeout_ms > 0 and self._piped and not self._elsewhere and self._inbox is not None:
             if not self._inbox.pending(timeout_ms):
                 return None
         while True:
-            frames = self._next()
+            frames = self._next_frames()
             if frames is None:
                 left_ms = int(1000 * (deadline - time.monotonic()) + 0.999)
                 if left_ms <= 0 or not self._wait(left_ms):
@@ -203,18 +204,18 @@ class Subscriber:
             elif not frames:
                 self.rejected += 1
             elif frames[0] == wire.END_HEADER:
-                return self._end(frames)
-            elif (message := self._message(frames)) is not None:
+                return self._accept_end(frames)
+            elif (message := self._accept(frames)) is not None:
                 return message
 
-    def _next(self) -> list[bytes] | None:
-        """Frames of the next message, none for what is not one; None when nothing is there."""
+    def _next_frames(self) -> list[bytes] | None:
+        """Returns the frames of the next message, [] for invalid ones; None when nothing is there."""
         if self.tap:
             while wire.readable(self._data):
-                if self._next_seq is None and len(self._behind) == self._behind.maxlen:
-                    self._begin_count(self._behind[0])
-                self._behind.append(self._data.recv_multipart())
-            return self._mine(self._behind.popleft()) if self._behind else None
+                if self._next_seq is None and len(self._received) == self._received.maxlen:
+                    self._count_from(self._received[0])
+                self._received.append(self._data.recv_multipart())
+            return self._frames_for_me(self._received.popleft()) if self._received else None
         if not self._elsewhere and (frames := self._from_pipe()):
             return frames
         if (self._piped and not self._elsewhere) or not wire.readable(self._data):
@@ -222,15 +223,15 @@ class Subscriber:
         if not self._elsewhere and (frames := self._from_pipe()):  # came in before what is in the socket
             return frames
         self._elsewhere = False
-        return self._mine(self._data.recv_multipart())
+        return self._frames_for_me(self._data.recv_multipart())
 
-    def _begin_count(self, received: list[bytes]) -> None:
-        """Counts what is lost from this message on, which is the oldest and is dropped before any was read."""
+    def _count_from(self, received: list[bytes]) -> None:
+        """Counts losses from this message on: the oldest, which is dropped before any was read."""
         with contextlib.suppress(MessageError):  # it is no message of this topic
-            if (frames := self._mine(received)) and frames[0] != wire.END_HEADER:
+            if (frames := self._frames_for_me(received)) and frames[0] != wire.END_HEADER:
                 self._next_seq = decode_header(frames[0], self.message_type).header.seq
 
-    def _mine(self, received: list[bytes]) -> list[bytes]:
+    def _frames_for_me(self, received: list[bytes]) -> list[bytes]:
         topic, *frames = received
         return frames if topic in (self._frame, self._key) else []
 
@@ -249,13 +250,13 @@ class Subscriber:
         return frames
 
     def _wait(self, timeout_ms: int) -> bool:
-        """Until there may be something to receive; False when the time is over."""
+        """Waits until there may be something to receive; False when the time is over."""
         if self._inbox is None or self._elsewhere:
             return bool(self._poller.poll(timeout_ms))
         return self._inbox.wait(timeout_ms) if self._piped else bool(self._either.poll(timeout_ms))
 
     def _wait_for_welcome(self, timeout_ms: int) -> int:
-        """The welcome comes before the first message. Returns what is left of the time."""
+        """Waits for the welcome, which comes before the first message. Returns what is left of the time [ms]."""
         deadline = time.monotonic() + timeout_ms / 1000
         while not self._ready:
             if not self._greeting.poll(max(0, int(1000 * (deadline - time.monotonic())))):
@@ -263,16 +264,16 @@ class Subscriber:
             self._greet()
         return max(0, int(1000 * (deadline - time.monotonic())))
 
-    def _end(self, frames: list[bytes]) -> End:
+    def _accept_end(self, frames: list[bytes]) -> End:
         if len(frames) == 2 and len(frames[1]) == 8:
             self._count(int.from_bytes(frames[1], "little"))
         self._ended = True
         self._end_owed = not self.tap
-        self._free_read(wait=True)
+        self._free_past_gpu(wait=True)
         self._answer_end()
         return END
 
-    def _message(self, frames: list[bytes]) -> Message | None:
+    def _accept(self, frames: list[bytes]) -> Message | None:
         try:
             message = self._reader.recall(frames) or self._decode(frames)
         except MessageError as error:
@@ -303,7 +304,7 @@ class Subscriber:
         head = decode_header(frames[0], self.message_type)
         slot, on_gpu = head.extra.get("slot"), head.extra.get(KIND)
         if on_gpu is not None and not self.tap:
-            return self._shown.attach(head, on_gpu) if self._shown is not None else without_rows(head)
+            return self._imported.attach(head, on_gpu) if self._imported is not None else without_rows(head)
         if slot is None:
             return attach(head, frames[1:])
         if self.tap:
@@ -315,24 +316,24 @@ class Subscriber:
             self.lost += seq - self._next_seq
 
     def reply(self, op: bytes, seq: int) -> None:
-        """Tells the publisher what becomes of a message; called by a lease."""
+        """Tells the publisher what happened to a message; called by a lease."""
         if not self._sockets or self._disconnected:
             return
         if self._credits is None or not self._credits.write_credit(self._link, op, seq):
             self._dealer.send(wire.pack_seq(op, seq))
 
     def free_on_gpu(self, seq: int) -> None:
-        """Tells the publisher that a message is free once the GPU is past its last reader; called by a lease."""
+        """Frees a message once the GPU is past its last reader; called by a lease."""
         import warp as wp
 
-        assert self._shown is not None
-        self._reading.append((seq, self._shown.device.stream.record_event(wp.Event(self._shown.device))))
+        assert self._imported is not None
+        self._reading.append((seq, self._imported.device.stream.record_event(wp.Event(self._imported.device))))
         if self._ended:
-            self._free_read(wait=True)
+            self._free_past_gpu(wait=True)
             self._answer_end()
 
-    def _free_read(self, wait: bool = False) -> None:
-        """Frees the messages that the GPU is past; of `wait`, all that were released."""
+    def _free_past_gpu(self, wait: bool = False) -> None:
+        """Frees the messages that the GPU is past; with `wait`, all that were released."""
         while self._reading and (wait or self._reading[0][1].is_complete):
             seq, passed = self._reading.popleft()
             if wait:
@@ -343,15 +344,14 @@ class Subscriber:
             self.reply(wire.FREED, seq)
 
     def _answer_end(self) -> None:
-        """Answers the end of the stream, with which the publisher may go and its memory on the GPU with it: not while
-        a node keeps some."""
+        """Answers the end of the stream, unless a node keeps messages whose memory on the GPU the publisher holds."""
         if self._end_owed and not self._on_gpu:
             self._end_owed = False
-            if self._shown is not None:
-                self._shown.close()
+            if self._imported is not None:
+                self._imported.close()
             self._dealer.send(wire.ENDED)
 
-    def _watch(self) -> None:
+    def _check_connection(self) -> None:
         while wire.readable(self._monitor):
             up = _event_of(self._monitor.recv_multipart()) == zmq.EVENT_HANDSHAKE_SUCCEEDED
             if self.tap:  # a tap may come back to a publisher that was started again
@@ -359,8 +359,8 @@ class Subscriber:
             self._disconnected = not up if self.tap else self._disconnected or not up
 
     def raise_if_publisher_lost(self) -> None:
-        """Raises PeerLost when the publisher went away before the end and all that came is received."""
-        self._watch()
+        """Raises PeerLost where the publisher left before the end and all that came is received."""
+        self._check_connection()
         if self._disconnected and not self._ended and not self._pending():
             raise PeerLost(self.publisher, self.topic)
 
@@ -368,11 +368,11 @@ class Subscriber:
         return wire.readable(self._data) or (self._inbox is not None and self._inbox.pending())
 
     def close(self) -> None:
-        """Disconnects. Arrays of messages that are kept stay readable, unless they are another process's on a GPU."""
-        self._free_read(wait=True)
+        """Disconnects. Arrays of kept messages stay readable, except those of another process on a GPU."""
+        self._free_past_gpu(wait=True)
         self._on_gpu = 0
         self._answer_end()
-        self._shown = None
+        self._imported = None
         if self._sockets:
             self._data.disable_monitor()
         for sock in self._sockets:
@@ -386,7 +386,8 @@ class Subscriber:
 
 
 def _event_of(frames: list[bytes]) -> int:
-    """What a monitor reports: its first frame is the event, uint16, and a value (zmq_socket_monitor(3)).
+    """Parses the event of a monitor's message: its first frame is the event, uint16, and a value
+    (zmq_socket_monitor(3)).
 
     pyzmq's own reader imports asyncio and ssl, 60 ms of every process.
     """

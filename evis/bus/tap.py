@@ -1,4 +1,4 @@
-"""Sends the lossy copy of a topic to viewers and tools: own socket, rate-limited, silent while nobody listens.
+"""Sends taps of a topic their copies: a limited number a second, and only while one listens.
 
 A full queue drops, here or at the listener; sequence numbers tell it how much it missed.
 """
@@ -51,7 +51,7 @@ class TapSender:
         self.socket = sock
         bind(sock, address)
 
-    def subscription(self, frames: list[bytes]) -> None:
+    def handle_xpub(self, frames: list[bytes]) -> None:
         """Handles a message of the XPUB socket: a listener has come or gone."""
         key = frames[0][1:]
         if len(frames) != 1 or frames[0][:1] not in (b"\0", b"\1"):
@@ -66,11 +66,11 @@ class TapSender:
             wire.send(self.socket, [key, *self.latched])
 
     def ready(self) -> bool:
-        """Says whether the next message would go out. Counts nothing."""
+        """Tells whether the next message would be sent; counts nothing."""
         return self.listeners > 0 and (self.eager > 0 or time.monotonic() >= self._next)
 
     def due(self) -> bool:
-        """Says whether somebody listens and the rate limit lets the next message through; counts it if not."""
+        """Tells whether a tap listens and the rate limit lets the next message through; counts it if not."""
         if not self.listeners:
             return False
         now = time.monotonic()

@@ -1,4 +1,4 @@
-"""Packs the control messages of a lock-step edge, which go beside the messages themselves.
+"""Packs the control messages of a lock-step edge, which are exchanged beside the messages themselves.
 
 DEALER -> ROUTER, one frame each: HELLO (who, what type it expects), READY (whether it can open shared memory, and where
 its pipe is), ENDED to answer the end of the stream. ROUTER -> DEALER: WELCOME (with a probe in shared memory, and where
@@ -43,7 +43,7 @@ _SEQ = struct.Struct("<cQ")
 
 
 class Malformed(ValueError):
-    """Reports a frame that is none of ours."""
+    """Reports a frame that does not follow the protocol."""
 
 
 def pack_seq(op: bytes, seq: int) -> bytes:
@@ -76,7 +76,7 @@ def unpack_map(frame: bytes, **kinds: type) -> list[Any]:
 
 
 def type_name(message_type: type[Message]) -> str:
-    """Names a message type as the two sides compare it: `Depth v1`."""
+    """Returns a message type's name in the form that both sides compare: `Depth v1`."""
     return f"{message_type.__name__} v{message_type.VERSION}"
 
 
@@ -112,7 +112,7 @@ def send(sock: zmq.Socket, frames: Sequence[Buffer]) -> None:
 
 
 def readable(sock: zmq.Socket) -> bool:
-    """Says whether something is there; cheaper than any poll."""
+    """Tells whether the socket is readable; cheaper than any poll."""
     events = sock.getsockopt(zmq.EVENTS)
     return bool(int(events) & _POLLIN)
 

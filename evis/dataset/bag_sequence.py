@@ -18,7 +18,7 @@ from evis.dataset.about import About
 from evis.dataset.errors import refused_by_place
 from evis.dataset.layouts import LayoutError, writer_of
 from evis.dataset.layouts.sample import DENSE, EVENTS, TABLES
-from evis.events.codecs.decoder import Decoder, make_decoder
+from evis.events.codecs.decoder import Decoder, decoder_for
 from evis.simulation.step import Step, value_of
 from msgs.camera import CameraInfo, EventPacket, Image, Labels
 from msgs.header import Message
@@ -156,7 +156,7 @@ class BagSequence:
         if packet.t is not None:
             return packet
         try:
-            decoder = self._decoders.setdefault(topic, make_decoder(packet.encoding, packet.width, packet.height))
+            decoder = self._decoders.setdefault(topic, decoder_for(packet.encoding, packet.width, packet.height))
         except ValueError as error:
             raise BagError(f"{topic}: {error}") from None
         events = decoder.decode(b"" if packet.raw is None else packet.raw.tobytes())

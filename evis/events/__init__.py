@@ -1,6 +1,13 @@
 """Handles event streams: the words that sensors send, the files that hold them, and one container for what comes out.
 
-One file per codec (`evt3`, `davis`, ...), one per file format (`files/raw`, ...); `open_recording` finds the format.
+`arrays.py` is the container: events with triggers, inertial samples and frames. The way of the data:
+
+1. `recording.py` opens a recording, whose content decides which reader of `files/` reads it, and creates files.
+2. Readers decode a sensor's words with `codecs/`, as cameras' drivers do; writers encode them.
+3. `representations/` makes images for a network of events, `measure/` measures them; `time_histogram.py` counts them
+   over time.
+
+`pixel_limit.py` limits the memory that a file's header can claim.
 """
 
 from evis.events.arrays import Events, Frame, Imu, Triggers

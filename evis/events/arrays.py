@@ -1,4 +1,4 @@
-"""Holds the container that every decoder fills and every encoder reads."""
+"""Holds the container of events that every decoder fills and every encoder reads."""
 
 from __future__ import annotations
 
@@ -91,14 +91,22 @@ class Events:
         return len(self.t)
 
     def __getitem__(self, part: slice | np.ndarray) -> Events:
-        """The events of a slice, as views, or of an index, without triggers, inertial samples and frames."""
+        """Returns the events of a slice, as views, or of an index, without triggers, inertial samples and frames."""
         c = None if self.c is None else self.c[part]
         return Events(self.t[part], self.x[part], self.y[part], self.p[part], c)
 
+    @property
+    def has_aside(self) -> bool:
+        """Tells whether there are triggers, inertial samples or frames."""
+        return bool(len(self.triggers) or len(self.imu) or self.frames)
+
+    def without_events(self) -> Events:
+        """Returns the triggers, inertial samples and frames alone, which are not copied."""
+        return Events.empty().beside(self)
+
     def aside(self, start_ns: int | None, stop_ns: int | None) -> Events:
-        """Returns the triggers, inertial samples and frames of a part [start, stop) of the time, without events; None
-        = no such end.
-        """
+        """Returns the triggers, inertial samples and frames in [start, stop) [ns], without events; None = no such
+        bound."""
         part = Events.empty()
 
         def inside(t: Any) -> Any:
@@ -112,7 +120,7 @@ class Events:
         return part
 
     def beside(self, aside: Events) -> Events:
-        """Returns these events with the triggers, inertial samples and frames of others."""
+        """Returns these events with the triggers, inertial samples and frames of `aside`."""
         return Events(self.t, self.x, self.y, self.p, self.c, aside.triggers, aside.imu, aside.frames)
 
     @staticmethod

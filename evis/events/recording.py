@@ -63,7 +63,7 @@ HEAD = 4096
 
 
 class RecordingError(ValueError):
-    """Says that a recording is missing, damaged or of an unknown kind. The text names the file and the remedy."""
+    """Reports that a recording is missing, damaged or of an unknown kind. The text names the file and the remedy."""
 
     def __init__(self, text: str) -> None:
         # names inside a file can hold anything; the error is one line
@@ -72,7 +72,7 @@ class RecordingError(ValueError):
 
 @dataclass(frozen=True)
 class OpenOptions:
-    """Holds what a user says about a file that the file does not say itself.
+    """Holds what a user states about a file that the file itself does not say.
 
     backend: `numpy`, `warp` or `auto` (by size); same results. size: (width, height), in place of what the file says.
     topic: of a bag, an HDF5 file or an archive with several event streams, the one to read. name: what the file is
@@ -87,7 +87,7 @@ class OpenOptions:
 
 @dataclass
 class RecordingInfo:
-    """Holds what a file says about itself.
+    """Holds what a file states about itself.
 
     geometry_from: option, header, system_ID, file, sensor (size of the sensor that the format belongs to) or events
     (largest coordinates).
@@ -116,7 +116,7 @@ class RecordingInfo:
 
 
 class Recording(abc.ABC):
-    """Reads a recording from start to end. A context manager; times as stored, in ns."""
+    """Reads a recording from start to end; a context manager. Times are those of the file, in ns."""
 
     info: RecordingInfo
 
@@ -137,7 +137,7 @@ class Recording(abc.ABC):
 
     @abc.abstractmethod
     def seek(self, t_ns: int) -> None:
-        """Goes on with the first event or trigger, in file order, that is not earlier than t_ns. Backwards too.
+        """Continues with the first event or trigger, in file order, that is not earlier than t_ns; also backwards.
 
         By an index or bisection where the format allows it, otherwise by reading up to there.
         """
@@ -149,17 +149,17 @@ class Recording(abc.ABC):
 
     @property
     def raw(self) -> np.ndarray | None:
-        """Returns the sensor's own bytes of the last `read_until` (uint8), None where the file does not hold such."""
+        """Returns the sensor's own bytes of the last `read_until` (uint8), None where the file does not hold them."""
         return None
 
     def counters(self) -> dict[str, int]:
-        """Counts what was dropped so far, by reason; only what is not 0."""
+        """Returns how much was dropped so far, by reason; only counts above 0."""
         return {}
 
     @property
     @abc.abstractmethod
     def position(self) -> float:
-        """Tells how much of the file has been read, 0 to 1."""
+        """Returns the share of the file that has been read, 0 to 1."""
 
     @abc.abstractmethod
     def close(self) -> None:
@@ -200,10 +200,10 @@ class Writer(abc.ABC):
 
     @abc.abstractmethod
     def _finish(self) -> None:
-        """Complete and close the partial file."""
+        """Completes and closes the partial file."""
 
     def close(self) -> None:
-        """Completes the file and gives it its name; what is no regular file (a pipe) gets its bytes."""
+        """Completes the file and gives it its name; copies it into a target that is no regular file (a pipe)."""
         self._finish()
         if self._place.exists() and not self._place.is_file():
             with with_reader(self._place), self.partial.open("rb") as whole, self._place.open("wb") as out:
@@ -244,7 +244,7 @@ class Writer(abc.ABC):
 def open_recording(
     path: str | os.PathLike[str], backend: str = "auto", *, size: tuple[int, int] | None = None, topic: str = ""
 ) -> Recording:
-    """Opens a recording, whatever its name says: the content decides.
+    """Opens a recording; its content decides the format, not its name.
 
     backend, size, topic: as in `OpenOptions`. Raises RecordingError with one line that names the file, now and while
     the recording is read, and nothing else whatever is in the file.
@@ -255,7 +255,7 @@ def open_recording(
 
 
 def open_as(path: Path, options: OpenOptions) -> Recording:
-    """Opens a recording as `open_recording` does, but by the name that `options` gives it."""
+    """Opens a recording as `open_recording` does, under the name that `options` states."""
     size, topic = options.size, options.topic
     if not path.exists():
         names = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
@@ -294,7 +294,7 @@ def open_as(path: Path, options: OpenOptions) -> Recording:
 
 
 def _bags_in(folder: Path) -> list[Path]:
-    """ROS 2 keeps a bag as a folder of a metadata.yaml and its files."""
+    """Lists the bag files of a folder that ROS 2 keeps as one bag, with a metadata.yaml."""
     if not (folder / "metadata.yaml").is_file():
         return []
     files = [p for p in folder.iterdir() if p.name.removesuffix(".zstd").endswith((".db3", ".mcap"))]
@@ -318,5 +318,5 @@ def open_writer(path: str | os.PathLike[str], width: int, height: int, encoding:
 
 
 def reason(error: OSError) -> str:
-    """Tells what the system says, without what a library wrote around it."""
+    """Returns the system's own message of an error, without what a library wrote around it."""
     return os.strerror(error.errno) if error.errno else str(error)

@@ -24,7 +24,7 @@ from evis.launch.graph.wiring import WiredNode, publishers, secret_values, wire
 from evis.launch.resolved_file import as_written, resolved_file
 from evis.launch.target import read_target, values_of_scene, with_scene_arguments
 from evis.launch.unused_arguments import check_effect, check_options
-from evis.runtime.node import of_all
+from evis.runtime.node import with_others
 from evis.runtime.plan import COMPOSED, NodePlan, Plan
 from msgs.topics import SYSTEM_TOPICS
 
@@ -178,7 +178,7 @@ def _share_words(plan: Plan, awake: list[WiredNode]) -> None:
 def _foreseen(plan: Plan, node: WiredNode) -> list[str]:
     """What a node is going to warn of."""
     planned = plan.nodes[node.name]
-    return [] if planned.told_by else [of_all(line, planned.tells_for) for line in node.cls.foreseen(node.params)]
+    return [] if planned.told_by else [with_others(line, planned.tells_for) for line in node.cls.foreseen(node.params)]
 
 
 def _draws(node: WiredNode) -> bool:

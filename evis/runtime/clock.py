@@ -32,7 +32,7 @@ def keyframe_count(duration_ns: int, keyframe_rate: float) -> int:
 
 
 def times_slower(keyframe_rate: float, slower_rate: float) -> int:
-    """Returns how many keyframes at keyframe_rate [Hz] there are for each at slower_rate [Hz].
+    """Computes how many keyframes at keyframe_rate [Hz] there are for each at slower_rate [Hz].
 
     Raises ValueError naming both and the nearest that fit, unless it is a whole number of at least 1.
     """

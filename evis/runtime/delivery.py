@@ -1,4 +1,5 @@
-"""Delivers a published message to the nodes of its own process: by reference, on its device if they take it so."""
+"""Delivers a published message to the nodes of its own process, by reference, and on its device where they take
+it so."""
 
 from __future__ import annotations
 
@@ -29,15 +30,13 @@ class Delivery:
         unread: Collection[str] = (),
         lender: AnyPublisher | None = None,
     ) -> Delivery:
-        """Sends a message to other processes and viewers, and says what the consumers here get: its arrays as they are
-        on a device where all who read them take them there, else numpy's.
+        """Sends a message to other processes and viewers, and makes what the consumers here get.
 
-        unread: consumers, here or elsewhere, as `node:port`, that read no arrays of it. lender: of the topic in
-        whose loans the arrays may lie where they lie in none of their own (`Node.lending`).
+        Its arrays stay on a device where all who read them take them there; otherwise they are numpy's.
         """
         device = device_of(message)
         if device is None:
-            slot = publisher.send(message) or _lent(message, lender)
+            slot = publisher.send(message) or _pin_loan(message, lender)
             return Delivery([message] * len(consumers), [slot])
         there = [consumer.takes(port, device) or f"{consumer.name}:{port}" in unread for consumer, port in consumers]
         slot, host, sent = publisher.claim_on(message), message, None
@@ -50,26 +49,26 @@ class Delivery:
         elif not in_place:
             publisher.passed(message)
         if slot is None:
-            slot = _lent(message, lender)
+            slot = _pin_loan(message, lender)
         message._slot = slot  # type: ignore[misc]
         return Delivery([message if takes else host for takes in there], [sent, slot])
 
     def over(self) -> None:
-        """Releases the slots: every consumer was called, and what it keeps it has pinned itself."""
+        """Releases the slots, once every consumer was called; what a consumer keeps it has pinned itself."""
         for slot in self.slots:
             if slot is not None:
                 slot.unpin()
 
 
-def _lent(message: Message, lender: AnyPublisher | None) -> Any:
-    """The loan of another topic that the arrays lie in, pinned once: who keeps this message holds that."""
+def _pin_loan(message: Message, lender: AnyPublisher | None) -> Any:
+    """Pins the loan of another topic in which the arrays lie: who keeps this message holds that."""
     slot = None if lender is None else lender.lend(message)
     message._slot = slot  # type: ignore[misc]
     return slot
 
 
 def read_on_host(publisher: AnyPublisher, consumers: Sequence[tuple[Host, str]], device: Any) -> bool:
-    """Says whether there are readers of a topic, and all of them read the next message on the host.
+    """Tells whether a topic has readers, and all of them read the next message on the host.
 
     consumers: those in this process, each with its port. device: a Warp device on which they might.
     """

@@ -1,4 +1,4 @@
-"""Runs the nodes of one process: joins their inputs, calls them, and carries away what they publish.
+"""Runs the nodes of one process: joins their inputs, calls them, and delivers what they publish.
 
 Nodes of one process call each other directly (scheduler.py); everything else goes over the bus. A message is taken from
 the bus only where its node can take it: so nothing is lost, and memory is bounded.
@@ -40,7 +40,7 @@ Commands = Callable[[], None]
 
 
 class Executor(Outputs):
-    """Runs all nodes of one process of a plan; as `Outputs` it carries what they publish."""
+    """Runs all nodes of one process of a plan; as `Outputs` it delivers what they publish."""
 
     def __init__(
         self,
@@ -52,10 +52,11 @@ class Executor(Outputs):
         redactor: Redactor | None = None,
         say: Say = say_in_log,
     ) -> None:
-        """Build the nodes. `request` asks the supervisor to start the dormant node of a topic.
+        """Makes the nodes of a process.
 
-        tell: takes a node's name and a line that is for the user's eyes alone; to stderr if not given. redactor: the
-        process's, of the plan's secrets if not given. say: takes what nodes say about themselves.
+        request: asks the supervisor to start the dormant node of a topic. tell: takes a node's name and a line that is
+        for the user's eyes alone; to stderr if not given. redactor: the process's, of the plan's secrets if not given.
+        say: takes what nodes say about themselves.
         """
         profile = Profile()
         self._redactor = redactor or Redactor(plan.secrets)
@@ -79,7 +80,7 @@ class Executor(Outputs):
         self._publishers += self._telemetry.publishers.values()
         self._dormant = [host for host in self._hosts.values() if host.plan.dormant]
         self._declared = [publisher for publisher in self._publishers if publisher.declared]
-        self._listen_at = 0.0
+        self._serve_all_at = 0.0
         self._outside_inputs = [self._open_to_outside(host) for host in self._hosts.values() if host.plan.outside]
 
     def _open_to_outside(self, host: Host) -> OutsideInputs:
@@ -126,12 +127,13 @@ class Executor(Outputs):
                 host.node.warm_up()
 
     def _introduce(self, host: Host) -> None:
-        """Tells a node who runs it, for how long, and whether somebody waits for it or records it."""
+        """Tells a node its runtime, the run's length, and whether something waits for it or records it."""
         host.node.runtime, host.node.may_gather, host.node.may_lag = self, host.takes_several, not self.plan.waits
         host.node.run_s, host.node.recorded = self.plan.duration_s, self.plan.recorded
 
     def wait_connected(self, timeout_s: float, commands: Commands | None = None) -> None:
-        """Waits until every declared edge of this process stands. Raises TimeoutError naming who is missing."""
+        """Waits until every declared edge of this process is connected. Raises TimeoutError that names who is
+        missing."""
         deadline = time.monotonic() + timeout_s
         while (missing := self._missing()) and not self.stopping:
             if time.monotonic() > deadline:
@@ -155,25 +157,25 @@ class Executor(Outputs):
         self._telemetry.start_clock()
         self._scheduler.allow_steps(None)
         try:
-            self._run_out(commands)
+            self._run_to_end(commands)
         finally:
             self.close_nodes()
 
-    def _run_out(self, commands: Commands | None) -> None:
+    def _run_to_end(self, commands: Commands | None) -> None:
         while not self._finished():
-            if not self._turn(commands):
+            if not self._run_turn(commands):
                 self._wait()
         self._drain(commands)
 
     def advance(self) -> bool:
-        """Lets every source make one step, and returns when what that brought has passed through all nodes.
+        """Lets every source make one step, and returns when the messages of it have passed through all nodes.
 
         For a graph that is one process. False once every node has ended. Raises RuntimeError where a source waits for a
         message that nobody is going to send.
         """
         self._scheduler.allow_steps(1)
         while True:
-            if self._turn(None):
+            if self._run_turn(None):
                 continue
             waiting = self._scheduler.sources_with_steps_left()
             if not waiting:
@@ -184,16 +186,18 @@ class Executor(Outputs):
             self._wait()
 
     def finish(self) -> None:
-        """Ends the sources of a graph that was stepped by `advance`, and lets every node publish what it holds back."""
+        """Ends the sources of a graph that was stepped by `advance`, and lets every node publish what it has
+        held back."""
         self.stop()
         self._scheduler.allow_steps(None)
-        self._run_out(None)
+        self._run_to_end(None)
 
     def settle(self, act: Callable[[], None]) -> None:
-        """Calls `act`, in which a node publishes, and returns when that has passed through; no source makes a step."""
+        """Calls `act`, in which a node publishes, and returns when its messages have passed through; no source makes a
+        step."""
         self._scheduler.allow_steps(0)
         act()
-        while self._turn(None):
+        while self._run_turn(None):
             pass
 
     def node(self, name: str) -> Node:
@@ -201,9 +205,8 @@ class Executor(Outputs):
         return self._hosts[name].node
 
     def rewind(self, plan: Plan) -> None:
-        """Begins the run anew at time 0, as a graph of this plan does after `setup`: the same nodes and topics as
-        before, with other parameters where these differ.
-        """
+        """Restarts the run at time 0, as if the graph of this plan had just been set up: the same nodes and topics,
+        with other parameters where these differ."""
         self.plan = plan
         self._scheduler.stopping = False
         for host in self._hosts.values():
@@ -219,7 +222,7 @@ class Executor(Outputs):
         self._telemetry.start_clock()
 
     def _replace_node(self, host: Host) -> None:
-        """Puts a new node in the place of one that cannot be rewound, and gives it what was latched before."""
+        """Replaces a node that cannot be rewound by a new one, and gives it the latched messages."""
         host.node.close()
         host.node = load_class(host.plan.target)(host.name, host.plan.params)
         self._introduce(host)
@@ -230,23 +233,23 @@ class Executor(Outputs):
                 message.keep()
                 self._scheduler.accept(host, port, topic, message)
 
-    def _turn(self, commands: Commands | None) -> bool:
-        """Gives every topic and every node its turn; True when something came or a node was called."""
+    def _run_turn(self, commands: Commands | None) -> bool:
+        """Handles all topics and calls all nodes once; True when a message came or a node was called."""
         progress = False
         if not self.plan.closed:
             with self.profile.inside("bus"):
-                self._listen()
+                self._serve_publishers()
             progress = self._receive()
         for host in self._hosts.values():
             progress |= self._scheduler.call(host)
         self._housekeeping(commands)
         return progress
 
-    def _listen(self) -> None:
+    def _serve_publishers(self) -> None:
         """Handles what consumers and viewers have sent to the publishers."""
         now, publishers = time.monotonic(), self._declared
-        if now >= self._listen_at:
-            publishers, self._listen_at = self._publishers, now + LISTEN_S
+        if now >= self._serve_all_at:
+            publishers, self._serve_all_at = self._publishers, now + LISTEN_S
         for publisher in publishers:
             publisher.pump()
         for host in self._dormant:
@@ -261,11 +264,11 @@ class Executor(Outputs):
         return all(h.ended for h in self._hosts.values()) and all(s.ended for s in self._subscriptions if s.declared)
 
     def stop(self) -> None:
-        """Ends the sources and services of this process; what they sent still flows through."""
+        """Ends the sources and services of this process; what they have sent still passes through."""
         self._scheduler.stopping = True
 
     def close_nodes(self) -> None:
-        """Closes every node; errors of one do not keep the others open."""
+        """Closes every node, also after the error of one."""
         failure: NodeFailed | None = None
         for host in self._hosts.values():
             try:
@@ -300,7 +303,7 @@ class Executor(Outputs):
         }
 
     def topics_read(self) -> set[str]:
-        """Names the topics of this process's nodes that somebody reads now."""
+        """Returns the topics of this process's nodes that something reads now."""
         return {topic for h in self._hosts.values() for topic, p in h.publishers.items() if p.wanted()}
 
     def summary(self) -> dict[str, Any]:
@@ -338,7 +341,7 @@ class Executor(Outputs):
         return progress
 
     def _drain(self, commands: Commands | None) -> None:
-        """After the last node: until every consumer has given its credits back (ipc drops what is sent last)."""
+        """Waits, after the last node, until every consumer has returned its credits (ipc drops what is sent last)."""
         pending = [p for h in self._hosts.values() for p in h.publishers.values()]
         while pending := [p for p in pending if not p.finish(0)]:
             self._housekeeping(commands)
@@ -351,15 +354,16 @@ class Executor(Outputs):
         for host in self._hosts.values():
             timeout = min(timeout, max(1e3 * self._scheduler.due_s(host), 0.0))
         for s in self._subscriptions:
-            self._wakeup.hear(s.subscriber, self._sockets(s))
+            self._wakeup.hear(s.subscriber, self._sockets_to_poll(s))
         for outside in self._outside_inputs:
             self._wakeup.hear(outside, outside.sockets())
-        self._listen_at = 0.0  # who wakes it up is heard
+        self._serve_all_at = 0.0  # who wakes it up is heard
         with self.profile.inside("idle"):
             self._wakeup.wait(int(timeout + 0.999))
 
-    def _sockets(self, s: Subscription) -> Sequence[zmq.Socket | int]:
-        """Those that `_receive` would read now; one left readable would turn the wait into a busy loop."""
+    def _sockets_to_poll(self, s: Subscription) -> Sequence[zmq.Socket | int]:
+        """Returns the sockets that `_receive` would read now; one left readable would turn the wait into a busy
+        loop."""
         if s.ended:
             return ()
         if self._scheduler.takes(s.host, s.port):
@@ -404,7 +408,7 @@ class Executor(Outputs):
         self._redactor.add(secret)
 
     def open_tap(self, node: Node, topic: str, callback: Callable[[Message], None]) -> TapSubscription:
-        """Subscribes a running topic, lossily. `callback` runs on this thread; arrays are valid while it runs."""
+        """Subscribes a running topic lossily. `callback` runs on this thread; arrays are valid while it runs."""
         if topic not in SYSTEM_TOPICS and topic not in self.plan.topics:
             raise ValueError(f"{node.name}: nobody publishes {topic}")
         subscribers = self._wiring.subscribe(topic, node.name, "tap", tap=True)

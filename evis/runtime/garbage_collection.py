@@ -1,4 +1,4 @@
-"""Controls Python's collector of cycles, and tells when it need not look."""
+"""Controls when Python's garbage collector looks for cycles."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def without_garbage_collection() -> Iterator[None]:
-    """Keeps the collector from looking, in a block that makes what stays: imports, kernels, scenes.
+    """Suspends the collector within a block that makes what stays: imports, kernels, scenes.
 
     It would look through all of that again and again, and find next to nothing. One that was off before stays off.
     """

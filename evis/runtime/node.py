@@ -53,7 +53,7 @@ class Input:
 
     @property
     def needed(self) -> bool:
-        """Tells whether the node cannot do without it."""
+        """Tells whether the node cannot run without it."""
         return not (self.delayed or self.optional or self.outside)
 
     def joins(self, topic: str) -> bool:
@@ -80,19 +80,19 @@ class Runtime(Protocol):
     """What ended the graph before its time, in one line, as far as a node that outlives it can know; else empty."""
 
     def wants(self, node: Node, port: str, array: str = "") -> bool:
-        """Says whether somebody reads an output now, or an array of its messages."""
+        """Tells whether something reads an output now, or an array of its messages."""
 
     def gathered(self, node: Node, port: str) -> int:
-        """Tells how many messages of an output are waited for in this process."""
+        """Returns how many messages of an output the nodes of this process wait for."""
 
     def loan(self, node: Node, port: str, arrays: Arrays) -> dict[str, np.ndarray]:
-        """Gives arrays to write an output's next message into."""
+        """Lends arrays to write an output's next message into."""
 
     def loan_on(self, node: Node, port: str, device: Any, arrays: Arrays) -> dict[str, Any]:
-        """Gives arrays on a device to write an output's next message into."""
+        """Lends arrays on a device to write an output's next message into."""
 
     def loan_for_readers(self, node: Node, port: str, device: Any, arrays: Arrays) -> dict[str, Any]:
-        """Gives arrays to write an output's next message into, on the host where it is read there alone."""
+        """Lends arrays to write an output's next message into, on the host where it is read only there."""
 
     def lending(self, node: Node, port: str) -> AbstractContextManager[None]:
         """Lets messages of all outputs lie in the loans of one."""
@@ -113,7 +113,7 @@ class Runtime(Protocol):
         """Writes one line to the process's log, and sends it as one Diagnostics message."""
 
     def tell(self, node: Node, text: str) -> None:
-        """Says one line to the user alone."""
+        """Shows one line to the user alone."""
 
     def hide(self, secret: str) -> None:
         """Keeps a secret out of logs and diagnostics from now on."""
@@ -125,13 +125,13 @@ class Runtime(Protocol):
         """Asks the supervisor to start the dormant node that publishes a topic."""
 
 
-def of_all(text: str, others: Sequence[str]) -> str:
-    """Adds to a line of one node the names of those that would say the same."""
+def with_others(text: str, others: Sequence[str]) -> str:
+    """Adds to a node's line the names of the nodes for which it holds too."""
     return f"{text} (the same in {', '.join(others)})" if others else text
 
 
 class Node:
-    """Connects a pure part with the graph: the base of all nodes.
+    """Connects a pure part with the graph; the base class of all nodes.
 
     Life: `__init__`, `setup`, `warm_up`, then `update`/`receive`/`step` by the executor, `finish`, `close`.
 
@@ -169,7 +169,8 @@ class Node:
     """Whether a recorder takes what comes of the run (`Plan.recorded`); set by the executor before setup."""
 
     def __init__(self, name: str, params: Mapping[str, Any]) -> None:
-        """params: of PARAMS, and perhaps EACH, which a graph that is held in Python may have."""
+        """Takes the name and the parameters: those of PARAMS, and perhaps EACH, which a graph that is held in Python
+        may have."""
         self.name = name
         shared = {key: value for key, value in params.items() if key != EACH}
         self.params = resolve(name, self.PARAMS, shared) | ({EACH: params[EACH]} if EACH in params else {})
@@ -184,12 +185,13 @@ class Node:
 
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
-        """Names the input ports needed to make the wanted output ports; all of them unless a subclass knows better."""
+        """Returns the input ports needed to make the wanted output ports; all of them unless a subclass
+        overrides it."""
         return frozenset(cls.INPUTS)
 
     @classmethod
     def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
-        """Names the arrays that this node needs of an input's messages, where others may be left out.
+        """Returns the arrays that this node needs of an input's messages, where others may be left out.
 
         None, unless a subclass knows better: all that there are. See `wants`.
         """
@@ -197,59 +199,64 @@ class Node:
 
     @classmethod
     def arrays_hz(cls, params: Mapping[str, Any], port: str) -> float | None:
-        """Returns of how many messages of an input a second in stamps this node reads the arrays, by
-        `evis.runtime.pacing.RateLimit`; port: the topic, where it takes any.
+        """Returns the rate in stamps [Hz] at which this node reads the arrays of an input, by
+        `evis.runtime.pacing.RateLimit`.
 
-        None, unless a subclass knows better: of all. The others, where they have arrays on a device, come as they lie
-        there or, from another process, with arrays of no environment.
+        port: the topic, where it takes any. None, unless a subclass overrides it: it reads all. The arrays of the other
+        messages, where they are on a device, come as they lie there or, from another process, as arrays of no
+        environment.
         """
         return None
 
     @classmethod
     def on_gpu(cls, params: Mapping[str, Any]) -> bool:
-        """Says whether the work is done on the GPU that the parameter `device` names, best in one process with other
+        """Tells whether the work is done on the GPU that the parameter `device` names, best in one process with other
         nodes there."""
         return str(params.get("device") or "").startswith("cuda")
 
     @classmethod
     def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """Names heavy packages that these parameters spare, with the reason: {"mujoco": "scene has no dynamics"}."""
+        """Returns heavy packages that need not be imported, with the reason: {"mujoco": "scene has no dynamics"}."""
         return {}
 
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """Names parameters that change nothing beside these others, with the reason; who gives one is told so."""
+        """Returns the parameters that have no effect beside these others, with the reason; who gives one is told so."""
         return {}
 
     @classmethod
     def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
-        """Says in words what the parameter `seed` decides beside these others; nothing: every seed gives the same."""
+        """Describes in words what the parameter `seed` decides beside these others; empty: every seed gives the
+        same."""
         return ()
 
     @classmethod
     def moved_from_outside(cls, params: Mapping[str, Any]) -> bool:
-        """Says whether a program outside the graph may have something to move, by a port with `outside`."""
+        """Tells whether there is something for a program outside the graph to control, by a port with `outside`."""
         return True
 
     @classmethod
     def foreseen(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
-        """Says what a run with these parameters will warn of as soon as it is set up, for --explain."""
+        """Returns the warnings that a run with these parameters gives as soon as it is set up, for --explain."""
         return ()
 
     @classmethod
     def alike(cls, params: Mapping[str, Any]) -> Any:
-        """Returns what decides `foreseen` and what is said by `warn_alike`: of nodes of a graph that have the same, one
-        says it. None, unless a subclass knows better: each says its own."""
+        """Returns a key of the warnings in `foreseen` and `warn_alike`: of the nodes with the same key, one gives them.
+
+        None, unless a subclass overrides it: each node gives its own.
+        """
         return None
 
     @classmethod
     def sensor(cls, params: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Returns parameters for the readers of a camera's CameraInfo, of a node that is that camera's sensor."""
+        """Returns parameters for the readers of a camera's CameraInfo, where this node is that camera's sensor."""
         return {}
 
     @classmethod
     def pointless(cls, params: Mapping[str, Any]) -> str:
-        """Says why a node with these parameters would have nothing to do, so that it is left out; "" where it has."""
+        """Returns why a node with these parameters would have nothing to do, so that it is left out; "" where
+        it has."""
         return ""
 
     @classmethod
@@ -263,22 +270,24 @@ class Node:
     # -- what the executor calls -------------------------------------------------------------------------------------
 
     def computes_on(self) -> str:
-        """Names the Warp device that this node is sure to need, so that it is made ready early; "" = none."""
+        """Returns the Warp device that this node is sure to need, so that it is made ready early; "" = none."""
         return ""
 
     def setup(self) -> None:
         """Prepares the node; latched outputs (CameraInfo) are published here."""
 
     def warm_up(self) -> None:
-        """Makes ready what the first message needs, when `setup` of all nodes of the process is over: kernels that one
-        of them has begun to build are built while the others set up."""
+        """Prepares for the first message, after `setup` of all nodes of the process.
+
+        Kernels that one node has begun to build are so built while the others set up.
+        """
 
     def due(self) -> Mapping[str, int]:
-        """Names the delayed inputs that a source's next step needs, and the stamps [ns] they must have."""
+        """Returns the delayed inputs that a source's next step needs, with the stamps [ns] that they must have."""
         return {}
 
     def offer(self, port: str) -> Mapping[str, Any]:
-        """Describes, in plain values, what a program outside may give by a port with `outside`.
+        """Describes, in plain values, what a program outside may give to a port with `outside`.
 
         Raises ValueError saying why it can give nothing.
         """
@@ -288,16 +297,19 @@ class Node:
         """Raises ValueError, in one line, for a message from outside that this node cannot take."""
 
     def step(self, inputs: Mapping[str, Message]) -> bool:
-        """Publishes what a source has next; False when there is nothing more."""
+        """Publishes a source's next messages; returns False when there are no more."""
         raise TypeError(f"{type(self).__name__} is not a source")
 
     def update(self, inputs: Mapping[str, Message]) -> None:
-        """Takes one message per connected joined input, all of one stamp. Arrays are valid until return unless kept."""
+        """Processes one message per connected joined input, all of one stamp. Arrays are valid until return unless
+        kept."""
         raise TypeError(f"{type(self).__name__} takes no joined inputs")
 
     def update_all(self, inputs: Sequence[Mapping[str, Message]]) -> None:
-        """Takes what `update` would be called with for one stamp after another: all that are there, and no fewer than
-        `gathers` unless no more will come. It publishes what these calls would.
+        """Processes the inputs of several stamps, one after another, and publishes what `update` would publish for
+        each.
+
+        These are all that are there, and no fewer than `gathers` unless no more will come.
         """
         for one in inputs:
             self.update(one)
@@ -307,21 +319,21 @@ class Node:
         self.gathers = 1
 
     def receive(self, port: str, message: Message) -> None:
-        """Takes a message of an input that is not joined, or of a latched topic."""
+        """Processes a message of an input that is not joined, or of a latched topic."""
         raise TypeError(f"{type(self).__name__} takes no single inputs")
 
     def finish(self) -> None:
         """Publishes what is left, after all inputs have ended."""
 
     def rewind(self, params: Mapping[str, Any]) -> bool:
-        """Makes the node what it is after `setup` with these parameters, for another run from time 0.
+        """Brings the node into its state after `setup` with these parameters, for another run from time 0.
 
         False, unless a subclass knows how: then a new node takes its place. What `setup` has published stays published.
         """
         return False
 
     def idle(self) -> None:
-        """Runs what a node has to do besides messages; called on the executor's thread at least every 50 ms."""
+        """Does a node's work besides messages; called on the executor's thread at least every 50 ms."""
 
     def close(self) -> None:
         """Releases devices and files; called once, also after an error."""
@@ -329,14 +341,15 @@ class Node:
     # -- what a node uses --------------------------------------------------------------------------------------------
 
     def wants(self, port: str, array: str = "") -> bool:
-        """Says whether somebody reads this output; False for a port that the planner left out.
+        """Tells whether something reads this output; False for a port that the planner left out.
 
         array: whether somebody reads that one of its messages' arrays, as `reads` tells; viewers read all.
         """
         return self.runtime.wants(self, port, array) if array else self.runtime.wants(self, port)
 
     def gathered(self, port: str) -> int:
-        """Tells how many messages of an output the nodes of this process wait for, to take them at once (`gathers`)."""
+        """Returns how many messages of an output the nodes of this process wait for, to take them at once
+        (`gathers`)."""
         return self.runtime.gathered(self, port)
 
     def loan(self, port: str, **arrays: tuple[tuple[int, ...], Any]) -> dict[str, np.ndarray]:
@@ -358,13 +371,14 @@ class Node:
         return self.runtime.loan_for_readers(self, port, device, arrays)
 
     def lending(self, port: str) -> AbstractContextManager[None]:
-        """Lets the messages published within the block, on any output, lie in the loans made of this one before it: who
-        keeps one of them holds the loan.
+        """Lets messages published within the block, on any output, lie in loans made of this one before it.
+
+        Who keeps one of them holds the loan.
         """
         return self.runtime.lending(self, port)
 
     def tell(self, text: str) -> None:
-        """Says one line to the user alone: it goes to no log, no topic and no bag."""
+        """Shows one line to the user alone: it goes to no log, no topic and no bag."""
         self.runtime.tell(self, text)
 
     def hide(self, secret: str) -> None:
@@ -386,11 +400,11 @@ class Node:
         self.runtime.publish_all(self, port, messages)
 
     def result(self, name: str, value: Any) -> None:
-        """Puts what the run found, plain values, into its summary under a name of its own; the last one counts."""
+        """Puts a result of the run, plain values, into its summary under a name of its own; the last one counts."""
         self.runtime.result(self, name, value)
 
     def count_total(self, name: str, total: float) -> bool:
-        """Adds to a counter what a running total has gained since it was last given.
+        """Adds to a counter what a running total has gained since the last call.
 
         True when that is the first time that the total is not 0, for a warning that is said once. A total that falls
         takes away what it lost, so that a gauge (a temperature) can be shown too.
@@ -404,14 +418,14 @@ class Node:
         return first
 
     def restart_totals(self) -> None:
-        """Sets all totals back to 0; what was counted before stays in the node's counters."""
+        """Sets all running totals back to 0; what was counted stays in the node's counters."""
         self._totals = {}
 
     def warn_alike(self, text: str) -> None:
-        """Says a warning that all nodes alike have (see `alike`): one of them says it, and names the others."""
+        """Gives a warning that holds for all nodes alike (see `alike`): one of them gives it, and names the others."""
         if not self.told_by:
-            self.warn(of_all(text, self.tells_for))
+            self.warn(with_others(text, self.tells_for))
 
     def warn(self, text: str) -> None:
-        """Says one warning line in the log and on /diagnostics."""
+        """Gives one warning line in the log and on /diagnostics."""
         self.runtime.diagnose(self, "warning", text)

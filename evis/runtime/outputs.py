@@ -1,4 +1,4 @@
-"""Carries what the nodes of one process publish: tells who reads it, lends memory to write it into, and delivers it.
+"""Publishes for the nodes of one process: tells what is read, lends memory to write into, and delivers.
 
 Nodes of the process are called directly with the message (scheduler.py); it goes over the bus to those of others.
 """
@@ -22,7 +22,7 @@ from msgs.header import Message
 
 
 class Outputs:
-    """Publishes for the nodes of one process: that part of node.Runtime that is about outputs."""
+    """Publishes for the nodes of one process: the part of node.Runtime that is about outputs."""
 
     def __init__(self, plan: Plan, hosts: dict[str, Host], profile: Profile, scheduler: Scheduler) -> None:
         self.plan = plan

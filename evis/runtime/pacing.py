@@ -1,4 +1,4 @@
-"""Paces messages: a source against the wall clock, and a reader that takes only some of them by their stamps."""
+"""Paces messages: sources against the wall clock, and readers that take only some messages by their stamps."""
 
 from __future__ import annotations
 
@@ -14,8 +14,10 @@ FASTEST = 1e6
 
 
 def parse_pace(text: str) -> float:
-    """Reads a pace as a speed, seconds of stamps per second of the wall clock: `realtime` is 1, `fast` is FAST, and a
-    number such as 2, 0.5 or 2x is itself. Raises ValueError."""
+    """Parses a pace as a speed, seconds of stamps per second of the wall clock.
+
+    `realtime` is 1, `fast` is FAST, and a number such as 2, 0.5 or 2x is itself. Raises ValueError.
+    """
     named = {"realtime": 1.0, "fast": FAST}
     if text in named:
         return named[text]
@@ -29,14 +31,14 @@ def parse_pace(text: str) -> float:
 
 
 class RateLimit:
-    """Says which messages of a topic are due to somebody who reads `rate_hz` of them a second in stamps and no more."""
+    """Selects the messages of a topic for a reader that takes `rate_hz` of them a second in stamps and no more."""
 
     def __init__(self, rate_hz: float) -> None:
         self._period_ns = round(1e9 / rate_hz)
         self._due: tuple[int, int] | None = None
 
     def takes(self, header: Header) -> bool:
-        """Says whether this message is due; messages are asked about in their order.
+        """Tells whether this message is taken; to be called for all messages, in their order.
 
         One that is not due changes nothing, so that it need not be asked about.
         """
@@ -51,7 +53,7 @@ class RateLimit:
 
 
 class Pacer:
-    """Holds a source back so that stamps follow the wall clock, and measures how well they did.
+    """Delays a source so that stamps follow the wall clock, and measures how well they do.
 
     speed: stamps' seconds per second of the wall clock. late_ms_max: how late the latest stamp was, of all [ms].
     """
@@ -72,7 +74,7 @@ class Pacer:
         return (due - now) / NS
 
     def passed(self, stamp_ns: int) -> float:
-        """Notes that the source has come to a stamp, and returns the seconds until that is due, as `wait_s`."""
+        """Notes that the source has come to a stamp, and returns the seconds until that is due, as `wait_s` does."""
         wait = self.wait_s(stamp_ns)
         assert self._start is not None
         self._passed = (stamp_ns - self._start[1]) / self.speed / NS, max(-wait, 0.0)
@@ -80,12 +82,12 @@ class Pacer:
         return wait
 
     def restart(self) -> None:
-        """Begins with a new origin, as time does with another episode; what was measured stays."""
+        """Sets a new origin, as for an episode in which time starts anew; what was measured stays."""
         self._before = tuple(map(sum, zip(self._before, self._passed)))  # type: ignore[assignment]
         self._start, self._passed = None, (0.0, 0.0)
 
     def result(self) -> dict[str, float]:
-        """Returns the speed that was wanted, the one that was reached, and late_ms_max, for a run's summary."""
+        """Returns the wanted speed, the reached one, and late_ms_max, for a run's summary."""
         wanted, late = map(sum, zip(self._before, self._passed))
         reached = self.speed * wanted / (wanted + late) if late else self.speed
         return {"wanted": self.speed, "reached": round(reached, 6), "late_ms_max": self.late_ms_max}

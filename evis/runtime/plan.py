@@ -1,4 +1,4 @@
-"""Holds the resolved graph: what the planner makes of a launch file and the executor and supervisor carry out."""
+"""Holds the resolved graph, which the planner makes of a launch file, and executor and supervisor run."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COMPOSED = "graph"
 
 @dataclass
 class Edge:
-    """Names one consumer of a topic.
+    """Describes one consumer of a topic.
 
     kind: `lockstep` (declared, never loses), `delayed` (closes a loop) or `tap` (lossy). arrays_hz: messages a second
     in stamps that it reads the arrays of, as its class says; None = all.
@@ -76,7 +76,7 @@ class NodePlan:
 
 @dataclass
 class LeftOut:
-    """Names one thing that the planner left out of the graph, and why."""
+    """Describes one thing that the planner left out of the graph, and why."""
 
     what: str
     why: str
@@ -130,7 +130,7 @@ class Plan:
 
     @property
     def closed(self) -> bool:
-        """Tells whether nobody outside its one process can read the graph's topics: there is no socket then."""
+        """Tells whether nothing outside its one process can read the graph's topics: there is no socket then."""
         return not self.directory
 
     def redacted(self) -> Plan:
@@ -139,7 +139,7 @@ class Plan:
         return dataclasses.replace(plan, directory=self.directory, secrets=[])
 
     def open_topics(self) -> list[str]:
-        """Lists the topics that are for everybody: all but the shares of others."""
+        """Lists the topics for all readers: without those between the shares of environments."""
         inner = {topic for node in self.nodes.values() if node.part for topic in node.outputs.values()}
         return [name for name in self.topics if name not in inner]
 
@@ -157,7 +157,7 @@ class Plan:
         return self.sensors.get(topic.rpartition("/")[0], {})
 
     def save(self, path: Path) -> None:
-        """Writes the plan as JSON: whole, for who looks for running graphs at that moment."""
+        """Writes the plan as JSON, complete before it appears, for those who look for running graphs at that moment."""
         part = path.with_suffix(".part")
         part.write_text(json.dumps(dataclasses.asdict(self), indent=1))
         part.replace(path)

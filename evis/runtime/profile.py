@@ -44,7 +44,7 @@ class NodeProfile:
     def saw(self, topic: str, message: Message) -> None:
         """Counts a published message."""
         self.published[topic] += 1
-        self._pass(message)
+        self._advance_to(message)
         if self.made_elsewhere:
             return
         if isinstance(message, EventPacket):
@@ -63,8 +63,9 @@ class NodeProfile:
                 self.frames += len(message.t) * len(message.episodes)
             self._framed[camera] = message.header.stamp_ns
 
-    def _pass(self, message: Message) -> None:
-        """Time goes on to a message; a description that a recording began with is no part of what is played of it."""
+    def _advance_to(self, message: Message) -> None:
+        """Advances the node's time to a message; a description at the start of a recording is no part of what is
+        played."""
         stamp, episode = message.header.stamp_ns, message.header.episode
         if isinstance(message, CameraInfo) and message.header.clock == "sim":
             return
@@ -118,7 +119,7 @@ class Profile:
         return found
 
     def charge(self) -> None:
-        """Charges the time since the last call to the owner that is inside now."""
+        """Charges the time since the last call to the current owner."""
         wall, cpu = time.perf_counter(), time.thread_time() + spent_by_workers()
         if self._stack:
             owner = self._stack[-1]
@@ -126,24 +127,24 @@ class Profile:
             owner.cpu_s += cpu - self._since_cpu
         self._since_wall, self._since_cpu = wall, cpu
 
-    def inside(self, name: str) -> Charged:
+    def inside(self, name: str) -> ChargedBlock:
         """Charges the time within the block to `name`."""
-        return Charged(self, self.node(name))
+        return ChargedBlock(self, self.node(name))
 
     def enter(self, owner: NodeProfile) -> NodeProfile:
-        """Charges time to this owner from now on, and returns it."""
+        """Charges time to this owner from now on, and returns its profile."""
         self.charge()
         self._stack.append(owner)
         return owner
 
     def leave(self) -> None:
-        """Ends the present owner's time, and charges the one before it again."""
+        """Ends the current owner's time, and charges the one before it again."""
         self.charge()
         self._stack.pop()
 
 
-class Charged:
-    """Charges the time within a block to one owner; a class, for it is entered a dozen times in a step."""
+class ChargedBlock:
+    """Charges the time within a block to one owner; a class, because it is entered a dozen times in a step."""
 
     __slots__ = ("_owner", "_profile")
 

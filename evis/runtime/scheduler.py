@@ -1,4 +1,4 @@
-"""Calls the nodes of one process: gives them their messages and their turn, and ends them.
+"""Calls the nodes of one process when their messages and their turn have come, and ends them.
 
 Nodes of one process call each other directly, depth first: what one publishes is accepted for the next, which is called
 at once where it is ready. A node is called only while every topic that it, or a node it calls, publishes to another
@@ -23,7 +23,7 @@ class Scheduler:
     """Decides which node of one process is called next, and calls it. `stopping`: sources and services are to end."""
 
     def __init__(self, hosts: Mapping[str, Host], profile: Profile, telemetry: Telemetry, realtime: bool) -> None:
-        """realtime: sources are held back so that stamps follow the wall clock."""
+        """Takes the nodes of a process. realtime: sources are delayed so that stamps follow the wall clock."""
         self.stopping = False
         self._granted: set[str] | None = None
         self._hosts = hosts
@@ -32,7 +32,7 @@ class Scheduler:
         self._realtime = realtime
 
     def allow_steps(self, steps: int | None) -> None:
-        """Lets every source that has not ended make one step from now on, or none, or, of None, as many as it can."""
+        """Lets every source that has not ended make one step from now on (1), none (0), or any number (None)."""
         sources = {h.name for h in self._hosts.values() if h.node.SOURCE and not h.ended}
         self._granted = None if steps is None else sources if steps else set()
 
@@ -42,11 +42,12 @@ class Scheduler:
 
     @staticmethod
     def takes(host: Host, port: str) -> bool:
-        """Says whether a port takes a message now: a queue always, as the window bounds it; a call if it has credit."""
+        """Tells whether a port takes a message now: a queue always, as the window bounds it; a call if it has
+        credit."""
         return host.ended or port in host.join.queues or port in host.delayed or host.has_credit()
 
     def accept(self, host: Host, port: str, topic: str, message: Any) -> None:
-        """Takes over one message (with one pin) or the end of a topic."""
+        """Takes over one message (with one pin), or the end of a topic, for a port."""
         if host.ended and message is not END:
             message.release()
         elif port in host.join.queues:
@@ -73,7 +74,7 @@ class Scheduler:
                 message.release()
 
     def call(self, host: Host) -> bool:
-        """Gives a node what is ready for it; True when it was called. Never from within itself."""
+        """Calls a node with what is ready for it; True when it was called. Never from within itself."""
         if host.ended or host.active:
             return False
         host.active = True
@@ -147,7 +148,7 @@ class Scheduler:
         return True
 
     def due_s(self, host: Host) -> float:
-        """Returns the seconds until a paced source is to be called [s]; infinite for a node that has no pace."""
+        """Returns the seconds until a paced source is to be called; infinite for a node without a pace."""
         if host.pacer is None or host.ended:
             return math.inf
         return host.pacer.wait_s(self._stamp(host))

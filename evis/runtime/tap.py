@@ -1,4 +1,4 @@
-"""Lets a node subscribe to a topic at run time, lossily."""
+"""Lets a node subscribe to a topic at run time; messages may be lost, and are counted."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ class TapSubscription:
     on_close: Callable[[TapSubscription], None]
 
     def close(self) -> None:
-        """Ends the subscription; the publisher stops feeding the topic when nobody else reads it."""
+        """Ends the subscription; the publisher stops feeding taps of the topic when none is left."""
         self.on_close(self)
 
     @property
     def lost(self) -> int:
-        """Counts how many messages this tap missed."""
+        """Returns how many messages this tap missed."""
         return sum(s.lost for s in self.subscribers)

@@ -1,4 +1,4 @@
-"""Publishes what a process says about itself: /clock of its sources and /diagnostics of its nodes, both as taps."""
+"""Publishes /clock of a process's sources and /diagnostics of its nodes, both as taps."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Telemetry:
             )
 
     def start_clock(self) -> None:
-        """Notes that the graph starts now: the origin of the real-time factor."""
+        """Notes that the graph starts now, which is the origin of the real-time factor."""
         self._started = time.monotonic_ns()
 
     def tick(self, host: Host) -> None:
@@ -81,7 +81,7 @@ class Telemetry:
             self.publishers["/clock"].send(Clock(header, real_time_factor=since / wall))
 
     def say(self, host: Host | None, name: str, level: str, text: str) -> None:
-        """Writes one line to the process's log and sends one Diagnostics message, both without secrets."""
+        """Writes one line to the process's log and publishes it as a Diagnostics message, both without secrets."""
         text = printable(self._redactor.text(text))  # also for the topic, which takes no name that is not UTF-8
         self._say(name, level, text)
         self.publishers["/diagnostics"].send(self._diagnostics(host, name, level, text))

@@ -1,4 +1,4 @@
-"""Ends the executor's wait when there is something to read, from somebody who will be listened to."""
+"""Ends the executor's wait when a socket is readable that it would read."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import zmq
 
 
 class Wakeup:
-    """Polls sockets that are given by owner, and change: what nobody would read must not end the wait."""
+    """Polls the sockets of several owners, which change: what nobody would read must not end the wait."""
 
     def __init__(self) -> None:
         self._poller = zmq.Poller()
         self._heard: dict[object, Sequence[zmq.Socket | int]] = {}
 
     def hear(self, owner: object, sockets: Sequence[zmq.Socket | int]) -> None:
-        """Lets these sockets of `owner`, and no others of it, end the wait from now on."""
+        """Sets the sockets of `owner` that end the wait from now on, in place of those before."""
         before = self._heard.get(owner, ())
         if sockets == before:
             return

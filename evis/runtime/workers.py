@@ -1,4 +1,4 @@
-"""Runs threads that compute for a node, and counts what CPU time they spend for the thread that gives them work."""
+"""Runs threads that compute for a node, and charges their CPU time to the thread that gives them work."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ T = TypeVar("T")
 
 
 class _Ledger(threading.local):
-    """Holds the CPU time [s] of work that a thread gave away: of each call not added up yet, and of all others."""
+    """Holds the CPU time [s] of the work that a thread gave away: of each call not added up yet, and of all others."""
 
     def __init__(self) -> None:
         self.fresh: deque[float] = deque()
@@ -24,7 +24,8 @@ _ledger = _Ledger()
 
 
 class Workers(ThreadPoolExecutor):
-    """Runs calls in threads as a ThreadPoolExecutor does, and counts their CPU time for who gave them."""
+    """Runs calls in threads as a ThreadPoolExecutor does, and charges their CPU time to the thread that
+    submitted them."""
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Schedules a call; see `spent_by_workers`."""
@@ -44,7 +45,7 @@ class Workers(ThreadPoolExecutor):
 
 
 def spent_by_workers() -> float:
-    """Gives the CPU time [s] of the calls that have ended of those that this thread ever gave to `Workers`."""
+    """Returns the CPU time [s] of all finished calls that this thread has submitted to `Workers`."""
     while _ledger.fresh:
         _ledger.total += _ledger.fresh.popleft()
     return _ledger.total

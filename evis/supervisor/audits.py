@@ -1,4 +1,4 @@
-"""Combines what the audits of a run found into one result for its summary."""
+"""Combines the audits of a run into one result for its summary."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FINER = "time_tolerance:=0.0003"
 
 
 def joined(nodes: Mapping[str, Any], plan: Plan) -> dict[str, Any] | None:
-    """Joins the counters of the nodes that audited a camera; None where none did.
+    """Combines the counters of the nodes that audited a camera; None where none did.
 
     Gives pixels, and vp, vp_low, vp_high, events_wrong, which are None where there were no events to tell them from; of
     several cameras `cameras` too, the same of each. Each camera counts by the events that its whole image is estimated
@@ -32,22 +32,22 @@ def joined(nodes: Mapping[str, Any], plan: Plan) -> dict[str, Any] | None:
     pixels are evaluated between frames there is vp_frames too.
     """
     counters = {name: node.get("counters", {}) for name, node in nodes.items()}
-    audits = {_camera(name, plan): c for name, c in counters.items() if "audit_pixels" in c}
+    audits = {_camera_of(name, plan): c for name, c in counters.items() if "audit_pixels" in c}
     if not audits:
         return None
-    result = _sum(list(audits.values()))
+    result = _combine(list(audits.values()))
     if len(audits) > 1:
-        result["cameras"] = {camera: _sum([c]) for camera, c in audits.items()}
+        result["cameras"] = {camera: _combine([c]) for camera, c in audits.items()}
     return result
 
 
-def _camera(node: str, plan: Plan) -> str:
-    """The camera of a node, by its topics."""
+def _camera_of(node: str, plan: Plan) -> str:
+    """Returns the camera of a node, by its topics."""
     return plan.nodes[node].outputs["audit"].rpartition("/")[0].strip("/") if node in plan.nodes else node
 
 
-def _sum(audits: list[Mapping[str, Any]]) -> dict[str, Any]:
-    """The result of the counters of some audits together."""
+def _combine(audits: list[Mapping[str, Any]]) -> dict[str, Any]:
+    """Combines the counters of some audits to one result."""
     told: dict[str, Any] = {"pixels": int(sum(c["audit_pixels"] for c in audits)), **dict.fromkeys(NUMBERS)}
     known = [c for c in audits if "vp" in c and c.get("audit_events", 0) > 0]
     if not known:
@@ -66,19 +66,19 @@ def _sum(audits: list[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def lines(summary: Mapping[str, Any]) -> list[str]:
-    """Writes the error beside the run time, as a person reads it, or why there is none; of several cameras each."""
+    """Words the error beside the run time for a person, or why there is none; of several cameras each."""
     audit, sim_s = summary.get("audit"), summary["sim_s"]
     if audit is None:
-        why = _left_out(summary)
+        why = _why_left_out(summary)
         return [f"no error to tell: the audit is left out, for {why}"] if why else []
     took = f", run time {summary['wall_s'] / sim_s:.2g} s per s" if sim_s > 0 else ""
     cameras = audit.get("cameras", {})
-    told = [f"{_told(audit, summary['events'], max(len(cameras), 1))}{took}{_remedy(audit, summary['args'])}"]
-    return told + [f"  {camera}: {_told(each, 0)}" for camera, each in cameras.items()]
+    told = [f"{_worded(audit, summary['events'], max(len(cameras), 1))}{took}{_remedy(audit, summary['args'])}"]
+    return told + [f"  {camera}: {_worded(each, 0)}" for camera, each in cameras.items()]
 
 
-def _told(audit: Mapping[str, Any], events: int, cameras: int = 1) -> str:
-    """The error in words. events: of the whole run. cameras: among which the pixels are shared."""
+def _worded(audit: Mapping[str, Any], events: int, cameras: int = 1) -> str:
+    """Words the error. events: of the whole run. cameras: among which the pixels are shared."""
     count = audit["pixels"]
     pixels, more = f"{count} pixel{'s' * (count != 1)}", f"audit:={max(MORE * count // cameras, ENOUGH)}"
     if audit["vp"] is None:
@@ -96,7 +96,7 @@ def _told(audit: Mapping[str, Any], events: int, cameras: int = 1) -> str:
 
 
 def _remedy(audit: Mapping[str, Any], args: Mapping[str, Any]) -> str:
-    """Says what lowers a high error of frames alone, where single pixels could be evaluated between them."""
+    """Words what lowers a high error of frames alone, where single pixels could be evaluated between them."""
     frames_alone = (
         args.get("interpolator") == "rigid" and args.get("time_tolerance") == 0 and args.get("upsampling") != 1
     )
@@ -105,8 +105,8 @@ def _remedy(audit: Mapping[str, Any], args: Mapping[str, Any]) -> str:
     return f"; {FINER} lowers it, at a longer run time" if frames_alone and high and not by_paths else ""
 
 
-def _left_out(summary: Mapping[str, Any]) -> str:
-    """Why there is no audit, "" where nobody wants one."""
+def _why_left_out(summary: Mapping[str, Any]) -> str:
+    """Returns why there is no audit, "" where nobody wants one."""
     if summary["args"].get("audit") == 0:
         return ""
     items = (item for item in summary["left_out"] if item["what"].rpartition("/")[2].partition("_")[0] == "audit")

@@ -1,4 +1,4 @@
-"""Starts and signals one process of a running graph, and holds what its supervisor knows of it."""
+"""Starts and signals one process of a running graph, and holds what its supervisor knows about it."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class Child:
 
     @property
     def exit_status(self) -> int | None:
-        """Tells how its process ended, the number of a signal below 0; None while there is one."""
+        """Returns the exit status of its process, below 0 the number of a signal; None while it runs."""
         return self.process.poll() if self.process is not None else None
 
     def start(self, process: subprocess.Popen[bytes] | None = None) -> None:

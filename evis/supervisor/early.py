@@ -17,7 +17,8 @@ class EarlyStart:
     """Holds a run's directory and one process in it, until a supervisor takes both."""
 
     def __init__(self, name: str) -> None:
-        """Starts the process `name`, which computes with Warp. Raises OSError where a run's directory cannot be."""
+        """Starts the process `name`, which computes with Warp. Raises OSError where a run's directory cannot be
+        made."""
         self._name = name
         self._directory: RunDirectory | None = RunDirectory()
         self._process: subprocess.Popen[bytes] | None = None
@@ -34,7 +35,7 @@ class EarlyStart:
         return found
 
     def process(self, name: str) -> subprocess.Popen[bytes] | None:
-        """Hands over the process, where it has this name and lives, and tells it that its plan is there."""
+        """Hands over the process, where it has this name and runs, and tells it that its plan is there."""
         process = self._process
         if process is None or name != self._name or process.poll() is not None:
             return None
@@ -57,7 +58,7 @@ class EarlyStart:
 
 
 def early_start(name: str) -> EarlyStart | None:
-    """Starts a process early; None where there is no room, of which who starts the others says more."""
+    """Starts a process early; None where there is no room, which is reported when the other processes start."""
     with contextlib.suppress(OSError):
         return EarlyStart(name)
     return None

@@ -1,4 +1,4 @@
-"""Finds which of several failures was the cause, and words it."""
+"""Finds which of several failures was the cause, and words it for the user."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ def describe_failure(child: Child) -> str:
 
 
 def first_cause(children: Iterable[Child]) -> Child:
-    """Picks the cause among failures: a death without a word, then a report, then "my neighbour is gone".
+    """Finds the cause among failures: a death without a report comes before a report, and both before "my neighbour is
+    gone".
 
     One that was told to end by SIGTERM comes after who reports something, and before its neighbours.
     """
@@ -35,7 +36,7 @@ def first_cause(children: Iterable[Child]) -> Child:
 
 
 def cause_unheard(children: Iterable[Child]) -> bool:
-    """Tells whether all failures so far say that a neighbour is gone, so that the neighbour's own is still to come."""
+    """Tells whether all failures so far report a lost neighbour, so that the neighbour's own is still to come."""
     return all(c.failure is not None and _PEER_LOST in c.failure[1] for c in children)
 
 
@@ -58,6 +59,6 @@ def ended_by_force(children: Iterable[Child], patience_s: float, asked: bool) ->
 
 
 def last_words(child: Child) -> list[str]:
-    """Returns the end of its log without tracebacks."""
+    """Returns the end of a child's log without tracebacks."""
     lines = [line for line in child.last_lines(_LINES) if not line.startswith(("Traceback (", "  "))]
     return [f"  {child.name} | {line}" for line in lines]

@@ -1,4 +1,4 @@
-"""Counts what asks a run to end, so that its supervisor can end it in order."""
+"""Counts the signals that ask a run to end, so that its supervisor can end it in order."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ and `timeout` sends SIGTERM to a program and then to its group [s]."""
 
 
 class Interrupts:
-    """Counts Ctrl-C, polite requests to end and a lost terminal (but under nohup), which raise nothing meanwhile.
+    """Counts Ctrl-C, SIGTERM and a lost terminal (except under nohup), in place of raising.
 
     most: how many are counted; one more raises KeyboardInterrupt, for who may hang and has nobody to end it. None: all.
     """

@@ -21,7 +21,7 @@ class Logs:
         self._offsets: dict[str, int] = {}
 
     def forward(self, children: Iterable[Child]) -> None:
-        """Passes on the whole lines that are new."""
+        """Passes on the whole lines that are new in the logs."""
         for child in children:
             offset = self._offsets.get(child.name, 0)
             try:

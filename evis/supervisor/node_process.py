@@ -16,7 +16,7 @@ THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
 
 
 def environment_of_child() -> dict[str, str]:
-    """Gives the environment of a process that runs Python as this one does, and ends with it (`die_with_parent`)."""
+    """Returns the environment of a process that runs Python as this one does, and ends with it (`die_with_parent`)."""
     environment = {**os.environ, PARENT_VARIABLE: str(os.getpid())}
     environment["PYTHONPATH"] = os.pathsep.join(os.path.abspath(path) for path in sys.path if path)
     for variable in THREAD_VARIABLES:
@@ -25,15 +25,14 @@ def environment_of_child() -> dict[str, str]:
 
 
 def log_path(directory: Path, name: str) -> Path:
-    """Gives the file of a process's standard output and error."""
+    """Returns the file of a process's standard output and error."""
     return directory / f"{name}.log"
 
 
 def start_process(directory: Path, name: str, waits: bool = False) -> subprocess.Popen[bytes]:
-    """Starts a process of the run in `directory`, in a session of its own: a terminal's Ctrl-C reaches the supervisor
-    alone. Raises OSError.
+    """Starts a process of the run in `directory`, in a session of its own. Raises OSError.
 
-    waits: the plan is not there yet; it starts Warp meanwhile, and waits until its standard input, a pipe, is closed.
+    A terminal's Ctrl-C so reaches the supervisor alone.
     """
     early = ["--early"] if waits else []
     with open(log_path(directory, name), "ab") as log:

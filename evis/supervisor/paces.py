@@ -1,4 +1,4 @@
-"""Says whether a run kept the pace that was asked for, and what to change where it did not."""
+"""Judges whether a run kept the pace that was asked for, and says what to change where it did not."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ FASTER = (
 SLOWER = "a lower pace, as pace:=0.5, or fewer who read the topics, can be kept"
 
 
-def judged(pace: Mapping[str, Any], nodes: Mapping[str, Any], plan: Plan) -> dict[str, Any]:
-    """Adds `not_kept` to what a paced source measured where it came later than TOLERATED_MS: one line with what to do.
+def with_verdict(pace: Mapping[str, Any], nodes: Mapping[str, Any], plan: Plan) -> dict[str, Any]:
+    """Adds `not_kept` to the measures of a paced source that came later than TOLERATED_MS: one line with the remedy.
 
     pace: wanted and reached speed, late_ms_max. nodes: the summaries of a run's nodes by their names.
     """
@@ -34,6 +34,6 @@ def judged(pace: Mapping[str, Any], nodes: Mapping[str, Any], plan: Plan) -> dic
 
 
 def lines(summary: Mapping[str, Any]) -> list[str]:
-    """Writes for a person that the pace was not kept; nothing where it was."""
+    """Words for a person that the pace was not kept; empty where it was."""
     text = summary.get("pace", {}).get("not_kept")
     return [f"pace not kept: {text}"] if text else []

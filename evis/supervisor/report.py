@@ -1,4 +1,4 @@
-"""Sums up how a run went: the numbers of its summary, as JSON and as a short table."""
+"""Summarises a run: its numbers, as JSON and as a short table."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _BUS_KEYS = ("bus", "idle")
 
 @dataclass
 class Report:
-    """Holds how a run went. summary: what --json prints. failure: the one line of what went wrong."""
+    """Holds the outcome of a run. summary: what --json prints. failure: the one line of what went wrong."""
 
     summary: dict[str, Any]
     failure: str | None = None
@@ -33,7 +33,7 @@ def summarise(
     failure: str | None,
     interrupted: bool,
 ) -> Report:
-    """Puts the summaries of all processes together.
+    """Combines the summaries of all processes.
 
     plan: what was run. parts: the summaries of its processes. startup_s: until all were ready [s]. wall_s: from
     there to the end [s]; rtf = sim_s / wall_s. failure: what went wrong, in one line. interrupted: it was asked to end,
@@ -74,7 +74,7 @@ def summarise(
     for node in nodes.values():
         summary |= node.pop("results", {})
     if "pace" in summary:
-        summary["pace"] = paces.judged(summary["pace"], nodes, plan)
+        summary["pace"] = paces.with_verdict(summary["pace"], nodes, plan)
     if plan.chosen:
         summary["chosen"] = plan.chosen
     if interrupted and plan.duration_s is not None:
@@ -116,7 +116,7 @@ def as_table(report: Report) -> str:
 
 
 def _physics_error(summary: dict[str, Any]) -> list[str]:
-    """A line about the body that physics has furthest off, if there is one."""
+    """Words the error of the body that physics has furthest off, if there is one."""
     error = summary.get("physics_error")
     if error is None:
         return []
@@ -125,7 +125,7 @@ def _physics_error(summary: dict[str, Any]) -> list[str]:
 
 
 def _seed_unused(summary: dict[str, Any]) -> list[str]:
-    """A line that says so where a seed was given and decides nothing, or only what is audited."""
+    """Words that a seed was given and decides nothing, or only what is audited."""
     seed, drawn = summary["args"].get("seed"), {what for parts in summary["random"].values() for what in parts}
     if not seed or not summary["random"] or not drawn <= {AUDITED}:
         return []

@@ -1,4 +1,4 @@
-"""Makes the private directory of a run, for sockets, logs and the plan; it is gone with the run, however that ends."""
+"""Makes the private directory of a run, for sockets, logs and the plan, which is removed however the run ends."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def root() -> Path:
 
 @contextlib.contextmanager
 def writing(folder: Path) -> Iterator[None]:
-    """Names the folder and the remedy in an error of the system, which a write that finds no room does not."""
+    """Names the folder and the remedy in errors of writing, which the system's own do not."""
     try:
         yield
     except OSError as error:
@@ -54,7 +54,7 @@ def writing(folder: Path) -> Iterator[None]:
 
 
 def is_live(directory: Path) -> bool:
-    """Says whether the launcher of this run lives."""
+    """Tells whether the launcher of this run is alive."""
     try:
         with open(directory / LOCK) as lock:
             try:
@@ -80,7 +80,7 @@ def live_runs() -> list[Path]:
 
 
 def sweep() -> list[Path]:
-    """Removes what dead runs have left, and names it."""
+    """Removes what dead runs have left, and returns their names."""
     removed = []
     for folder in root().iterdir():
         try:
@@ -95,7 +95,8 @@ def sweep() -> list[Path]:
 
 
 class RunDirectory:
-    """Owns a run's directory, locked by this process; a clean-up process watches it and outlives it for a moment."""
+    """Owns a run's directory, locked by this process; a clean-up process watches it and outlives this one for a
+    moment."""
 
     def __init__(self) -> None:
         sweep()
@@ -118,7 +119,7 @@ class RunDirectory:
         )
 
     def close(self) -> None:
-        """Removes the directory and lets the clean-up process go."""
+        """Removes the directory and ends the clean-up process."""
         shutil.rmtree(self.path, ignore_errors=True)
         self._lock.close()
         if self._cleanup.stdin is not None:

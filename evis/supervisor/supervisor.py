@@ -1,4 +1,4 @@
-"""Starts the processes of a plan, lets them go together, watches them, and ends them in order."""
+"""Starts the processes of a plan, lets them begin together, watches them, and ends them in order."""
 
 from __future__ import annotations
 
@@ -75,17 +75,17 @@ class Supervisor:
         self._children: dict[str, Child] = {}
         self._interrupts = Interrupts()
         self._stopped_at = 0.0
-        self._stage = 0
+        self._signals_sent = 0
         self._failed_at = 0.0
         self._cause: str | None = None
         self._started = 0.0
-        self._went_at = 0.0
+        self._running_since = 0.0
         self._ended_at = 0.0
-        self._turned_at = 0.0
+        self._last_turn_at = 0.0
         self._logs = Logs(self._say, debug)
 
     def run(self) -> Report:
-        """Runs until everything has ended, and reports how it went; nothing is left behind."""
+        """Runs until everything has ended, and reports the outcome; nothing is left behind."""
         self._started = time.monotonic()
         directory = self._early.directory() if self._early is not None else RunDirectory()
         self.plan.run_id = directory.run_id
@@ -104,8 +104,8 @@ class Supervisor:
             return summarise(
                 self.plan,
                 [child.summary for child in self._children.values()],
-                startup_s=(self._went_at or time.monotonic()) - self._started,
-                wall_s=self._ended_at - self._went_at if self._went_at else 0.0,
+                startup_s=(self._running_since or time.monotonic()) - self._started,
+                wall_s=self._ended_at - self._running_since if self._running_since else 0.0,
                 failure=None if self._cause is None else self._redactor.text(self._cause),
                 interrupted=self._interrupts.count > 0,
             )
@@ -122,7 +122,8 @@ class Supervisor:
         return child
 
     def _is_service(self, node: NodePlan) -> bool:
-        """Neither a source nor fed by declared inputs: lives until the others have ended."""
+        """Tells whether a node is neither a source nor fed by declared inputs: then it lives until the others have
+        ended."""
         if load_class(node.target).SOURCE:
             return False
         edges = [e for topics in node.inputs.values() for t in topics if t in self.plan.topics
@@ -143,9 +144,9 @@ class Supervisor:
         while not all(child.ended and not child.alive() for child in self._children.values()):
             for process, message in self._server.poll(_TICK_S):
                 self._handle(process, message)
-            self._forgive_own_pause()
+            self._excuse_own_pause()
             for child in list(self._children.values()):
-                self._watch(child)
+                self._check_alive(child)
             self._start_together()
             self._end_in_order()
             self._logs.forward(self._children.values())
@@ -154,10 +155,10 @@ class Supervisor:
         if self._cause is None:
             self._name_cause()
 
-    def _forgive_own_pause(self) -> None:
-        """While this process was held up it heard nobody: that was no silence of theirs, and no patience of ours."""
+    def _excuse_own_pause(self) -> None:
+        """Shifts the deadlines of others by the time for which this process itself was held up and heard nobody."""
         now = time.monotonic()
-        pause, self._turned_at = now - (self._turned_at or now), now
+        pause, self._last_turn_at = now - (self._last_turn_at or now), now
         if pause > HELD_S:
             for child in self._children.values():
                 child.heard_at = min(now, child.heard_at + pause)
@@ -166,7 +167,7 @@ class Supervisor:
 
     def _handle(self, process: str, message: dict[str, Any]) -> None:
         if "want" in message:
-            self._wake(str(message["want"]))
+            self._start_dormant(str(message["want"]))
             return
         child = self._children.get(process)
         if child is None:
@@ -176,8 +177,8 @@ class Supervisor:
             self._tell(f"{message.get('node')}: {message['tell']}")
         elif "ready" in message and child.state == "starting":
             child.state = "ready"
-            if self._went_at:
-                self._go(child)
+            if self._running_since:
+                self._set_running(child)
         elif "heartbeat" in message:
             child.stats = message.get("stats") or {}
             child.busy_s = float(message.get("busy_s") or 0.0)
@@ -196,25 +197,29 @@ class Supervisor:
             self._on_failure(child)
 
     def _start_together(self) -> None:
-        """The readiness barrier: nobody goes before all are ready, nor after the graph was told to end."""
-        if not self._went_at and not self._stopped_at and all(c.state == "ready" for c in self._children.values()):
-            self._went_at = self._ended_at = time.monotonic()
+        """Starts all processes once all are ready, unless the graph was told to end before."""
+        if (
+            not self._running_since
+            and not self._stopped_at
+            and all(c.state == "ready" for c in self._children.values())
+        ):
+            self._running_since = self._ended_at = time.monotonic()
             for child in self._children.values():
-                self._go(child)
+                self._set_running(child)
 
-    def _go(self, child: Child) -> None:
+    def _set_running(self, child: Child) -> None:
         child.state, child.busy_s = "running", 0.0
         self._server.send(child.name, {"go": 1})
 
-    def _wake(self, topic: str) -> None:
-        """Start the dormant node that publishes a topic, again if it has died, and those that it reads of."""
+    def _start_dormant(self, topic: str) -> None:
+        """Starts the dormant node that publishes a topic, again if it has died, and those whose topics it reads."""
         planned = self.plan.topics.get(topic)
         node = self.plan.nodes.get(planned.node) if planned else None
         if node is None or not node.dormant or self._stopped_at:
             return
         child = self._children.get(node.process)
         if child is not None:
-            self._watch(child)  # it may have died just now
+            self._check_alive(child)  # it may have died just now
         if child is None:
             child = self._add(node.process, [node])
         elif child.state == "failed" and not child.alive() and child.respawns < MAX_RESPAWNS:
@@ -225,9 +230,10 @@ class Supervisor:
         if child is not None:
             child.start()
             for read in (name for topics in node.inputs.values() for name in topics):
-                self._wake(read)
+                self._start_dormant(read)
 
-    def _watch(self, child: Child) -> None:
+    def _check_alive(self, child: Child) -> None:
+        """Handles the death or silence of a process, and mentions one that is in a single call for long."""
         if child.ended:
             return
         if not child.alive():
@@ -250,24 +256,27 @@ class Supervisor:
             self._on_failure(child)
 
     def _end_frozen(self, child: Child, silent_s: float) -> None:
+        """Kills a process that gives no sign of life, which is then the failure."""
         text = f"gave no sign of life for {silent_s:.0f} s (stopped, or stuck in native code)"
         child.failure, child.state = (child.name, text), "failed"
         child.signal(signal.SIGKILL)
 
     def _suspect_frozen(self) -> None:
-        """Who misses a neighbour that froze says so before SILENCE_S is over: the cause is who is silent, not they."""
+        """Ends processes that a neighbour has missed: the cause is who is silent, not who says so before SILENCE_S is
+        over."""
         for child in list(self._frozen()):
             self._end_frozen(child, time.monotonic() - child.heard_at)
 
     def _frozen(self) -> Iterator[Child]:
-        """Those that have been silent for so long that a neighbour may have given them up."""
+        """Yields the processes that have been silent for so long that a neighbour may have given them up."""
         now = time.monotonic()
         for child in self._children.values():
             if child.stats and not child.ended and child.alive() and now - child.heard_at > SUSPECT_S:
                 yield child
 
     def _on_failure(self, child: Child) -> None:
-        if self._stage and child.failure is None:
+        """Starts a failed process again where it may, goes on without a service, or notes the failure."""
+        if self._signals_sent and child.failure is None:
             return  # our own signal
         if all(node.respawn for node in child.nodes) and child.respawns < MAX_RESPAWNS and not self._stopped_at:
             child.respawns += 1
@@ -277,7 +286,7 @@ class Supervisor:
             child.failure = None
             child.start()
             return
-        if child.service and self._went_at:
+        if child.service and self._running_since:
             child.spared = True
             self._say(f"{describe_failure(child)}; the graph goes on without it")
         elif not self._failed_at:
@@ -286,11 +295,12 @@ class Supervisor:
     # -- the end -----------------------------------------------------------------------------------------------------
 
     def _end_in_order(self) -> None:
+        """Stops the graph where it is due: first by message, then by SIGTERM, then by SIGKILL."""
         now = time.monotonic()
         if self._failed_at and not self._stopped_at and now - self._failed_at > self._settle_s():
             self._name_cause()
             self._stop(now)
-        elif (self._interrupts.count or self._over(now)) and not self._stopped_at:
+        elif (self._interrupts.count or self._time_is_up(now)) and not self._stopped_at:
             self._stop(now)
         elif not self._stopped_at and self._workers_ended():
             if self._failed_at:
@@ -300,12 +310,12 @@ class Supervisor:
             self._stop_services()
         if not self._stopped_at:
             return
-        waited, patience = now - self._stopped_at, DRAIN_S if self._went_at else START_DRAIN_S
-        if self._stage == 0 and (waited > patience or self._interrupts.count > 1):
-            self._stage, self._stopped_at = 1, now
+        waited, patience = now - self._stopped_at, DRAIN_S if self._running_since else START_DRAIN_S
+        if self._signals_sent == 0 and (waited > patience or self._interrupts.count > 1):
+            self._signals_sent, self._stopped_at = 1, now
             self._signal_all(signal.SIGTERM)
-        elif self._stage == 1 and (waited > patience or self._interrupts.count > 2):
-            self._stage = 2
+        elif self._signals_sent == 1 and (waited > patience or self._interrupts.count > 2):
+            self._signals_sent = 2
             self._signal_all(signal.SIGKILL)
 
     def _settle_s(self) -> float:
@@ -315,16 +325,20 @@ class Supervisor:
     def _failed(self) -> list[Child]:
         return [child for child in self._children.values() if child.state == "failed" and not child.spared]
 
-    def _over(self, now: float) -> bool:
-        return bool(self._went_at) and self._stop_after_s is not None and now - self._went_at >= self._stop_after_s
+    def _time_is_up(self, now: float) -> bool:
+        return (
+            bool(self._running_since)
+            and self._stop_after_s is not None
+            and now - self._running_since >= self._stop_after_s
+        )
 
     def _workers_ended(self) -> bool:
-        """Only services are left. A graph of services alone lives until it is stopped."""
+        """Tells whether only services are left. A graph of services alone lives until it is stopped."""
         workers = [c for c in self._children.values() if not c.service]
         return all(c.ended for c in workers) and (bool(workers) or self._stopped_at > 0)
 
     def _stop(self, now: float) -> None:
-        """Sources first: the end of the stream then flows through, and what records it is closed whole."""
+        """Stops the sources: the end of their streams then passes through, and recorders close their files whole."""
         self._stopped_at = now
         for child in self._children.values():
             if not child.service:
@@ -350,6 +364,7 @@ class Supervisor:
                     child.process.wait(10)
 
     def _name_cause(self) -> None:
+        """Finds the cause of a failure, and shows the last words of its process."""
         if self._failed_at:
             self._suspect_frozen()
         failed = self._failed()
@@ -357,7 +372,7 @@ class Supervisor:
             return
         if not self._failed_at:
             # One that is stopped before it has begun has nothing to lose.
-            self._cause = ended_by_force(failed, DRAIN_S, self._interrupts.count > 1) if self._went_at else None
+            self._cause = ended_by_force(failed, DRAIN_S, self._interrupts.count > 1) if self._running_since else None
             return
         child = first_cause(failed)
         self._cause = describe_failure(child)
@@ -368,7 +383,7 @@ class Supervisor:
     # -- what the user sees ------------------------------------------------------------------------------------------
 
     def _say(self, line: str) -> None:
-        """One line for the user, who may keep it in a file: without the secrets that were given to the run."""
+        """Shows one line to the user, without the secrets of the run, for it may be kept in a file."""
         self._tell(printable(self._redactor.text(line)))
 
     def _progress(self) -> dict[str, Any]:
@@ -376,5 +391,5 @@ class Supervisor:
         total = {key: sum(int(s.get(key, 0)) for s in stats) for key in ("events", "keyframes", "frames")}
         return total | {
             "stamp_ns": max((int(s.get("stamp_ns", 0)) for s in stats), default=0),
-            "running": bool(self._went_at),
+            "running": bool(self._running_since),
         }

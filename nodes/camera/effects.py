@@ -1,4 +1,4 @@
-"""Tells which of a camera's parameters change nothing, given what is to be played."""
+"""Tells which of a camera's parameters have no effect, given what is to be played."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from nodes.camera.find import is_model
 
 
 def without_effect(file: str | None, emulate: str | None) -> Mapping[str, str]:
-    """Returns the parameters that change nothing, with the reason: those of a device where the recording `file` is
-    played (or `emulate` names one), and the other way round.
+    """Returns the parameters that have no effect: those of a device where the recording `file` is played (or `emulate`
+    names one), and those of a recording where a device is read.
 
     Parameter -> why it changes nothing.
     """

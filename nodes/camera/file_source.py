@@ -12,7 +12,7 @@ from pathlib import Path
 from evis.events import Recording, open_recording
 from evis.runtime.clock import NS
 from evis.runtime.pacing import FAST, FASTEST
-from nodes.camera.interface.driver import LONG_GAP, DeviceInfo, Driver, Reading
+from nodes.camera.interface.driver import LONG_GAP, DeviceInfo, Driver, Reading, packet_boundary
 from nodes.camera.interface.settings import Configuration, setting
 
 
@@ -85,7 +85,7 @@ class FileSource(Driver):
         self._packet_ns = round(self._settings.packet_ms * 1e6)
         first = recording.next_t_ns
         self._ended = first is None
-        self.t0_ns = 0 if first is None else self._boundary(first)
+        self.t0_ns = 0 if first is None else packet_boundary(first, self._packet_ns)
         if self._settings.duration_s and first is not None:  # as an emulated device; a packet may begin long before
             self._end = first - 1 + round(self._settings.duration_s * NS)
         self._at = self.t0_ns
@@ -114,18 +114,15 @@ class FileSource(Driver):
         self._prepared = None
         return reading
 
-    def _boundary(self, t_ns: int) -> int:
-        """The last packet boundary before an event."""
-        return (t_ns - 1) // self._packet_ns * self._packet_ns
-
     def _next(self) -> Reading | None:
+        """Reads the events up to the next packet boundary; None at the end of the recording."""
         recording, t0 = self._open_recording(), self._at
         following = recording.next_t_ns
         if following is None or (self._end is not None and t0 >= self._end):
             return None
         stamp = t0 + self._packet_ns
         if following > t0 + LONG_GAP * self._packet_ns:
-            stamp = self._boundary(following)
+            stamp = packet_boundary(following, self._packet_ns)
             self._counts["long_gaps"] += 1
         if self._end is not None:
             stamp = min(stamp, self._end)
@@ -152,6 +149,7 @@ class FileSource(Driver):
             self._recording = None
 
     def _open_recording(self) -> Recording:
+        """Returns the open recording. Raises ValueError where there is none."""
         if self._recording is None:
             raise ValueError(f"{self.path}: not open")
         return self._recording

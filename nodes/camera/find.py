@@ -1,4 +1,4 @@
-"""Finds the camera that a user means: a recording, an emulated device, or a device on USB."""
+"""Finds the driver of the camera that a user means: a recording, an emulated device, or a device on USB."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def is_model(name: str | None) -> bool:
 
 
 def list_devices(bus: Bus | None = None) -> list[DeviceInfo]:
-    """Lists the cameras on USB that this version can drive, each asked who it is.
+    """Lists the cameras on USB that this version can drive, each with the identity that it states.
 
     Raises OSError when there is no libusb.
 
@@ -36,13 +36,13 @@ def list_devices(bus: Bus | None = None) -> list[DeviceInfo]:
         except OSError as error:
             from nodes.camera.usb.access import label
 
-            m, details = driver.model, {"usb": label(driver.device), "problem": str(error)}
-            result.append(DeviceInfo(m.name, "", m.sensor, m.width, m.height, m.encoding, "device:", details))
+            details = {"usb": label(driver.device), "problem": str(error)}
+            result.append(driver.model.device_info("", details))
     return result
 
 
 def on_usb(bus: Bus | None = None) -> list[UsbDriver]:
-    """Makes drivers of the cameras on a bus (the machine's own unless given), not opened. Raises OSError."""
+    """Makes drivers, not opened yet, of the cameras on a bus (the machine's own unless given). Raises OSError."""
     from nodes.camera.usb.access import usb_bus
 
     bus = bus or usb_bus()
@@ -72,14 +72,15 @@ def open_emulated(
     faults: str = "",
     topic: str = "",
 ) -> UsbDriver:
-    """Returns the real driver of a model on an emulated device that sends a recording; not opened yet.
+    """Makes the real driver of a model on an emulated device that sends a recording; it is not opened yet.
 
     speed: device time per real time, 0 = as fast as it is read. Without a recording it is silent. Raises ValueError,
     OSError.
     """
     from nodes.camera.emulated.bus import driver_on
     from nodes.camera.emulated.faults import Faults
-    from nodes.camera.emulated.feed import LiveFeed, RecordingFeed
+    from nodes.camera.emulated.feed import LiveFeed
+    from nodes.camera.emulated.recording_feed import RecordingFeed
 
     model: Model = model_named(name)
     feed = RecordingFeed(path, model, speed, duration_s, topic) if path else LiveFeed()
@@ -87,7 +88,7 @@ def open_emulated(
 
 
 def check_choice(file: str | None, emulate: str | None, serial: str | None, streams: bool = True) -> None:
-    """Raises ValueError where what was given does not say one camera; the arguments are those of `find_driver`."""
+    """Raises ValueError where the arguments, which are those of `find_driver`, do not name exactly one camera."""
     if emulate and is_model(emulate):
         if serial:
             raise ValueError("emulate and serial are given; an emulated camera has its own serial number")
@@ -110,7 +111,8 @@ def find_driver(
     streams: bool = True,
     topic: str = "",
 ) -> Driver:
-    """Returns the driver for what was given. Raises ValueError, OSError for a device that is not there.
+    """Finds the driver of the camera that the arguments name. Raises ValueError, and OSError for a device that is not
+    there.
 
     file: a recording. emulate: a camera model, whose emulated device sends `file`; or a recording, which then stands in
     for a device. serial: a camera on USB; the first one when nothing is given. streams: an emulated camera must have
@@ -126,7 +128,7 @@ def find_driver(
 
 
 def _find_on_usb(serial: str | None) -> Driver:
-    """The camera with this serial, or the first one."""
+    """Finds the USB camera with this serial number, or the first one. Raises OSError that says how to go on without."""
     problems = []
     for driver in on_usb():
         if not serial:

@@ -79,14 +79,15 @@ class CameraNode(Node):
 
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """Names the parameters of a device, where a recording is played, and the other way round."""
+        """Names the parameters of a device where a recording is played, and those of a recording where a device is
+        read."""
         from nodes.camera.effects import without_effect
 
         return without_effect(params["file"], params["emulate"])
 
     @classmethod
     def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """Names USB's library as spared where the camera is a recording."""
+        """Names pyusb as a package that is not imported where a recording is played."""
         from nodes.camera.find import is_model
 
         played = (params.get("file") or params.get("emulate")) and not is_model(params.get("emulate"))
@@ -100,6 +101,7 @@ class CameraNode(Node):
         self._open()
 
     def _open(self) -> None:
+        """Opens, configures and starts the driver that the parameters name, and publishes the camera's description."""
         from nodes.camera.file_source import FileSettings, FileSource
         from nodes.camera.find import find_driver, is_model
 
@@ -129,7 +131,7 @@ class CameraNode(Node):
         self._publish_info()
 
     def _publish_info(self) -> None:
-        """Publish what the camera is, as of the last reading."""
+        """Publishes the camera's description, with the stamp of the last reading."""
         episode = self.driver.episode + self._rounds
         self.publish("info", camera_info(self.params["camera"], self.about, self._stamp_ns, episode))
 
@@ -157,7 +159,7 @@ class CameraNode(Node):
         return elapsed < round(self.params["duration"] * 1e9)
 
     def _begin_again(self) -> bool:
-        """Play the recording once more, where that is wanted."""
+        """Starts the recording once more where `again` asks for that; False where it does not."""
         if not self.params["again"] or not self.params["file"]:
             return False
         self._count_new(self.driver.counters())
@@ -181,7 +183,7 @@ class CameraNode(Node):
         self._count_new(self.driver.counters())
 
     def _watch(self) -> None:
-        """Say when the camera went or came back, and now and then how it is."""
+        """Warns when the camera comes back, and publishes its temperature and clock every STATUS_S."""
         if self.driver.episode != self._episode:
             self._episode = self.driver.episode
             self.warn(f"the camera is back; its clock starts anew (episode {self._episode})")
@@ -195,7 +197,7 @@ class CameraNode(Node):
         self._publish_info()
 
     def _count_new(self, counters: Mapping[str, float]) -> None:
-        """The driver's totals as increments of the node's counters."""
+        """Adds what the driver's totals have gained to the node's counters."""
         for name, total in counters.items():
             if self.count_total(name, total) and name in FIRST_TIME:
                 self.warn(FIRST_TIME[name])
@@ -208,7 +210,7 @@ class CameraNode(Node):
 
 
 def configure_usb(driver: UsbDriver, params: Mapping[str, Any]) -> None:
-    """Gives the node's parameters and the camera's own settings to an open driver. Raises ValueError."""
+    """Configures an open driver with the node's parameters and the camera's own settings. Raises ValueError."""
     from nodes.camera.interface.settings import parse_settings
 
     kind = driver.settings_type()

@@ -1,65 +1,65 @@
-"""Hands messages to a thread that records them, so that the graph goes on meanwhile."""
+"""Hands messages to a thread that records them, so that the graph runs on meanwhile."""
 
 from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Callable
 
-from evis.bag.mcap.behind import Behind
+from evis.bag.mcap.background_worker import BackgroundWorker
 from msgs.header import Message
 
-MOST = 64 << 20
+MAX_BYTES = 64 << 20
 """Bytes of messages that may wait; whoever has more waits."""
-MOST_MESSAGES = 32
+MAX_MESSAGES = 32
 """Messages of one topic that may wait, be they small: with those under way fewer than the slots that it has."""
 
 
 class Handover:
-    """Keeps messages until a thread has taken them, in their order. Called from one thread, that of the bus.
+    """Queues messages for the recording thread, in order. To be called from one thread, that of the bus.
 
     take: called by the other thread with the topic and the message.
     """
 
     def __init__(self, take: Callable[[str, Message], None]) -> None:
         self._take = take
-        self._behind = Behind("recorder", MOST)
+        self._worker = BackgroundWorker("recorder", MAX_BYTES)
         self._kept: deque[tuple[str, Message]] = deque()
         self._of_topic: Counter[str] = Counter()
         self._told = False
 
     def put(self, topic: str, message: Message) -> None:
-        """Adds a message; waits while too many do. Raises what `take` has raised of an earlier one."""
+        """Adds a message; waits while the queue is full. Raises what `take` raised for an earlier message."""
         self.release()
-        while self._of_topic[topic] >= MOST_MESSAGES and self._behind.error is None:
-            self._behind.wait_below(len(self._kept))
+        while self._of_topic[topic] >= MAX_MESSAGES and self._worker.error is None:
+            self._worker.wait_below(len(self._kept))
             self.release()
         message.keep()
         self._kept.append((topic, message))
         self._of_topic[topic] += 1
         size = sum(array.nbytes for array in message.arrays().values())
-        self._behind.put(lambda: self._take(topic, message), size)
+        self._worker.put(lambda: self._take(topic, message), size)
 
     def release(self) -> None:
-        """Releases the messages that were taken. Raises what `take` has raised, once."""
-        for _ in range(len(self._kept) - self._behind.undone):
-            self._let_go()
-        if self._behind.error is not None and not self._told:
+        """Releases the messages that were recorded. Raises, once, what `take` raised."""
+        for _ in range(len(self._kept) - self._worker.unfinished):
+            self._release_oldest()
+        if self._worker.error is not None and not self._told:
             self._told = True
-            raise self._behind.error
+            raise self._worker.error
 
     def finish(self) -> None:
-        """Waits until all are taken, or one has failed, and raises what it has raised if nobody was told."""
-        self._behind.wait()
+        """Waits until all are recorded, or one has failed; raises what `take` raised, unless it was raised before."""
+        self._worker.wait()
         self.release()
 
     def close(self) -> None:
-        """Ends the thread and releases all that is left. A second call does nothing."""
-        self._behind.wait()
-        self._behind.close()
+        """Ends the thread and releases all messages that are left. A second call does nothing."""
+        self._worker.wait()
+        self._worker.close()
         while self._kept:
-            self._let_go()
+            self._release_oldest()
 
-    def _let_go(self) -> None:
+    def _release_oldest(self) -> None:
         topic, message = self._kept.popleft()
         self._of_topic[topic] -= 1
         message.release()

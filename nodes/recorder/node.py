@@ -41,15 +41,17 @@ class RecorderNode(Node):
 
     @classmethod
     def arrays_hz(cls, params: Mapping[str, Any], port: str) -> float | None:
-        """Limits the rate of keyframes that make nothing but previews to the rate of the previews."""
+        """Limits the rate of arrays to that of previews, for keyframes that are recorded as previews alone."""
         from evis.bag.selection import select
 
         given = resolve("recorder", cls.PARAMS, params)
         return None if select([port], given["topics"]) else given["preview_hz"] or None
 
     def setup(self) -> None:
-        """Opens the bag, so that a path that cannot be written is known before the graph starts, and tells which of the
-        asked topics no node publishes."""
+        """Opens the bag, and warns of wanted topics that no node publishes.
+
+        A path that cannot be written is so known before the graph starts.
+        """
         from evis.bag.selection import unpublished
         from evis.files.named_pipe import with_reader
         from nodes.recorder.recorder import Recorder
@@ -73,13 +75,13 @@ class RecorderNode(Node):
 
     def receive(self, port: str, message: Message) -> None:
         """Hands a message of topic `port` to the thread that writes the bag."""
-        self.recorder.notice(port, message.header)
+        self.recorder.count_missed(port, message.header)
         if device_of(message) is None:  # else it is none of those that arrays_hz asks for
             self._handover.put(port, message)
         self._count()
 
     def idle(self) -> None:
-        """Releases what was written, also where nothing comes."""
+        """Releases recorded messages, also while no new ones come."""
         self._handover.release()
 
     def _count(self) -> None:
@@ -94,7 +96,7 @@ class RecorderNode(Node):
         self._count()
 
     def close(self) -> None:
-        """Makes the bag whole, also after an error elsewhere."""
+        """Completes the bag, also after an error elsewhere."""
         recorder: Recorder | None = getattr(self, "recorder", None)
         if recorder is not None:
             self._handover.close()

@@ -1,4 +1,4 @@
-"""Describes how the recorded run went, its error and its run time, for the bag's metadata."""
+"""Collects how the recorded run went, its error and its run time, for the bag's metadata."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from msgs.world import WorldState
 
 
 class Outcome:
-    """Watches messages for the errors of the run, and how long it took from its first state on."""
+    """Collects the errors of a run from its messages, and its duration from its first state on."""
 
     def __init__(self) -> None:
         self._audits: dict[str, Audit] = {}
@@ -20,7 +20,7 @@ class Outcome:
         self._last = (0, 0.0)
 
     def take(self, topic: str, message: Message) -> None:
-        """Looks at one message."""
+        """Notes what a message tells of the run's outcome."""
         if isinstance(message, Audit):
             self._audits[topic] = message
         if isinstance(message, PhysicsError):
@@ -30,9 +30,8 @@ class Outcome:
             self._first = self._first or (message.header.stamp_ns, self._last[1])
 
     def metadata(self) -> dict[str, dict[str, str]]:
-        """Gives the tables of the run: `physics_error`, where an engine integrated motion; `audit`, by `CAMERA.number`,
-        and `run_time`, simulated and wall time [s], where something was audited.
-        """
+        """Returns the tables of the run: `physics_error`, where an engine integrated motion; `audit`, by
+        `CAMERA.number`, and `run_time`, simulated and wall time [s], where something was audited."""
         told: dict[str, dict[str, str]] = {}
         if (off := self._physics) is not None:
             numbers = {"position_m": f"{off.position_m:.6g}", "rotation_rad": f"{off.rotation_rad:.6g}"}

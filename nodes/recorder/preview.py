@@ -1,4 +1,4 @@
-"""Makes a slow 8-bit image stream from keyframes."""
+"""Makes 8-bit preview images of keyframes at a low rate."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class PreviewMaker:
         return f"{FIRST_ENV if len(keyframe.image) > 1 else ''}{self.camera}/image"
 
     def update(self, keyframe: Keyframe, threads: Threads = ALONE) -> Image | None:
-        """Returns the preview of this keyframe, None where none is due yet. threads: share its rows."""
+        """Makes the preview of a keyframe, None where none is due yet. threads: share its rows."""
         h = keyframe.header
         if not self._due.takes(h) or not len(keyframe.image):
             return None

@@ -1,4 +1,4 @@
-"""Records messages: it writes them, makes previews, counts what it missed."""
+"""Writes messages to a bag, makes previews of keyframes, and counts missed messages."""
 
 from __future__ import annotations
 
@@ -56,21 +56,21 @@ class Recorder:
         self.writer = BagWriter(path, metadata, event_encoding=encoding, sync=sync, threads=threads)
 
     def receive(self, topic: str, message: Message) -> None:
-        """Counts what was lost before a message and writes it; its arrays are free when this returns.
+        """Counts the messages missed before this one and writes it; its arrays are free when this returns.
 
         Raises BagError.
         """
-        self.notice(topic, message.header)
+        self.count_missed(topic, message.header)
         self.write(topic, message)
 
     def selects(self, topic: str) -> bool:
-        """Says whether messages of a topic are written as they are."""
+        """Tells whether messages of a topic are written as they are."""
         if topic not in self._selected:
             self._selected[topic] = bool(select([topic], self._globs))
         return self._selected[topic]
 
     def write(self, topic: str, message: Message) -> None:
-        """Writes one message and what is made of it; its arrays are free when this returns. Raises BagError."""
+        """Writes a message, and the preview made of it; its arrays are free when this returns. Raises BagError."""
         self._outcome.take(topic, message)
         if self.selects(topic):
             self.writer.write(topic, message)
@@ -88,8 +88,8 @@ class Recorder:
         if syncer is not None and syncer.late:
             self.counters["late_syncs"] = syncer.late
 
-    def notice(self, topic: str, header: Header) -> None:
-        """Counts what was lost before a message; all of a topic are noticed, in their order."""
+    def count_missed(self, topic: str, header: Header) -> None:
+        """Counts the messages missed before this one, of a topic whose messages are all given, in their order."""
         seq = header.seq
         missed = seq - self._seen.get(topic, seq) - 1
         if missed > 0 and topic not in SYSTEM_TOPICS:
@@ -98,7 +98,7 @@ class Recorder:
         self._seen[topic] = seq
 
     def close(self) -> None:
-        """Makes the bag whole. A second call does nothing."""
+        """Completes the bag. A second call does nothing."""
         self.counters["bytes"] = sum(self.writer.bytes.values())
         lost = {topic: str(count) for topic, count in self._lost.items()}
         self.writer.close(({"lost": lost} if lost else {}) | self._outcome.metadata())

@@ -1,5 +1,7 @@
-"""Republishes a bag.
+"""Republishes the messages of a bag on their topics.
 
-`choice.py` says which topics are played, `node.py` publishes their messages, stamp by stamp and at the pace asked for,
-and `descriptions.py` those CameraInfo that came before the part that is played. Files and formats are evis/bag's.
+`choice.py` chooses the topics, `node.py` publishes their messages in order, and `descriptions.py` knows which
+CameraInfo holds where a replay begins.
+
+Files and formats are evis/bag's.
 """

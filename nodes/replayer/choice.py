@@ -44,9 +44,9 @@ def topics_to_play(
     return chosen
 
 
-def topics_unknown(topics: Mapping[str, str], include: Sequence[str], exclude: Sequence[str]) -> list[str]:
-    """Returns the names of the topics that are not published for no topic of EVIS has their name and type, as other
-    recorders' bags have them.
+def unknown_topics(topics: Mapping[str, str], include: Sequence[str], exclude: Sequence[str]) -> list[str]:
+    """Lists the topics that are not published because EVIS has no topic of their name and type, as bags of other
+    recorders have them.
 
     Topics that `include` and `exclude` leave out anyway are not among them.
     """

@@ -1,4 +1,4 @@
-"""Keeps the descriptions of cameras (CameraInfo) that hold as a round of a replay begins.
+"""Keeps the descriptions of cameras (CameraInfo) that hold where a replay, or another round of it, begins.
 
 A description is recorded once, and again where it changes. A replay that begins later in the bag, or plays it again,
 needs the one that held there.
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 
 
 def _order_of(message: Message) -> tuple[int, int, int]:
-    """Gives what sorts the messages of a topic as they were recorded."""
+    """Returns the key that sorts a topic's messages in the order of recording."""
     return *message.header.instant, message.header.seq
 
 
 def description_at(reader: BagReader, topic: str, start: int, episode: int) -> Message | None:
-    """Finds the last description of a camera up to where a replay begins; the first of all where there is none.
+    """Finds the last description of a camera before a replay begins; the first of all where there is none.
 
     start: stamp [ns], and episode, of the first message that is played.
     """
@@ -34,24 +34,25 @@ def description_at(reader: BagReader, topic: str, start: int, episode: int) -> M
 
 
 class Descriptions:
-    """Keeps, by topic, the descriptions that hold as a round begins, and which of them others have replaced since."""
+    """Keeps, by topic, the descriptions that hold where a round begins, and which of them were replaced since."""
 
     def __init__(self, at_start: Mapping[str, Message]) -> None:
-        """at_start: topic -> the description that holds as a round begins."""
+        """Takes topic -> the description that holds where a round begins."""
         self.at_start = dict(at_start)
         self._orders = {topic: _order_of(message) for topic, message in self.at_start.items()}
         self._replaced: set[str] = set()
 
     def covers(self, topic: str, message: Message) -> bool:
-        """Tells whether a message is a description of before a round begins, of which the last one was published."""
+        """Tells whether a message is a description from before the round, where the last of these was published
+        already."""
         return topic in self._orders and _order_of(message) <= self._orders[topic]
 
-    def passed(self, topic: str) -> None:
+    def published(self, topic: str) -> None:
         """Notes that a message of a topic was published; a description replaces the one that held before."""
         if topic in self._orders:
             self._replaced.add(topic)
 
     def restart(self) -> list[str]:
-        """Begins another round: gives the topics whose description must be published again."""
+        """Begins another round, and returns the topics whose descriptions must be published again."""
         replaced, self._replaced = sorted(self._replaced), set()
         return replaced

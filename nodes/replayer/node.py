@@ -1,5 +1,4 @@
-"""Runs the replayer as a node: a bag's messages on their topics again, as recorded, as fast as the graph takes them or
-paced."""
+"""Publishes a bag's messages on their topics as recorded, as fast as the graph takes them or at a set pace."""
 
 from __future__ import annotations
 
@@ -33,7 +32,7 @@ PARAMS = {
 }
 MAX_SLEEP_S = 0.05
 """Longest sleep in one step, so that the graph can be stopped."""
-MAX_TOLD = 8
+MAX_NAMED = 8
 """Most topics that are named in a warning."""
 APART_NS = 10_000_000_000
 """A silence longer than this between messages of two clocks [ns] is none: one camera counts from its start, another
@@ -43,7 +42,7 @@ REST_S = 1.0
 
 
 class ReplayerNode(Node):
-    """Publishes what a bag holds; each topic is a port of its own name."""
+    """Publishes the messages of a bag; each topic is a port of its own name."""
 
     PARAMS: ClassVar[Mapping[str, Param]] = PARAMS
     SOURCE: ClassVar[bool] = True
@@ -88,7 +87,7 @@ class ReplayerNode(Node):
         self.reader: BagReader = BagReader(self.params["bag"])
         if self.reader.problem:
             self.warn(f"{self.reader.path} is torn: {self.reader.problem}; replaying what can be read")
-        self._tell_of_unknown()
+        self._warn_of_unknown_topics()
         start = self.reader.start_ns + round(self.params["start"] * 1e9)
         length = self.params["duration"]
         end = None if length is None else start + round(length * 1e9)
@@ -100,7 +99,7 @@ class ReplayerNode(Node):
         episode = self.next[1].header.episode if self.next else 0
         found = {topic: description_at(self.reader, topic, start, episode) for topic in cameras}
         known = {topic: info for topic, info in found.items() if info is not None}
-        self._tell_of_clocks(known)
+        self._warn_of_separate_clocks(known)
         self.descriptions = Descriptions(known)
         self.outdated: list[str] = []
         """Topics whose description must be published again as the round begins."""
@@ -109,23 +108,23 @@ class ReplayerNode(Node):
         if self.next is not None and self.descriptions.covers(*self.next):
             self.next = self._next_message()
 
-    def _tell_of_unknown(self) -> None:
-        """Says which topics of the bag are not played though they are wanted."""
-        from nodes.replayer.choice import topics_unknown
+    def _warn_of_unknown_topics(self) -> None:
+        """Warns of wanted topics of the bag that cannot be played."""
+        from nodes.replayer.choice import unknown_topics
 
         there = {stream.topic: stream.kind for stream in self.reader.streams.values()}
-        if names := topics_unknown(there, self.params["topics"], self.params["exclude"]):
-            more = f" and {len(names) - MAX_TOLD} more" if len(names) > MAX_TOLD else ""
-            told = ", ".join(names[:MAX_TOLD]) + more
+        if names := unknown_topics(there, self.params["topics"], self.params["exclude"]):
+            more = f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
+            told = ", ".join(names[:MAX_NAMED]) + more
             self.warn(f"{self.reader.path}: not played, for EVIS has no topics of such a name and type: {told}")
 
-    def _tell_of_clocks(self, descriptions: Mapping[str, Message]) -> None:
-        """Says that cameras have clocks of their own, whose times do not tell what was at the same time."""
+    def _warn_of_separate_clocks(self, descriptions: Mapping[str, Message]) -> None:
+        """Warns where cameras have clocks of their own, whose times cannot be compared."""
         of_clock: dict[str, list[str]] = {}
         for topic, info in sorted(descriptions.items()):
             of_clock.setdefault(info.header.clock, []).append(topic.rpartition("/")[0])
         if len(of_clock) > 1:
-            told = " and ".join(f"{clock} ({', '.join(names[:MAX_TOLD])})" for clock, names in of_clock.items())
+            told = " and ".join(f"{clock} ({', '.join(names[:MAX_NAMED])})" for clock, names in of_clock.items())
             first = next(iter(of_clock.values()))[0]
             self.warn(
                 f"{self.reader.path}: the clocks {told} have no time in common: messages come in order of their "
@@ -133,22 +132,22 @@ class ReplayerNode(Node):
             )
 
     def _publish_descriptions(self, topics: Iterable[str]) -> None:
-        """Publishes the descriptions that hold as a round begins."""
+        """Publishes the descriptions that hold where the round begins."""
         for topic in topics:
             info: Any = self.descriptions.at_start[topic]
-            self.publish(topic, self._of_this_round(replace(info, header=replace(info.header))))
+            self.publish(topic, self._renumber_episodes(replace(info, header=replace(info.header))))
 
     def _next_message(self) -> tuple[str, Message] | None:
-        """Reads the next message that is to be played; None at the end."""
+        """Reads the next message to be played; None at the end."""
         return next((found for found in self.messages if not self.descriptions.covers(*found)), None)
 
     def step(self, inputs: Mapping[str, Message]) -> bool:
-        """Publishes the messages of one stamp, one of each topic at the most."""
+        """Publishes the messages of one stamp, at most one of each topic."""
         if time.monotonic() < self.rest_until:
             time.sleep(MAX_SLEEP_S)
             return True
         if self.next is None:
-            self._tell_of_damage()
+            self._warn_of_damage()
             return False
         instant = self.next[1].header.instant
         if (wait := self._wait_s(self.next[1].header)) > 0:
@@ -162,17 +161,17 @@ class ReplayerNode(Node):
             if topic in sent or message.header.instant != instant:
                 return True
             sent.add(topic)
-            self.descriptions.passed(topic)
-            self.publish(topic, self._of_this_round(message))
+            self.descriptions.published(topic)
+            self.publish(topic, self._renumber_episodes(message))
             self.next = self._next_message()
-        self._tell_of_damage()
+        self._warn_of_damage()
         if self.params["again"]:
             self._begin_round()
             return True
         return False
 
     def _wait_s(self, header: Header) -> float:
-        """Gives the time until a message is due [s], 0 without a pace; counts what is late."""
+        """Returns the time until a message is due [s], 0 without a pace; counts late messages."""
         if self.pacer is None:
             return 0.0
         since_ns = header.stamp_ns - self.paced.stamp_ns
@@ -187,12 +186,12 @@ class ReplayerNode(Node):
         return wait
 
     def finish(self) -> None:
-        """Tells how the pace was kept."""
+        """Reports how the pace was kept."""
         if self.pacer is not None:
             self.result("pace", self.pacer.result())
 
-    def _tell_of_damage(self) -> None:
-        """Says once, when the bag was read to its end, what was left out of it."""
+    def _warn_of_damage(self) -> None:
+        """Warns, once the bag was read to its end, of what was left out as damaged."""
         # What is damaged beside the descriptions is met again, unless it is of another time than what is played.
         skipped = self.reader.skipped - self.skipped_before or self.skipped_before
         if skipped and not self.told:
@@ -209,8 +208,8 @@ class ReplayerNode(Node):
             self.pacer.restart()
         self.rest_until = time.monotonic() + REST_S
 
-    def _of_this_round(self, message: Message) -> Message:
-        """Renumbers the episodes of a message, so that they follow on those of the round before."""
+    def _renumber_episodes(self, message: Message) -> Message:
+        """Renumbers the episodes of a message, so that they continue those of the round before."""
         if self.first_episode:
             message.header.episode += self.first_episode
             episodes = getattr(message, "episodes", None)

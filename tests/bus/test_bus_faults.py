@@ -77,7 +77,7 @@ def test_messages_sent_before_a_publisher_died_are_received_first(context, endpo
     subscriber = subscriber_on(context, endpoints)
     wait_for(subscriber.connected)
     os.kill(sender.hear(), signal.SIGKILL)
-    wait_for(lambda: subscriber._watch() or subscriber._disconnected)
+    wait_for(lambda: subscriber._check_connection() or subscriber._disconnected)
     subscriber.raise_if_publisher_lost()  # not yet: there is something to read
     assert subscriber.receive(60_000).header.stamp_ns == 0
     with pytest.raises(PeerLost):

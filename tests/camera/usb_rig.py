@@ -11,7 +11,8 @@ import numpy as np
 from evis.events import Events, open_writer
 from nodes.camera.emulated.bus import driver_on
 from nodes.camera.emulated.faults import Faults
-from nodes.camera.emulated.feed import LiveFeed, RecordingFeed
+from nodes.camera.emulated.feed import LiveFeed
+from nodes.camera.emulated.recording_feed import RecordingFeed
 from nodes.camera.interface.driver import Reading
 from nodes.camera.usb.driver import UsbDriver
 from nodes.camera.usb.models import model_named

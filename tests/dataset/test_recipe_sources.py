@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from in_this_process import InThisProcess
 from PIL import Image
 from small_recipe import checksums
-from test_make import InThisProcess
 
 from evis.config.document import LaunchError
 from evis.dataset.making.make import make

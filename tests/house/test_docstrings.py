@@ -1,4 +1,7 @@
-"""Public docstrings begin with a sentence that says what their module, class or function does: "Computes ..."."""
+"""Docstrings begin with a sentence that says what their module, class or function does: "Computes ...".
+
+Everywhere those of what is public; in the rooms of WHOLE those of what is private too.
+"""
 
 from __future__ import annotations
 
@@ -12,17 +15,28 @@ from import_graph import ROOT
 VERB = re.compile(r"[A-Z][a-z]+s\b")
 """A verb in the third person, as far as its ending tells: plural nouns pass too, which a reviewer has to see."""
 
+WHOLE = [
+    "evis/bag",
+    "evis/bus",
+    "evis/events",
+    "evis/runtime",
+    "evis/supervisor",
+    "nodes/camera",
+    "nodes/recorder",
+    "nodes/replayer",
+]
+
 Definition = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 
 
-def openings(node: ast.Module | Definition, name: str) -> Iterator[tuple[str, str]]:
-    """Yields the names and docstrings of a module or class, and of what is public in it."""
+def openings(node: ast.Module | Definition, name: str, private: bool = False) -> Iterator[tuple[str, str]]:
+    """Yields the names and docstrings of a module or class, and of what is public, or anything at all, in it."""
     if docstring := ast.get_docstring(node):
         yield name, docstring
     if isinstance(node, ast.Module | ast.ClassDef):
         for inner in node.body:
-            if isinstance(inner, Definition) and not inner.name.startswith("_"):
-                yield from openings(inner, f"{name}.{inner.name}")
+            if isinstance(inner, Definition) and (private or not inner.name.startswith("_")):
+                yield from openings(inner, f"{name}.{inner.name}", private)
 
 
 @pytest.mark.parametrize("package", ["msgs", "evis", "nodes", "bench", "examples"])
@@ -31,4 +45,13 @@ def test_docstrings_begin_with_a_verb(package: str) -> None:
     assert files
     for path in files:
         for name, docstring in openings(ast.parse(path.read_text()), path.relative_to(ROOT).as_posix()):
+            assert VERB.match(docstring), f"{name}: {docstring.splitlines()[0]}"
+
+
+@pytest.mark.parametrize("room", WHOLE)
+def test_private_docstrings_begin_with_a_verb(room: str) -> None:
+    files = sorted((ROOT / room).rglob("*.py"))
+    assert files
+    for path in files:
+        for name, docstring in openings(ast.parse(path.read_text()), path.relative_to(ROOT).as_posix(), private=True):
             assert VERB.match(docstring), f"{name}: {docstring.splitlines()[0]}"

@@ -306,11 +306,11 @@ def test_a_launcher_that_was_held_up_takes_nobody_for_silent(
     supervisor = Supervisor(Plan("test", "run", str(tmp_path)))
     child = supervisor._children["ticker"] = Child("ticker", [], tmp_path)
     now = time.monotonic()
-    supervisor._turned_at, child.heard_at = now - 100.0, now - 100.3
-    supervisor._forgive_own_pause()
+    supervisor._last_turn_at, child.heard_at = now - 100.0, now - 100.3
+    supervisor._excuse_own_pause()
     assert now - 0.4 < child.heard_at <= time.monotonic()
     child.heard_at = now - 100.0
-    supervisor._forgive_own_pause()
+    supervisor._excuse_own_pause()
     assert child.heard_at == now - 100.0
 
 

@@ -26,7 +26,7 @@ from msgs.header import Header
 
 sys.path.insert(0, str(Path(__file__).parent))
 from device_nodes import Glancer, Watcher
-from test_executor import run
+from plan_runs import run_in_threads
 
 COUNT = 20
 
@@ -84,14 +84,14 @@ def test_everybody_sees_the_same_values_and_only_who_takes_them_there_gets_warp_
     tmp_path: Path, processes: dict[str, str], size: int
 ) -> None:
     """The watcher keeps three messages at a time: what it keeps must not be written over."""
-    assert run(make_plan(tmp_path, processes, size)) == {}
+    assert run_in_threads(make_plan(tmp_path, processes, size)) == {}
     check(tmp_path, processes, by_reference=processes.get("watcher") == "a")
 
 
 @pytest.mark.parametrize("beside", [{}, {"watcher": "a"}, {"reader": "b"}], ids=str)
 def test_arrays_that_nobody_reads_stay_where_they_are(tmp_path: Path, beside: dict[str, str]) -> None:
     """Of three messages one is copied to the host, unless somebody else reads all."""
-    assert run(make_plan(tmp_path, {"painter": "a", "glancer": "a", **beside}, 300)) == {}
+    assert run_in_threads(make_plan(tmp_path, {"painter": "a", "glancer": "a", **beside}, 300)) == {}
     seen = json.loads((tmp_path / "glancer.json").read_text())
     assert seen == [["array" if k % 3 else "ndarray", 1, k] for k in range(COUNT)]
     check(tmp_path, beside, by_reference=True)
@@ -100,7 +100,7 @@ def test_arrays_that_nobody_reads_stay_where_they_are(tmp_path: Path, beside: di
 @pytest.mark.parametrize("beside", [{}, {"watcher": "a"}, {"watcher": "a", "reader": "a"}, {"reader": "b"}], ids=str)
 def test_another_process_that_reads_no_arrays_of_a_message_gets_none(tmp_path: Path, beside: dict[str, str]) -> None:
     """All messages come, numbered, but two of three are copied to no host for its sake."""
-    assert run(make_plan(tmp_path, {"painter": "a", "glancer": "c", **beside}, 300)) == {}
+    assert run_in_threads(make_plan(tmp_path, {"painter": "a", "glancer": "c", **beside}, 300)) == {}
     seen = json.loads((tmp_path / "glancer.json").read_text())
     copied = "reader" in beside
     assert seen == [["ndarray", 0 if k % 3 and not copied else 1, k] for k in range(COUNT)]
@@ -124,7 +124,7 @@ def test_arrays_are_made_where_they_are_read(tmp_path: Path, processes: dict[str
     """On the device where one reader takes them there, or nobody reads them; else on the host, with no copy."""
     plan = make_plan(tmp_path, processes, 300, painter=device, watcher=device)
     plan.nodes["painter"].params["loans"] = str(tmp_path / "loans.json")
-    assert run(plan) == {}
+    assert run_in_threads(plan) == {}
     assert json.loads((tmp_path / "loans.json").read_text()) == [kind] * COUNT
     check(tmp_path, processes, by_reference=processes.get("watcher") == "a")
 
@@ -180,7 +180,7 @@ def test_another_process_on_the_same_gpu_reads_in_place(
 @pytest.mark.parametrize("watcher", ["cuda", "cuda:0", "cpu"])
 def test_arrays_of_a_gpu_reach_a_node_on_the_same_device_as_they_are(tmp_path: Path, watcher: str) -> None:
     processes = {"painter": "a", "watcher": "a", "reader": "a"}
-    assert run(make_plan(tmp_path, processes, 300, painter="cuda:0", watcher=watcher)) == {}
+    assert run_in_threads(make_plan(tmp_path, processes, 300, painter="cuda:0", watcher=watcher)) == {}
     check(tmp_path, processes, by_reference=watcher != "cpu")
 
 

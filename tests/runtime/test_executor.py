@@ -20,6 +20,8 @@ from evis.runtime.plan import Edge, NodePlan, Plan, TopicPlan
 from msgs.camera import Depth
 
 sys.path.insert(0, str(Path(__file__).parent))
+from plan_runs import run_in_threads
+
 SPREADS = {
     "composed": ["p", "p", "p"],
     "source alone": ["a", "b", "b"],
@@ -53,33 +55,6 @@ def make_plan(directory: Path, processes: list[str], **params: dict[str, Any]) -
         "/cam1/ids": TopicPlan("/cam1/ids", "Ids", "adder", "sum", [Edge("checker", "messages")]),
     }
     return plan
-
-
-def run(plan: Plan, timeout: float = 120.0) -> dict[str, BaseException]:
-    """Every process of the plan as a thread; what each of them raised."""
-    errors: dict[str, BaseException] = {}
-    executors = {process: Executor(plan, process) for process in plan.processes()}
-
-    def life(process: str) -> None:
-        executor = executors[process]
-        try:
-            executor.setup()
-            executor.wait_connected(60.0)
-            executor.run()
-        except BaseException as error:
-            errors[process] = error
-            for other in executors.values():
-                other.stop()
-        finally:
-            executor.close()
-
-    threads = [threading.Thread(target=life, args=(p,), daemon=True) for p in executors]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(timeout)
-    assert not any(t.is_alive() for t in threads), "the graph hangs"
-    return errors
 
 
 @pytest.mark.parametrize(("every", "slow"), [(True, 0.0), (True, 0.03), (False, 0.0)])
@@ -138,7 +113,7 @@ def seen(directory: Path) -> dict[str, list[list[float]]]:
 def test_every_message_arrives_once_and_in_order(tmp_path: Path, spread: str, size: int) -> None:
     count = 60
     plan = make_plan(tmp_path, SPREADS[spread], counter={"count": count, "size": size})
-    assert run(plan) == {}
+    assert run_in_threads(plan) == {}
     expected = {
         "/cam0/depth": [[k * 1e6, k, k] for k in range(count)],
         "/cam1/ids": [[k * 1e6, k, 2 * k] for k in range(count)],
@@ -149,7 +124,7 @@ def test_every_message_arrives_once_and_in_order(tmp_path: Path, spread: str, si
 @pytest.mark.parametrize("slow", ["adder", "checker"])
 def test_a_slow_consumer_holds_the_others_back_and_loses_nothing(tmp_path: Path, slow: str) -> None:
     plan = make_plan(tmp_path, ["a", "b", "c"], counter={"count": 30, "size": 300}, **{slow: {"sleep": 0.005}})
-    assert run(plan) == {}
+    assert run_in_threads(plan) == {}
     assert [v for _, _, v in seen(tmp_path)["/cam1/ids"]] == [2 * k for k in range(30)]
 
 
@@ -169,13 +144,13 @@ def test_an_action_reaches_the_step_that_starts_at_its_stamp(tmp_path: Path, pro
         "/state": TopicPlan("/state", "WorldState", "counter", "state", [Edge("controller", "state")]),
         "/action": TopicPlan("/action", "Action", "controller", "action", [Edge("counter", "action", "delayed")]),
     }
-    assert run(plan) == {}
+    assert run_in_threads(plan) == {}
 
 
 @pytest.mark.parametrize("spread", ["composed", "split"])
 def test_a_failing_node_is_named_and_what_came_before_is_kept(tmp_path: Path, spread: str) -> None:
     plan = make_plan(tmp_path, SPREADS[spread], counter={"count": 10, "fail_at": 5})
-    errors = run(plan)
+    errors = run_in_threads(plan)
     (failure,) = [e for e in errors.values() if isinstance(e, NodeFailed)]
     assert failure.node == "counter" and "told to fail at message 5" in str(failure)
     assert all(v == 2 * k for k, (_, _, v) in enumerate(seen(tmp_path).get("/cam1/ids", [])))

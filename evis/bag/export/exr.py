@@ -25,7 +25,7 @@ def cropped(array: Any, margin: int, env: int = 0) -> np.ndarray:
 
 
 def vectors(name: str, image: np.ndarray) -> dict[str, np.ndarray]:
-    """Parts vectors [H, W, 2] into the channels NAME.x and NAME.y."""
+    """Splits vectors [H, W, 2] into the channels NAME.x and NAME.y."""
     return {f"{name}.{axis}": np.ascontiguousarray(image[..., k]) for k, axis in enumerate("xy")}
 
 
@@ -55,7 +55,7 @@ def channels(group: dict[type[Message], Message], env: int, half: bool) -> tuple
 
 
 def write(path: Path, arrays: dict[str, np.ndarray], stamp_ns: int) -> None:
-    """Writes scan lines compressed with ZIP, which is lossless and notices damage. The stamp is an attribute.
+    """Writes scan lines with ZIP compression, which is lossless and detects damage. The stamp is an attribute.
 
     Raises OSError, with nothing left of the file.
     """
@@ -72,5 +72,5 @@ def write(path: Path, arrays: dict[str, np.ndarray], stamp_ns: int) -> None:
 
 
 def _reason(text: str, partial: Path) -> str:
-    """What the library says, without the name that nobody knows."""
+    """Returns the library's message without the name of the partial file."""
     return text.replace(str(partial), "").replace("Cannot write image file", "").strip(" \"'.:") or "no reason given"

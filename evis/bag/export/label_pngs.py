@@ -34,7 +34,7 @@ def write_folders(messages: Iterable[Message], topic: str, out: Path) -> dict[st
     counts = {"too_far": 0, "too_fast": 0}
     done = 0
     for message in messages:
-        for kind, (codes, reason, unfit) in _coded(images(message, topic)).items():
+        for kind, (codes, reason, unfit) in _encode_channels(images(message, topic)).items():
             folder = out / kind if isinstance(message, Labels) else out
             name = f"{len(lines.setdefault(folder, [])):06d}.png"
             try:
@@ -54,8 +54,8 @@ def write_folders(messages: Iterable[Message], topic: str, out: Path) -> dict[st
     return {**found, **{name: n for name, n in counts.items() if n}, **({"other_files": others} if others else {})}
 
 
-def _coded(channels: dict[str, np.ndarray]) -> dict[str, tuple[np.ndarray, str, int]]:
-    """Kind -> (codes uint16 [H, W, C], why some did not fit, how many pixels)."""
+def _encode_channels(channels: dict[str, np.ndarray]) -> dict[str, tuple[np.ndarray, str, int]]:
+    """Encodes channels: kind -> (codes uint16 [H, W, C], why some did not fit, number of those pixels)."""
     found: dict[str, tuple[np.ndarray, str, int]] = {}
     for channel, kind in _KINDS.items():
         if channel in channels:

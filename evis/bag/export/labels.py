@@ -1,4 +1,4 @@
-"""Writes labels of a bag as one archive: images stacked over time, tables of rows one after the other."""
+"""Writes labels of a bag as one archive: images stacked over time, tables with the rows of all messages."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def write(messages: Messages, topic: str, out: BinaryIO, events: Messages | None
     rows: dict[str, list[np.ndarray]] = {}
     shapes: dict[str, list[tuple[tuple[int, ...], np.dtype]]] = {}
     names: list[str] | None = None
-    for label in _each(messages, topic):
+    for label in _per_stamp(messages, topic):
         columns["t"].append(label.header.stamp_ns)
         columns["episode"].append(label.header.episode)
         if names is not None and names != label.names:
@@ -76,9 +76,9 @@ def write(messages: Messages, topic: str, out: BinaryIO, events: Messages | None
         if len(set(shaped)) > 1:
             raise BagError(f"{topic}: the shape of {name} changes; export to .jsonl")
     small = {name: np.array(values, np.int64) for name, values in columns.items()}
-    small |= _tables(rows, small["t"])
+    small |= _stack_tables(rows, small["t"])
     if "event_instance" in small and events is not None:
-        small |= _events(events, topic, len(small["event_instance"]))
+        small |= _labelled_events(events, topic, len(small["event_instance"]))
     if names:
         small["names"] = np.array(names, str)
     with zipfile.ZipFile(out, "w") as archive:
@@ -91,8 +91,8 @@ def write(messages: Messages, topic: str, out: BinaryIO, events: Messages | None
     return {"messages": count, "arrays": sizes | {name: [count, *shaped[0][0]] for name, shaped in shapes.items()}}
 
 
-def _tables(rows: dict[str, list[np.ndarray]], t: np.ndarray) -> dict[str, np.ndarray]:
-    """All rows of each table, with the time of each and where those of each message begin."""
+def _stack_tables(rows: dict[str, list[np.ndarray]], t: np.ndarray) -> dict[str, np.ndarray]:
+    """Joins the rows of each table, with the time of each row and where those of each message begin."""
     result: dict[str, np.ndarray] = {}
     for kind, fields in TABLES.items():
         for name in fields:
@@ -105,8 +105,8 @@ def _tables(rows: dict[str, list[np.ndarray]], t: np.ndarray) -> dict[str, np.nd
     return result
 
 
-def _events(packets: Messages, topic: str, count: int) -> dict[str, np.ndarray]:
-    """The columns of the events that are labelled. Raises BagError where these are not those of the packets."""
+def _labelled_events(packets: Messages, topic: str, count: int) -> dict[str, np.ndarray]:
+    """Reads the columns of the labelled events. Raises BagError where the packets have other events."""
     parts: dict[str, list[np.ndarray]] = {name: [] for name in COLUMNS}
     for packet in packets():
         for name in COLUMNS:
@@ -123,12 +123,12 @@ def _stack(
     with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
         about = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
         np.lib.format.write_array_header_1_0(entry, about)
-        for label in _each(messages, topic):
+        for label in _per_stamp(messages, topic):
             entry.write(np.ascontiguousarray(getattr(label, name)[0], dtype).tobytes())
 
 
-def _each(messages: Messages, topic: str) -> Iterator[Labels]:
-    """The labels of each stamp; where a sensor looked ahead, those of its last packet with the others."""
+def _per_stamp(messages: Messages, topic: str) -> Iterator[Labels]:
+    """Yields the labels of each stamp; where a sensor looked ahead, those of its last packet join the others."""
     last: Labels | None = None
     for label in _checked(messages, topic):
         if last is not None and (last.header.stamp_ns, last.header.episode) == (

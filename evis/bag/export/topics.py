@@ -34,11 +34,11 @@ FOLDERS = {"Keyframe": "EXR", "Image": "PNG", **dict.fromkeys(label_images.KINDS
 
 
 class FormatError(BagError):
-    """Says that the topic cannot be written in the format that the name of the output asks for."""
+    """Reports that the topic cannot be written in the format that the output's name asks for."""
 
 
 def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False, as_png: bool = False) -> dict[str, Any]:
-    """Writes a topic to `out` and tells what was written. `/env<k>/...` takes one environment of several.
+    """Writes a topic to `out` and returns what was written. `/env<k>/...` takes one environment of several.
 
     Events: .npz, .csv, .txt, .raw (by evis.events; times that a format rounds are counted). Keyframes to a folder:
     one EXR each (half: R, G, B as 16-bit floats, clamped and counted). Images to a folder: one PNG each, and times.txt.
@@ -76,12 +76,12 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False, 
             save = label_pngs.write_folders if as_png else label_images.write_folder
             result = save(messages(), topic, out)
         elif kind == "Frames":
-            with _whole(out) as file:
+            with _open_whole(out) as file:
                 result = frames.write(messages, topic, file)
         elif kind == "Labels":
             beside = name.rpartition("/")[0] + "/events"
             packets = partial(_messages, reader, beside, env) if beside in reader.topics else None
-            with _whole(out) as file:
+            with _open_whole(out) as file:
                 result = labels.write(messages, topic, file, packets)
         elif kind == "WorldState":
             result = _states(messages(), topic, out)
@@ -95,7 +95,7 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False, 
 
 
 def _check_format(topic: str, kind: str, out: Path) -> None:
-    """Raise BagError, which names the formats of this kind of message, unless `out` is one of them."""
+    """Raises BagError, which names the formats of this kind of message, unless `out` is one of them."""
     known = ENDINGS if kind == "EventPacket" else (".npz", ".jsonl")
     folder = f", or a folder for {FOLDERS[kind]} files" if kind in FOLDERS else ""
     if not out.suffix and not folder:
@@ -106,8 +106,8 @@ def _check_format(topic: str, kind: str, out: Path) -> None:
 
 
 @contextlib.contextmanager
-def _whole(out: Path) -> Iterator[BinaryIO]:
-    """A file that appears under its name only when it is complete. Raises BagError where it cannot be written."""
+def _open_whole(out: Path) -> Iterator[BinaryIO]:
+    """Opens a file that appears under its name only when it is complete. Raises BagError where it cannot be written."""
     try:
         with whole_file(out) as part, part.open("wb") as file:
             yield file
@@ -239,7 +239,7 @@ def _arrays(messages: Iterator[Message], topic: str, out: Path) -> dict[str, Any
     }
     if rows:  # of all arrays with such an axis alike
         stacked["offsets"] = np.cumsum([0, *next(iter(rows.values()))], dtype=np.int64)
-    with _whole(out) as file:
+    with _open_whole(out) as file:
         np.savez(file, **stacked)  # type: ignore[arg-type]
     return {"messages": len(stacked["stamp_ns"]), "arrays": {n: list(v.shape) for n, v in stacked.items()}}
 
@@ -249,14 +249,14 @@ def _states(messages: Iterator[Message], topic: str, out: Path) -> dict[str, Any
         columns, count = trajectory.table(messages)
     except ValueError as error:
         raise BagError(f"{topic}: {error}; export to .jsonl") from None
-    with _whole(out) as file:
+    with _open_whole(out) as file:
         np.savez(file, **columns)  # type: ignore[arg-type]
     return {"messages": count, "arrays": {n: list(v.shape) for n, v in columns.items()}}
 
 
 def _lines(messages: Iterator[Message], out: Path) -> dict[str, Any]:
     count = 0
-    with _whole(out) as file:
+    with _open_whole(out) as file:
         for message in messages:
             file.write(jsonform.dump(message) + b"\n")
             count += 1

@@ -1,1 +1,7 @@
-"""Reads and writes MCAP containers: a torn file can be read, found again by index or record by record, repaired."""
+"""Reads and writes MCAP containers.
+
+`container.py` writes a file, which `claim.py` opens (`path_checks.py` says where that is impossible): it collects
+messages in chunks, which `packing.py` compresses and `checksum.py` checks; `background_worker.py` writes large ones in
+a thread, `summary.py` holds the index until the end, and `sync.py` brings the file to the disk. `scan.py` finds the
+chunks of a file, whole or torn. `marks.py` has the marks of both.
+"""

@@ -1,4 +1,4 @@
-"""Computes the CRC-32 of a chunk in blocks side by side, put together as zlib's crc32_combine does."""
+"""Computes the CRC-32 of a chunk from blocks that threads check side by side, combined as zlib's crc32_combine does."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _POLYNOMIAL = 0xEDB88320
 
 
 def crc32(pieces: Sequence[bytes | bytearray | memoryview], threads: Threads) -> Callable[[], int]:
-    """Begins the CRC-32 of some pieces as if they were one, and returns a function that waits for it."""
+    """Starts the CRC-32 of some pieces taken as one, and returns a function that waits for it."""
     views = [memoryview(piece).cast("B") for piece in pieces if len(piece)]
     whole = [view[at : at + BLOCK] for view in views for at in range(0, len(view) - BLOCK + 1, BLOCK)]
     blocks = threads.begin(zlib.crc32, whole)
@@ -25,7 +25,7 @@ def crc32(pieces: Sequence[bytes | bytearray | memoryview], threads: Threads) ->
         for view in views:
             count = len(view) // BLOCK
             for _ in range(count):
-                crc = _apply(_past_a_block(), crc) ^ next(of_block)
+                crc = _apply(_block_matrix(), crc) ^ next(of_block)
             crc = zlib.crc32(view[count * BLOCK :], crc)
         return crc
 
@@ -33,8 +33,11 @@ def crc32(pieces: Sequence[bytes | bytearray | memoryview], threads: Threads) ->
 
 
 @functools.cache
-def _past_a_block() -> tuple[int, ...]:
-    """What each bit of a CRC becomes when BLOCK bytes follow: a matrix over GF(2), a power of that of one zero bit."""
+def _block_matrix() -> tuple[int, ...]:
+    """Computes what each bit of a CRC becomes when BLOCK bytes follow: a matrix over GF(2).
+
+    It is a power of the matrix of a single zero bit.
+    """
     matrix: tuple[int, ...] = (_POLYNOMIAL, *(1 << bit for bit in range(31)))
     for _ in range((8 * BLOCK).bit_length() - 1):
         matrix = tuple(_apply(matrix, column) for column in matrix)

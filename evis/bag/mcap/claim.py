@@ -1,4 +1,4 @@
-"""Claims the file that a bag is recorded to: an older one of its name is put aside and never lost."""
+"""Opens the file that a bag is recorded to; an older one of its name is moved aside and never lost."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import stat
 from pathlib import Path
 
 from evis.bag import BagError
-from evis.bag.mcap.place import check_name, refusal
+from evis.bag.mcap.path_checks import check_name, refusal
 from evis.bag.mcap.scan import Scanner
 from evis.files.named_pipe import with_reader
 from evis.files.whole_file import written_at
 
 
 def claim(path: Path) -> tuple[int, Path | None]:
-    """Opens a new file at `path` and gives (descriptor, where what was there is now, or None).
+    """Opens a new file at `path`, and returns its descriptor and the place of an older one (None where there was none).
 
     The old file becomes `<name>.bak`, or `<name>.bak2`, ... where there is such a one already, once the new one is
     open. A bag without any message, as a run leaves that failed at its start, is not kept. A symbolic link stays: what
@@ -36,8 +36,8 @@ def claim(path: Path) -> tuple[int, Path | None]:
                 return os.open(path, os.O_WRONLY | os.O_CLOEXEC), None
         backup = None
         if path.exists():
-            _check_free(path)
-            backup = None if _has_nothing(path) else _free_name(path)
+            _check_unlocked(path)
+            backup = None if _is_empty_bag(path) else _free_name(path)
         fresh = path.with_name(f".{path.name}.{os.getpid()}")
         descriptor = os.open(fresh, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
         try:
@@ -59,8 +59,8 @@ def claim(path: Path) -> tuple[int, Path | None]:
         raise BagError(f"cannot record to {name}: {why}") from None
 
 
-def _check_free(path: Path) -> None:
-    """Raise BagError for a bag that another process is recording: it holds the lock as long as the file is open."""
+def _check_unlocked(path: Path) -> None:
+    """Raises BagError for a bag that another process is recording: it holds the lock while the file is open."""
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -75,8 +75,8 @@ def _free_name(path: Path) -> Path:
     return next(name for name in names if not name.exists())
 
 
-def _has_nothing(path: Path) -> bool:
-    """True for an empty file and for a whole bag without messages."""
+def _is_empty_bag(path: Path) -> bool:
+    """Tells whether a file is empty, or a whole bag without messages."""
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         if not os.fstat(descriptor).st_size:

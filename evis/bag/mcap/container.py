@@ -1,11 +1,11 @@
-"""Writes an MCAP file so that what was written can be read whatever happens next.
+"""Writes an MCAP file so that what was written can be read even after a crash.
 
 Records go to the file by plain writes, nothing waits in a buffer of this process but the open chunk, and that is at
 most 1 MB or 100 ms old: so much is lost when the process dies. Only chunks that are larger are compressed and written
-behind the caller's back, where there are threads for it, while the next ones are made: at most `behind.MOST` bytes
-wait. What the system holds back from the disk is lost when the machine dies, unless the file is synced every second
-(`sync`). After a write that fails (full disk) the file is cut back to its last whole record and closed with its index,
-as far as there is room for it.
+in a thread of their own, where there may be one, while the next ones are made: at most `background_worker.MAX_BYTES`
+bytes wait. What the system holds back from the disk is lost when the machine dies, unless the file is synced every
+second (`sync`). After a write that fails (full disk) the file is cut back to its last whole record and closed with its
+index, as far as there is room for it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Header, Metadata, Schema
 
 from evis.bag import BagError
-from evis.bag.mcap.behind import Behind
+from evis.bag.mcap.background_worker import BackgroundWorker
 from evis.bag.mcap.claim import claim
 from evis.bag.mcap.marks import LIBRARY, MAGIC, PROFILE
 from evis.bag.mcap.packing import LARGE, LARGEST, Packed, Packer, Piece
@@ -70,10 +70,10 @@ class Container:
         self._summary = Summary()
         self._body = bytearray()
         self._indexes: _Indexes = {}
-        self._aside, self._behind = threads.count > 1, Behind()
+        self._threaded, self._worker = threads.count > 1, BackgroundWorker()
         self.cause: Exception | None = None
         """What the system refused, of which `failure` tells."""
-        self._full: list[tuple[Piece, _Indexes]] = []
+        self._complete: list[tuple[Piece, _Indexes]] = []
         """Chunks that are complete and not yet written, within `together`."""
         self._together = False
         self._compressed = True
@@ -104,7 +104,7 @@ class Container:
             return schema.id
 
     def add_channel(self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str]) -> int:
-        """Writes a channel and returns its id. Not in a chunk, so that no lost chunk takes it away."""
+        """Writes a channel and returns its id. It stands outside of chunks, so that no lost chunk takes it away."""
         with self._lock:
             channel = Channel(len(self._summary.channels) + 1, topic, encoding, dict(metadata), schema)
             if channel.id > 0xFFFF:
@@ -122,7 +122,7 @@ class Container:
                 self._summary.channels[record.id] = record
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Writes a named table of texts; of one that is not UTF-8, as names of files may be, what is not is escaped."""
+        """Writes a named table of texts; bytes of a text that are not UTF-8, as in file names, are escaped."""
         table = {key: value.encode(errors="backslashreplace").decode() for key, value in values.items()}
         with self._lock:
             data = record_bytes(Metadata(name, table))
@@ -140,7 +140,7 @@ class Container:
         Raises BagError, for a full disk too; for a large chunk a later call does, or `close`.
         """
         with self._lock:
-            self._raise()
+            self._raise_failure()
             if self._indexes and self._compressed != compress:
                 self.flush()
             self._compressed = compress
@@ -151,7 +151,7 @@ class Container:
             pieces = self._records(messages, len(self._body))
             size = len(self._body) + sum(map(len, pieces))
             if size >= self.chunk_bytes and not (compress and self._for_one_thread(size)):
-                if compress and self._aside and not given:
+                if compress and self._threaded and not given:
                     pieces = [bytes(piece) for piece in pieces]
                 self._end_chunk([self._body, *pieces])  # large arrays are not copied
                 return
@@ -164,7 +164,7 @@ class Container:
 
     @contextlib.contextmanager
     def together(self) -> Iterator[None]:
-        """Lets the messages that are added within it wait for one another, so that threads share their chunks."""
+        """Lets messages that are added within the block wait for one another, so that threads share their chunks."""
         with self._lock:
             self._together = True
             try:
@@ -172,7 +172,7 @@ class Container:
             finally:
                 self._together = False
                 if not self.failure and not self.closed:
-                    self._write_full()
+                    self._write_complete()
 
     def _records(self, messages: Sequence[tuple[int, int, int, Sequence[Piece]]], at: int) -> list[Piece]:
         result: list[Piece] = []
@@ -185,57 +185,57 @@ class Container:
         return result
 
     def flush(self) -> None:
-        """Brings the open chunk to the file."""
+        """Writes the open chunk to the file."""
         with self._lock:
-            self._raise()
+            self._raise_failure()
             if self._indexes:
                 self._end_chunk([self._body])
-            self._write_full()
-            self._behind.wait()
-            self._raise()
+            self._write_complete()
+            self._worker.wait()
+            self._raise_failure()
 
     def _end_chunk(self, pieces: list[Piece]) -> None:
-        """Close the open chunk, and write it now or, within `together`, when there is work for all threads."""
+        """Ends the open chunk, and writes it now or, within `together`, when there is work for all threads."""
         indexes, self._indexes, self._body = self._indexes, {}, bytearray()
         if self._compressed and self._for_one_thread(sum(map(len, pieces))):
-            self._full.append((pieces[0], indexes))
-            if not self._together or len(self._full) >= _AT_ONCE:
-                self._write_full()
+            self._complete.append((pieces[0], indexes))
+            if not self._together or len(self._complete) >= _AT_ONCE:
+                self._write_complete()
             return
-        self._write_full()
+        self._write_complete()
         if self._compressed:
-            self._raise()
+            self._raise_failure()
             packed, size = self._packer.large(pieces), sum(map(len, pieces))
-            if self._aside:
-                self._behind.put(lambda: self._append(packed(), indexes), size)
+            if self._threaded:
+                self._worker.put(lambda: self._append(packed(), indexes), size)
             else:
-                self._put(packed(), indexes)
+                self._put_packed(packed(), indexes)
         else:
-            self._put(self._packer.plain(pieces), indexes)
+            self._put_packed(self._packer.plain(pieces), indexes)
 
     def _for_one_thread(self, size: int) -> bool:
         return size < (LARGEST if self._together else LARGE)
 
-    def _write_full(self) -> None:
-        full, self._full = self._full, []
+    def _write_complete(self) -> None:
+        full, self._complete = self._complete, []
         for packed, (_, indexes) in zip(self._packer.many([body for body, _ in full]), full):
-            self._put(packed, indexes)
+            self._put_packed(packed, indexes)
 
-    def _put(self, packed: Packed, indexes: _Indexes) -> None:
+    def _put_packed(self, packed: Packed, indexes: _Indexes) -> None:
         self.put_chunk(packed.compression, packed.size, packed.crc, packed.stored, indexes)
 
     def put_chunk(self, compression: str, size: int, crc: int, stored: Sequence[Piece], indexes: _Indexes) -> None:
         """Writes a chunk: its `stored` bytes, and for each channel the (log time, offset) of its messages."""
-        self._behind.wait()
-        self._raise()
+        self._worker.wait()
+        self._raise_failure()
         try:
             self._append(Packed(compression, size, crc, stored), indexes)
         except OSError as error:
             self._fail(error)
-            self._raise()
+            self._raise_failure()
 
     def _append(self, packed: Packed, indexes: _Indexes) -> None:
-        """Writes a chunk behind all else, by whoever alone writes now. Raises OSError."""
+        """Writes a chunk at the end of the file; only one thread may do so at a time. Raises OSError."""
         compression, size, crc, stored = packed
         name = compression.encode()
         count = sum(len(p) for p in stored)
@@ -265,8 +265,8 @@ class Container:
 
     # -- the file ----------------------------------------------------------------------------------------------------
 
-    def _raise(self) -> None:
-        error = self._behind.error
+    def _raise_failure(self) -> None:
+        error = self._worker.error
         if error is not None and error is not self.cause:
             self._fail(error)
         if self.failure:
@@ -276,17 +276,17 @@ class Container:
             raise BagError(f"{self.path} is closed")
 
     def _write(self, pieces: Sequence[Piece]) -> None:
-        """Write whole records, all or nothing. Raises BagError once and for all when the system refuses."""
-        self._behind.wait()
-        self._raise()
+        """Writes whole records, all or nothing. After the first failure every call raises BagError."""
+        self._worker.wait()
+        self._raise_failure()
         try:
             self._write_all(pieces)
         except OSError as error:
             self._fail(error)
-            self._raise()
+            self._raise_failure()
 
     def _fail(self, error: Exception) -> None:
-        """Cuts the file back to its last whole record, and keeps the failure for who comes next."""
+        """Cuts the file back to its last whole record, and keeps the failure for the next call."""
         self.cause = error
         why = error.strerror if isinstance(error, OSError) else error
         self.failure = BagError(
@@ -329,7 +329,7 @@ class Container:
             return self.end
 
     def _flush_quietly(self) -> None:
-        """`flush` for a thread that nobody hears: the next `add` raises what it finds, or `close`."""
+        """Flushes without raising, for a thread of its own: the next `add`, or `close`, raises what failed."""
         told = self._failure_told
         with contextlib.suppress(BagError):
             self.flush()
@@ -345,7 +345,7 @@ class Container:
             )
 
     def close(self) -> None:
-        """Writes the open chunk, the index and the end mark. After a failure: the index as far as it goes.
+        """Writes the open chunk, the index and the end mark; after a failure the index, as far as it goes.
 
         Raises BagError for a failure that nobody was told of.
         """
@@ -357,23 +357,23 @@ class Container:
             try:
                 if not self.failure:
                     self._flush_quietly()
-                self._behind.wait()
+                self._worker.wait()
                 failed, self.failure = self.failure, None
                 with contextlib.suppress(BagError) if failed else contextlib.nullcontext():
                     self._write([*self._summary.pieces(self.end), MAGIC])
                 self.failure = failed or self.failure
                 self._finish_sync()
                 if self.failure and not self._failure_told:
-                    self._raise()
+                    self._raise_failure()
             finally:
                 self.closed = True
                 self._wake.set()
-                self._behind.close()
+                self._worker.close()
                 self._packer.close()
                 os.close(self._descriptor)
 
     def withdraw(self) -> None:
-        """Closes the file and takes it away, and puts an older one of its name back to its place."""
+        """Closes and removes the file, and moves an older one of its name back to its place."""
         with contextlib.suppress(BagError):
             self.close()
         place = written_at(self.path)

@@ -1,4 +1,4 @@
-"""Compresses and checks chunks by several threads. The bytes do not depend on how many there are.
+"""Compresses and checks chunks with several threads; the bytes do not depend on their number.
 
 Each is the work of one thread, several at once: small ones of environments side by side, and large ones that follow
 each other while the graph goes on.
@@ -37,8 +37,11 @@ class Packed(NamedTuple):
 
 
 class Packer:
-    """Compresses chunks with zstd. threads: how many share the work; large chunks have as many of their own, so that
-    nobody who packs the next message waits behind them."""
+    """Compresses chunks with zstd.
+
+    threads: how many share the work. Large chunks have as many threads of their own, so that the next message need not
+    wait for them.
+    """
 
     def __init__(self, threads: Threads) -> None:
         self._threads = threads
@@ -57,7 +60,7 @@ class Packer:
         return Packed("zstd", len(body), crc32([body], ALONE)(), [self._own.compressor.compress(body)])
 
     def large(self, pieces: Sequence[Piece]) -> Callable[[], Packed]:
-        """Begins to compress a chunk, given in pieces that stay as they are; what it returns waits for that."""
+        """Starts to compress a chunk, given in pieces that must not change; the result waits for the end."""
         done = self._cutters.begin(self._cut_up, [pieces])
         return lambda: done()[0]
 

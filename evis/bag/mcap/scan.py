@@ -36,13 +36,16 @@ _FOOTER_BYTES = 9 + 20
 
 @dataclass(frozen=True)
 class Chunk:
-    """Locates a chunk's records. `at`, `size`: its stored bytes in the file; `full`: uncompressed bytes; `crc`: of
-    those, 0 = unknown. channels: ids of the channels with messages in it, None = unknown."""
+    """Locates a chunk's records in the file.
+
+    `at`, `size`: its stored bytes; `unpacked`: number of uncompressed bytes; `crc`: of those, 0 = unknown. channels:
+    ids of the channels with messages in it, None = unknown.
+    """
 
     at: int
     size: int
     compression: str
-    full: int
+    unpacked: int
     crc: int
     start_ns: int
     end_ns: int
@@ -51,7 +54,7 @@ class Chunk:
 
 @dataclass
 class Layout:
-    """Describes where in the file things are. `problem`: why it is not whole, "" where it is."""
+    """Describes where things are in the file. `problem`: why it is not whole, "" where it is."""
 
     library: str = ""
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -66,7 +69,7 @@ class Layout:
 
 
 def parse(opcode: int, data: bytes | memoryview) -> Any:
-    """Returns the record of these bytes, None for kinds that are of no interest. Raises BagError."""
+    """Parses the bytes of a record; None for kinds that are not needed. Raises BagError."""
     kind = _KINDS.get(opcode)
     if kind is None:
         return None
@@ -90,7 +93,7 @@ def records(data: memoryview) -> Iterator[tuple[int, int, memoryview]]:
 
 
 def message(body: memoryview) -> tuple[int, int, int, memoryview]:
-    """Returns (channel, sequence, log time [ns], payload) of a message record's body. Raises BagError."""
+    """Parses a message record's body: (channel, sequence, log time [ns], payload). Raises BagError."""
     if len(body) < 22:
         raise BagError("a message record is too short")
     channel, sequence, log_time = struct.unpack_from("<HIQ", body)
@@ -102,7 +105,7 @@ OTHERS = {b"#ROSBAG": "a ROS 1 bag", b"SQLite f": "a ROS 2 bag of SQLite"}
 
 
 class TooLargeError(BagError):
-    """Says that a chunk unpacks to more than it may: not damaged, and so not left out in silence."""
+    """Reports that a chunk unpacks to more than it may; it is not damaged, and so not left out in silence."""
 
 
 class Scanner:
@@ -129,11 +132,12 @@ class Scanner:
         return pieces[0] if len(pieces) == 1 else b"".join(pieces)
 
     def chunk_data(self, chunk: Chunk) -> memoryview:
-        """Returns the uncompressed records of a chunk. Raises BagError where they are damaged, TooLargeError for a
-        bomb.
+        """Returns the uncompressed records of a chunk.
+
+        Raises BagError where they are damaged, and TooLargeError for more bytes than may be unpacked.
         """
-        if chunk.full > MAX_CHUNK or chunk.size > MAX_CHUNK:
-            raise BagError(f"a chunk claims {max(chunk.full, chunk.size)} bytes, the limit is {MAX_CHUNK}")
+        if chunk.unpacked > MAX_CHUNK or chunk.size > MAX_CHUNK:
+            raise BagError(f"a chunk claims {max(chunk.unpacked, chunk.size)} bytes, the limit is {MAX_CHUNK}")
         data = self._read(chunk.at, chunk.size)
         if len(data) != chunk.size:
             raise BagError("the file ends within a chunk")
@@ -145,7 +149,7 @@ class Scanner:
             raise TooLargeError(f"{self.name}: a chunk of {error}") from None
         except Exception as error:  # each compressor has its own
             raise BagError(f"a chunk cannot be decompressed ({type(error).__name__})") from None
-        if len(data) != chunk.full:
+        if len(data) != chunk.unpacked:
             raise BagError("a chunk has not the size that it claims")
         if chunk.crc and zlib.crc32(data) != chunk.crc:
             raise BagError("a chunk's checksum is wrong")
@@ -158,6 +162,7 @@ class Scanner:
     # -- by index ----------------------------------------------------------------------------------------------------
 
     def _indexed(self) -> Layout | None:
+        """Reads the layout from the index; None where that is missing or wrong."""
         try:
             return self._read_summary()
         except BagError:
@@ -179,10 +184,8 @@ class Scanner:
         layout, named = Layout(library=self._library()), 0
         for opcode, _, body in records(memoryview(summary)):
             record = parse(opcode, body)
-            if isinstance(record, Schema):
-                layout.schemas[record.id] = record
-            elif isinstance(record, Channel):
-                layout.channels[record.id] = record
+            if isinstance(record, Schema | Channel):
+                self._add_record(layout, record, 0)
             elif isinstance(record, Statistics):
                 layout.counts = dict(record.channel_message_counts)
             elif isinstance(record, MetadataIndex):
@@ -218,7 +221,7 @@ class Scanner:
         length = int.from_bytes(head[1:9], "little")
         if len(head) < 9 + 40 or head[0] != Opcode.CHUNK or length > end - at - 9 or length < 40:
             raise BagError(f"the chunk at byte {at} is damaged")
-        start_ns, end_ns, full, crc, name_length = struct.unpack_from("<QQQII", head, 9)
+        start_ns, end_ns, unpacked, crc, name_length = struct.unpack_from("<QQQII", head, 9)
         stored_at = 9 + 32 + name_length
         if name_length > 16 or stored_at + 8 > 9 + length:
             raise BagError(f"the chunk at byte {at} is damaged")
@@ -226,7 +229,7 @@ class Scanner:
         size = int.from_bytes(head[stored_at : stored_at + 8], "little")
         if stored_at + 8 + size != 9 + length:
             raise BagError(f"the chunk at byte {at} is damaged")
-        return Chunk(at + stored_at + 8, size, compression, full, crc, start_ns, end_ns, channels)
+        return Chunk(at + stored_at + 8, size, compression, unpacked, crc, start_ns, end_ns, channels)
 
     @staticmethod
     def _add_metadata(layout: Layout, record: Any, at: int) -> None:
@@ -238,6 +241,7 @@ class Scanner:
     # -- record by record --------------------------------------------------------------------------------------------
 
     def _walked(self) -> Layout:
+        """Reads the layout record by record."""
         layout = Layout()
         at = len(MAGIC)
         bare: list[int] = []  # first byte and times of a run of messages outside of chunks
@@ -262,7 +266,7 @@ class Scanner:
                         layout.problem = "" if opcode == Opcode.FOOTER else "its index is missing or damaged"
                         break
                     elif opcode in _KINDS:
-                        self._take(layout, parse(*self._record(at, self.size)), at)
+                        self._add_record(layout, parse(*self._record(at, self.size)), at)
                     elif not opcode:
                         raise BagError(f"there is no record at byte {at}")
                 at = following
@@ -270,17 +274,18 @@ class Scanner:
             self._end_run(layout, bare, at)
             layout.problem = str(error)
         if layout.library != LIBRARY:
-            self._look_inside(layout)
+            self._read_definitions_in_chunks(layout)
         return layout
 
     @staticmethod
     def _end_run(layout: Layout, bare: list[int], at: int) -> list[int]:
-        """Messages outside of chunks are read as if they were an uncompressed chunk."""
+        """Adds a run of messages outside of chunks as if it were an uncompressed chunk."""
         if bare:
             layout.chunks.append(Chunk(bare[0], at - bare[0], "", at - bare[0], 0, bare[1], bare[2]))
         return []
 
-    def _take(self, layout: Layout, record: Any, at: int) -> None:
+    def _add_record(self, layout: Layout, record: Any, at: int) -> None:
+        """Adds a record to the layout."""
         if isinstance(record, Header):
             layout.library = record.library
         elif isinstance(record, Schema):
@@ -290,13 +295,13 @@ class Scanner:
         else:
             self._add_metadata(layout, record, at)
 
-    def _look_inside(self, layout: Layout) -> None:
-        """Other writers keep schemas and channels in the chunks."""
+    def _read_definitions_in_chunks(self, layout: Layout) -> None:
+        """Reads schemas and channels from inside the chunks, where other writers keep them."""
         for chunk in layout.chunks:
             try:
                 for opcode, _, body in records(self.chunk_data(chunk)):
                     if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                        self._take(layout, parse(opcode, body), chunk.at)
+                        self._add_record(layout, parse(opcode, body), chunk.at)
             except TooLargeError:
                 raise
             except BagError:
@@ -311,10 +316,10 @@ def _decompress(chunk: Chunk, data: bytes) -> bytes:
         import zstandard
 
         claimed = zstandard.get_frame_parameters(data).content_size
-        if claimed not in (chunk.full, zstandard.CONTENTSIZE_UNKNOWN):
+        if claimed not in (chunk.unpacked, zstandard.CONTENTSIZE_UNKNOWN):
             raise BagError("a chunk has not the size that it claims")
-        allowance.check(chunk.full)
-        return zstandard.decompress(data, chunk.full)
+        allowance.check(chunk.unpacked)
+        return zstandard.decompress(data, chunk.unpacked)
     if chunk.compression == "lz4":
         try:
             import lz4.frame  # noqa: F401 (only what it is called for)

@@ -1,4 +1,4 @@
-"""Holds the index at the end of an MCAP file while the file is still being written.
+"""Collects the index at the end of an MCAP file while the file is being written.
 
 A recording of a day has a million chunks, so nothing of a chunk is kept as an object: what its index record will say
 is packed, and whole blocks of that are compressed.
@@ -39,21 +39,21 @@ _COMPRESSIONS = ("", "zstd", "lz4")
 
 
 def record_bytes(record: McapRecord) -> bytes:
-    """Returns one MCAP record with its opcode and length."""
+    """Encodes an MCAP record with its opcode and length."""
     builder = RecordBuilder()
     record.write(builder)
     return builder.end()
 
 
 def message_index(channel: int, entries: Sequence[tuple[int, int]]) -> bytes:
-    """Returns the record that says where the messages of a channel are in the chunk before it: (log time, offset)."""
+    """Makes the record that says where the messages of a channel are in the chunk before it: (log time, offset)."""
     size = MESSAGE_INDEX_ENTRY * len(entries)
     head = struct.pack("<BQHI", Opcode.MESSAGE_INDEX, MESSAGE_INDEX_HEAD - 9 + size, channel, size)
     return head + struct.pack(f"<{2 * len(entries)}Q", *itertools.chain.from_iterable(entries))
 
 
 class Blocks:
-    """Collects bytes, compressed in blocks. What is added together stays together in one block."""
+    """Collects bytes, compressed in blocks; what is added in one call stays in one block."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -61,7 +61,7 @@ class Blocks:
         self._open = bytearray()
 
     def add(self, data: bytes) -> None:
-        """Keeps one more entry."""
+        """Adds an entry."""
         self.count += 1
         self._open += data
         if len(self._open) >= _BLOCK:
@@ -77,7 +77,7 @@ class Blocks:
 class ChunkEntry:
     """Describes a chunk that has been written.
 
-    start: of its record in the file; head, stored: bytes of the record before and of the messages; full: their
+    start: of its record in the file; head, stored: bytes of the record before and of the messages; unpacked: their
     uncompressed bytes; counts: messages by channel, in the order of their index records.
     """
 
@@ -86,18 +86,18 @@ class ChunkEntry:
     stored: int
     first_ns: int
     last_ns: int
-    full: int
+    unpacked: int
     compression: str
     counts: dict[int, int]
 
     def pack(self) -> bytes:
-        """Returns the entry in few bytes."""
+        """Packs the entry into few bytes."""
         kind = _COMPRESSIONS.index(self.compression)
-        numbers = self.start, self.head, self.stored, self.first_ns, self.last_ns, self.full, kind, len(self.counts)
+        numbers = self.start, self.head, self.stored, self.first_ns, self.last_ns, self.unpacked, kind, len(self.counts)
         return _HEAD.pack(*numbers) + b"".join(_COUNT.pack(*item) for item in self.counts.items())
 
     def record(self) -> ChunkIndex:
-        """Returns the record of the MCAP index. A message index stands behind the chunk for each channel."""
+        """Makes the record of the MCAP index. A message index stands behind the chunk for each channel."""
         length = self.head + self.stored
         at, offsets = self.start + length, {}
         for channel, count in self.counts.items():
@@ -105,7 +105,7 @@ class ChunkEntry:
             at += MESSAGE_INDEX_HEAD + MESSAGE_INDEX_ENTRY * count
         tail = at - self.start - length
         return ChunkIndex(
-            length, self.start, self.compression, self.stored, self.last_ns, tail, offsets, self.first_ns, self.full
+            length, self.start, self.compression, self.stored, self.last_ns, tail, offsets, self.first_ns, self.unpacked
         )
 
 
@@ -113,17 +113,15 @@ def unpack(data: bytes) -> Iterator[ChunkEntry]:
     """Yields the entries of a block."""
     at = 0
     while at < len(data):
-        start, head, stored, first, last, full, kind, n = _HEAD.unpack_from(data, at)
+        start, head, stored, first, last, unpacked, kind, n = _HEAD.unpack_from(data, at)
         at += _HEAD.size
         counts = dict(_COUNT.iter_unpack(data[at : at + n * _COUNT.size]))
         at += n * _COUNT.size
-        yield ChunkEntry(start, head, stored, first, last, full, _COMPRESSIONS[kind], counts)
+        yield ChunkEntry(start, head, stored, first, last, unpacked, _COMPRESSIONS[kind], counts)
 
 
 class Summary:
-    """Collects what has been written so far: schemas, channels, chunks, metadata, counts by channel and the span of
-    times.
-    """
+    """Collects the index: schemas, channels, chunks, metadata, counts by channel and the span of times."""
 
     def __init__(self) -> None:
         self.schemas: dict[int, Schema] = {}
@@ -134,7 +132,7 @@ class Summary:
         self._span = (0, 0)
 
     def add_metadata(self, at: int, size: int, name: str) -> None:
-        """Notes a metadata record of `size` bytes at byte `at`."""
+        """Adds a metadata record of `size` bytes at byte `at`."""
         self._metadata.add(record_bytes(MetadataIndex(at, size, name)))
 
     def add_chunk(self, chunk: ChunkEntry) -> None:
@@ -147,7 +145,8 @@ class Summary:
             self.messages += count
 
     def pieces(self, end: int) -> list[bytes]:
-        """Returns all from the end of the data, at byte `end`, to the end mark (MCAP specification, Summary Section).
+        """Returns everything between the end of the data, at byte `end`, and the end mark (MCAP specification, Summary
+        Section).
 
         Without the closing signature.
         """

@@ -1,4 +1,4 @@
-"""Brings a file that is being written to the disk itself, once a second, beside who writes it."""
+"""Syncs a file that is being written to the disk once a second, in a thread of its own."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SYNC_PERIOD_S = 1.0
 
 
 class Syncer:
-    """Calls fdatasync on a file from a thread of its own, at every period in which something was written.
+    """Calls fdatasync on a file in every period in which something was written, from a thread of its own.
 
     written: brings what waits in this process to the file and gives the file's size. failed: told once what the system
     refused, from the thread; nothing is synced after that. The file and its folder (the name is there) are synced
@@ -57,6 +57,6 @@ class Syncer:
         self.late += time.monotonic() - began > SYNC_PERIOD_S
 
     def stop(self) -> None:
-        """Ends the thread, after the call that it is in."""
+        """Ends the thread, after its present call."""
         self._ending.set()
         self._thread.join()

@@ -20,7 +20,7 @@ _PADDING = tuple(bytes(count) for count in range(8))
 
 
 class CdrWriter:
-    """Writes one message in CDR; `bytes()` of everything written so far."""
+    """Writes one message in CDR; `bytes()` returns all that was written so far."""
 
     def __init__(self) -> None:
         self.buffer = bytearray(ENCAPSULATION)
@@ -66,7 +66,7 @@ def ros_time(stamp_ns: int) -> tuple[int, int]:
 
 
 class CdrReader(MessageReader):
-    """Reads one message of a bag, checking every length against the bytes that are there. Raises BagError."""
+    """Reads one message of a bag, and checks every length against the bytes that are there. Raises BagError."""
 
     def __init__(self, data: bytes | memoryview, what: str) -> None:
         super().__init__(data, what, BagError)

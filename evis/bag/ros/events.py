@@ -34,7 +34,7 @@ def _announce(packet: EventPacket, base_ns: int, encoding: str, events: memoryvi
 
 
 def decoded(packet: EventPacket) -> bool:
-    """Returns True when the packet has its events as arrays."""
+    """Tells whether the packet has its events as arrays."""
     return all(getattr(packet, n) is not None for n in NAMES)
 
 
@@ -87,7 +87,7 @@ def pack(
 
 
 class _Limits(NamedTuple):
-    """Of some events: the earliest and the latest time, the largest row and polarity."""
+    """Holds of some events the earliest and the latest time, the largest row and polarity."""
 
     earliest: int
     latest: int
@@ -98,7 +98,7 @@ class _Limits(NamedTuple):
 def _pack_into(
     words: np.ndarray, t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, base_ns: int, threads: Threads
 ) -> _Limits:
-    """Packs events into `words`, where there is room for them, and looks at them while they are in the cache."""
+    """Packs events into `words`, where there is room for them, and finds their limits while they are in the cache."""
 
     def of(at: slice) -> _Limits:
         if len(words):
@@ -113,7 +113,7 @@ def _pack_into(
 
 
 def unpack(parts: dict[str, list[memoryview]], t_first_ns: int) -> dict[str, np.ndarray]:
-    """Unpacks the arrays of `pack`'s parts; `t_first_ns` as in `summary`."""
+    """Unpacks the arrays of the parts that `pack` made; `t_first_ns` as in `summary`."""
     arrays: dict[str, np.ndarray] = {}
     for raw in parts.get("raw", []):
         arrays["raw"] = np.frombuffer(messages.read_event_packet(raw).events, np.uint8)
@@ -133,7 +133,8 @@ def _mono(packet: RosEvents) -> tuple[np.ndarray, ...]:
 
 
 def _decode_evt3(packet: RosEvents, t_first_ns: int) -> dict[str, np.ndarray]:
-    """Events of one packet, which begins with its own time words; the turns of their counter follow from its first."""
+    """Decodes the events of a packet, which begins with its own time words; turns of their counter follow from its
+    first."""
     from evis.events.codecs.prophesee.evt3 import Decoder
 
     events = Decoder(packet.width, packet.height).decode(bytes(packet.events))
@@ -154,7 +155,7 @@ def foreign(raw: memoryview) -> EventPacket:
 
 
 def summary(packet: EventPacket) -> dict[str, int]:
-    """Returns counts and first and last time [ns], for the packet's JSON; nothing where it is not decoded."""
+    """Returns counts and first and last time [ns], for the packet's JSON; empty where it is not decoded."""
     if packet.t is None:
         return {}
     t = np.asarray(packet.t)

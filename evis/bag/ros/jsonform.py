@@ -1,4 +1,4 @@
-"""Writes a message, or what ROS has no field for, as JSON: readable where it can be, exact always.
+"""Writes messages, or the fields that ROS has no place for, as JSON: readable where possible, always exact.
 
 Small arrays of finite numbers are nested lists (a float's shortest decimal form reads back to the same bits); all
 others stand under `<name>_base64` as {dtype, shape, data}. Numbers that JSON lacks are {"$float": "nan"}, bytes are
@@ -28,7 +28,7 @@ _SUFFIX = "_base64"
 
 
 def plain(value: Any) -> Any:
-    """Converts a scalar field to what JSON can hold."""
+    """Converts a scalar field to a value that JSON can hold."""
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float) and not math.isfinite(value):
@@ -44,7 +44,7 @@ def plain(value: Any) -> Any:
 
 
 def unplain(value: Any) -> Any:
-    """Undoes `plain`."""
+    """Reverses `plain`."""
     if isinstance(value, dict):
         if value.keys() == {"$float"}:
             return float(value["$float"])
@@ -120,7 +120,7 @@ def header_of(body: dict[str, Any]) -> Header:
 
 
 def load(message_type: type[Message], body: dict[str, Any], arrays: dict[str, np.ndarray]) -> Message:
-    """Makes the message of a parsed body, `arrays` being those that were kept elsewhere. Raises BagError."""
+    """Makes the message of a parsed body; `arrays` are those that were kept elsewhere. Raises BagError."""
     specs = array_specs(message_type)
     values: dict[str, Any] = dict(arrays)
     for name, spec in specs.items():

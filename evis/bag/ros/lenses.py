@@ -1,4 +1,4 @@
-"""Names distorting lenses as sensor_msgs/CameraInfo does, and by our names again.
+"""Converts the names of distortion models to those of sensor_msgs/CameraInfo and back.
 
 ROS calls the model of OpenCV with five coefficients `plumb_bob` and that with eight `rational_polynomial`; a camera
 that was not calibrated has an empty name, or no coefficients.
@@ -13,7 +13,7 @@ RATIONAL = 8
 
 
 def to_ros(model: str, coefficients: np.ndarray) -> tuple[str, np.ndarray]:
-    """Gives the name and the coefficients that ROS has for a lens of ours."""
+    """Returns ROS's name and coefficients of a distortion model."""
     if model not in ("none", "plumb_bob"):
         return model, coefficients
     padded = np.zeros(max(5, len(coefficients)))
@@ -22,7 +22,7 @@ def to_ros(model: str, coefficients: np.ndarray) -> tuple[str, np.ndarray]:
 
 
 def from_ros(model: str, coefficients: np.ndarray) -> tuple[str, np.ndarray]:
-    """Gives our name and coefficients of a lens that ROS names; a name that is unknown is kept."""
+    """Returns our name and coefficients of ROS's distortion model; an unknown name is kept."""
     if model in ("", "plumb_bob", "rational_polynomial") and not np.any(coefficients):
         return "none", np.zeros(0)
     if model == "rational_polynomial":

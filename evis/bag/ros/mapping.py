@@ -1,4 +1,4 @@
-"""Maps messages to the ROS 2 messages that they become, and makes them again from those.
+"""Maps messages to the ROS 2 messages that they become, and back.
 
 A message of one environment is recorded as parts (ROS messages, for all who read ROS) followed by one closing JSON
 text with everything that they do not hold. Types that ROS has no message for are the closing text alone, on the topic

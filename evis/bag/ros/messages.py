@@ -34,7 +34,7 @@ def text(data: bytes) -> Buffers:
 
 
 def read_text(raw: memoryview) -> memoryview:
-    """Reads the bytes of a std_msgs/String, not copied."""
+    """Reads the bytes of a std_msgs/String, without a copy."""
     return CdrReader(raw, "std_msgs/String").blob()[:-1]
 
 

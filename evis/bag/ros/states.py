@@ -1,4 +1,4 @@
-"""Writes /state to a bag: transforms of the moving bodies at all sub-steps, then of the others once, at the stamp."""
+"""Packs /state for a bag: transforms of the moving bodies at all sub-steps, then of the others once, at the stamp."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ OLD = ArraySpec(("float64",), ("E", "S", "N", "?"), False, "all sub-steps of all
 
 def pack(state: WorldState) -> bytes:
     """Packs a tf2_msgs/TFMessage of a state of one environment with at least one sub-step."""
-    names = _named(state.names, state.end_pose.shape[1])
-    moving, still = _parted(state.moving, len(names))
+    names = _frame_names(state.names, state.end_pose.shape[1])
+    moving, still = _moving_and_still(state.moving, len(names))
     end = np.asarray(state.end_pose)[0, still][None]
     return transforms.pack(
         WORLD,
@@ -36,9 +36,8 @@ def pack(state: WorldState) -> bytes:
 
 
 def whole(state: WorldState) -> bool:
-    """Returns True where the transforms are all there is to say of PACKED: one environment, whose moving bodies end at
-    their end_pose.
-    """
+    """Tells whether the transforms are all that PACKED has: one environment, whose moving bodies end at their
+    end_pose."""
     if len(state.end_pose) != 1 or not len(state.t):
         return False
     last = np.asarray(state.moving_pose)[:, -1]
@@ -54,17 +53,17 @@ def unpack(raw: memoryview | None, body: dict[str, Any]) -> dict[str, np.ndarray
     """
     moving = get_array(body, "moving", array_specs(WorldState)["moving"])
     if raw is None:
-        return {} if moving is not None else _alike(get_array(body, "pose", OLD), body)
+        return {} if moving is not None else _full_state(get_array(body, "pose", OLD), body)
     bodies, steps = body["_bodies"], body["_steps"]
     rows = bodies * steps if moving is None else len(moving) * steps
     if steps < 1 or max(rows, bodies) * transforms.POSE_BYTES > len(raw) or bodies > MAX_BODIES:
         raise BagError(f"tf2_msgs/TFMessage has {len(raw)} bytes, too few for {steps} steps of {bodies} bodies")
-    names = _named(body.get("names", []), bodies)
+    names = _frame_names(body.get("names", []), bodies)
     if moving is None:
-        return _alike(transforms.unpack(raw, WORLD, [(names, steps)])[0][None], body)
+        return _full_state(transforms.unpack(raw, WORLD, [(names, steps)])[0][None], body)
     if moving.size and (moving.min() < 0 or moving.max() >= bodies):
         raise BagError(f"WorldState.moving names bodies {moving.min()} to {moving.max()} of {bodies}")
-    driven, still = _parted(moving, bodies)
+    driven, still = _moving_and_still(moving, bodies)
     groups = [(tuple(names[n] for n in driven), steps), (tuple(names[n] for n in still), 1)]
     moved, rest = transforms.unpack(raw, WORLD, groups)
     end = np.empty((1, bodies, 7))
@@ -72,8 +71,8 @@ def unpack(raw: memoryview | None, body: dict[str, Any]) -> dict[str, np.ndarray
     return {"end_pose": end, "moving_pose": moved[None]}
 
 
-def _alike(pose: np.ndarray | None, body: dict[str, Any]) -> dict[str, np.ndarray]:
-    """A state of which all sub-steps of all bodies are there."""
+def _full_state(pose: np.ndarray | None, body: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Makes a state that has all sub-steps of all bodies, as older bags do."""
     twist = get_array(body, "twist", OLD)
     if pose is None or twist is None or pose.ndim != 4 or not pose.shape[1]:
         return {}
@@ -81,13 +80,13 @@ def _alike(pose: np.ndarray | None, body: dict[str, Any]) -> dict[str, np.ndarra
     return {"end_pose": pose[:, -1], "moving": moving, "moving_pose": pose, "moving_twist": twist}
 
 
-def _parted(moving: np.ndarray, bodies: int) -> tuple[np.ndarray, np.ndarray]:
-    """The bodies that move and those that do not."""
+def _moving_and_still(moving: np.ndarray, bodies: int) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the bodies that move, and those that do not."""
     still = np.ones(bodies, bool)
     still[np.asarray(moving)] = False
     return np.asarray(moving), np.flatnonzero(still)
 
 
-def _named(names: list[str], count: int) -> tuple[str, ...]:
-    """As many frames as there are bodies, also where not all of them have a name."""
+def _frame_names(names: list[str], count: int) -> tuple[str, ...]:
+    """Returns as many frame names as there are bodies, also where not all of them have a name."""
     return (*names[:count], *(f"body{i}" for i in range(len(names), count)))

@@ -29,7 +29,7 @@ def _transform(writer: CdrWriter, frame_id: str, child: str) -> None:
 
 @lru_cache(maxsize=64)
 def _template(frame_id: str, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(words of one sub-step, which ones are the stamps [N], which the poses [N, 7])."""
+    """Makes the words of one sub-step, and the places in it of the stamps [N] and the poses [N, 7]."""
     writer = CdrWriter()
     stamps, poses = [], []
     for name in names:
@@ -66,12 +66,12 @@ def pack(frame_id: str, groups: Sequence[Group]) -> bytes:
 
 
 def _skipped(frame_id: str, names: tuple[str, ...]) -> int:
-    """Bytes of the first transform where it starts at a multiple of 8."""
+    """Counts the bytes of the first transform where it starts at a multiple of 8."""
     return 8 * int(_template(frame_id, names)[2][0, -1] + 1)
 
 
 def _block(frame_id: str, names: tuple[str, ...], t: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """The transforms of one group, from a multiple of 8 on, uint8."""
+    """Packs the transforms of one group, from a multiple of 8 on, uint8."""
     words, stamps, poses = _template(frame_id, names)
     data = np.tile(words, (len(pose), 1))
     times = np.stack([t // NS, t % NS], axis=1)

@@ -5,7 +5,7 @@ compute on the same device and say so (`Input.on_device`) get them by reference;
 arrays, copied once and only where there is such a reader at that moment. A loan is one block of device memory, held and
 freed as a slot of the host is: its message's `keep` and `release` pin it. All work on a device is on Warp's stream of
 it, so what is launched after the last release comes after all that reads. Other processes on the same GPU that take
-arrays there read them in place too (evis/bus/memory/shown.py).
+arrays there read them in place too (evis/bus/memory/cuda_ipc.py).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from evis.bus.memory.shown import BLOCK, Form, Placed, Shown
+from evis.bus.memory.cuda_ipc import BLOCK, ArrayPlaces, ExportedBlock, Form
 from evis.bus.memory.slots import Loans, Pinned, aligned, rounded
 from msgs.codec import check_layout
 from msgs.fields import array_specs
@@ -84,7 +84,8 @@ def on_host(message: Message, loan: Callable[..., Mapping[str, np.ndarray]]) -> 
 
 
 def without_arrays(message: Message) -> Message:
-    """Makes the message of no environment with the same header, in numpy arrays, for who reads no arrays of it.
+    """Makes the message of no environment with the same header, in numpy arrays, for a reader that reads none of its
+    arrays.
 
     The first axis of all its arrays is the environments'.
     """
@@ -98,16 +99,16 @@ class DeviceSlot(Pinned):
     """Owns one block of device memory."""
 
     def __init__(self, pool: DevicePool, kind: tuple[Any, int, bool]) -> None:
-        """kind: device, size [bytes], and whether other processes are to read it."""
+        """Allocates a block. kind: device, size [bytes], and whether other processes are to read it."""
         import warp as wp
 
         super().__init__(pool)
         self.kind = kind
-        self.device, size, shown = kind
-        self.size = -(-size // BLOCK) * BLOCK if shown else size
-        with wp.ScopedMempool(self.device, False) if shown else nullcontext():
+        self.device, size, exported = kind
+        self.size = -(-size // BLOCK) * BLOCK if exported else size
+        with wp.ScopedMempool(self.device, False) if exported else nullcontext():
             self._memory: wp.array = wp.empty(self.size, dtype=wp.uint8, device=self.device)
-        self.shown = Shown(self._memory, next(_numbers)) if shown else None
+        self.exported = ExportedBlock(self._memory, next(_numbers)) if exported else None
         """What lets other processes read it."""
         self._views: dict[Any, dict[str, Any]] = {}
 
@@ -128,12 +129,12 @@ class DeviceSlot(Pinned):
             self._views[key] = views
         return self._views[key]
 
-    def placed(self, message: Message) -> Placed | None:
-        """Says where the arrays of a message are, for other processes; None where not all are in this slot."""
-        return Placed.of(message, self._memory.ptr, self.size) if self.shown is not None else None
+    def placed(self, message: Message) -> ArrayPlaces | None:
+        """Locates the arrays of a message for other processes; None where not all are in this slot."""
+        return ArrayPlaces.of(message, self._memory.ptr, self.size) if self.exported is not None else None
 
     def holds(self, array: Any) -> bool:
-        """Says whether the array lies in this slot."""
+        """Tells whether the array lies in this slot."""
         return not isinstance(array, np.ndarray) and 0 <= array.ptr - self._memory.ptr < self.size
 
 
@@ -150,14 +151,14 @@ class DevicePool(Loans[DeviceSlot]):
         self._past: list[DeviceSlot] = []
         """Slots no longer used that other processes may have open."""
 
-    def loan(self, device: Any, asked: LoanRequest, shown: bool = False) -> dict[str, Any]:
-        """Returns Warp arrays to write the next message into; they hold until the next claim. Raises BusError.
+    def loan(self, device: Any, asked: LoanRequest, exported: bool = False) -> dict[str, Any]:
+        """Lends Warp arrays to write the next message into; they are valid until the next claim. Raises BusError.
 
-        shown: other processes are to read them.
+        exported: other processes are to read them.
         """
         size = sum(aligned(_nbytes(shape, dtype)) for shape, dtype in asked.values())
-        if (device, shown) != self._of[::2] or size > self._of[1]:
-            self._of = device, rounded(size), shown
+        if (device, exported) != self._of[::2] or size > self._of[1]:
+            self._of = device, rounded(size), exported
             for slot in self._free:
                 self._retire(slot)
             self._free.clear()
@@ -171,7 +172,7 @@ class DevicePool(Loans[DeviceSlot]):
         return slot.arrays(asked)
 
     def claim(self, message: Message) -> DeviceSlot | None:
-        """Returns the loan that the message's arrays lie in, with its pin now the caller's; other loans lapse.
+        """Returns the loan in which the message's arrays lie, with its pin now the caller's; other loans end.
 
         Without loans it is one that messages share (`sharing_loans`), pinned once more.
         """
@@ -199,12 +200,12 @@ class DevicePool(Loans[DeviceSlot]):
 
     def _retire(self, slot: DeviceSlot) -> None:
         self.live -= 1
-        if slot.shown is not None:
+        if slot.exported is not None:
             self._past.append(slot)
 
 
 def on_host_too(asked: LoanRequest) -> dict[str, tuple[tuple[int, ...], np.dtype]]:
-    """Gives shapes and dtypes of the numpy arrays that hold what Warp's would. asked: of scalars."""
+    """Returns shapes and dtypes of the numpy arrays that hold what Warp's would. asked: of scalars."""
     import warp as wp
 
     return {name: (tuple(shape), np.dtype(wp.dtype_to_numpy(dtype))) for name, (shape, dtype) in asked.items()}

@@ -1,4 +1,4 @@
-"""Lends memory that the messages of one topic are written into, to whoever publishes them."""
+"""Lends memory of a topic to its publisher, which writes messages into it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from msgs.header import Message
 
 
 class Lender:
-    """Lends slots of a topic's pools, of the host and of a device: what all publishers of a topic do alike."""
+    """Lends slots of a topic's pools, of the host and of a device; the base of all publishers."""
 
     _pool: SlotPool
     _on_device: DevicePool

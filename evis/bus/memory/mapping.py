@@ -1,4 +1,4 @@
-"""Reads shared memory: opens the publisher's slots, maps each once, views the arrays in place."""
+"""Reads another process's shared memory: opens the publisher's slots, maps each once, views the arrays in place."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def open_memfd(pid: int, fd: int) -> int:
 
 
 def reachable(pid: int, fd: int, token: bytes) -> bool:
-    """Says whether the publisher's probe opens here and holds its token: same host, pid namespace and user."""
+    """Tells whether the publisher's probe opens here and holds its token: same host, pid namespace and user."""
     try:
         handle = open_memfd(pid, fd)
     except OSError:
@@ -57,7 +57,7 @@ class SlotReader:
         self._known: dict[bytes, tuple[type[Message], str, dict[str, np.ndarray], dict[str, Any]]] = {}
 
     def recall(self, frames: Sequence[bytes]) -> Message | None:
-        """Returns the message of a header known from before and of the moment with it. Raises MessageError."""
+        """Returns the message of a header that is the same as before but for its moment. Raises MessageError."""
         known = self._known.get(frames[0])
         if known is None or len(frames) != 2:
             return None

@@ -1,4 +1,4 @@
-"""Places a message in a slot: its arrays where other processes can read them, and the header that says where."""
+"""Places a message in a slot: its arrays where other processes can read them, and the header that locates them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from msgs.header import Message
 def place(
     pool: SlotPool, message: Message, arrays: dict[str, np.ndarray], slot: Slot | None
 ) -> tuple[Slot, list[int], int]:
-    """Puts every array that is not there yet into the slot, or all into a new one when there is no room.
+    """Copies arrays that are not there yet into the slot, or all into a new one when there is no room.
 
     slot: what was loaned, if anything; its pin goes over to the slot returned. Returns the slot, the offset of each
     array in it [bytes], and how many arrays were copied.
@@ -42,7 +42,7 @@ def place(
 
 
 def describe(message: Message, arrays: dict[str, np.ndarray], slot: Slot, offsets: list[int]) -> list[Buffer]:
-    """Packs the header; where all but its moment is as in the slot's last message, that one's and the new moment."""
+    """Packs the header; one that differs from the slot's last message only in its moment is not packed anew."""
     key = layout(arrays), offsets, message.header.clock, pack_scalars(message)
     last, header = slot.header
     if key == last:

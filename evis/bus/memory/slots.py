@@ -1,4 +1,4 @@
-"""Keeps track of where the arrays of a message lie, and who still needs them.
+"""Tracks where the arrays of a message lie, and how many users they have.
 
 A slot is one block of memory with a pin count: the loan, each remote consumer and each `keep` hold one pin, and the
 slot is written again only when all are gone. `HeapSlot` serves consumers of this process; `MemorySlot` is a memfd that
@@ -65,13 +65,13 @@ S = TypeVar("S", bound=Pinned)
 
 
 class Loans(Generic[S]):
-    """Holds the loans of one topic: slots that were given out to be written, and that no message has claimed yet.
+    """Holds the loans of one topic: slots that were lent to be written, and that no message has claimed yet.
 
     live: slots that exist. Where several messages are sent from one loan, `_shared` holds it while they are sent.
     """
 
     def __init__(self, name: str) -> None:
-        """name: of the topic, for errors."""
+        """Takes the topic's name, for errors."""
         self.name = name
         self.live = 0
         self._loans: list[S] = []
@@ -90,7 +90,7 @@ class Loans(Generic[S]):
                 slot.unpin()
 
     def part_with(self, slot: S) -> None:
-        """Leaves a slot to who holds its only pin: its arrays stay as they are for as long as somebody has one."""
+        """Leaves a slot to the holder of its only pin: its arrays stay as they are while something refers to them."""
         slot.pins = 0
         self.live -= 1
 
@@ -139,7 +139,7 @@ class Slot(Pinned):
         return None
 
     def close(self) -> None:
-        """Gives the memory back, once nobody in this process looks at it."""
+        """Gives the memory back, once nothing in this process reads it."""
 
 
 class HeapSlot(Slot):
@@ -185,7 +185,7 @@ class MemorySlot(Slot):
 
 
 def _pinned(size: int) -> np.ndarray:
-    """Memory of this process that a GPU writes to several times as fast."""
+    """Allocates page-locked memory of this process, which a GPU writes to several times as fast."""
     import warp as wp
 
     memory: wp.array = wp.empty(size, dtype=wp.uint8, device="cpu", pinned=True)
@@ -194,7 +194,8 @@ def _pinned(size: int) -> np.ndarray:
 
 
 def reserve(name: str, size: int) -> int:
-    """Makes a memfd of `size` bytes whose pages exist and that can never shrink. Raises BusError: memory is short."""
+    """Makes a memfd of `size` bytes whose pages exist and that can never shrink. Raises BusError where memory
+    is short."""
     fd = os.memfd_create(f"evis{name.replace('/', '-')}", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
     try:
         os.posix_fallocate(fd, 0, size)
@@ -251,7 +252,7 @@ class SlotPool(Loans[Slot]):
         return {name: slot.place(shape, dtype) for name, shape, dtype in wanted}
 
     def claim(self, arrays: Mapping[str, np.ndarray]) -> Slot | None:
-        """Returns the loaned slot that (most of) the arrays lie in, its pin now the caller's; other loans lapse.
+        """Returns the loaned slot in which (most of) the arrays lie, its pin now the caller's; other loans end.
 
         Without loans it is one that messages share (`sharing_loans`), pinned once more.
         """
@@ -277,7 +278,7 @@ class SlotPool(Loans[Slot]):
         return None
 
     def ready(self) -> bool:
-        """Says whether a slot is free to be taken."""
+        """Tells whether a slot is free."""
         return bool(self._free)
 
     def take(self, size: int) -> Slot:

@@ -15,7 +15,7 @@ Allocate = Callable[[int], Columns]
 
 
 def plain(n: int) -> Columns:
-    """Returns the columns in memory of their own."""
+    """Makes event columns in memory of their own."""
     return np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16), np.empty(n, np.uint8)
 
 
@@ -37,7 +37,7 @@ class EventBuffer:
         """Address of the first item and size of an item [bytes], by column."""
 
     def grow(self, room: int = 0) -> None:
-        """Makes the buffer twice as large, or larger, for `room` more events; what it holds is copied."""
+        """Doubles the buffer, or enlarges it to hold `room` more events; what it holds is copied."""
         filled = self.events()
         self._use(self._allocate(max(2 * self.capacity, self.n + room)))
         for new, old in zip(self.columns, (filled.t, filled.x, filled.y, filled.p)):

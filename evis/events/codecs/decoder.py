@@ -1,4 +1,4 @@
-"""Implements what all stream decoders share: bytes in pieces of any size, state carried between them, exact cuts in
+"""Implements what all stream decoders share: input in pieces of any size, state carried between them, exact cuts in
 time."""
 
 from __future__ import annotations
@@ -45,18 +45,15 @@ event_camera_msgs (`evt3` is both)."""
 
 
 def backend_for(size: int) -> str:
-    """Returns `numpy` for small amounts of data [bytes], `warp` for large ones; both give the same bits."""
+    """Returns the faster backend for an amount of data [bytes], `numpy` or `warp`; both give the same bits."""
     return "numpy" if size <= NUMPY_BYTES else "warp"
 
 
 def decoder_for(encoding: str, width: int = 0, height: int = 0, backend: str = "numpy") -> Decoder:
-    """Returns the decoder for `encoding`. Raises ValueError that lists the known ones."""
+    """Makes the decoder of an encoding. Raises ValueError that lists the known ones."""
     if encoding not in CODECS:
         raise ValueError(f"the event encoding '{encoding}' is not supported; supported are {', '.join(sorted(CODECS))}")
     return importlib.import_module(CODECS[encoding]).Decoder(width, height, backend)
-
-
-make_decoder = decoder_for
 
 
 def count_until(which: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -67,15 +64,8 @@ def count_until(which: np.ndarray, at: np.ndarray) -> np.ndarray:
     return np.cumsum(which, dtype=np.int32)[at]
 
 
-def _without_events(part: Events) -> Events:
-    """What else came: triggers, inertial samples, frames."""
-    other = Events.empty()
-    other.triggers, other.imu, other.frames = part.triggers, part.imu, part.frames
-    return other
-
-
 class Decoder(abc.ABC):
-    """Decodes words of one sensor to events. Feed bytes as they come, cut anywhere, also inside a word.
+    """Decodes the words of one sensor to events. Bytes may be fed in any pieces, cut also inside a word.
 
     width, height: events outside are dropped and counted; 0 = the device's own (`geometry`), or where the encoding has
     none, unknown: then nothing is dropped. backend: `numpy` or `warp` (a sequential CPU kernel); results and state are
@@ -109,29 +99,29 @@ class Decoder(abc.ABC):
         self.reset()
 
     def reset(self) -> None:
-        """Forgets everything, the turns of the counter and `counts` too."""
+        """Resets the decoder to its initial state, with the turns of the counter and `counts` at 0."""
         self.state = np.zeros(self.state_size, np.int64)
-        self._begin()
+        self._reset_context()
         self._drop_pending()
 
     def prepare(self) -> None:
-        """Compiles and loads the kernel now (up to seconds) and not with the first bytes."""
+        """Compiles and loads the kernel now (up to seconds), which otherwise happens with the first bytes."""
         if self.backend == "warp" and self._launcher is None:
             self._launcher = WarpLauncher(self.kernel, self.has_side)
             self._launcher.load(np.zeros(1, self._words.dtype))
             self._launcher.run(1, FOREVER, self.readout, self.transposed, self.state.copy(), EventBuffer(0))
 
     def resync(self) -> None:
-        """Goes on after bytes were lost: what is half read is dropped, and all words up to the next one with a time.
+        """Continues after a loss of bytes: drops what is half read, and all words up to the next one with a time.
 
         The turns of the counter are kept, so that times go on; turns inside the gap are missed. `counts` goes on.
         """
         self.state[0] = -1 if self.state[0] else 0
-        self._begin()
+        self._reset_context()
         self._drop_pending()
 
-    def _begin(self) -> None:  # noqa: B027 (most codecs keep nothing)
-        """Forget what codecs keep besides `state`, and addresses in `state` (after a gap they belong to nothing)."""
+    def _reset_context(self) -> None:  # noqa: B027 (most codecs keep nothing)
+        """Resets what a codec keeps besides `state`, and addresses in `state`, which after a gap belong to nothing."""
 
     def _drop_pending(self) -> None:
         self._bytes: bytes | bytearray | memoryview = b""
@@ -145,44 +135,45 @@ class Decoder(abc.ABC):
 
     @property
     def outside(self) -> int:
-        """Counts the events dropped because they lie outside width x height."""
+        """Returns the number of events dropped because they lie outside width x height."""
         return int(self.state[self.counters["outside"]])
 
     @property
     def untimed(self) -> int:
-        """Counts the words dropped because no time had been sent yet."""
+        """Returns the number of words dropped because no time had been sent yet."""
         return int(self.state[self.counters["untimed"]]) if "untimed" in self.counters else 0
 
     @property
     def counts(self) -> dict[str, int]:
-        """Tells what was dropped or odd so far, by kind (`outside`, `untimed`, `unknown`, ...); only what is not 0."""
+        """Returns what was dropped or unusual so far, by kind (`outside`, `untimed`, `unknown`, ...); only counts above
+        0."""
         return {kind: int(self.state[place]) for kind, place in self.counters.items() if self.state[place]}
 
     @property
     def readout(self) -> tuple[int, int]:
-        """Returns the columns and rows as the device's words count them."""
+        """Returns the columns and rows as the device's words count them, exchanged where it is transposed."""
         return (self.height, self.width) if self.transposed else (self.width, self.height)
 
     @property
     def pending(self) -> int:
-        """Returns the bytes fed and not yet decoded: whole words after a cut, or the first part of a word."""
+        """Returns the number of bytes fed and not yet decoded: whole words after a cut, or the first part of a word."""
         return len(self._bytes) - self._at * self.word.itemsize
 
     @property
     def at_cut(self) -> bool:
-        """Tells whether the last `decode_until` stopped at its limit, false when it needs more bytes."""
+        """Tells whether the last `decode_until` stopped at its limit; False when it needs more bytes."""
         return self._at < len(self._words)
 
     @property
     def taken(self) -> np.ndarray:
-        """Returns the wire bytes (uint8, a view) that the last call consumed; those of a started word come with its
+        """Returns the wire bytes (uint8, a view) that the last call decoded; those of a word begun before come with its
         end."""
         return np.frombuffer(self._bytes, np.uint8)[self._taken[0] : self._taken[1]]
 
     # -- decoding ----------------------------------------------------------------------------------------------------
 
     def feed(self, data: bytes | bytearray | memoryview | np.ndarray) -> None:
-        """Adds bytes; what was pending comes first. The buffer must not change until it is decoded."""
+        """Adds bytes behind those that are pending. The buffer must not change until it is decoded."""
         if isinstance(data, np.ndarray):
             data = np.ascontiguousarray(data).data.cast("B")
         left = self.pending
@@ -192,17 +183,17 @@ class Decoder(abc.ABC):
         self._words = self._view(np.frombuffer(data, self.word, len(data) // self.word.itemsize))
 
     def _view(self, words: np.ndarray) -> np.ndarray:
-        """The words as the kernel reads them."""
+        """Returns the words in the form that the kernel reads."""
         return words
 
     def decode(self, data: bytes | bytearray | memoryview | np.ndarray = b"") -> Events:
-        """Decodes all events of what is pending and of `data`."""
+        """Decodes all events of the pending bytes and of `data`."""
         if len(data):
             self.feed(data)
         return self._decode(FOREVER)
 
     def decode_until(self, t_ns: int) -> Events:
-        """Returns the pending events up to the first one later than t_ns, which stays for the next call.
+        """Decodes the pending events up to the first one later than t_ns, which stays for the next call.
 
         Triggers and other samples are cut alike. Afterwards `at_cut` tells whether something later was met
         (`next_t_ns` is its time) or more bytes are needed. A sensor's times may step back by some us, so an event
@@ -211,7 +202,7 @@ class Decoder(abc.ABC):
         return self._decode(t_ns // self.tick_ns)
 
     def decode_into(self, buffer: EventBuffer, t_ns: int | None = None) -> list[Events]:
-        """Decodes as `decode_until` does (None: all that is pending), to the end of `buffer`, which grows as needed.
+        """Decodes as `decode_until` does (None: all that is pending), and appends to `buffer`, which grows as needed.
 
         Returns what else came (triggers, inertial samples, frames), in parts without events; mostly none.
         """
@@ -222,24 +213,25 @@ class Decoder(abc.ABC):
         while self._at < len(self._words) and following < 0:
             before = self._at
             if self.backend == "numpy":
-                part, self._at, following = self._block(limit)
+                part, self._at, following = self._decode_block(limit)
                 buffer.append(part)
-                other: Events | None = _without_events(part)
+                other: Events | None = part.without_events()
             else:
                 other, following = self._launch(limit, buffer)
                 if self._at == before and following < 0:
                     buffer.grow()
-            if other is not None and (len(other.triggers) or len(other.imu) or other.frames):
+            if other is not None and other.has_aside:
                 others.append(other)
-        self._note(begin, following)
+        self._end_call(begin, following)
         return others
 
     def feed_packet(self, data: bytes | bytearray | memoryview | np.ndarray, time_base_ns: int = 0) -> None:
-        """Adds the payload of one event_camera_msgs/EventPacket. Camera words simply go on; the base is not used."""
+        """Adds the payload of one event_camera_msgs/EventPacket. Words of cameras continue the stream; the base is not
+        used."""
         self.feed(data)
 
     def decode_packet(self, data: bytes | bytearray | memoryview | np.ndarray, time_base_ns: int = 0) -> Events:
-        """Returns all events of one event_camera_msgs/EventPacket."""
+        """Decodes all events of one event_camera_msgs/EventPacket."""
         self.feed_packet(data, time_base_ns)
         return self.decode()
 
@@ -248,20 +240,20 @@ class Decoder(abc.ABC):
         parts, following = [], -1
         while self._at < len(self._words) and following < 0:
             if self.backend == "numpy":
-                part, self._at, following = self._block(limit)
+                part, self._at, following = self._decode_block(limit)
             else:
-                part, following = self._scratched(limit)
+                part, following = self._launch_apart(limit)
             parts.append(part)
-        self._note(begin, following)
+        self._end_call(begin, following)
         return Events.concatenate(parts) if parts else Events.empty()
 
-    def _note(self, begin: int, following: int) -> None:
-        """Where a call stopped; it had begun at byte `begin`."""
+    def _end_call(self, begin: int, following: int) -> None:
+        """Notes where a call stopped, which had begun at byte `begin`."""
         self.next_t_ns = following * self.tick_ns if self.at_cut else None
         self._taken = (begin, self._at * self.word.itemsize)
 
-    def _block(self, limit: int) -> tuple[Events, int, int]:
-        """A block by numpy: events, the word to go on with, time at the cut or -1."""
+    def _decode_block(self, limit: int) -> tuple[Events, int, int]:
+        """Decodes one block by numpy; returns events, the word to continue with, and the time at the cut or -1."""
         events, used, following = self.decode_words(self._words[self._at : self._at + _BLOCK], limit)
         if self.transposed:
             events.x, events.y = events.y, events.x
@@ -269,16 +261,17 @@ class Decoder(abc.ABC):
 
     @abc.abstractmethod
     def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
-        """Decodes words with numpy: gives events, words used, and the time [ticks] of the event at the cut or -1.
+        """Decodes words by numpy; returns events, number of words used, and the time [ticks] of the event at the cut or
+        -1.
 
         Updates `state`.
         """
 
     def _assemble(self, events: Events, t: np.ndarray, words: np.ndarray) -> None:  # noqa: B027 (has_side only)
-        """Put what the side words (t int64 [us], words) complete into `events`."""
+        """Puts what the side words (t int64 [us], words) complete into `events`."""
 
-    def _scratched(self, limit: int) -> tuple[Events, int]:
-        """A launch whose events get memory of their own."""
+    def _launch_apart(self, limit: int) -> tuple[Events, int]:
+        """Launches the kernel, and returns its events in memory of their own."""
         words = len(self._words) - self._at
         if words >= _LARGE and limit == FOREVER:
             buffer = EventBuffer(max(words, _SCRATCH))
@@ -291,12 +284,11 @@ class Decoder(abc.ABC):
             other, following = self._launch(limit, self._scratch)
             part = self._scratch.events()
             events = Events(part.t.copy(), part.x.copy(), part.y.copy(), part.p.copy())
-        if other is not None:
-            events.triggers, events.imu, events.frames = other.triggers, other.imu, other.frames
-        return events, following
+        return (events if other is None else events.beside(other)), following
 
     def _launch(self, limit: int, buffer: EventBuffer) -> tuple[Events | None, int]:
-        """A launch to the end of `buffer`: what else came, and the time at the cut or -1."""
+        """Launches the kernel, which appends to `buffer`; returns what came besides events, and the time at the cut or
+        -1."""
         if self._launcher is None:
             self._launcher = WarpLauncher(self.kernel, self.has_side)
         if self._fresh:

@@ -1,5 +1,4 @@
-"""Implements what the encoders share, and the time words of the Prophesee ones: TIME_HIGH, low part, turns of the
-counter."""
+"""Implements what the encoders share, and the time words of the Prophesee ones."""
 
 from __future__ import annotations
 
@@ -20,7 +19,7 @@ MAX_TURNS = 10_000
 
 
 @dataclass(slots=True)
-class Item:
+class MergedStream:
     """Holds events and triggers in stream order, all int64 [n]; for a trigger x is the channel and p the value."""
 
     t_us: np.ndarray
@@ -30,29 +29,30 @@ class Item:
     is_trigger: np.ndarray
 
 
-def merge(events: Events) -> Item:
-    """Puts each trigger before the first event that is later; the order within events and within triggers is kept."""
+def merge(events: Events) -> MergedStream:
+    """Merges triggers into the events, each before the first event that is later; the order of either kind is kept."""
     n, edges = len(events), events.triggers
     columns = [c.astype(np.int64) for c in (events.t // 1000, events.x, events.y, events.p)]
     if not len(edges):
-        return Item(columns[0], columns[1], columns[2], columns[3], np.zeros(n, bool))
+        return MergedStream(columns[0], columns[1], columns[2], columns[3], np.zeros(n, bool))
     place = np.searchsorted(np.maximum.accumulate(events.t), edges.t, "right") if n else np.zeros(len(edges), np.int64)
     place = np.maximum.accumulate(place)
     added = [edges.t // 1000, edges.id, np.zeros(len(edges), np.int64), edges.value]
     t_us, x, y, p = (np.insert(c, place, e) for c, e in zip(columns, added))
-    return Item(t_us, x, y, p, np.insert(np.zeros(n, bool), place, True))
+    return MergedStream(t_us, x, y, p, np.insert(np.zeros(n, bool), place, True))
 
 
 def scatter(out: np.ndarray, at: np.ndarray, where: np.ndarray, words: np.ndarray) -> np.ndarray:
-    """Writes words[i] at out[at[i]] where `where`, and returns the places behind them."""
+    """Writes words[i] at out[at[i]] where `where` holds, and returns the places behind them."""
     out[at[where]] = words[where]
     return at + where
 
 
-def with_steps(
+def reserve_words(
     lengths: np.ndarray, steps: dict[int, np.ndarray], dtype: Any = np.int64
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Makes room for items of so many words and for the `steps` that go before some of them, which it writes.
+    """Makes an array with room for items of the given lengths and, before some of them, the words of `steps`, which it
+    writes.
 
     Returns the words, 0 where the items are to be written, and int64 [n], the place of each item in them.
     """
@@ -67,7 +67,7 @@ def with_steps(
 
 
 def find_groups(t_us: np.ndarray, events: Events) -> tuple[np.ndarray, np.ndarray]:
-    """Finds the first events of the runs that one mask of eight rows can hold in their order, and the masks."""
+    """Finds the runs of events that one mask of eight rows can hold in their order: first events, and masks."""
     x, y, p = events.x, events.y.astype(np.int64), events.p
     joins = np.zeros(len(x), bool)
     joins[1:] = (t_us[1:] == t_us[:-1]) & (x[1:] == x[:-1]) & (p[1:] == p[:-1])
@@ -77,7 +77,7 @@ def find_groups(t_us: np.ndarray, events: Events) -> tuple[np.ndarray, np.ndarra
 
 
 def encoder_for(encoding: str, width: int = 0, height: int = 0, resync: bool = False) -> Encoder:
-    """Returns the encoder for `encoding`. Raises ValueError that lists the known ones.
+    """Makes the encoder of an encoding. Raises ValueError that lists the known ones.
 
     width, height: the sensor, where the words depend on it (0 = the device's own).
     """
@@ -108,20 +108,18 @@ class Encoder(abc.ABC):
 
     @abc.abstractmethod
     def encode(self, events: Events) -> bytes:
-        """Returns the bytes of these events and triggers.
+        """Encodes events and triggers.
 
         Raises ValueError for what the words cannot hold: colour, addresses outside the range, frames and inertial
         samples that the device has not, times that are negative, that start far beyond 0 or step back too far.
         """
 
     def advance(self, t_ns: int) -> bytes:
-        """Returns time words alone, as a sensor that sees nothing sends them, up to t_ns; nothing where there are
-        none.
-        """
+        """Encodes time words alone up to t_ns, as a sensor without events sends them; empty where the wire has none."""
         return b""
 
     def encode_packets(self, events: Events) -> list[tuple[int, bytes]]:
-        """Encodes payloads of event_camera_msgs/EventPacket, as (time_base_ns, bytes)."""
+        """Encodes payloads of event_camera_msgs/EventPacket: (time_base_ns, bytes) of each."""
         return [(int(events.t[0]) if len(events) else 0, self.encode(events))]
 
     def _check(self, events: Events) -> None:
@@ -145,7 +143,7 @@ class Encoder(abc.ABC):
 
 
 class PropheseeEncoder(Encoder):
-    """Encodes events for words whose time has a TIME_HIGH word and a low part."""
+    """Encodes events as words whose time consists of a TIME_HIGH word and a low part."""
 
     high_bits: ClassVar[int]
     low_bits: ClassVar[int]
@@ -157,7 +155,7 @@ class PropheseeEncoder(Encoder):
         self._row = -1
 
     def encode(self, events: Events) -> bytes:
-        """Returns the bytes of these events and triggers; see `Encoder.encode`."""
+        """Encodes events and triggers; see `Encoder.encode`."""
         self._check(events)
         if not len(events) and not len(events.triggers):
             return b""
@@ -169,7 +167,7 @@ class PropheseeEncoder(Encoder):
         new_high = high != before
         if self.resync:
             new_high[0] = True
-        steps = {int(i): self._steps(int(before[i]), int(high[i])) for i in self._jumps(before, high)}
+        steps = {int(i): self._turn_words(int(before[i]), int(high[i])) for i in self._turn_places(before, high)}
         words = self._write(item, new_high, {i: w for i, w in steps.items() if len(w)})
         self._high = int(high[-1])
         return self._pack(words)
@@ -177,12 +175,13 @@ class PropheseeEncoder(Encoder):
     def _pack(self, words: np.ndarray) -> bytes:
         return words.astype(self.word).tobytes()
 
-    def _jumps(self, before: np.ndarray, high: np.ndarray) -> np.ndarray:
-        """Where one TIME_HIGH word does not do: over a turn of the counter, or backwards."""
+    def _turn_places(self, before: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Finds the items before which one TIME_HIGH word is not enough: a turn of the counter passes, or time steps
+        back."""
         return np.flatnonzero((before >> self.high_bits != high >> self.high_bits) | (high < before))
 
-    def _steps(self, before: int, high: int) -> np.ndarray:
-        """TIME_HIGH words between two times: of each turn of the counter its last value and its first.
+    def _turn_words(self, before: int, high: int) -> np.ndarray:
+        """Makes the TIME_HIGH words between two times: of each turn of the counter its last value and its first.
 
         A sensor sends every value. Other readers than EVIS and openeb's EVT3 see a turn only where TIME_HIGH falls by
         nearly all of its range: by all but 10 in openeb's EVT2 and the decoders of Metavision's samples.
@@ -207,7 +206,7 @@ class PropheseeEncoder(Encoder):
 
     @property
     def turn_s(self) -> float:
-        """Returns the time in which the counter on the wire turns once [s]."""
+        """Returns the period of the counter on the wire [s]."""
         return (1 << self.high_bits + self.low_bits) / 1e6
 
     @property
@@ -215,19 +214,19 @@ class PropheseeEncoder(Encoder):
         return (1 << self.low_bits) / 1e6
 
     def advance(self, t_ns: int) -> bytes:
-        """Returns the TIME_HIGH words up to t_ns, as a sensor that sees nothing sends them."""
+        """Encodes the TIME_HIGH words up to t_ns, as a sensor without events sends them."""
         high = t_ns // 1000 >> self.low_bits
         before = -1 if self._high is None else self._high
         if high <= before:
             return b""
-        steps = self._steps(before, high)
+        steps = self._turn_words(before, high)
         self._high, self._low = high, 0
         return self._pack(np.append(steps, self.time_high_words(np.array([high]))))
 
     @abc.abstractmethod
     def time_high_words(self, high: np.ndarray) -> np.ndarray:
-        """Makes the TIME_HIGH words for the given counts of high units."""
+        """Makes TIME_HIGH words of counts of high units."""
 
     @abc.abstractmethod
-    def _write(self, item: Item, new_high: np.ndarray, steps: dict[int, np.ndarray]) -> np.ndarray:
-        """All words; `steps` go before the item's own TIME_HIGH."""
+    def _write(self, item: MergedStream, new_high: np.ndarray, steps: dict[int, np.ndarray]) -> np.ndarray:
+        """Writes all words; `steps` stand before an item's own TIME_HIGH."""

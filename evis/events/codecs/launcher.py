@@ -19,8 +19,8 @@ _SIDE = 1 << 18
 _WORDS, _SPAN, _SINK = range(3)
 
 
-def _point(array: Any, address: int, length: int) -> None:
-    """Let an array parameter be other memory of its type."""
+def _point_to(array: Any, address: int, length: int) -> None:
+    """Lets an array parameter of a recorded launch point to other memory of its type."""
     array.data = address
     array.shape[0] = length
 
@@ -45,10 +45,10 @@ class WarpLauncher:
         self._state: np.ndarray | None = None
 
     def load(self, words: np.ndarray) -> None:
-        """Sets the buffer that the next runs read, and keeps it alive. Unaligned buffers are copied."""
+        """Sets the buffer that the next runs read, and holds it. Unaligned buffers are copied."""
         self._words = np.require(words, requirements=["C", "A"])
         if self._command is not None:
-            _point(self._command.params[1 + _WORDS], self._words.__array_interface__["data"][0], len(self._words))
+            _point_to(self._command.params[1 + _WORDS], self._words.__array_interface__["data"][0], len(self._words))
 
     def _record(self, state: np.ndarray, buffer: EventBuffer) -> wp.Launch:
         if self._words is None:
@@ -59,7 +59,8 @@ class WarpLauncher:
     def run(
         self, at: int, limit: int, readout: tuple[int, int], transposed: bool, state: np.ndarray, buffer: EventBuffer
     ) -> tuple[Triggers | None, tuple[np.ndarray, np.ndarray] | None, int, int]:
-        """Decodes from word `at` to the end of `buffer`, as far as it has room. readout: columns and rows of the words.
+        """Decodes from word `at` on, and appends to `buffer` as far as it has room. readout: columns and rows of the
+        words.
 
         Returns triggers and side words (time, word) where there are any, the word to go on with, and the time at the
         cut or -1.
@@ -70,14 +71,14 @@ class WarpLauncher:
             self._span, self._sink = command.params[1 + _SPAN], command.params[1 + _SINK]
         if state is not self._state:
             self._state = state
-            _point(self._sink.state, state.__array_interface__["data"][0], len(state))
+            _point_to(self._sink.state, state.__array_interface__["data"][0], len(state))
         span = self._span
         span.start, span.limit_us, span.width, span.height = at, limit, *readout
         filled, room = buffer.n, buffer.capacity - buffer.n
         sink = self._sink
         columns = (sink.t, sink.y, sink.x, sink.p) if transposed else (sink.t, sink.x, sink.y, sink.p)
         for column, (address, size) in zip(columns, buffer.places):
-            _point(column, address + filled * size, room)
+            _point_to(column, address + filled * size, room)
         command.launch()
         at, n, m, following, k = self._out.tolist()
         buffer.n += n

@@ -1,4 +1,4 @@
-"""Writes events of masks of pixels, in C++ (`masks.h`)."""
+"""Writes the events of masks of pixels, in C++ (`masks.h`)."""
 
 from pathlib import Path
 

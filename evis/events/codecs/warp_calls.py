@@ -17,12 +17,12 @@ __all__ = ["Span", "record", "run", "sink", "view"]
 
 
 def view(array: np.ndarray) -> wp.array:
-    """Views the same memory as a Warp array on the CPU."""
+    """Makes a Warp array on the CPU that shares the memory of a numpy array."""
     return wp.array(array, dtype=wp.dtype_from_numpy(array.dtype), device="cpu", copy=False)
 
 
 def sink(*columns: np.ndarray) -> Sink:
-    """Makes the `Sink` that a kernel writes to from arrays in the order of the fields of `Sink`."""
+    """Makes the `Sink` that a kernel writes to, from arrays in the order of its fields."""
     result = Sink()
     for name, column in zip(Sink.vars, columns, strict=True):  # type: ignore[attr-defined]
         setattr(result, name, view(column))

@@ -1,5 +1,4 @@
-"""Implements what the decoders' kernels share: how events, triggers and side words are written, and how a launch
-reports."""
+"""Writes what the decoders' kernels give: events, triggers, side words, and the report of a launch."""
 
 from pathlib import Path
 
@@ -123,7 +122,7 @@ def put_side(
 
 @wp.func
 def bound_of(size: wp.int32):
-    """Returns the columns or rows that are inside; a size of 0 is unknown, and every 16-bit address is inside."""
+    """Returns the number of columns or rows that count as inside; all 16-bit addresses where the size is 0, unknown."""
     return wp.where(size == 0, 65536, size)
 
 

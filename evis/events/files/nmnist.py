@@ -23,9 +23,8 @@ _SURE = 32
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """Tells whether the events make sense, as there is no signature: the times of the first events must run forward; a
-    file of another name must show many.
-    """
+    """Tells whether the bytes make sense as events, as there is no signature: the times of the first events must run
+    forward; a file of another name must show many."""
     records = np.frombuffer(head, _RECORD, len(head) // _RECORD.itemsize)
     named = name.lower().endswith(".bin")
     if len(records) < (1 if named else _SURE):

@@ -30,7 +30,7 @@ ZSTD, ZIP = b"\x28\xb5\x2f\xfd", b"PK\x03\x04"
 
 
 class _Gunzip:
-    """gzip with the interface of the other two."""
+    """Unpacks gzip with the interface of the other decompressors."""
 
     def __init__(self) -> None:
         self._inner, self._left = zlib.decompressobj(16 + zlib.MAX_WBITS), b""
@@ -74,7 +74,8 @@ def matches(head: bytes, path: Path, name: str) -> bool:
 
 
 def _members(path: Path) -> list[str]:
-    """Files of an archive that can be recordings: tables of NumPy, or others with a name that one would give."""
+    """Lists the files of an archive that can be recordings: tables of NumPy, or others with a name that one
+    would have."""
     try:
         archive = open_archive(path)
         names = [n for n in archive.namelist() if not n.startswith("__MACOSX/") and not n.endswith("/")]
@@ -92,14 +93,14 @@ def _members(path: Path) -> list[str]:
 
 
 def _is_table(file: IO[bytes]) -> bool:
-    """An array with an event a row."""
+    """Tells whether a file is an array with a row per event."""
     with file:
         head = file.read(HEAD)
     return head.startswith(NPY) and (b"('t" in head or b"('x'" in head or b", 4)" in head)
 
 
 class PackedRecording(Recording):
-    """Reads what is in the compressed file from its unpacked copy; the copy goes away with `close`."""
+    """Reads a compressed file from its unpacked copy, which `close` removes."""
 
     def __init__(self, path: Path, options: OpenOptions) -> None:
         self._path = path
@@ -128,7 +129,7 @@ class PackedRecording(Recording):
             self.info.warn("its compressed data end early")
 
     def _unpack(self, path: Path, options: OpenOptions) -> tuple[OpenOptions, bool]:
-        """Fill the copy. How it is to be opened, and whether all of it could be unpacked."""
+        """Fills the copy; returns how it is to be opened, and whether all of it could be unpacked."""
         stem, dot, suffix = options.name.rpartition(".")
         name = stem if dot + suffix.lower() in _SUFFIXES else options.name
         with path.open("rb") as file:
@@ -139,16 +140,16 @@ class PackedRecording(Recording):
                 names, topic = [topic], ""
             if len(names) > 1:
                 raise RecordingError(f"{path}: an archive of {len(names)} recordings; name one of {', '.join(names)}")
-            whole = _fill(self._copy, _member(path, names[0]))
+            whole = _unpack_into(self._copy, _member_parts(path, names[0]))
             return replace(options, topic=topic, name=names[0].rpartition("/")[2]), whole
         if head.startswith(ZSTD):
             return replace(options, name=name), _unpack_zstd(path, self._copy)
         make = next(made for magic, made in _UNPACKERS.items() if head.startswith(magic))
-        return replace(options, name=name), _fill(self._copy, _parts(path, make))
+        return replace(options, name=name), _unpack_into(self._copy, _unpacked_parts(path, make))
 
     @contextmanager
     def _named(self) -> Iterator[None]:
-        """Errors name the packed file, not its copy."""
+        """Replaces the copy's name in errors by that of the packed file."""
         try:
             yield
         except RecordingError as error:
@@ -204,15 +205,16 @@ class PackedRecording(Recording):
         self._copy.close()
 
 
-def _member(path: Path, name: str) -> Iterator[bytes]:
-    """A file of an archive in pieces."""
+def _member_parts(path: Path, name: str) -> Iterator[bytes]:
+    """Yields a file of an archive in pieces."""
     with open_archive(path).open(name) as file:
         while part := file.read(_STEP):
             yield part
 
 
-def _parts(path: Path, make: Callable[[], Any]) -> Iterator[bytes]:
-    """What a file unpacks to, in pieces; files can be several compressed ones in a row. Raises EOFError at a cut."""
+def _unpacked_parts(path: Path, make: Callable[[], Any]) -> Iterator[bytes]:
+    """Yields what a file unpacks to, in pieces; it may be several compressed files in a row. Raises EOFError at
+    a cut."""
     with path.open("rb") as file:
         data = file.read(_STEP)
         while data:
@@ -227,8 +229,8 @@ def _parts(path: Path, make: Callable[[], Any]) -> Iterator[bytes]:
             data = unpacker.unused_data.lstrip(b"\0") or file.read(_STEP)
 
 
-def _fill(copy: UnpackedFile, parts: Iterator[bytes]) -> bool:
-    """Unpack, as far as the file goes: False where it ends early or is damaged."""
+def _unpack_into(copy: UnpackedFile, parts: Iterator[bytes]) -> bool:
+    """Unpacks into a copy as far as the file goes; False where it ends early or is damaged."""
     while True:
         try:
             part = next(parts, None)

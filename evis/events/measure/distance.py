@@ -90,7 +90,7 @@ def event_frame_error(test: EventStream, reference: EventStream, bin_ns: int = 1
 
 
 def _cells(s: EventStream, start: int, bin_ns: int) -> tuple[np.ndarray, np.ndarray]:
-    """Index of the event frame, then of the pixel, of each event, int64, and its sign."""
+    """Computes the index of the event frame, then of the pixel, of each event, int64, and its sign."""
     return ((s.t - start) // bin_ns * s.height + s.y) * s.width + s.x, np.where(s.p, 1.0, -1.0)
 
 

@@ -1,5 +1,4 @@
-"""Handles the columns of events in Warp kernels: one integer type for all, the environment of an event, spans of
-time."""
+"""Reads the columns of events in Warp kernels: one integer type for all, the environment of an event, spans of time."""
 
 from typing import Any
 

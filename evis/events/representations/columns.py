@@ -1,4 +1,4 @@
-"""Checks what every representation begins with: the events' columns, environments, size and time window."""
+"""Checks the input of every representation: the events' columns, environments, sensor size and time window."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Representation(NamedTuple):
 
 
 class Columns:
-    """Takes the caller's events apart: t, x, y, p as Warp arrays, environments, size.
+    """Holds the caller's events as Warp arrays t, x, y, p, with their environments and the sensor's size.
 
     events: attributes or items t [n, int64, ns], x, y [n, whole numbers], p [n, above 0 = ON]; env_offsets
     [E + 1], if it has such, delimits environments. height, width: None = the events' own. Raises ValueError.
@@ -71,7 +71,7 @@ class Columns:
         return [self.t, self.x, self.y, self.p, wp.array(self.offsets, dtype=wp.int64, device=self.device)]
 
     def window(self, window: tuple[Any, Any] | None) -> Any:
-        """Gives int64 [E, 2], first and last time [ns], on the device: those given, or those of the events."""
+        """Returns the first and last time [ns], int64 [E, 2] on the device: those given, or those of the events."""
         if window is None:
             span: Any = wp.array(np.tile([-NEVER, NEVER], (self.envs, 1)), dtype=wp.int64, device=self.device)
             offsets: Any = wp.array(self.offsets, dtype=wp.int64, device=self.device)
@@ -88,7 +88,7 @@ class Columns:
         return wp.array(np.stack([first, last], 1), dtype=wp.int64, device=self.device)
 
     def times(self, value: Any, name: str) -> np.ndarray:
-        """Gives one time for each environment, int64 [E], of one for all or one for each. Raises ValueError."""
+        """Returns one time for each environment, int64 [E], of one for all or one for each. Raises ValueError."""
         times = np.asarray(value)
         if times.dtype.kind not in "iu" or times.shape not in ((), (self.envs,)):
             raise ValueError(
@@ -98,7 +98,7 @@ class Columns:
         return np.broadcast_to(times.astype(np.int64), (self.envs,))
 
     def result(self, values: Any, shape: tuple[int, ...]) -> Representation:
-        """Gives [E, *shape] as the caller's kind of array, without the axis E where the events have none."""
+        """Returns [E, *shape] as the caller's kind of array, without the axis E where the events have none."""
         outside: Any = self.outside
         if self.batched:
             values = values.reshape((self.envs, *shape))
@@ -108,13 +108,13 @@ class Columns:
 
 
 def check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
-    """Raises ValueError naming the choices."""
+    """Raises ValueError, which names the choices, for any other value."""
     if value not in choices:
         raise ValueError(f"{name} is {value!r}; it must be {', '.join(choices[:-1])} or {choices[-1]}")
 
 
 def check_flag(name: str, value: bool) -> None:
-    """Raises ValueError unless the value is true or false: any text would count as true."""
+    """Raises ValueError unless the value is True or False: any text would count as true."""
     if not isinstance(value, bool | np.bool_):
         raise ValueError(f"{name} is {value!r:.60}; it must be True or False")
 

@@ -54,7 +54,7 @@ def event_stack(
     if by == "count" and window is not None:
         raise ValueError("by=count goes over all events; cut them to the window first")
     columns = Columns(events, height, width)
-    values = _counted(columns, bins, by, window, polarity)
+    values = _count_events(columns, bins, by, window, polarity)
     return columns.result(values, tuple(values.shape[1:]))
 
 
@@ -79,13 +79,13 @@ def count_image(
     """
     columns = Columns(events, height, width)
     always = (np.full(columns.envs, NEVER), np.full(columns.envs, -NEVER))
-    values = _counted(columns, 1, "count", always if window is None else window, polarity)
+    values = _count_events(columns, 1, "count", always if window is None else window, polarity)
     shape = tuple(values.shape[1:])
     return columns.result(values, shape if polarity == "split" else shape[1:])
 
 
-def _counted(columns: Columns, bins: int, by: str, window: tuple[Any, Any] | None, polarity: str) -> Any:
-    """int32 [E, C, H, W]."""
+def _count_events(columns: Columns, bins: int, by: str, window: tuple[Any, Any] | None, polarity: str) -> Any:
+    """Counts events into int32 [E, C, H, W]."""
     check_choice("polarity", polarity, POLARITIES)
     shape = (columns.envs, 2 * bins if polarity == "split" else bins, columns.height, columns.width)
     values: Any = wp.zeros(shape, dtype=wp.int32, device=columns.device)

@@ -1,4 +1,4 @@
-"""Adds events up in Warp kernels: in time-interpolated voxels, and in stacks of counts."""
+"""Sums events in Warp kernels: into voxels that share each between two bins, and into stacks of counts."""
 
 from typing import Any
 
@@ -39,7 +39,7 @@ def has_place(
 
 @wp.func
 def first_channel(polarity: wp.int32, on: wp.bool, bins: wp.int32):
-    """Returns the channel of bin 0: split, the OFF events' bins come first."""
+    """Returns the channel of bin 0; with split polarity the bins of OFF events come first."""
     if polarity == SPLIT and on:
         return bins
     return 0
@@ -68,7 +68,7 @@ def voxel_kernel(
     voxels: wp.array4d(dtype=wp.int64),
     outside: wp.array2d(dtype=wp.int64),
 ):
-    """Shares each event between the two bins nearest in time, by 1 - |b - t*| (Zhu et al., CVPR 2019, eqs. 1 and 2).
+    """Adds each event to the two bins nearest in time, by 1 - |b - t*| (Zhu et al., CVPR 2019, eqs. 1 and 2).
 
     Args:
         t, x, y, p, offsets: events and their environments.
@@ -160,7 +160,7 @@ def row_moments_kernel(
     # out
     moments: wp.array3d(dtype=wp.float64),
 ):
-    """Adds up number, sum and sum of squares of the voxels that are not 0, of one row of pixels per thread.
+    """Computes number, sum and sum of squares of the voxels that are not 0, of one row of pixels per thread.
 
     Args:
         values: voxels [E, rows, W].
@@ -188,7 +188,7 @@ def spread_kernel(
     # out
     spread: wp.array2d(dtype=wp.float64),
 ):
-    """Gives mean and standard deviation of each environment, its rows taken in their order [E, 2]."""
+    """Computes mean and standard deviation of each environment, its rows taken in their order [E, 2]."""
     env = wp.tid()
     number = wp.float64(0.0)
     total = wp.float64(0.0)
@@ -210,7 +210,7 @@ def normalise_kernel(
     # out
     values: wp.array3d(dtype=wp.float32),
 ):
-    """Brings the voxels that are not 0 to mean 0 and standard deviation 1; equal ones all become 0."""
+    """Scales the voxels that are not 0 to mean 0 and standard deviation 1; equal ones all become 0."""
     env, row, column = wp.tid()
     value = wp.float64(values[env, row, column])
     if value != wp.float64(0.0):

@@ -44,7 +44,7 @@ class TimeSurface:
         height: int | None = None,
         width: int | None = None,
     ) -> None:
-        """Raises ValueError."""
+        """Makes an empty surface. Raises ValueError."""
         check_positive("tau_ns", tau_ns)
         check_choice("decay", decay, DECAYS)
         check_choice("polarity", polarity, POLARITIES)
@@ -54,7 +54,7 @@ class TimeSurface:
         self._seen = np.zeros(0, np.int64)
 
     def update(self, events: Any, at: Any = None) -> Representation:
-        """Takes further events and gives the surface.
+        """Adds events and returns the surface.
 
         Args:
             events: anything with attributes or items t [n, int64 ns], x, y, p; with env_offsets [E + 1] a batch.
@@ -75,7 +75,7 @@ class TimeSurface:
                 f"events of {columns.envs} x {columns.height} x {columns.width} on {columns.device}; the surface has "
                 f"{self._latest.shape[0]} x {self._latest.shape[2]} x {self._latest.shape[3]} on {self._latest.device}"
             )
-        last = self._last(columns, at)
+        last = self._last_times(columns, at)
         window = columns.window((np.full(columns.envs, NEVER, np.int64), last))
         outputs = [self._latest, columns.outside]
         wp.launch(
@@ -84,8 +84,9 @@ class TimeSurface:
         self._seen = last.copy()
         return columns.result(*self._faded(columns))
 
-    def _last(self, columns: Columns, at: Any) -> np.ndarray:
-        """int64 [E]."""
+    def _last_times(self, columns: Columns, at: Any) -> np.ndarray:
+        """Returns the time at which each environment is looked at, int64 [E]. Raises ValueError where time
+        steps back."""
         if at is None:
             return np.maximum(columns.window(None).numpy()[:, 1], self._seen)
         last = columns.times(at, "last")
@@ -122,5 +123,6 @@ def time_surface(
     height: int | None = None,
     width: int | None = None,
 ) -> Representation:
-    """Makes the time surface of these events alone; arguments and result as those of `TimeSurface` and its `update`."""
+    """Computes the time surface of these events alone; arguments and result are those of `TimeSurface` and its
+    `update`."""
     return TimeSurface(tau_ns, decay=decay, polarity=polarity, height=height, width=width).update(events, at)

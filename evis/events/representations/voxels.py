@@ -37,7 +37,8 @@ def voxel_grid(
     height: int | None = None,
     width: int | None = None,
 ) -> Representation:
-    """Makes a voxel grid, linear in time: V(b, y, x) = sum of p max(0, 1 - |b - t*|), t* = (B - 1)(t - t0) / (t1 - t0).
+    """Computes a voxel grid, linear in time: V(b, y, x) = sum of p max(0, 1 - |b - t*|), t* = (B - 1)(t - t0) / (t1 -
+    t0).
 
     From A. Z. Zhu et al., CVPR 2019, eqs. (1) and (2). As it stands with `normalise=True` this is the input of E2VID
     (H. Rebecq et al., TPAMI 2021): signed, from the first event to the last, the voxels that are not 0 brought to mean
@@ -72,7 +73,7 @@ def voxel_grid(
 
 
 def _normalise(values: Any) -> None:
-    """In place; values [E, rows, W]."""
+    """Normalises, in place, values [E, rows, W]."""
     envs, rows, _ = values.shape
     moments: Any = wp.empty((envs, rows, 3), dtype=wp.float64, device=values.device)
     spread: Any = wp.empty((envs, 2), dtype=wp.float64, device=values.device)

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from evis.bag import BagError
-from evis.bag.mcap.place import check_name, refusal
+from evis.bag.mcap.path_checks import check_name, refusal
 from evis.config.document import LaunchError
 from evis.config.params import ParamError
 from evis.config.suggestions import closest

@@ -1,1 +1,5 @@
-"""Holds the nodes of one process, built from the plan, with their queues, publishers and subscribers."""
+"""Holds the nodes of one process.
+
+`wiring.py` makes a `host.py` for each node of the plan, with its queues, publishers and subscribers; `join.py` joins
+its inputs by stamp, and `node_call.py` charges the time of a call to the node and names it in errors.
+"""

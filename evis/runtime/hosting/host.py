@@ -1,4 +1,4 @@
-"""Hosts a node in its process: the node, its queues, its publishers and subscribers, and what it waits for."""
+"""Hosts a node in its process: with its queues, publishers and subscribers."""
 
 from __future__ import annotations
 
@@ -66,11 +66,11 @@ class Host:
         return self.plan.name
 
     def has_credit(self) -> bool:
-        """Says whether this node may be called now, without a wait inside it."""
+        """Tells whether this node may be called now without a wait inside it."""
         return not self.needs_credit_of or all(p.credit() > 0 for p in self.needs_credit_of)
 
     def topic_of(self, port: str) -> str | None:
-        """Names the topic of an output; None where the planner has left it out. Raises ValueError for no output."""
+        """Returns the topic of an output; None where the planner has left it out. Raises ValueError for no output."""
         topic = self.plan.outputs.get(port)
         if topic is None and port not in self.node.OUTPUTS and not hasattr(self.node, "dynamic_outputs"):
             declared = ", ".join(self.node.OUTPUTS) or "none"
@@ -78,11 +78,11 @@ class Host:
         return topic
 
     def consumers_of(self, topic: str) -> list[tuple[Host, str]]:
-        """Lists who takes a topic of this node within the process, with the ports."""
+        """Lists the consumers of one of this node's topics within the process, with their ports."""
         return [(consumer, port) for consumer, port, consumed in self.downstream if consumed == topic]
 
     def wants(self, port: str) -> bool:
-        """Says whether anybody reads this output now."""
+        """Tells whether something reads this output now."""
         topic = self.topic_of(port)
         if topic is None:
             return False
@@ -90,7 +90,7 @@ class Host:
         return kept or any(t == topic for _, _, t in self.downstream) or self.publishers[topic].wanted()
 
     def wants_array(self, port: str, array: str) -> bool:
-        """Says whether anybody reads this array of an output's messages now. Taps read all."""
+        """Tells whether something reads this array of an output's messages now. Taps read all."""
         topic = self.topic_of(port)
         if topic is None:
             return False
@@ -99,12 +99,12 @@ class Host:
         return self.publishers[topic].tapped()
 
     def unread_by(self, topic: str, header: Header) -> frozenset[str]:
-        """Names the consumers, as `node:port`, that read no arrays of the next message of a topic; once for each."""
+        """Lists the consumers `node:port` that read no arrays of a topic's next message; to be asked once for each."""
         slow = self.sampled.get(topic)
         return frozenset([name for name, (_, due) in slow.items() if not due.takes(header)]) if slow else ALL_READ
 
     def follow_readers(self) -> None:
-        """Asks for every message of what a dormant node reads while somebody wants every one of what it makes."""
+        """Subscribes a dormant node's inputs to every message while a reader wants every message of its outputs."""
         every = any(isinstance(p, Publisher) and p.tapped_by_eager() for p in self.publishers.values())
         if every == self.wants_every:
             return
@@ -114,7 +114,7 @@ class Host:
             s.lost_before = s.subscriber.lost
 
     def pass_on_losses(self) -> None:
-        """Lets the readers of a dormant node count what its taps have lost: it makes nothing of that."""
+        """Passes on to the readers of a dormant node, as missing sequence numbers, what its taps have lost."""
         missed = max(s.subscriber.lost - s.lost_before for s in self.subscriptions)
         if missed > self._missed:
             for publisher in self.publishers.values():
@@ -123,7 +123,7 @@ class Host:
             self._missed = missed
 
     def takes(self, port: str, device: Any) -> bool:
-        """Says whether the node takes Warp arrays of this device on a port as they are."""
+        """Tells whether a port of the node takes Warp arrays of this device as they are."""
         if port not in self._devices:
             named = self.node.params.get("device") if self.node.INPUTS[port].on_device else None
             if named is not None:
@@ -135,11 +135,12 @@ class Host:
         return there is not None and bool(there == device)
 
     def inputs_over(self) -> bool:
-        """Says whether nothing more will come that could be given to the node."""
+        """Tells whether nothing more will come for the node."""
         return (not self.join.queues or self.join.over()) and not self.open_unjoined
 
     def delayed_inputs(self) -> dict[str, Message] | None:
-        """Returns the messages that close a loop back to this source, at the stamps that its next step needs.
+        """Returns the messages that close a loop back to this source, at the stamps that its next step needs; None
+        until they are there.
 
         None: they are not there yet.
         """
@@ -163,7 +164,7 @@ class Host:
         return inputs
 
     def rewind(self) -> None:
-        """Forgets every message and every end, as before the first message; latched ones were seen."""
+        """Removes all messages and ends, as before the first message; latched messages count as seen."""
         for waiting in self.delayed.values():
             for message in waiting.values():
                 message.release()
@@ -177,7 +178,7 @@ class Host:
         self.ended, self.pacer = False, None
 
     def release_delayed(self, inputs: Mapping[str, Message]) -> None:
-        """Releases the messages that `delayed_inputs` returned, once a step has used them."""
+        """Releases the messages that `delayed_inputs` returned, after the step that used them."""
         for port, message in inputs.items():
             if port in self.delayed:
                 self.delayed[port].pop(message.header.stamp_ns)
@@ -186,7 +187,7 @@ class Host:
                 self.outside.controlled[port].done()
 
     def reachable_publishers(self) -> list[AnyPublisher]:
-        """Lists the publishers of this node and of every node of this process that its messages lead to."""
+        """Lists the publishers of this node and of every node of the process that its messages reach."""
         seen: dict[str, Host] = {}
         todo = [self]
         while todo:

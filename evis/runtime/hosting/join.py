@@ -1,4 +1,4 @@
-"""Joins a node's inputs by stamp."""
+"""Joins the inputs of a node by stamp."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from msgs.header import Message
 
 
 class Join:
-    """Queues a node's joined inputs, and hands out one message per port once all of one stamp are there.
+    """Queues a node's joined inputs, and returns one message per port once all of a stamp are there.
 
     Messages of one topic come in order. A stamp that some port skipped can never be completed: its messages are
     released and counted in `skipped`.
@@ -27,11 +27,11 @@ class Join:
         self.queues[port].append(message)
 
     def end(self, port: str) -> None:
-        """Notes that no more messages will come on this port."""
+        """Notes that no more messages will come on a port."""
         self.ended.add(port)
 
     def ready(self) -> bool:
-        """Says whether `take` has something to give; releases what can never be completed."""
+        """Tells whether `take` has something to return; releases what can never be completed."""
         if not self.queues:
             return False
         while all(self.queues.values()):
@@ -50,9 +50,8 @@ class Join:
         return {port: queue.popleft() for port, queue in self.queues.items()}
 
     def gather(self, least: int) -> list[dict[str, Message]]:
-        """Returns what `take` gives of every stamp that is there, in order; nothing while these are fewer than `least`
-        and more may come.
-        """
+        """Returns what `take` would return for every stamp that is there, in order; nothing while these are fewer than
+        `least` and more may come."""
         while self.ready():
             self._complete.append(self.take())
         if len(self._complete) < least and not self.ended:
@@ -61,11 +60,11 @@ class Join:
         return found
 
     def over(self) -> bool:
-        """Says whether nothing more can be completed: some port has ended and its queue is empty."""
+        """Tells whether nothing more can be completed: a port has ended and its queue is empty."""
         return any(port in self.ended and not queue for port, queue in self.queues.items())
 
     def clear(self) -> None:
-        """Forgets all messages and ends."""
+        """Removes all messages and ends."""
         self.drop_rest()
         self.ended.clear()
         self.skipped = 0

@@ -1,4 +1,4 @@
-"""Charges what a call of a node takes to that node, and names the node in what the call raises."""
+"""Charges the time of a node's call to that node, and names the node in errors."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from evis.runtime.profile import Profile
 
 
 class NodeFailed(Exception):
-    """Says that a node raised; carries its name, and the cause as __cause__."""
+    """Reports that a node raised; carries its name, and the cause as __cause__."""
 
     def __init__(self, node: str, error: BaseException) -> None:
         super().__init__(f"{node}: {describe(error)}")

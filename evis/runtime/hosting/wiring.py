@@ -1,4 +1,4 @@
-"""Builds the nodes of one process of a plan, and connects their ports, to each other or to other processes."""
+"""Makes the nodes of one process of a plan, and connects their ports to each other or to other processes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def load_class(target: str) -> type[Node]:
 
 
 class Wiring:
-    """Builds the hosts of one process of a plan, with their publishers and subscribers."""
+    """Makes the hosts of one process of a plan, with their publishers and subscribers."""
 
     def __init__(self, plan: Plan, process: str, context: zmq.Context) -> None:
         self.plan = plan
@@ -130,7 +130,7 @@ class Wiring:
         ]
 
     def _device_of(self, node: str, port: str) -> str:
-        """Names the device on which a node takes arrays of a port as they are; "" = on the host."""
+        """Returns the device on which a node takes arrays of a port as they are; "" = on the host."""
         taker = self.hosts[node].node
         return str(taker.params.get("device") or "") if taker.INPUTS[port].on_device else ""
 
@@ -141,5 +141,5 @@ class Wiring:
 
 
 def system_topic(topic: str, process: str) -> str:
-    """Names the endpoint of one process's share of a system topic."""
+    """Returns the endpoint of one process's part of a system topic."""
     return f"{topic}@{process}"

@@ -1,4 +1,4 @@
-"""Tracks who controls a delayed input from outside, and what the node's next step gets from there."""
+"""Tracks which outside program controls a delayed input, and what the node's next step gets from it."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class ControlledInput:
         self._say("info", f"{who} controls {self.topic} from {stamp_ns / 1e9:.6g} s on: {how}{self._note}")
 
     def end_control(self, stamp_ns: int, why: str, level: str = "info") -> None:
-        """Takes control from its controller; what that gave last is still done, and stays.
+        """Takes control from its controller; its last action is still done, and stays in effect.
 
         stamp_ns: of the state that the node published last [ns].
         """
@@ -59,7 +59,7 @@ class ControlledInput:
         self.controller, self._due = None, None
 
     def mistimed(self, stamp_ns: int, now_ns: int) -> str:
-        """Says why an action of this stamp is too late or too early; "" for one that is neither.
+        """Returns why an action of this stamp is too late or too early; "" where it is neither.
 
         now_ns: stamp of the state that the node published last [ns].
         """
@@ -72,11 +72,11 @@ class ControlledInput:
         return f"{text}too early: the next step starts at {wanted / 1e9:.9g} s"
 
     def put(self, message: Message) -> None:
-        """Takes over an action, in place of one that no step has had yet."""
+        """Stores an action, in place of one that no step has used yet."""
         self._pending = message
 
     def waits(self, stamp_ns: int) -> bool:
-        """Says whether the step that starts at this stamp must wait for its action."""
+        """Tells whether the step that starts at this stamp must wait for its action."""
         if self.controller is None or not self.lockstep or self._pending is not None:
             return False
         now = time.monotonic()
@@ -95,17 +95,17 @@ class ControlledInput:
         return True
 
     def action(self, stamp_ns: int) -> Message | None:
-        """Returns what is new for the step that starts at this stamp; it stays until `done`."""
+        """Returns the new action for the step that starts at this stamp; it stays until `done`."""
         if self._pending is None:
             return None
         return dataclasses.replace(self._pending, header=Header(stamp_ns))  # type: ignore[type-var]
 
     def done(self) -> None:
-        """Clears the action that the last step has used."""
+        """Removes the action that the last step has used."""
         self._pending, self._due = None, None
 
 
 def answer(link: Link, **fields: Any) -> None:
-    """Sends one answer, if the program is there and reads; otherwise its link ends behind what it has sent."""
+    """Sends one answer, if the program is there and reads it; otherwise closes its link behind what it has sent."""
     with contextlib.suppress(LinkLost):
         link.send([msgpack.packb(fields)])

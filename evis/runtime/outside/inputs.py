@@ -1,4 +1,4 @@
-"""Gives a node of a running graph the messages that programs outside send for its inputs, by a socket of its own."""
+"""Receives, by a socket of its own, the messages that outside programs send for the inputs of a node."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LOOK_EVERY_S = 0.005
 
 
 class OutsideInputs:
-    """Takes what programs outside give to the inputs of one node, each to be had by one controller at a time.
+    """Receives what outside programs give to the inputs of one node, each controlled by one program at a time.
 
     node: whose inputs they are. ports: the inputs that nobody in the graph gives, with their topics. directory: of the
     run. waits: whether steps may wait for a controller; a run that keeps to the wall clock cannot. now_ns: tells the
@@ -86,7 +86,7 @@ class OutsideInputs:
         return progress
 
     def close(self) -> None:
-        """Ends all connections; who still controls is told that the graph has ended."""
+        """Ends all connections; a controller is told that the graph has ended."""
         for link in self._links:
             answer(link, op="lost", why="the graph has ended")
             link.close()
@@ -173,7 +173,8 @@ class OutsideInputs:
         answer(link, op="taken", stamp_ns=self._now_ns())
 
     def _refuse(self, port: str, controlled: ControlledInput | None, why: str) -> None:
-        """All are counted, and the first of each controller is told: it may send a thousand in a second."""
+        """Counts a refused message, and warns of the first of each controller, which may send a thousand in a
+        second."""
         self._node.count(f"refused_{port}s")
         if controlled is None:
             self._say("warning", f"refused: {why}")

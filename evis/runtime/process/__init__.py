@@ -1,1 +1,5 @@
-"""Runs one process of a graph: its life from start to end, its wire to the supervisor, and how it ends with that."""
+"""Runs one process of a graph.
+
+`__main__.py` is its life from start to end, `control.py` its wire to the supervisor, `parent_death.py` ends it with its
+launcher, and `thread_failures.py` notes what its threads raise.
+"""

@@ -1,5 +1,7 @@
-"""Runs one process of a running graph: `python -m evis.runtime.process [--early] PLAN.json PROCESS`. The supervisor
-starts it; with --early before there is a plan, which is there when standard input ends."""
+"""Runs one process of a running graph: `python -m evis.runtime.process [--early] PLAN.json PROCESS`.
+
+The supervisor starts it; with --early before there is a plan, which exists once standard input ends.
+"""
 
 from __future__ import annotations
 
@@ -114,7 +116,7 @@ def _run(executor: Executor, control: ControlClient, termination: Termination, t
 
 
 def _peak_rss_mb() -> float:
-    """Largest resident memory of this process [MB]; ru_maxrss is in kB on Linux, in bytes on macOS."""
+    """Returns the largest resident memory of this process [MB]; ru_maxrss is in kB on Linux, in bytes on macOS."""
     peak: Any = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return round(peak / (1e6 if sys.platform == "darwin" else 1e3), 1)
 

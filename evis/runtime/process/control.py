@@ -1,4 +1,4 @@
-"""Defines the wire between the supervisor and its processes: a ROUTER here, a DEALER there, msgpack maps both ways.
+"""Exchanges control messages between the supervisor (ROUTER) and its processes (DEALER), as msgpack maps both ways.
 
 From a process: {"ready"}, {"heartbeat", "stats", "busy_s"}, {"done", "summary"}, {"failed", "node", "text"}, {"want"},
 {"tell", "node"}, which is for the user's eyes alone.
@@ -24,12 +24,12 @@ BYE_S = 2.0
 
 
 def control_address(directory: str) -> str:
-    """Names the endpoint of the control socket of the run in `directory`."""
+    """Returns the endpoint of the control socket of the run in `directory`."""
     return f"ipc://{directory}/control"
 
 
 class ControlServer:
-    """Receives what the processes report and sends them commands: the supervisor's end."""
+    """Receives reports of the processes and sends them commands; the supervisor's end."""
 
     def __init__(self, address: str) -> None:
         self._context = zmq.Context()
@@ -55,7 +55,7 @@ class ControlServer:
                 messages.append((process.decode(errors="replace"), body))
 
     def send(self, process: str, message: dict[str, Any]) -> None:
-        """Sends a message to a process; one that has gone is skipped."""
+        """Sends a message to a process; skips one that has ended."""
         with contextlib.suppress(zmq.ZMQError):
             self._socket.send_multipart([process.encode(), msgpack.packb(message)], zmq.NOBLOCK)
 
@@ -66,7 +66,7 @@ class ControlServer:
 
 
 class ControlClient:
-    """Reports to the supervisor and takes its commands: a process's end.
+    """Sends reports to the supervisor and receives its commands; a process's end.
 
     A thread of its own sends the heartbeats, so that a long update is not taken for a death.
     """
@@ -131,13 +131,13 @@ class ControlClient:
         return commands
 
     def heartbeat(self, stats: dict[str, Any] | None = None) -> None:
-        """Reports that the main loop is alive; `stats` (plain numbers and maps of them) go with the next heartbeat."""
+        """Reports that the main loop runs; `stats` (plain numbers and maps of them) go with the next heartbeat."""
         self._alive_at = time.monotonic()
         if stats is not None:
             self._stats = stats
 
     def want(self, topic: str) -> None:
-        """Asks the supervisor to start the dormant node of a topic, for a viewer."""
+        """Asks the supervisor to start the dormant node of a topic for a viewer."""
         self._send({"want": topic})
 
     def tell(self, node: str, text: str) -> None:
@@ -150,12 +150,12 @@ class ControlClient:
         self._final = True
 
     def failed(self, node: str, text: str) -> None:
-        """Reports that a node raised; `text` is the one line that the user sees."""
+        """Reports that a node raised; `text` is the one line for the user."""
         self._send({"failed": self.process, "node": node, "text": text})
         self._final = True
 
     def close(self) -> None:
-        """Closes, after the supervisor has said that it has the last message (or is gone: BYE_S)."""
+        """Closes the socket, once the supervisor has the last message (or is gone: BYE_S)."""
         if self._closing.is_set():
             return
         self._closing.set()

@@ -1,4 +1,4 @@
-"""Ends a child with its launcher, whatever kind of death that is, so that no orphan is left."""
+"""Ends a child process when its launcher dies in any way, so that no orphan is left."""
 
 from __future__ import annotations
 

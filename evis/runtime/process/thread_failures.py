@@ -1,4 +1,4 @@
-"""Notes what the threads of nodes raise and nobody catches: Python prints it and lets the process go on."""
+"""Notes exceptions that threads of nodes do not catch: Python would print them and let the process run on."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from evis.runtime.node import Node
 
 
 class ThreadFailures:
-    """Keeps the first exception that ended a thread of a process, until `check` raises it for its node."""
+    """Keeps the first exception that ended a thread of a process; `check` raises it for its node."""
 
     def __init__(self, process: str) -> None:
-        """process: whose name stands for a thread in which no method of a node was running."""
+        """Takes the process's name, which stands for a thread in which no method of a node was running."""
         self._process = process
         self._first: NodeFailed | None = None
 
     def note(self, args: threading.ExceptHookArgs) -> None:
-        """Takes an exception that a thread ended with: a `threading.excepthook`."""
+        """Notes an exception that ended a thread; a `threading.excepthook`."""
         error = args.exc_value
         if error is None or isinstance(error, SystemExit):
             return  # a thread that ends itself, as Python has it

@@ -40,12 +40,12 @@ class Identity:
 
 
 def stall() -> NoReturn:
-    """Answers a request that the device does not know."""
+    """Raises libusb's error for a request that the device does not know."""
     raise usb.core.USBError("Pipe error", -9, errno.EPIPE)
 
 
 def timeout() -> NoReturn:
-    """Raises what libusb raises when no data came in time."""
+    """Raises libusb's error for data that did not come in time."""
     raise usb.core.USBTimeoutError("Operation timed out", -7, errno.ETIMEDOUT)
 
 
@@ -97,21 +97,21 @@ class EmulatedDevice(abc.ABC):
         return Readout(self.counts)
 
     def ignored(self, settings: UsbSettings) -> list[str]:
-        """Names settings that are not at their defaults, and that change nothing here."""
+        """Names the settings that differ from their defaults and have no effect on this device."""
         standard, host = type(settings)(), {f.name for f in fields(UsbSettings)}
         names = [f.name for f in fields(settings) if f.name not in host and f.name not in self.HONOURED]
         return [name for name in names if getattr(settings, name) != getattr(standard, name)]
 
     @abc.abstractmethod
     def power_up(self) -> None:
-        """Puts the registers to their state after the device was plugged in."""
+        """Sets the registers to their state after the device was plugged in."""
 
     # -- presence ------------------------------------------------------------------------------------------------------
 
     def present(self) -> bool:
         """Tells whether the device is on the bus.
 
-        An unplugged device that is to be plugged in again comes back with the next look.
+        An unplugged device that is to be plugged in again comes back with this call.
         """
         if self._unplugged and self.faults.replug:
             self._unplugged = False
@@ -122,12 +122,12 @@ class EmulatedDevice(abc.ABC):
         return not (self.faults.absent or self._unplugged)
 
     def check_present(self) -> None:
-        """Raises as libusb does when the device is gone."""
+        """Raises libusb's error where the device is gone."""
         if self.faults.absent or self._unplugged:
             raise usb.core.USBError("No such device (it may have been disconnected)", -4, errno.ENODEV)
 
     def check_claimed(self) -> None:
-        """Raises as libusb does unless the interface was claimed: endpoints belong to who claimed it."""
+        """Raises libusb's error unless the interface was claimed: endpoints belong to the program that claimed it."""
         self.check_present()
         if not self.claimed:
             raise usb.core.USBError("Input/Output Error", -1, errno.EIO)
@@ -183,6 +183,7 @@ class EmulatedDevice(abc.ABC):
         return len(data)
 
     def _stream(self, size: int, timeout_s: float) -> bytes | memoryview:
+        """Reads the data endpoint, with the faults that are due."""
         f = self.faults
         if self.DATA in self.halted:
             stall()
@@ -191,7 +192,7 @@ class EmulatedDevice(abc.ABC):
         if self.registers_changed:
             self.registers_changed = False
             readout = self.readout()
-            self.feed.change = None if readout.everything else readout
+            self.feed.register_filter = None if readout.passes_all else readout
         if f.unplug_after and self.sent >= f.unplug_after:
             self._unplugged = True
             self.check_present()

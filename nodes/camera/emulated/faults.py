@@ -9,7 +9,7 @@ from evis.config.suggestions import nearest
 
 
 def fault(default: Any, help: str) -> Any:
-    """Makes a field with its explanation."""
+    """Makes a field of `Faults` with its help text."""
 
     return field(default=default, metadata={"help": help})
 
@@ -37,7 +37,7 @@ class Faults:
 
     @classmethod
     def of(cls, text: str) -> Faults:
-        """Reads faults from a text as `stall_every=7,short=100,busy`. Raises ValueError with the nearest name."""
+        """Parses faults from a text such as `stall_every=7,short=100,busy`. Raises ValueError with the nearest name."""
         known = {f.name: f.type for f in fields(cls)}
         result = cls()
         for part in filter(None, (p.strip() for p in text.split(","))):

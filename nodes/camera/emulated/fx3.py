@@ -1,19 +1,18 @@
-"""Emulates iniVation FX3 cameras: registers by module and parameter; data when every gate is open."""
+"""Emulates iniVation FX3 cameras: registers by module and parameter; data come while all registers of GATES hold their
+values."""
 
 from __future__ import annotations
 
 import dataclasses
-import errno
 import struct
 
 import numpy as np
-import usb.core
 
 from evis.events.arrays import Events
 from nodes.camera.emulated.device import EmulatedDevice, Identity, stall
 from nodes.camera.emulated.faults import Faults
 from nodes.camera.emulated.feed import Feed
-from nodes.camera.emulated.readout import Readout, span
+from nodes.camera.emulated.readout import Readout, lines_between
 from nodes.camera.usb.models import Model
 
 DATA_IN, DEBUG_IN = 0x82, 0x81
@@ -93,57 +92,61 @@ class Fx3Device(EmulatedDevice):
 
     def _store(self, module: int, parameter: int, number: int) -> None:
         if not self._has(module):
-            raise usb.core.USBError("Pipe error", -9, errno.EPIPE)
+            stall()
         self.writes.append((module, parameter, number))
         self.registers[module, parameter] = number
         self.registers_changed = True
         if module == IMU:
-            self.feed.side.expect(self._samples_run())
+            self.feed.imu_queue.expect(self._samples_run())
 
     def _samples_run(self) -> bool:
-        """Any part of the inertial chip is on."""
+        """Tells whether any part of the inertial sensor is on."""
         return any(self.registers.get((IMU, p), 0) for p in (2, 3, 4))
 
     def readout(self) -> Readout:
         r, result = self.registers, Readout(self.counts, imu=self._samples_run())
         if self.model.name == "davis346":
             size = self.model.width, self.model.height
-            result.columns = span(r.get(FIRST_COLUMN, 0), r.get(LAST_COLUMN, size[0]), size[0])
-            result.rows = span(r.get(FIRST_ROW, 0), r.get(LAST_ROW, size[1]), size[1])
+            result.columns = lines_between(r.get(FIRST_COLUMN, 0), r.get(LAST_COLUMN, size[0]), size[0])
+            result.rows = lines_between(r.get(FIRST_ROW, 0), r.get(LAST_ROW, size[1]), size[1])
             result.frames = bool(r.get(FRAMES, 0))
         elif r.get((5, CROP), 1) == 0:
             result.columns, result.rows = self._cropped([r.get((5, CROP + i), 0) for i in range(9)])
         if r.get(BINNING):
-            result.turned = self._binned
+            result.transform = self._binned
         return result
 
     def _cropped(self, crop: list[int]) -> tuple[np.ndarray | None, np.ndarray | None]:
-        """Columns and rows that go through. Of one group alone, the last mask counts."""
+        """Returns the columns and rows that the cropper lets through. In a single group of rows the last mask
+        counts."""
         _, top, first, bottom, last, *columns = crop
         groups = np.zeros(-(-self.model.height // 8), np.uint8)
         groups[top : bottom + 1] = 0xFF
         groups[top] &= first
         groups[bottom] = last if top == bottom else groups[bottom] & last
         rows = np.unpackbits(groups, bitorder="little")[: self.model.height].astype(bool)
-        across = span(columns[0] << 8 | columns[1], columns[2] << 8 | columns[3], self.model.width)
+        across = lines_between(columns[0] << 8 | columns[1], columns[2] << 8 | columns[3], self.model.width)
         flips = self.fixed.get((1, 2), 0)
         if across is not None and flips & FLIP_X:
             across = across[::-1]
         return across, None if rows.all() else rows[::-1] if flips & FLIP_Y else rows
 
     def _binned(self, events: Events) -> Events:
-        """One pixel of two by two; what is read out from the far edge begins at half of the sensor."""
+        """Merges two by two pixels into one; an axis that is read out from the far edge begins at half of the
+        sensor."""
         flips = self.fixed.get((1, 2), 0)
         x = (events.x >> 1) + np.uint16(self.model.width // 2 if flips & FLIP_X else 0)
         y = (events.y >> 1) + np.uint16(self.model.height // 2 if flips & FLIP_Y else 0)
         return dataclasses.replace(events, x=x, y=y)
 
     def answer(self, timeout_s: float) -> bytes:
-        """Returns a Mini's inertial samples, while its chip runs; the debug endpoint of the others is silent."""
+        """Returns a packet of a Mini's inertial samples while they are on; the debug endpoint of the others is
+        silent."""
         runs = self.model.name in MODULES and self._samples_run()
-        return self.feed.side.get(timeout_s) if runs else b""
+        return self.feed.imu_queue.get(timeout_s) if runs else b""
 
     def _has(self, module: int) -> bool:
+        """Tells whether the model has a module of registers."""
         return module in MODULES.get(self.model.name, (0, 1, 2, 3, 4, 5, 6, 9))
 
 

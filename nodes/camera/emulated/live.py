@@ -1,4 +1,4 @@
-"""Puts the simulator behind an emulated USB camera: /events -> wire words -> emulated device -> real driver ->
+"""Sends simulated events through an emulated USB camera: /events -> wire words -> emulated device -> real driver ->
 /events."""
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ class EmulatedCameraNode(Node):
     def update(self, inputs: Mapping[str, Message]) -> None:
         packet: Any = inputs["simulated"]
         if packet.header.episode != self._episode:
-            self._begin(packet.header.episode)
-        events = self._events(packet)
+            self._begin_episode(packet.header.episode)
+        events = self._events_of(packet)
         self.encoder.count_reordered(events)
         data = self.encoder.encode(events)
         self.feed.put(data)
@@ -72,11 +72,11 @@ class EmulatedCameraNode(Node):
             self.publish(port, message)
 
     def _sends(self, port: str) -> bool:
-        """Whether somebody wants an output; what the simulator does not feed into the device has none."""
+        """Tells whether an output is read and can have messages: the simulator feeds the device with events alone."""
         return port in self.OUTPUTS and self.wants(port)
 
-    def _begin(self, episode: int) -> None:
-        """Times start anew: so do the camera, its encoder and its decoder."""
+    def _begin_episode(self, episode: int) -> None:
+        """Restarts the camera, its encoder and its decoder, whose times start anew with the episode."""
         from nodes.camera.emulated.reencode import Reencoder
 
         self.driver.stop()
@@ -86,8 +86,8 @@ class EmulatedCameraNode(Node):
         self.driver.start()
         self._episode = episode
 
-    def _events(self, packet: EventPacket) -> Events:
-        """The packet's events. Raises ValueError for what no camera has."""
+    def _events_of(self, packet: EventPacket) -> Events:
+        """Returns the events of a packet. Raises ValueError for those that a camera cannot have."""
         if len(packet.env_offsets) > 2:
             raise ValueError(f"{self.name}: a camera sees one world, not {len(packet.env_offsets) - 1}; use envs 1")
         if packet.width > self.model.width or packet.height > self.model.height:

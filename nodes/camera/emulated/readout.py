@@ -1,4 +1,5 @@
-"""Filters events as an emulated sensor's registers ask for: region of interest, rate, parts."""
+"""Filters events as an emulated sensor's registers ask for: region of interest, event rate, frames, inertial
+samples."""
 
 from __future__ import annotations
 
@@ -25,7 +26,7 @@ class RateLimit:
     """The newest period, and how many events of it went through already."""
 
     def __call__(self, t: np.ndarray) -> np.ndarray:
-        """Returns which of the events at times t [ns] go through; of one period the later ones may come in a later
+        """Returns which of the events at times t [ns] pass; later events of the same period may come in a later
         call."""
         keep = np.ones(len(t), bool)
         # stretches of a recording end with a period's last ns, so that a period is (k - 1, k] periods
@@ -44,8 +45,11 @@ class RateLimit:
 
 @dataclass
 class Readout:
-    """Holds the filter that a sensor's registers describe. columns, rows: which of the sensor's go through, by number
-    on the wire; None = all. turned: what happens to what is left. counts: what the rate controller left out."""
+    """Filters events as a sensor's registers describe.
+
+    columns, rows: which of the sensor's pass, by their number on the wire; None = all. transform: applied to the events
+    that pass. counts: counts what the rate controller drops.
+    """
 
     counts: Counter[str]
     columns: np.ndarray | None = None
@@ -53,16 +57,16 @@ class Readout:
     limit: RateLimit | None = None
     frames: bool = True
     imu: bool = True
-    turned: Callable[[Events], Events] | None = None
+    transform: Callable[[Events], Events] | None = None
 
     @property
-    def everything(self) -> bool:
-        """Tells whether all events pass unchanged, so that the bytes of a recording can be sent themselves."""
-        parts = (self.columns, self.rows, self.limit, self.turned)
+    def passes_all(self) -> bool:
+        """Tells whether all events pass unchanged, so that a recording's own bytes can be sent."""
+        parts = (self.columns, self.rows, self.limit, self.transform)
         return all(part is None for part in parts) and self.frames and self.imu
 
     def __call__(self, events: Events) -> Events:
-        """Returns what comes out of the sensor."""
+        """Returns the events, frames and samples that the sensor sends."""
         keep = np.ones(len(events), bool)
         if self.columns is not None:
             keep &= self.columns[events.x]
@@ -78,11 +82,12 @@ class Readout:
             events = dataclasses.replace(events, frames=[])
         if not self.imu:
             events = dataclasses.replace(events, imu=Imu())
-        return self.turned(events) if self.turned else events
+        return self.transform(events) if self.transform else events
 
 
-def of_bits(words: list[int | None], size: int) -> np.ndarray | None:
-    """Returns the lines whose bits are set, 32 to a register; None where none was written or all are set."""
+def lines_of_masks(words: list[int | None], size: int) -> np.ndarray | None:
+    """Returns the columns or rows whose bits are set, 32 per register; None where no register was written or all are
+    set."""
     if all(word is None for word in words):
         return None
     values = np.array([0xFFFF_FFFF if word is None else word for word in words], "<u4")
@@ -90,8 +95,8 @@ def of_bits(words: list[int | None], size: int) -> np.ndarray | None:
     return None if lines.all() else lines
 
 
-def span(first: int, last: int, size: int) -> np.ndarray | None:
-    """Returns the lines first .. last; None where these are all."""
+def lines_between(first: int, last: int, size: int) -> np.ndarray | None:
+    """Returns the columns or rows first .. last; None where these are all."""
     lines = np.zeros(size, bool)
     lines[first : last + 1] = True
     return None if lines.all() else lines

@@ -1,4 +1,4 @@
-"""Encodes events from anywhere as the wire words of a camera model."""
+"""Encodes events of any source as the wire words of a camera model."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from nodes.camera.usb.models import Model
 UNORDERED = ("evt2", "evt21", "evt3")
 """Encodings whose times may step back by a little; the others run forward only."""
 ONE_READOUT = "dvxplorer_mini"
-"""Two readouts of this wire cannot have the same time: a stretch that begins in the us of the last is moved by 1 us."""
+"""Two readouts of this wire cannot have the same time: a stretch that begins in the us of the last comes 1 us later."""
 PULSE = 2
 """Trigger channel of iniVation cameras that has only the value 1."""
 RISING_ONLY = "dvs128"
@@ -40,12 +40,13 @@ class Reencoder:
         self._marks = FRAME_MARKS.get(source, ())
         self._encoder = encoder_for(model.encoding)
         self._last_us = self._readout_end = -1
-        self._beside: list[bytes] = []
+        self._imu_packets: list[bytes] = []
         self._latest: dict[str, int] = {}
         self.counts: Counter[str] = Counter()
 
     def count_reordered(self, events: Events) -> None:
-        """Counts events and triggers that come behind later ones of their kind, where the wire needs them in order.
+        """Counts events and triggers that come behind later ones of their kind, where the wire needs them in order of
+        time.
 
         To be told of all that is to be encoded, in the order of its source: a stretch has lost it.
         """
@@ -59,20 +60,21 @@ class Reencoder:
                 self._latest[name] = int(latest[-1])
 
     def encode(self, events: Events) -> bytes:
-        """Returns the words of a stretch of the stream. Raises ValueError for what cannot be put on the wire at all."""
-        return self._encoder.encode(self._fit(events))
+        """Encodes a stretch of the stream as words. Raises ValueError for what the wire cannot hold at all."""
+        return self._encoder.encode(self._sendable(events))
 
-    def take_beside(self) -> list[bytes]:
-        """Returns the packets of inertial samples that the last stretch has beside its words."""
-        packets, self._beside = self._beside, []
+    def take_imu_packets(self) -> list[bytes]:
+        """Returns, and removes, the packets of inertial samples that the last stretch sends beside its words."""
+        packets, self._imu_packets = self._imu_packets, []
         return packets
 
     def advance(self, t_ns: int) -> bytes:
-        """Gives time words up to t_ns, as a sensor that sees nothing sends them."""
+        """Encodes time words up to t_ns, as a sensor without events sends them."""
         return self._encoder.advance(t_ns - self._shift)
 
-    def _fit(self, events: Events) -> Events:
-        events = moved(events, -self._shift)
+    def _sendable(self, events: Events) -> Events:
+        """Selects what the model can send, in the order that its wire needs, and counts the rest."""
+        events = shifted(events, -self._shift)
         edges = events.triggers
         marks = np.isin(edges.id, self._marks)
         if marks.any():
@@ -87,22 +89,23 @@ class Reencoder:
             self.counts["triggers_left_out"] += int((~keep).sum())
             edges = Triggers(edges.t[keep], edges.id[keep], edges.value[keep])
         if frames:
-            kept = self._sendable(frames) if self.model.encoding == "davis346" else []
+            kept = self._sendable_frames(frames) if self.model.encoding == "davis346" else []
             self.counts["frames_left_out"] += len(frames) - len(kept)
             frames = kept
         if len(imu) and self.model.encoding not in ("davis346", "dvxplorer"):
             if self.model.encoding == "dvxplorer_mini":
                 columns = zip(imu.acceleration, imu.angular_velocity, imu.temperature.tolist())
                 imu_of = MiniImu(straight=self.model.name == "dvxplorer_micro")
-                self._beside += [imu_of.packet(*sample) for sample in columns]
+                self._imu_packets += [imu_of.packet(*sample) for sample in columns]
             else:
                 self.counts["imu_left_out"] += len(imu)
             imu = type(imu)()
         events = dataclasses.replace(events, c=None, triggers=edges, frames=frames, imu=imu)
-        return events if self.model.encoding in UNORDERED else self._ordered(events)
+        return events if self.model.encoding in UNORDERED else self._in_time_order(events)
 
-    def _sendable(self, frames: list[Frame]) -> list[Frame]:
-        """Frames that the sensor could have read out, one after the other: grey, inside of it, none during another."""
+    def _sendable_frames(self, frames: list[Frame]) -> list[Frame]:
+        """Selects the frames that the sensor could have read out one after the other: grey, inside of it, not during
+        another."""
         kept = []
         for frame in frames:
             with contextlib.suppress(ValueError):
@@ -112,8 +115,8 @@ class Reencoder:
                     self._readout_end = frame.end_ns or frame.exposure_end_ns
         return kept
 
-    def _ordered(self, events: Events) -> Events:
-        """In order of time; events and triggers of equal times stay as they came."""
+    def _in_time_order(self, events: Events) -> Events:
+        """Sorts events and triggers by time; those of equal times stay as they came."""
         if (np.diff(events.t) < 0).any():
             order = np.argsort(events.t, kind="stable")
             events = dataclasses.replace(
@@ -124,7 +127,7 @@ class Reencoder:
             order = np.argsort(edges.t, kind="stable")
             events = dataclasses.replace(events, triggers=Triggers(edges.t[order], edges.id[order], edges.value[order]))
         if self.model.encoding == ONE_READOUT and len(events):
-            # before the first readout nothing is moved: a negative time is for the encoder to refuse
+            # before the first readout nothing is shifted: a negative time is for the encoder to refuse
             late = self._last_us >= 0 and int(np.searchsorted(events.t, (self._last_us + 1) * 1000))
             if late:  # a readout has one time, and the next has another
                 self.counts["events_delayed_us"] += late
@@ -133,8 +136,8 @@ class Reencoder:
         return events
 
 
-def moved(events: Events, by_ns: int) -> Events:
-    """Returns the same events, triggers, samples and frames, `by_ns` later."""
+def shifted(events: Events, by_ns: int) -> Events:
+    """Shifts the times of events, triggers, samples and frames by `by_ns`."""
     if not by_ns:
         return events
     frames = [

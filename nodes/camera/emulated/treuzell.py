@@ -11,12 +11,10 @@ import struct
 from collections import deque
 from dataclasses import dataclass, field
 
-import usb.core
-
-from nodes.camera.emulated.device import EmulatedDevice, Identity, timeout
+from nodes.camera.emulated.device import EmulatedDevice, Identity, stall, timeout
 from nodes.camera.emulated.faults import Faults
 from nodes.camera.emulated.feed import Feed
-from nodes.camera.emulated.readout import RateLimit, Readout, of_bits
+from nodes.camera.emulated.readout import RateLimit, Readout, lines_of_masks
 from nodes.camera.usb.models import Model
 
 CONTROL_IN, CONTROL_OUT, DATA_IN = 0x82, 0x02, 0x81
@@ -67,7 +65,7 @@ GATES = {
     ),
 }
 TEMPERATURE_C = 41.0
-REGION = {
+REGION_MASKS = {
     "IMX636": ((0x2000, 40), (0x4000, 23)), "Gen4.1": ((0x2000, 40), (0x4000, 23)), "Gen3.1": ((0x400, 20), (0x500, 15))
 }  # fmt: skip
 """Masks of columns and of rows: first register and registers."""
@@ -108,14 +106,14 @@ class TreuzellDevice(EmulatedDevice):
 
     def readout(self) -> Readout:
         sensor, result = self.model.sensor, Readout(self.counts)
-        if sensor not in REGION:
+        if sensor not in REGION_MASKS:
             return result
         below = sensor != "Gen3.1"
         masks = self.registers if below else self.latched
         if self.registers.get(REGION_SWITCH[sensor], 0) & 1 << 5:
-            (column, columns), (row, rows) = REGION[sensor]
-            result.columns = of_bits([masks.get(column + 4 * i) for i in range(columns)], self.model.width)
-            result.rows = of_bits([masks.get(row + 4 * i) for i in range(rows)], self.model.height)
+            (column, columns), (row, rows) = REGION_MASKS[sensor]
+            result.columns = lines_of_masks([masks.get(column + 4 * i) for i in range(columns)], self.model.width)
+            result.rows = lines_of_masks([masks.get(row + 4 * i) for i in range(rows)], self.model.height)
             if below and result.rows is not None:
                 result.rows = result.rows[::-1]  # they count from the bottom
         if below and self.rate_set and self.registers.get(RATE_CONTROL, 0) & 1:
@@ -128,11 +126,11 @@ class TreuzellDevice(EmulatedDevice):
     def vendor_in(self, request: int, value: int, index: int) -> bytes:
         kinds = {"IMX636": b"\x31\0", "Gen4.1": b"\x30\0", "Gen3.1": b"\0\0", "GenX320": b"\x40\0"}
         if request != 0x72:
-            raise usb.core.USBError("Pipe error", -9, errno.EPIPE)
+            stall()
         return next(kinds[name] for name, gate in GATES.items() if gate is self.gate)
 
     def vendor_out(self, request: int, value: int, index: int, data: bytes) -> None:
-        raise usb.core.USBError("Pipe error", -9, errno.EPIPE)
+        stall()
 
     def answer(self, timeout_s: float) -> bytes:
         if not self._answers:
@@ -143,7 +141,7 @@ class TreuzellDevice(EmulatedDevice):
         code, size = struct.unpack_from("<II", data)
         body = data[8 : 8 + size]
         if len(body) != size:
-            self._say(FAILURE, b"")
+            self._reply(FAILURE, b"")
             return
         handlers = {
             0x72: lambda b: int(self.identity.serial, 16).to_bytes(8, "little"),
@@ -158,14 +156,14 @@ class TreuzellDevice(EmulatedDevice):
             0x56 | WRITE: self._write_legacy,
         }
         if code not in handlers:
-            self._say(FAILURE, b"")
+            self._reply(FAILURE, b"")
             return
         try:
-            self._say(code, handlers[code](body))
+            self._reply(code, handlers[code](body))
         except (struct.error, IndexError):
-            self._say(code | FAILURE, body[:8].ljust(8, b"\0") + struct.pack("<I", errno.EINVAL))
+            self._reply(code | FAILURE, body[:8].ljust(8, b"\0") + struct.pack("<I", errno.EINVAL))
 
-    def _say(self, code: int, body: bytes) -> None:
+    def _reply(self, code: int, body: bytes) -> None:
         self._answers.append(struct.pack("<II", code, len(body)) + body)
 
     def _release(self) -> int:

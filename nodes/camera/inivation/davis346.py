@@ -11,7 +11,7 @@ import numpy as np
 from nodes.camera.inivation.fx3 import APS, CHIP, DVS, IMU, INPUT, TRANSPOSED, Fx3Camera, sequences
 from nodes.camera.interface.driver import DeviceInfo
 from nodes.camera.interface.settings import Configuration, setting
-from nodes.camera.usb.access import label
+from nodes.camera.usb.access import UNSUPPORTED, label
 from nodes.camera.usb.driver import UsbSettings
 from nodes.camera.usb.region import region_of, roi_columns, roi_left, roi_rows, roi_top
 
@@ -110,27 +110,25 @@ class Camera(Fx3Camera):
     SETTINGS: ClassVar[type[Configuration]] = Davis346Settings
 
     def _connect(self) -> DeviceInfo:
-        details = self._take(OLDEST_FX3 if self.device.idProduct == FX3 else OLDEST_FX2)
+        details = self._claim(OLDEST_FX3 if self.device.idProduct == FX3 else OLDEST_FX2)
         details["logic"] = self._check_logic(1)
-        r, m = self.registers, self.model
+        r = self.registers
         size = r.read(DVS, 0), r.read(DVS, 1)
         if sorted(size) != [HEIGHT, WIDTH]:
-            raise OSError(f"{self.name}: unknown sensor of {size[0]}x{size[1]} px, not {WIDTH}x{HEIGHT}")
+            raise OSError(f"{self.name}: unknown sensor of {size[0]}x{size[1]} px, not {WIDTH}x{HEIGHT}; {UNSUPPORTED}")
         self._clocks = r.clocks()
         self._lists = sequences("davis346")
         self._global_shutter = r.read(APS, 6)
         details |= {"usb": label(self.device), "chip": r.read(6, 1), "aps_orientation": r.read(APS, 2)}
         details |= {"dvs_orientation": r.read(DVS, 2), "imu_orientation": r.read(IMU, 1)}
         self._transposed = bool(details["dvs_orientation"] & TRANSPOSED)
-        return DeviceInfo(
-            m.name, self.serial, m.sensor, m.width, m.height, m.encoding, f"device:{self.serial}", details
-        )
+        return self.model.device_info(self.serial, details)
 
     def _apply(self, settings: Davis346Settings) -> None:
         region_of(settings, WIDTH, HEIGHT)
 
-    def _configuration(self) -> None:
-        """The part of the start that the settings decide."""
+    def _write_settings(self) -> None:
+        """Writes the registers that the settings decide; the start sequence calls it at its place."""
         s, r = self._settings, self.registers
         chosen = {
             "diffbn": s.bias_diff, "onbn": s.bias_on, "offbn": s.bias_off,
@@ -152,7 +150,7 @@ class Camera(Fx3Camera):
         r.write(APS, 13, round(s.frame_interval_us * self._clocks["AC"]))
 
     def _begin(self) -> None:
-        hooks = {"halt": self._halt, "configuration": self._configuration}
+        hooks = {"halt": self._halt, "configuration": self._write_settings}
         self.registers.run(self._lists["start"], {**self._clocks, "GS": self._global_shutter}, hooks)
         s = self._settings
         if not s.frames:
@@ -164,7 +162,7 @@ class Camera(Fx3Camera):
             for parameter in (1, 2, 0):
                 self.registers.write(INPUT, parameter, 1)
 
-    def _prepare(self, decoder: Any) -> None:
+    def _prepare_decoder(self, decoder: Any) -> None:
         assert self._info is not None
         decoder.aps_orientation = self._info.details["aps_orientation"]
         decoder.imu_orientation = self._info.details["imu_orientation"]

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from nodes.camera.interface.driver import DeviceInfo
 from nodes.camera.interface.settings import Configuration, setting
-from nodes.camera.usb.access import CONTROL_MS, claim, label, text
+from nodes.camera.usb.access import CONTROL_MS, claim, label, string_descriptor
 from nodes.camera.usb.driver import UsbDriver, UsbSettings
 
 DATA_IN = 0x86
@@ -47,11 +47,10 @@ class Camera(UsbDriver):
         firmware = self.device.bcdDevice & 0xFF
         if firmware < OLDEST:
             raise OSError(f"{self.name}: unknown firmware {firmware}; {OLDEST} or later is needed: update it with jAER")
-        serial = text(self.device, self.device.iSerialNumber)
-        product = text(self.device, self.device.iProduct)
+        serial = string_descriptor(self.device, self.device.iSerialNumber)
+        product = string_descriptor(self.device, self.device.iProduct)
         details = {"firmware": str(firmware), "product": product, "usb": label(self.device)}
-        m = self.model
-        return DeviceInfo(m.name, serial, m.sensor, m.width, m.height, m.encoding, f"device:{serial}", details)
+        return self.model.device_info(serial, details)
 
     def _request(self, request: int, data: bytes | None = None) -> None:
         self.device.ctrl_transfer(OUT, request, 0, 0, data, CONTROL_MS)

@@ -1,4 +1,4 @@
-"""Drives the iniVation DVXplorer, its Lite, Mini and Micro: events and inertial samples; triggers of the first two."""
+"""Drives the iniVation DVXplorer, Lite, Mini and Micro: events and inertial samples, and triggers of the first two."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from nodes.camera.inivation import dvxplorer_micro
 from nodes.camera.inivation.fx3 import CHIP, DEBUG_IN, DVS, IMU, INPUT, SYSTEM, TRANSPOSED, Fx3Camera, sequences
 from nodes.camera.interface.driver import DeviceInfo
 from nodes.camera.interface.settings import Configuration, setting
-from nodes.camera.usb.access import label
+from nodes.camera.usb.access import UNSUPPORTED, label
 from nodes.camera.usb.driver import UsbSettings
+from nodes.camera.usb.imu_endpoint import ImuEndpointReader
 from nodes.camera.usb.models import MODELS
 from nodes.camera.usb.region import region_of, roi_columns, roi_left, roi_rows, roi_top
-from nodes.camera.usb.side import SideReader
 
 WIDTH, HEIGHT = 640, 480
 LITE_WIDTH, LITE_HEIGHT = 320, 240
@@ -35,7 +35,7 @@ SENSITIVITY = {
 CROP, BINNING, SUBSAMPLING = 0x3300, 0x3202, 0x3204
 FLIP_X, FLIP_Y = 2, 1
 """Bits of the orientation register: the chip counts from the far edge."""
-SIDE_PAUSE_S = 0.0005
+IMU_PAUSE_S = 0.0005
 
 
 @dataclass
@@ -53,7 +53,7 @@ class MicroSettings(UsbSettings):
 
 @dataclass
 class MiniSettings(MicroSettings):
-    """Holds a Mini's settings: also a region of interest, or binning."""
+    """Holds a Mini's settings, which has a region of interest or binning too."""
 
     roi_x: int = roi_left(WIDTH)
     roi_y: int = roi_top(HEIGHT)
@@ -77,7 +77,7 @@ class DvxplorerSettings(MiniSettings):
 
 @dataclass
 class LiteSettings(MicroSettings):
-    """Holds a Lite's settings: a region within its own size, no binning."""
+    """Holds a Lite's settings, with a region of interest within its smaller size and without binning."""
 
     roi_x: int = roi_left(LITE_WIDTH)
     roi_y: int = roi_top(LITE_HEIGHT)
@@ -101,7 +101,7 @@ class Camera(Fx3Camera):
         self.mini = self.device.bcdDevice >> 8 == MINI
         self.micro = self.mini and self.device.bcdDevice & 0xFF >= dvxplorer_micro.FIRMWARE
         self.model = MODELS["dvxplorer_micro" if self.micro else "dvxplorer_mini" if self.mini else "dvxplorer"]
-        details = self._take(0 if self.mini else OLDEST, 8 if self.micro else 4)
+        details = self._claim(0 if self.mini else OLDEST, 8 if self.micro else 4)
         self._clocks = {"LC": 0.0, "UC": 0.0}
         self._lists = sequences("dvxplorer")
         if not self.mini:
@@ -113,21 +113,21 @@ class Camera(Fx3Camera):
         m = self.model
         size = self.registers.read(DVS, 0), self.registers.read(DVS, 1)
         if sorted(size) != [m.height, m.width]:
-            raise OSError(f"{self.name}: unknown sensor of {size[0]}x{size[1]} px, not {m.width}x{m.height}")
+            raise OSError(
+                f"{self.name}: unknown sensor of {size[0]}x{size[1]} px, not {m.width}x{m.height}; {UNSUPPORTED}"
+            )
         details["usb"] = label(self.device)
         details["dvs_orientation"] = self.registers.read(DVS, 2)
         details["imu_orientation"] = 0 if self.micro else self.registers.read(IMU, 1)
         self._orientation = 0 if self.micro else details["dvs_orientation"]  # a Micro's firmware turns the image itself
-        return DeviceInfo(
-            m.name, self.serial, m.sensor, m.width, m.height, m.encoding, f"device:{self.serial}", details
-        )
+        return self.model.device_info(self.serial, details)
 
     def _initialise(self) -> None:
         if not self.mini:
             self._run("init")
 
     def _run(self, phase: str) -> None:
-        """A phase; for the Mini only what concerns the chip and the inertial sensor."""
+        """Runs a phase of the register sequences; on a Mini only what concerns the chip and the inertial sensor."""
         words = self._lists[phase]
         if self.mini:
             words = tuple(w for w in words if w[0] == "d" or w.startswith((f"{CHIP},", f"{IMU},")) or w == "halt")
@@ -145,6 +145,7 @@ class Camera(Fx3Camera):
         )
 
     def _apply_micro(self, s: MicroSettings) -> None:
+        """Writes the settings of a Micro."""
         assert self._info is not None
         orientation = self._info.details["dvs_orientation"]
         self._write(dvxplorer_micro.configuration(s.sensitivity, WIDTH, HEIGHT, orientation))
@@ -169,7 +170,8 @@ class Camera(Fx3Camera):
             self._crop()
 
     def _crop(self) -> None:
-        """The chip's cropper: columns as numbers, rows as groups of eight with a mask in the first and last.
+        """Writes the region of interest: the first and last column, and groups of eight rows with a mask in the first
+        and last.
 
         It counts as the chip does, before the image is flipped. Where first and last group are the same, the chip looks
         at the mask of the last alone.
@@ -188,7 +190,7 @@ class Camera(Fx3Camera):
         for i, value in enumerate(values):
             self.registers.write(CHIP, CROP + i, value)
 
-    def _prepare(self, decoder: Any) -> None:
+    def _prepare_decoder(self, decoder: Any) -> None:
         assert self._info is not None
         decoder.transposed = bool(self._orientation & TRANSPOSED)
         decoder.binned = getattr(self._settings, "binning", False)
@@ -196,8 +198,8 @@ class Camera(Fx3Camera):
             decoder.imu_orientation = self._info.details["imu_orientation"]
         decoder.reset()
 
-    def _make_side(self) -> SideReader | None:
-        """A Mini's inertial samples come on the debug endpoint."""
+    def _make_imu_reader(self) -> ImuEndpointReader | None:
+        """Makes the reader of a Mini's inertial samples, which come on the debug endpoint."""
         if not self.mini or not self._settings.imu:
             return None
         assert self._info is not None
@@ -207,8 +209,8 @@ class Camera(Fx3Camera):
             size: int = self.device.read(DEBUG_IN, buffer, timeout_ms)
             return size
 
-        pause_s = 0.0 if self.bus.emulated else SIDE_PAUSE_S
-        return SideReader(read, lambda: self.device.clear_halt(DEBUG_IN), imu, pause_s)
+        pause_s = 0.0 if self.bus.emulated else IMU_PAUSE_S
+        return ImuEndpointReader(read, lambda: self.device.clear_halt(DEBUG_IN), imu, pause_s)
 
     def _begin(self) -> None:
         if self.micro:

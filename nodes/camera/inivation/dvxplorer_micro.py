@@ -56,5 +56,5 @@ def configuration(sensitivity: str, width: int, height: int, orientation: int) -
 
 
 def running(events: bool, samples: bool) -> Writes:
-    """Returns the writes that switch the sensor and its inertial chip on or off."""
+    """Returns the writes that switch the event sensor and the inertial sensor on or off."""
     return ((DVS, 3, int(events)), *((IMU, p, int(samples)) for p in (2, 3, 4)))

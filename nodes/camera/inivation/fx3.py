@@ -12,9 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import usb.core
-
-from nodes.camera.usb.access import CONTROL_MS, claim, text
+from nodes.camera.usb.access import CONTROL_MS, claim, drain, string_descriptor
 from nodes.camera.usb.driver import UsbDriver
 
 DATA_IN, DEBUG_IN = 0x82, 0x81
@@ -24,12 +22,11 @@ MULTIPLEXER, DVS, APS, IMU, INPUT, CHIP, SYSTEM, USB = 0, 1, 2, 3, 4, 5, 6, 9
 LOGIC_VERSION = 18
 TRANSPOSED = 4
 """Bit of a sensor's orientation register: its columns are read out as rows."""
-DRAIN_READS = 64
 _WRITE = re.compile(r"(\d+),(\d+)=(\d+|(?:(\d+)\*)?(LC|UC|GS))|d(\d+)")
 
 
 class Registers:
-    """Reads and writes the registers of one camera. sleep [s]. size: of a register on the wire [bytes]."""
+    """Reads and writes the registers of one camera. sleep [s]. size: bytes of a register on the wire."""
 
     def __init__(self, device: Any, sleep: Callable[[float], None], size: int = 4) -> None:
         self._device, self._sleep, self._size = device, sleep, size
@@ -73,7 +70,7 @@ class Registers:
 
 @cache
 def sequences(name: str) -> dict[str, tuple[str, ...]]:
-    """Reads the phases of a camera from sequences/<name>.txt."""
+    """Reads the phases of a camera's register sequences from sequences/<name>.txt."""
     sections = (Path(__file__).parent / "sequences" / f"{name}.txt").read_text().split("[")[1:]
     return {s.partition("]")[0]: tuple(s.partition("]")[2].split()) for s in sections}
 
@@ -84,19 +81,19 @@ class Fx3Camera(UsbDriver):
     ENDPOINT = DATA_IN
     registers: Registers
 
-    def _take(self, oldest: int, register_size: int = 4) -> dict[str, Any]:
-        """Claim the device and check its firmware; gives the first details. Raises OSError."""
+    def _claim(self, oldest: int, register_size: int = 4) -> dict[str, Any]:
+        """Claims the device and checks its firmware; returns the first details of its description. Raises OSError."""
         claim(self.device, 0)
         self.registers = Registers(self.device, self.bus.sleep, register_size)
         firmware = self.device.bcdDevice & 0xFF
         if firmware < oldest:
             raise OSError(f"{self.name}: unknown firmware {firmware}; {oldest} or later is needed: update it with DV")
-        self.serial = text(self.device, self.device.iSerialNumber)
-        product = text(self.device, self.device.iProduct)
+        self.serial = string_descriptor(self.device, self.device.iSerialNumber)
+        product = string_descriptor(self.device, self.device.iProduct)
         return {"firmware": str(firmware), "product": product}
 
     def _check_logic(self, least_patch: int) -> str:
-        """Raise OSError unless the FPGA's logic is one we know; gives its version."""
+        """Checks that the FPGA's logic is a known one, and returns its version. Raises OSError."""
         version, patch = self.registers.read(SYSTEM, 0), self.registers.read(SYSTEM, 7)
         if version != LOGIC_VERSION or patch < least_patch:
             raise OSError(
@@ -106,10 +103,5 @@ class Fx3Camera(UsbDriver):
         return f"{version}.{patch}"
 
     def _halt(self) -> None:
-        """Clear the data endpoint, and drop what an earlier program left in the camera's buffers."""
-        self.device.clear_halt(DATA_IN)
-        for _ in range(DRAIN_READS):
-            try:
-                self.device.read(DATA_IN, 1 << 14, 10)
-            except usb.core.USBTimeoutError:
-                return
+        """Discards what an earlier program left in the camera's buffers."""
+        drain(self.device, DATA_IN, 1 << 14)

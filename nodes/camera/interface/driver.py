@@ -19,6 +19,11 @@ LONG_GAP = 100
 """A silence of more packets than this is one empty packet: a jump in device time must not become a flood."""
 
 
+def packet_boundary(t_ns: int, packet_ns: int) -> int:
+    """Computes the last packet boundary, a whole multiple of packet_ns, before an event at t_ns [ns]."""
+    return (t_ns - 1) // packet_ns * packet_ns
+
+
 @dataclass(frozen=True)
 class DeviceInfo:
     """Identifies a camera: name, serial number, sensor, size and encoding.
@@ -67,14 +72,14 @@ class Driver(abc.ABC):
 
     @abc.abstractmethod
     def open(self) -> None:
-        """Takes hold of the device and asks it who it is."""
+        """Opens the device and reads its identity."""
 
     @abc.abstractmethod
     def info(self) -> DeviceInfo:
-        """Returns the camera's identity; only while it is open."""
+        """Returns the camera's identity; valid only while it is open."""
 
     def settings_type(self) -> type[Configuration]:
-        """Gives the configuration that this camera takes; only while it is open."""
+        """Returns the class of the settings that this camera takes; valid only while it is open."""
         return self.SETTINGS
 
     @abc.abstractmethod
@@ -87,15 +92,15 @@ class Driver(abc.ABC):
 
     @abc.abstractmethod
     def read(self, timeout_s: float) -> Reading | None:
-        """Returns the next interval; None when it is not there after timeout_s, and at the end (`ended`)."""
+        """Returns the next interval; None where it is not complete after timeout_s, and at the end (`ended`)."""
 
     @property
     @abc.abstractmethod
     def ended(self) -> bool:
-        """Tells whether nothing more will come: at the end of a file, never from a device that is there."""
+        """Tells whether no reading will follow: True at the end of a file, never for a device that is connected."""
 
     def counters(self) -> dict[str, int]:
-        """Counts what was dropped, skipped or out of order so far, by name; only what is not 0."""
+        """Returns how much was dropped, skipped or out of order so far, by reason; only counts above 0."""
         return {}
 
     @abc.abstractmethod
@@ -104,7 +109,7 @@ class Driver(abc.ABC):
 
     @abc.abstractmethod
     def close(self) -> None:
-        """Gives the device back; does nothing when it is not open."""
+        """Closes the device; does nothing where it is not open."""
 
     def __enter__(self) -> Driver:
         self.open()

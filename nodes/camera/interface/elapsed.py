@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class Elapsed:
-    """Holds how long a camera has streamed, by its own clock; while it is unplugged none passes."""
+    """Measures how long a camera has streamed by its own clock, without the time in which it was unplugged."""
 
     def __init__(self) -> None:
         self._before = self._begun = self._now = 0
@@ -16,7 +16,7 @@ class Elapsed:
         return self._before + self._now - self._begun
 
     def add(self, episode: int, t0_ns: int, stamp_ns: int) -> int:
-        """Takes a reading (t0_ns, stamp_ns] of the connection number `episode`; returns the time so far [ns]."""
+        """Adds a reading (t0_ns, stamp_ns] of connection number `episode`, and returns the time so far [ns]."""
         if episode != self._episode:
             self._before, self._begun, self._episode = self.ns, t0_ns, episode  # of the connection before
         self._now = stamp_ns

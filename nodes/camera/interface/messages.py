@@ -1,4 +1,4 @@
-"""Makes messages of the bus from a driver's readings."""
+"""Converts a driver's readings to messages of the bus."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from nodes.camera.interface.driver import DeviceInfo, Reading
 def packets(
     reading: Reading, about: DeviceInfo, episode: int, wants: Callable[[str], bool]
 ) -> Iterator[tuple[str, Message]]:
-    """Yields (port, message) of one reading: triggers, inertial samples and frames that somebody wants, then events.
+    """Yields (port, message) of one reading: triggers, inertial samples and frames where they are wanted, then events.
 
     Every port has one message per reading but `image`: one per frame, stamped with the middle of its exposure.
     """
@@ -58,7 +58,8 @@ def packets(
 
 
 def camera_info(camera: str, about: Any, stamp_ns: int, episode: int = 0) -> CameraInfo:
-    """Makes the latched description of a device at a time of its clock; the intrinsics are zero: not calibrated."""
+    """Makes the latched CameraInfo of a device at a time of its clock; the intrinsics are zero, which means not
+    calibrated."""
     sensor = {"name": about.name, "serial": about.serial, "sensor": about.sensor, "encoding": about.encoding}
     stamp_ns = max(stamp_ns, 0)  # the interval of an event at 0 begins before, where a bag has no times
     return CameraInfo(

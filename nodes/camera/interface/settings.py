@@ -13,7 +13,7 @@ from evis.config.suggestions import nearest
 
 
 def setting(default: Any, help: str, unit: str = "", minimum: float | None = None, maximum: float | None = None) -> Any:
-    """Makes a field of a configuration: its default, what it is, its unit and its inclusive range."""
+    """Makes a field of a configuration from its default, help text, unit and inclusive range."""
     facts = {"help": help, "unit": unit, "minimum": minimum, "maximum": maximum}
     return field(default=default, metadata=facts)
 
@@ -23,7 +23,7 @@ class Configuration:
     """Checks the settings of a camera family, which are a dataclass of `setting` fields."""
 
     def check(self) -> None:
-        """Raises ValueError that names a setting out of range, its range and its unit."""
+        """Raises ValueError where a setting is out of range; the text names the setting, its range and its unit."""
         for f in dataclasses.fields(self):
             value, unit = getattr(self, f.name), f.metadata["unit"]
             low, high = f.metadata["minimum"], f.metadata["maximum"]
@@ -55,7 +55,8 @@ def describe(kind: type[Configuration]) -> dict[str, dict[str, Any]]:
 
 
 def parse_settings(kind: type[Configuration], given: Sequence[str]) -> dict[str, Any]:
-    """Reads `name=value` texts as the types of the configuration's fields. Raises ValueError that names the setting."""
+    """Parses `name=value` texts as the types of the configuration's fields. Raises ValueError that names the
+    setting."""
     defaults = {f.name: f for f in dataclasses.fields(kind)}
     result: dict[str, Any] = {}
     for text in given:
@@ -65,12 +66,12 @@ def parse_settings(kind: type[Configuration], given: Sequence[str]) -> dict[str,
         if name not in defaults:
             result[name] = value  # `of` names the nearest
             continue
-        result[name] = _typed(name, value, str(defaults[name].type))
+        result[name] = _parse_value(name, value, str(defaults[name].type))
     return result
 
 
-def _typed(name: str, value: str, kind: str) -> Any:
-    """A text as bool, int, float or str."""
+def _parse_value(name: str, value: str, kind: str) -> Any:
+    """Parses a text as bool, int, float or str. Raises ValueError that names the setting."""
     try:
         if kind == "bool":
             return {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}[value.lower()]

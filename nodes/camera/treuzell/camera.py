@@ -1,20 +1,17 @@
-"""Drives the cameras on Treuzell boards: it finds which sensor sits on the board, and sets up that one."""
+"""Drives the cameras on Treuzell boards: finds which sensor sits on the board, and sets up that one."""
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
-
-import usb.core
 
 from nodes.camera.interface.driver import DeviceInfo
 from nodes.camera.interface.settings import Configuration
 from nodes.camera.treuzell import gen31, genx320, imx636
 from nodes.camera.treuzell.protocol import CONTROL_IN, CONTROL_OUT, DATA_IN, Board, TreuzellError
 from nodes.camera.treuzell.sensor import Registers, sequences
-from nodes.camera.usb.access import claim, label, text
+from nodes.camera.usb.access import UNSUPPORTED, claim, drain, label, string_descriptor
 from nodes.camera.usb.driver import UsbDriver
 from nodes.camera.usb.models import CYPRESS, MODELS, Model
 
@@ -22,7 +19,6 @@ OLDEST = (3, 8, 0)
 """Firmware release of the EVK3 and EVK4 boards below which the register access differs."""
 ALTERNATE_FROM = 0x0307
 """bcdDevice of those boards from which the interface has an alternate setting to select."""
-DRAIN_READS = 64
 
 
 @dataclass(frozen=True)
@@ -65,7 +61,7 @@ class Camera(UsbDriver):
         self._claim()
         board = Board(self.device)
         serial, release = board.serial(), board.release()
-        product = text(self.device, self.device.iProduct)
+        product = string_descriptor(self.device, self.device.iProduct)
         version = ".".join(str(n) for n in release)
         if self.device.idVendor == CYPRESS and release < OLDEST:
             raise OSError(
@@ -73,55 +69,56 @@ class Camera(UsbDriver):
             )
         compatible = board.compatible()
         self._sensor, index = self._find_sensor(compatible)
-        self.model = self._model(product)
+        self.model = self._model_of_board(product)
         self.registers = Registers(board, index, self.bus.sleep)
         if self._sensor.check is not None:
             try:
                 self._sensor.check(self.registers)
             except TreuzellError as e:
-                raise OSError(f"{self.name}: {e}") from None
-        self._lists = sequences(self._revision())
-        m = self.model
+                raise OSError(f"{self.name}: {e}; {UNSUPPORTED}") from None
+        self._lists = sequences(self._name_of_start_lists())
         details = {
             "firmware": version,
             "product": product,
             "usb": label(self.device),
             "compatible": [" ".join(strings) for strings in compatible],
         }
-        return DeviceInfo(m.name, serial, m.sensor, m.width, m.height, m.encoding, f"device:{serial}", details)
+        return self.model.device_info(serial, details)
 
     def _initialise(self) -> None:
         self._run("stop", "destroy", "init")
 
     def _claim(self) -> None:
-        """The first interface with bulk IN, OUT, IN is the board's."""
+        """Claims the board's interface: the first one with bulk endpoints IN, OUT, IN. Raises OSError."""
         for interface in self.device.get_active_configuration():
             addresses = [e.bEndpointAddress for e in interface]
             if sorted(addresses) == sorted((CONTROL_IN, CONTROL_OUT, DATA_IN)) and interface.bInterfaceProtocol == 0:
                 alternate = self.device.idVendor != CYPRESS or self.device.bcdDevice >= ALTERNATE_FROM
                 claim(self.device, interface.bInterfaceNumber, alternate)
                 return
-        raise OSError(f"{self.name}: no interface with the endpoints of a Treuzell board")
+        raise OSError(f"{self.name}: no interface with the endpoints of a Treuzell board; {UNSUPPORTED}")
 
     def _find_sensor(self, compatible: list[list[str]]) -> tuple[Sensor, int]:
+        """Finds the sensor that the board's compatible strings name, and its sub-device. Raises OSError."""
         for index, strings in enumerate(compatible):
             for sensor in SENSORS:
                 if set(strings) & set(sensor.compatible):
                     return sensor, index
         found = ", ".join(s for strings in compatible for s in strings) or "none"
         known = ", ".join(s for sensor in SENSORS for s in sensor.compatible)
-        raise OSError(f"{self.name}: unknown sensor ({found}); known are {known}")
+        raise OSError(f"{self.name}: unknown sensor ({found}); known are {known}; {UNSUPPORTED}")
 
-    def _model(self, product: str) -> Model:
-        """The EVK boards share their USB ids: the sensor, and for the IMX636 the product's name, tell them apart."""
+    def _model_of_board(self, product: str) -> Model:
+        """Finds the model of an EVK board by its sensor, and by the product's name for the IMX636: all share their USB
+        ids."""
         if self.device.idVendor != CYPRESS:
             return self.model
         if self._sensor.name == "imx636":
             return MODELS["evk3_imx636" if "EVK3" in product.upper() else "evk4"]
         return MODELS[_EVK3[self._sensor.name]]
 
-    def _revision(self) -> str:
-        """The name of the sensor's start lists."""
+    def _name_of_start_lists(self) -> str:
+        """Returns the name of the sensor's start lists, of which the GenX320 has one per chip revision."""
         if self._sensor.name != "genx320":
             return self._sensor.name
         return "genx320es" if self.registers.read(0x14) == genx320.ES_CHIP else "genx320mp"
@@ -138,15 +135,8 @@ class Camera(UsbDriver):
         self._sensor.apply(self.registers, settings)
 
     def _begin(self) -> None:
-        self._drain()
+        drain(self.device, DATA_IN, 1 << 16)
         self._run("start")
-
-    def _drain(self) -> None:
-        """What an earlier program left in the camera's buffers is no part of this stream."""
-        self.device.clear_halt(DATA_IN)
-        with contextlib.suppress(usb.core.USBTimeoutError):
-            for _ in range(DRAIN_READS):
-                self.device.read(DATA_IN, 1 << 16, 10)
 
     def _end(self) -> None:
         self._run("stop")

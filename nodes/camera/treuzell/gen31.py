@@ -65,7 +65,7 @@ class Gen31Settings(UsbSettings):
 
 @cache
 def tables() -> dict[str, tuple[int, np.ndarray]]:
-    """Reads the code tables: name -> first value [mV], codes of each mV from there."""
+    """Reads the tables of bias codes: name -> (first value [mV], code of each mV from there on)."""
     result = {}
     text = (Path(__file__).parent / "sequences" / "gen31_bias.txt").read_text()
     for section in text.split("[")[1:]:

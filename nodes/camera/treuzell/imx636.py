@@ -68,11 +68,11 @@ def apply(registers: Registers, settings: Imx636Settings) -> None:
                     f"bias_{name} is {offset}; with this camera's factory code it would be {code}, not 0 to 255"
                 )
             registers.write(BIAS[name], BIAS_MODE | code)
-    common(registers, settings)
+    apply_common(registers, settings)
 
 
-def common(registers: Registers, settings: Imx636Settings | Gen41Settings) -> None:
-    """Writes the settings that IMX636 and Gen4.1 share."""
+def apply_common(registers: Registers, settings: Imx636Settings | Gen41Settings) -> None:
+    """Writes the settings that IMX636 and Gen4.1 share: region of interest, event rate limit and trigger."""
     region = region_of(settings, WIDTH, HEIGHT)
     if (region.width, region.height) != (WIDTH, HEIGHT):
         # rows count from the bottom; a set bit lets a line through
@@ -80,12 +80,12 @@ def common(registers: Registers, settings: Imx636Settings | Gen41Settings) -> No
         registers.write(0x4000, *span_words(HEIGHT - 1 - region.bottom, region.height, 23))
         registers.modify(0x4, 1 << 5, 1 << 5)
     if settings.event_rate_limit:
-        rate_control(registers, settings.event_rate_limit)
+        set_rate_limit(registers, settings.event_rate_limit)
     registers.modify(0x7004, TRIGGER_ENABLE, TRIGGER_ENABLE if settings.trigger_in else 0)
 
 
-def rate_control(registers: Registers, events_per_s: float) -> None:
-    """Sets the event rate controller to at most so many events in each 200 us; the sensor drops what is above.
+def set_rate_limit(registers: Registers, events_per_s: float) -> None:
+    """Sets the event rate controller to a largest number of events in each 200 us; the sensor drops the others.
 
     Raises ValueError for less than an event in each of them.
     """
@@ -154,4 +154,4 @@ def apply_gen41(registers: Registers, settings: Gen41Settings) -> None:
     """Writes biases, region of interest, event rate limit and trigger."""
     for name, address in BIAS.items():
         registers.write(address, BIAS_MODE | getattr(settings, f"bias_{name}"))
-    common(registers, settings)
+    apply_common(registers, settings)

@@ -23,7 +23,7 @@ OUT_MS, IN_MS = 1000, 10_000
 
 
 class TreuzellError(OSError):
-    """Says that the board refused a command."""
+    """Reports that the board refused a command, or is not the one it seemed to be."""
 
 
 class Board:

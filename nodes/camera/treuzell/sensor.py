@@ -1,4 +1,4 @@
-"""Describes a sensor on a Treuzell board: its register sequences and fields."""
+"""Describes a sensor on a Treuzell board by its register sequences."""
 
 from __future__ import annotations
 
@@ -79,12 +79,12 @@ class Registers:
                 self._sleep(o.value / 1e6)
 
     def wait(self, seconds: float) -> None:
-        """Waits until the sensor has settled."""
+        """Waits for the sensor to settle [s]."""
         self._sleep(seconds)
 
 
 def expect(registers: Registers, sensor: str, address: int, mask: int, *values: int) -> None:
-    """Raises TreuzellError unless a register holds one of the values: the chip is another one."""
+    """Raises TreuzellError unless a register holds one of the values, by which the chip is recognised."""
     got = registers.read(address) & mask
     if got not in values:
         wanted = " or ".join(f"{v:#x}" for v in values)

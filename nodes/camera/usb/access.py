@@ -1,4 +1,4 @@
-"""Opens a USB device through pyusb, and says what a user can do when that fails."""
+"""Opens USB devices through pyusb, and tells users what to do when that fails."""
 
 from __future__ import annotations
 
@@ -18,6 +18,10 @@ PERMISSION = (
     "`sudo udevadm control --reload && sudo udevadm trigger`, and plug it in again"
 )
 NO_LIBUSB = "libusb-1.0 was not found: `pip install 'evis[usb]'` brings it, or install your system's libusb-1.0"
+UNSUPPORTED = "evis cannot drive it: record with the maker's program, and play that with file:=REC or --file REC"
+"""What a user can do with a camera that has another sensor than those that the driver knows."""
+DRAIN_READS, DRAIN_MS = 64, 10
+"""Most reads that empty a camera's buffers, and how long each waits [ms]."""
 CONTROL_MS = 1000
 """Longest wait for a control request or a command's answer [ms]."""
 
@@ -32,7 +36,7 @@ class StreamEnd(OSError):
 
 @dataclass
 class Bus:
-    """Finds devices: a pyusb backend. An emulated one brings its own `sleep` [s], which may not wait."""
+    """Finds devices through a pyusb backend. An emulated bus brings its own `sleep` [s], which may return at once."""
 
     backend: Any
     sleep: Callable[[float], None] = time.sleep
@@ -65,12 +69,12 @@ def usb_bus() -> Bus:
 
 
 def label(device: Any) -> str:
-    """Names a device as `04b4:00f5 on bus 1 address 7`."""
+    """Returns a device's USB ids and place: `04b4:00f5 on bus 1 address 7`."""
     return f"{device.idVendor:04x}:{device.idProduct:04x} on bus {device.bus} address {device.address}"
 
 
-def explained(error: Exception, what: str) -> OSError:
-    """Words a USB error for a user, in one line; `what` names the camera."""
+def readable_error(error: Exception, what: str) -> OSError:
+    """Converts a USB error to one line for a user, with the remedy; `what` names the camera."""
     code = getattr(error, "errno", None)
     if isinstance(error, usb.core.USBTimeoutError) or code == errno.ETIMEDOUT:
         return OSError(f"{what}: no answer in {CONTROL_MS / 1000:g} s; unplug it and plug it in again")
@@ -86,7 +90,7 @@ def explained(error: Exception, what: str) -> OSError:
 
 
 def claim(device: Any, interface: int, set_alternate: bool = True) -> None:
-    """Takes an interface for this program, from a kernel driver too. Raises usb.core.USBError."""
+    """Claims an interface for this program, also from a kernel driver. Raises usb.core.USBError."""
     try:
         if device.is_kernel_driver_active(interface):
             device.detach_kernel_driver(interface)
@@ -101,15 +105,28 @@ def claim(device: Any, interface: int, set_alternate: bool = True) -> None:
         device.set_interface_altsetting(interface, 0)
 
 
+def drain(device: Any, endpoint: int, size: int) -> None:
+    """Clears a bulk endpoint and discards what an earlier program left in the camera's buffers.
+
+    size: of one read [bytes].
+    """
+    device.clear_halt(endpoint)
+    try:
+        for _ in range(DRAIN_READS):
+            device.read(endpoint, size, DRAIN_MS)
+    except usb.core.USBTimeoutError:
+        return
+
+
 def release(device: Any) -> None:
-    """Releases the device and its interfaces; one that is gone needs no release."""
+    """Releases the device and its interfaces; an unplugged one needs no release."""
     try:
         usb.util.dispose_resources(device)
     except usb.core.USBError:
         pass
 
 
-def text(device: Any, index: int) -> str:
+def string_descriptor(device: Any, index: int) -> str:
     """Reads a string descriptor, empty where there is none.
 
     Raises usb.core.USBError for a device that cannot be opened.

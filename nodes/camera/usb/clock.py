@@ -1,4 +1,4 @@
-"""Maps the device's clock to the host's: it estimates offset and drift from the times at which data arrive."""
+"""Maps the device's clock to the host's by the offset and drift that the arrival times of data show."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class ClockMap:
         self._slope = 0.0
 
     def add(self, host_ns: int, device_ns: int) -> None:
-        """Notes that data of device time device_ns (the newest in a buffer) arrived at host_ns."""
+        """Adds the arrival at host_ns of data whose newest device time is device_ns."""
         gap = host_ns - device_ns
         if self._best is None:
             self._window_end = host_ns + WINDOW_NS
@@ -49,7 +49,7 @@ class ClockMap:
 
     @property
     def known(self) -> bool:
-        """Tells whether at least one point is there."""
+        """Tells whether the offset is known: data have arrived."""
         return self._best is not None or bool(self._points)
 
     @property

@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import usb.core
 
 from evis.events.codecs.buffer import Allocate, plain
-from nodes.camera.interface.driver import DeviceInfo, Driver, Reading
+from nodes.camera.interface.driver import DeviceInfo, Driver, Reading, packet_boundary
 from nodes.camera.interface.settings import Configuration, setting
-from nodes.camera.usb.access import Bus, StreamEnd, Unplugged, explained, label, release
+from nodes.camera.usb.access import Bus, StreamEnd, Unplugged, label, readable_error, release
 from nodes.camera.usb.models import Model
 from nodes.camera.usb.reader import Reader
-from nodes.camera.usb.stream import ReadingStream
+from nodes.camera.usb.stream import PacketRule, ReadingStream
 
 if TYPE_CHECKING:
     from evis.events.codecs.decoder import Decoder
-    from nodes.camera.usb.side import SideReader
+    from nodes.camera.usb.imu_endpoint import ImuEndpointReader
 
 RETRY_S = 0.5
 """Interval of the search for a camera that was unplugged [s]."""
@@ -45,7 +45,8 @@ class UsbSettings(Configuration):
 
 
 class UsbDriver(Driver):
-    """Drives a camera on USB: reading, decoding, counters, unplugging. A subclass has the maker's protocol.
+    """Drives a camera on USB: reads, decodes, counts, and waits for an unplugged one. A subclass has the maker's
+    protocol.
 
     It is called `Camera`, in the module that the model's row in `models.py` names, and says how the device is asked who
     it is, configured, started and stopped: ENDPOINT, `_connect`, `_apply`, `_begin` and `_end`; its own settings are a
@@ -57,17 +58,20 @@ class UsbDriver(Driver):
     """Address of the bulk endpoint on which the events come."""
 
     def __init__(self, bus: Bus, device: Any, model: Model, live: bool = True, wait_when_full: bool = False) -> None:
-        """device: pyusb's, found on the bus. live: the stream runs with the device's clock (real devices, emulated ones
-        at real pace). wait_when_full: see Reader."""
+        """Makes a driver, not opened yet, of a device.
+
+        device: pyusb's, found on the bus. live: the stream runs with the device's clock (real devices, emulated ones at
+        real pace). wait_when_full: see Reader.
+        """
         self.bus, self.device, self.model = bus, device, model
         self._live, self.wait_when_full = live, wait_when_full
         self._settings: Any = None
         self._info: DeviceInfo | None = None
         self._stream: ReadingStream | None = None
-        self._before: Counter[str] = Counter()
-        self._gone_at = 0.0
+        self._counts_before: Counter[str] = Counter()
+        self._unplugged_at = 0.0
         self._retry_at = 0.0
-        self._bytes = 0
+        self._bytes_before = 0
         self.allocate: Allocate = plain
         """Where the arrays of readings come from; to be set before start. By default they belong to the reading."""
         self.emulated: Any = None
@@ -77,38 +81,38 @@ class UsbDriver(Driver):
 
     @abc.abstractmethod
     def _connect(self) -> DeviceInfo:
-        """Claim the device, check that it is one of ours, ask it who it is; change nothing."""
+        """Claims the device, checks that it is of this family, and reads its identity; changes nothing."""
 
     def _initialise(self) -> None:
-        """Bring the sensor into the state from which it can be configured and started."""
+        """Brings the sensor into the state from which it can be configured and started."""
 
     @abc.abstractmethod
     def _apply(self, settings: Any) -> None:
-        """Write the settings to the device."""
+        """Writes the settings to the device."""
 
     @abc.abstractmethod
     def _begin(self) -> None:
-        """Let the sensor send."""
+        """Switches the sensor's output on."""
 
     @abc.abstractmethod
     def _end(self) -> None:
-        """Let the sensor be silent."""
+        """Switches the sensor's output off."""
 
-    def _prepare(self, decoder: Decoder) -> None:
-        """Tell the decoder what only this device knows."""
+    def _prepare_decoder(self, decoder: Decoder) -> None:
+        """Sets what the decoder must know of this device, such as its orientation."""
 
     def _disconnect(self) -> None:
-        """Leave the device as it wants to be left."""
+        """Brings the device into the state in which it is to be left."""
 
     def temperature_c(self) -> float | None:
-        """Returns the temperature of the sensor or the board [deg C]; None where the camera has no such thing."""
+        """Returns the temperature of the sensor or the board [deg C]; None where the camera does not measure it."""
         return None
 
     # -- Driver --------------------------------------------------------------------------------------------------------
 
     @property
     def name(self) -> str:
-        """Names the camera for messages: model, and serial once known."""
+        """Returns the camera's name in messages: its model, and its serial number once that is known."""
         serial = self._info.serial if self._info else ""
         return f"{self.model.title} {serial}".strip() if serial else f"{self.model.title} ({label(self.device)})"
 
@@ -116,7 +120,7 @@ class UsbDriver(Driver):
         self._open(self._initialise)
 
     def identify(self) -> DeviceInfo:
-        """Reads the camera's identity without touching the sensor, and closes the device at once. Raises OSError."""
+        """Reads the camera's identity without a change to the sensor, and closes the device at once. Raises OSError."""
         self._open(lambda: None)
         assert self._info is not None
         info, self._info = self._info, None
@@ -124,13 +128,14 @@ class UsbDriver(Driver):
         return info
 
     def _open(self, then: Callable[[], None]) -> None:
+        """Connects to the device and calls `then`; releases it and raises a readable error where either fails."""
         try:
             info = self._connect()
             then()
             self._info = info
         except usb.core.USBError as e:
             release(self.device)
-            raise explained(e, self.name) from None
+            raise readable_error(e, self.name) from None
         except BaseException:
             release(self.device)
             raise
@@ -148,8 +153,8 @@ class UsbDriver(Driver):
             clock = self._stream.clock
             self._info.details["clock_offset_ns"] = clock.offset_ns
             self._info.details["clock_drift_ppm"] = round(clock.drift_ppm, 3)
-        if self._stream is not None and self._stream.side is not None and self._stream.side.message:
-            self._info.details["device_message"] = self._stream.side.message
+        if self._stream is not None and self._stream.imu_reader is not None and self._stream.imu_reader.message:
+            self._info.details["device_message"] = self._stream.imu_reader.message
         return self._info
 
     def configure(self, configuration: Configuration) -> None:
@@ -166,7 +171,7 @@ class UsbDriver(Driver):
         try:
             self._apply(self._settings)
         except usb.core.USBError as e:
-            raise explained(e, self.name) from None
+            raise readable_error(e, self.name) from None
         ignored = self.emulated.ignored(self._settings) if self.emulated is not None else []
         if ignored and self._info is not None:
             self._info.details["warnings"] = [
@@ -181,32 +186,31 @@ class UsbDriver(Driver):
         if self._info is None:
             raise ValueError(f"{self.model.title}: not open")
         decoder = decoder_for(model.encoding, self._info.width, self._info.height, s.decoder)
-        self._prepare(decoder)
+        self._prepare_decoder(decoder)
         decoder.prepare()
         try:
             self._begin()
         except usb.core.USBError as e:
-            raise explained(e, self.name) from None
+            raise readable_error(e, self.name) from None
         reader = self._make_reader()
         packet_ns = round(s.packet_ms * 1e6)
         feed = self.emulated.feed if self.emulated is not None else None
         # a recording behind an emulated device may come late, its quiet intervals close when the next event is there
         live = self._live and not self.wait_when_full
         shift_ns = feed.shift_ns if feed else 0
-        longest_ns = round(s.longest_ms * 1e6)
-        self._stream = ReadingStream(
-            reader, decoder, packet_ns, s.raw, live, shift_ns, longest_ns, self.allocate, self._make_side()
-        )
+        rule = PacketRule(packet_ns, round(s.longest_ms * 1e6), live, shift_ns, s.raw)
+        self._stream = ReadingStream(reader, decoder, rule, self.allocate, self._make_imu_reader())
         first = feed.first_ns if feed else None
-        self.t0_ns = 0 if first is None else (first - 1) // packet_ns * packet_ns
+        self.t0_ns = 0 if first is None else packet_boundary(first, packet_ns)
         self._stream.start()
 
-    def _make_side(self) -> SideReader | None:
-        """What reads inertial samples beside the stream, where the camera sends them so."""
+    def _make_imu_reader(self) -> ImuEndpointReader | None:
+        """Makes the reader of inertial samples, of a camera that sends them on an endpoint of their own."""
         return None
 
     def _make_reader(self) -> Reader:
-        """Emulated devices know no queue of transfers: they are read one transfer at a time."""
+        """Makes the reader of the data endpoint: with a queue of reads, unless the device is emulated or the settings
+        say so."""
         from nodes.camera.usb.queue import QueuedReader, available
 
         s = self._settings
@@ -227,13 +231,13 @@ class UsbDriver(Driver):
         self.device.clear_halt(self.ENDPOINT)
 
     def read(self, timeout_s: float) -> Reading | None:
-        if self._gone_at:
-            self._come_back(timeout_s)
+        if self._unplugged_at:
+            self._reconnect(timeout_s)
             return None
         try:
             return self._running().read(timeout_s)
         except OSError as error:
-            self._failed(error)
+            self._handle_stream_error(error)
             return None
 
     def read_bytes(self, count: int, t0_ns: int, stamp_ns: int, timeout_s: float) -> Reading:
@@ -245,9 +249,9 @@ class UsbDriver(Driver):
             raise ValueError(f"{self.name}: read before start")
         return self._stream
 
-    def _failed(self, error: OSError) -> None:
-        """The stream broke: say why, or begin to wait for the camera."""
-        cause = explained(error, self.name) if type(error).__module__.startswith("usb") else error
+    def _handle_stream_error(self, error: OSError) -> None:
+        """Raises the error of a broken stream in readable form, or begins to wait for an unplugged camera."""
+        cause = readable_error(error, self.name) if type(error).__module__.startswith("usb") else error
         if not isinstance(cause, Unplugged):
             raise cause
         if not self._settings.reconnect:
@@ -255,25 +259,25 @@ class UsbDriver(Driver):
                 f"{self.name}: unplugged in mid-stream after {self._running().reader.bytes} bytes; "
                 "with reconnect:=true or --reconnect it is waited for"
             ) from None
-        self._before["unplugged"] += 1
-        self._let_go()
-        self._gone_at = time.monotonic()
+        self._counts_before["unplugged"] += 1
+        self._release_device()
+        self._unplugged_at = time.monotonic()
 
-    def _let_go(self) -> None:
-        """Close what is left of a stream and a device, keeping the counters."""
+    def _release_device(self) -> None:
+        """Closes the stream, if there is one, and releases the device; the counters stay."""
         self._close_stream()
         release(self.device)
 
     def _close_stream(self) -> None:
-        """Close the stream, if there is one, keeping what it has counted."""
+        """Closes the stream, if there is one, and keeps what it has counted."""
         if self._stream is not None:
             self._stream.close()
-            self._before += Counter(self._stream_counts())
-            self._bytes += self._stream.reader.bytes
+            self._counts_before += Counter(self._stream_counts())
+            self._bytes_before += self._stream.reader.bytes
             self._stream = None
 
-    def _come_back(self, timeout_s: float) -> None:
-        """Look for the camera by its serial and take the stream up again; device time starts anew: a new episode."""
+    def _reconnect(self, timeout_s: float) -> None:
+        """Looks for the camera by its serial number and starts its stream again, as a new episode of device time."""
         if time.monotonic() < self._retry_at:
             self.bus.sleep(min(timeout_s, RETRY_S))
             return
@@ -289,15 +293,15 @@ class UsbDriver(Driver):
                 self.configure(self._settings)
                 self.start()
             except OSError:  # not ready yet: the next look may find it so
-                self._let_go()
+                self._release_device()
                 continue
             finally:
                 self._info = self._info or before
             self.episode += 1
             # what is 0 on the wire of an emulated camera, whose recording may be of today
             self.t0_ns = self.emulated.feed.shift_ns if self.emulated is not None else 0
-            self._before["reconnected"] += 1
-            self._gone_at = 0.0
+            self._counts_before["reconnected"] += 1
+            self._unplugged_at = 0.0
             return
 
     @property
@@ -306,28 +310,29 @@ class UsbDriver(Driver):
 
     @property
     def read_at_ns(self) -> int:
-        """Tells when the newest bulk read that is in the last reading returned [ns, monotonic clock]."""
+        """Returns when the newest bulk read of the last reading returned [ns, monotonic clock]."""
         return self._stream.read_at_ns if self._stream else 0
 
     @property
     def longest_pause_ns(self) -> int:
-        """Returns the longest time in which no read waited at the endpoint of the running stream [ns]."""
+        """Returns the longest time without a read at the endpoint of the running stream [ns]."""
         return self._stream.reader.longest_pause_ns if self._stream else 0
 
     @property
     def stream_bytes(self) -> int:
         """Returns the bytes taken from the endpoint and handed to the decoder since the driver was made."""
-        return self._bytes + (self._stream.reader.bytes if self._stream else 0)
+        return self._bytes_before + (self._stream.reader.bytes if self._stream else 0)
 
     def _stream_counts(self) -> dict[str, int]:
+        """Returns the counts of the running stream: of its readers, its cuts and its decoder."""
         assert self._stream is not None
         named = {"outside": "events_outside", "untimed": "words_before_time", "unknown": "words_unknown"}
         decoded = {named.get(k, k): v for k, v in self._stream.decoder.counts.items()}
-        side = self._stream.side.counts if self._stream.side else {}
+        side = self._stream.imu_reader.counts if self._stream.imu_reader else {}
         return {**self._stream.reader.counts, **self._stream.counts, **decoded, **side}
 
     def counters(self) -> dict[str, int]:
-        total = Counter(self._before)
+        total = Counter(self._counts_before)
         if self._stream is not None:
             total.update(self._stream_counts())
         if self.emulated is not None:

@@ -20,7 +20,7 @@ from nodes.camera.usb.reader import FAULTS, MAX_FAULTS, TIMEOUT_MS, Chunk, Reade
 
 IN_FLIGHT = 16
 """Reads that wait at the endpoint."""
-LANDING_S = 5.0
+CANCEL_S = 5.0
 BULK = 2
 COMPLETED, FAILED, TIMED_OUT, CANCELLED, STALLED, GONE, OVERFLOWED = range(7)
 """libusb_transfer_status."""
@@ -34,7 +34,7 @@ _HELD: list[object] = []
 
 
 class _Transfer(ctypes.Structure):
-    """libusb_transfer without its isochronous part."""
+    """Mirrors libusb_transfer without its isochronous part."""
 
 
 _Callback = ctypes.CFUNCTYPE(None, ctypes.POINTER(_Transfer))
@@ -59,12 +59,12 @@ class _Interval(ctypes.Structure):
 
 
 def available(device: Any) -> bool:
-    """Tells whether the device was opened through libusb 1.0 (an emulated one was not)."""
+    """Tells whether the device was opened through libusb 1.0, which an emulated one was not."""
     return hasattr(device._ctx.backend, "lib") and hasattr(device._ctx.backend, "ctx")
 
 
 def _library(device: Any) -> Any:
-    """The library that pyusb has loaded, with prototypes of our own."""
+    """Returns the libusb that pyusb has loaded, with prototypes for the asynchronous interface."""
     lib = ctypes.CDLL(device._ctx.backend.lib._name)
     pointer = ctypes.POINTER(_Transfer)
     lib.libusb_alloc_transfer.argtypes, lib.libusb_alloc_transfer.restype = [ctypes.c_int], pointer
@@ -88,7 +88,7 @@ class QueuedReader(Reader):
         self._context = device._ctx.backend.ctx
         self._callback = _Callback(self._on_end)
         self._returned: deque[int] = deque()
-        self._up: set[int] = set()
+        self._in_flight: set[int] = set()
         self._chunks: dict[int, Chunk] = {}
         self._transfers = [self._lib.libusb_alloc_transfer(0) for _ in range(IN_FLIGHT)]
         if not all(self._transfers):
@@ -96,9 +96,9 @@ class QueuedReader(Reader):
         self._number = {ctypes.addressof(t.contents): i for i, t in enumerate(self._transfers)}
 
     def _on_end(self, transfer: Any) -> None:
-        """libusb calls this from within the waiting for events."""
+        """Notes a transfer that has ended; libusb calls it within `_wait_events`."""
         number = self._number[ctypes.addressof(transfer.contents)]
-        self._up.discard(number)
+        self._in_flight.discard(number)
         self._returned.append(number)
 
     def _run(self) -> None:
@@ -108,18 +108,18 @@ class QueuedReader(Reader):
             while not self._stop:
                 self._wait_events()
                 while self._returned:
-                    self._take(self._returned.popleft())
+                    self._handle_returned(self._returned.popleft())
         except Exception as error:
             with self._changed:
                 self._failure = error
                 self._changed.notify_all()
         finally:
-            self._give_up()
+            self._free_transfers()
 
-    def _give_up(self) -> None:
-        """Free the transfers; those that libusb still holds must stay, with their buffers."""
+    def _free_transfers(self) -> None:
+        """Frees the transfers; where libusb still holds some, all stay, with their buffers."""
         try:
-            self._land()
+            self._cancel_all()
         except OSError as error:
             _HELD.append(self)
             self._failure = self._failure or error
@@ -128,6 +128,7 @@ class QueuedReader(Reader):
             self._lib.libusb_free_transfer(transfer)
 
     def _submit(self, number: int, chunk: Chunk) -> None:
+        """Submits a read into a buffer. Raises usb.core.USBError."""
         t = self._transfers[number].contents
         t.dev_handle, t.flags, t.endpoint, t.type = self._device._ctx.handle.handle, 0, self._endpoint, BULK
         t.timeout, t.callback, t.user_data, t.num_iso_packets = TIMEOUT_MS, self._callback, None, 0
@@ -136,50 +137,51 @@ class QueuedReader(Reader):
         code = self._lib.libusb_submit_transfer(self._transfers[number])
         if code:
             raise usb.core.USBError("a read could not be submitted", code, SUBMIT_ERRNO.get(code, errno.EIO))
-        self._up.add(number)
+        self._in_flight.add(number)
 
     def _wait_events(self) -> None:
+        """Waits until transfers end, 50 ms at the longest. Raises OSError."""
         code = self._lib.libusb_handle_events_timeout_completed(self._context, _Interval(0, 50_000), None)
         if code and code != INTERRUPTED:
             raise OSError(f"libusb failed while waiting for data (code {code})")
 
-    def _take(self, number: int) -> None:
-        """Hand over what a read brought, and send the next one off."""
+    def _handle_returned(self, number: int) -> None:
+        """Stores what a read brought, and submits the next one in its place."""
         transfer, chunk = self._transfers[number].contents, self._chunks[number]
         size = transfer.actual_length
         if transfer.status not in (COMPLETED, TIMED_OUT):
-            self._broken(transfer.status)
+            self._restart(transfer.status)
             return
         self._faults = 0
         with self._changed:
-            if size and self._room():
+            if size and self._has_room():
                 self._store(chunk, size)
                 chunk = self._free.pop()
             else:
-                self._lose(size)
+                self._count_lost(size)
         self._submit(number, chunk)
 
-    def _broken(self, status: int) -> None:
-        """A read failed, and those behind it will. Bring all back, clear the endpoint, begin anew."""
+    def _restart(self, status: int) -> None:
+        """Starts reading again after a read that failed: cancels all others, clears the endpoint, submits them anew."""
         error = ERRNO.get(status, errno.EIO)
         self._faults += 1
         if error not in FAULTS or self._faults > MAX_FAULTS:
             raise usb.core.USBError("the stream broke", None, error)
         self.counts[FAULTS[error]] += 1
         self._gap = True
-        self._land()
+        self._cancel_all()
         if error == errno.EPIPE:
             self._recover()
         for number, chunk in list(self._chunks.items()):
             self._submit(number, chunk)
 
-    def _land(self) -> None:
-        """Cancel what is in flight and wait until libusb has let go of every buffer."""
-        for number in list(self._up):
+    def _cancel_all(self) -> None:
+        """Cancels all reads in flight, and waits until libusb has let go of every buffer. Raises OSError."""
+        for number in list(self._in_flight):
             self._lib.libusb_cancel_transfer(self._transfers[number])
-        deadline = time.monotonic() + LANDING_S
-        while self._up:
+        deadline = time.monotonic() + CANCEL_S
+        while self._in_flight:
             self._wait_events()
             if time.monotonic() > deadline:
-                raise OSError(f"USB does not give back {len(self._up)} reads that were cancelled")
+                raise OSError(f"USB does not give back {len(self._in_flight)} reads that were cancelled")
         self._returned.clear()

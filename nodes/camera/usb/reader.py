@@ -62,11 +62,11 @@ class Reader:
         size: int,
         wait_when_full: bool = False,
     ) -> None:
-        self._read, self._recover, self._wait = read, recover, wait_when_full
+        self._read, self._recover, self._wait_when_full = read, recover, wait_when_full
         self._free = deque(Chunk(size) for _ in range(buffers))
         self._spare = Chunk(size)
         self._full: deque[Chunk] = deque()
-        self._small, self._small_limit, self._little = 0, buffers * size, size // 8
+        self._small_bytes, self._small_limit, self._small_read = 0, buffers * size, size // 8
         self._changed = threading.Condition()
         self._resume, self._dropping = max(1, buffers // RESUME_SHARE), False
         self._stop = False
@@ -96,16 +96,16 @@ class Reader:
 
     @property
     def empty(self) -> bool:
-        """Tells whether nothing is waiting to be taken."""
+        """Tells whether no filled buffer is waiting."""
         return not self._full
 
     def give_back(self, chunk: Chunk) -> None:
-        """Gives the chunk's memory back, to be written again."""
+        """Returns the chunk's memory to the reader, to be written again."""
         with self._changed:
             if len(chunk.whole):
                 self._free.append(chunk)
             else:
-                self._small -= len(chunk.data)
+                self._small_bytes -= len(chunk.data)
             self._changed.notify_all()
 
     def close(self) -> None:
@@ -123,8 +123,8 @@ class Reader:
             while not self._stop:
                 with self._changed:
                     # the one used last is still in the cache
-                    chunk = self._free.pop() if self._room() else None
-                    if chunk is None and self._wait:
+                    chunk = self._free.pop() if self._has_room() else None
+                    if chunk is None and self._wait_when_full:
                         self._changed.wait(0.05)
                         continue
                 self._fill(chunk or self._spare, chunk is None)
@@ -134,24 +134,27 @@ class Reader:
                 self._changed.notify_all()
 
     def _fill(self, chunk: Chunk, overflow: bool) -> None:
-        size = self._once(chunk)
+        """Reads into a chunk and queues it; on overflow, into the spare one, whose bytes are counted as lost."""
+        size = self._read_once(chunk)
         self._read_end_ns = time.monotonic_ns()
         with self._changed:
             if overflow:
-                self._lose(size)
+                self._count_lost(size)
             elif size:
                 self._store(chunk, size)
             else:
                 self._free.append(chunk)
 
-    def _room(self) -> bool:
-        """There is a free buffer; after an overflow, a share of them: one long gap costs less than many short ones,
-        each of which the decoder leaves only at the next time word."""
+    def _has_room(self) -> bool:
+        """Tells whether a buffer may be filled: one is free, or, after an overflow, a RESUME_SHARE of all.
+
+        One long gap costs less than many short ones, each of which the decoder leaves only at the next time word.
+        """
         self._dropping = len(self._free) < (self._resume if self._dropping else 1)
         return not self._dropping
 
-    def _lose(self, size: int) -> None:
-        """Nobody has room for what a read brought."""
+    def _count_lost(self, size: int) -> None:
+        """Counts what a read brought as lost, for want of a free buffer."""
         if size:
             self._lost += size
             self._gap = True
@@ -159,25 +162,26 @@ class Reader:
             self.counts["bytes_lost"] += size
 
     def _is_small(self, size: int) -> bool:
-        """So little that it is copied out."""
-        return size <= self._little and self._small + size <= self._small_limit
+        """Tells whether a read brought so little that it is copied out of its buffer."""
+        return size <= self._small_read and self._small_bytes + size <= self._small_limit
 
     def _store(self, chunk: Chunk, size: int) -> None:
-        """Queue what a read brought; a chunk that was copied out is free again at once."""
+        """Queues what a read brought; the buffer of a small read, which is copied out, is free again at once."""
         self.bytes += size
         data = chunk.whole[:size]
         if self._is_small(size):
             self._free.append(chunk)
             chunk, data = Chunk(0), data.copy()
-            self._small += size
+            self._small_bytes += size
         chunk.data, chunk.t_host_ns = data, time.monotonic_ns()
         chunk.lost, chunk.gap = self._lost, self._gap
         self._lost, self._gap = 0, False
         self._full.append(chunk)
         self._changed.notify_all()
 
-    def _once(self, chunk: Chunk) -> int:
-        """One read: bytes, 0 when nothing came. Stalls are cleared and marked; other failures go up."""
+    def _read_once(self, chunk: Chunk) -> int:
+        """Reads once and returns the number of bytes, 0 when none came. Counts stalls and clears them; raises other
+        failures."""
         if self._read_end_ns:
             self.longest_pause_ns = max(self.longest_pause_ns, time.monotonic_ns() - self._read_end_ns)
         try:

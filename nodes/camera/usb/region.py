@@ -1,4 +1,4 @@
-"""Declares the settings of a region of interest (roi_x, roi_y, roi_width, roi_height) and finds what they ask for."""
+"""Declares the settings of a region of interest (roi_x, roi_y, roi_width, roi_height) and checks them."""
 
 from __future__ import annotations
 
@@ -29,27 +29,28 @@ class Region:
 
 
 def roi_left(width: int) -> Any:
-    """Makes the setting `roi_x` of a sensor that is so many pixels wide."""
+    """Makes the setting `roi_x` of a sensor that is `width` pixels wide."""
     return setting(0, "left column of the region of interest", "px", 0, width - 1)
 
 
 def roi_top(height: int) -> Any:
-    """Makes the setting `roi_y` of a sensor that is so many pixels high."""
+    """Makes the setting `roi_y` of a sensor that is `height` pixels high."""
     return setting(0, "top row of the region of interest", "px", 0, height - 1)
 
 
 def roi_columns(width: int) -> Any:
-    """Makes the setting `roi_width` of a sensor that is so many pixels wide."""
+    """Makes the setting `roi_width` of a sensor that is `width` pixels wide."""
     return setting(0, "its width; 0 = to the right edge", "px", 0, width)
 
 
 def roi_rows(height: int) -> Any:
-    """Makes the setting `roi_height` of a sensor that is so many pixels high."""
+    """Makes the setting `roi_height` of a sensor that is `height` pixels high."""
     return setting(0, "its height; 0 = to the bottom edge", "px", 0, height)
 
 
 def region_of(settings: Any, width: int, height: int) -> Region:
-    """Gives the region of interest of a sensor of this size; a length of 0 goes to the edge.
+    """Returns the region of interest that the settings ask for on a sensor of this size; a length of 0 reaches to the
+    edge.
 
     Raises ValueError for one that does not lie inside the sensor.
     """

@@ -1,20 +1,21 @@
-"""Turns a camera's byte stream into readings: decoded, cut at whole intervals of the device's clock, losses marked."""
+"""Converts a camera's byte stream to readings: decoded, cut at whole intervals of the device's clock, losses marked."""
 
 from __future__ import annotations
 
 import time
 from collections import Counter
+from dataclasses import dataclass
 
 import numpy as np
 
 from evis.events.arrays import Events
 from evis.events.codecs.buffer import Allocate, EventBuffer, plain
 from evis.events.codecs.decoder import Decoder
-from nodes.camera.interface.driver import LONG_GAP, Reading
+from nodes.camera.interface.driver import LONG_GAP, Reading, packet_boundary
 from nodes.camera.usb.access import StreamEnd
 from nodes.camera.usb.clock import ClockMap
+from nodes.camera.usb.imu_endpoint import ImuEndpointReader
 from nodes.camera.usb.reader import Chunk, Reader
-from nodes.camera.usb.side import SideReader
 
 FAR_NS = 2**63 - 1
 US = 1000
@@ -32,36 +33,48 @@ SPARE = 1.25
 """Room of a packet's arrays against the largest packet so far."""
 
 
+@dataclass(frozen=True)
+class PacketRule:
+    """Describes how a stream is cut into packets.
+
+    packet_ns: length of a packet's interval on the device's clock. longest_ns: of a packet while the host is behind a
+    live source. live: the source runs with the host's clock, which may close a quiet interval. origin_ns: added to all
+    times. raw: packets carry the wire bytes too.
+    """
+
+    packet_ns: int
+    longest_ns: int = 0
+    live: bool = False
+    origin_ns: int = 0
+    raw: bool = False
+
+
 class ReadingStream:
-    """Takes chunks from a reader and gives readings of packet_ns each.
+    """Decodes the chunks of a reader and cuts the events into readings of packet_ns each.
 
     Cuts lie before the first event later than the boundary, as in a recording played back: events whose time steps
     back stay in their place. After a gap the decoder waits for the next time word, and its time is carried to the turn
-    of the counter nearest to where the device's clock must be. live: the host's clock may close a quiet interval; not
-    for a source that runs faster or slower than its own clock. origin_ns is added to all times.
+    of the counter nearest to where the device's clock must be.
 
     A live source is not made to wait. When its buffers wait for longer than half a packet, the packet at hand
     takes in the following intervals until the host has caught up, up to longest_ns and as far as its arrays (or
     ROOMY_EVENTS) have room: fewer, larger packets, whose ends still lie on whole intervals. What is too fast even then
     is lost in the reader, which counts it.
 
-    allocate: gives the arrays of a packet, which is decoded in place. side: inertial samples beside the stream.
+    allocate: gives the arrays of a packet, which is decoded in place. imu_reader: inertial samples beside the stream.
     """
 
     def __init__(
         self,
         reader: Reader,
         decoder: Decoder,
-        packet_ns: int,
-        raw: bool,
-        live: bool,
-        origin_ns: int = 0,
-        longest_ns: int = 0,
+        rule: PacketRule,
         allocate: Allocate = plain,
-        side: SideReader | None = None,
+        imu_reader: ImuEndpointReader | None = None,
     ) -> None:
-        self.reader, self.decoder, self.packet_ns, self._raw, self._live = reader, decoder, packet_ns, raw, live
-        self.side = side
+        self.reader, self.decoder = reader, decoder
+        self.packet_ns, self._raw, self._live = rule.packet_ns, rule.raw, rule.live
+        self.imu_reader = imu_reader
         self.clock = ClockMap()
         self.counts: Counter[str] = Counter()
         self.ended = False
@@ -70,43 +83,43 @@ class ReadingStream:
         self._chunk: Chunk | None = None
         self._t0: int | None = None
         self._stamp = 0
-        self._origin = self._offset = origin_ns
+        self._origin = self._offset = rule.origin_ns
         self._newest: int | None = None
-        self._fresh = False
+        self._clock_due = False
         self._realign = False
         self._lost = 0
-        self._longest_ns = longest_ns if live else 0
-        self._behind_ns = max(packet_ns // 2, LEAST_BEHIND_NS)
+        self._longest_ns = rule.longest_ns if rule.live else 0
+        self._behind_ns = max(rule.packet_ns // 2, LEAST_BEHIND_NS)
         self._allocate = allocate
         self._buffer: EventBuffer | None = None
-        self._most = 0
+        self._largest = 0
         self._earliest = FAR_NS
-        self._others: list[Events] = []
+        self._aside: list[Events] = []
         self._bytes: list[np.ndarray] = []
 
     def start(self) -> None:
         """Starts the threads."""
         self.reader.start()
-        if self.side is not None:
-            self.side.start()
+        if self.imu_reader is not None:
+            self.imu_reader.start()
 
     def close(self) -> None:
         """Ends the threads."""
         self.reader.close()
-        if self.side is not None:
-            self.side.close()
+        if self.imu_reader is not None:
+            self.imu_reader.close()
 
     def read(self, timeout_s: float) -> Reading | None:
         """Returns the next interval; None when it is not complete after timeout_s, and at the end. Raises OSError."""
         deadline = time.monotonic() + timeout_s
         while not self.ended:
-            reading = self._cut()
+            reading = self._decode_interval()
             if reading is not None:
                 return reading
             try:
                 chunk = self.reader.get(max(deadline - time.monotonic(), 0))
             except OSError as error:  # what had arrived before it comes first
-                reading = self._rest()
+                reading = self._read_remainder()
                 if reading is not None:
                     return reading
                 if not isinstance(error, StreamEnd):
@@ -114,9 +127,9 @@ class ReadingStream:
                 self.ended = True
                 return None
             if chunk is not None:
-                self._take(chunk)
+                self._feed(chunk)
             elif time.monotonic() >= deadline:
-                return self._quiet()
+                return self._close_quiet_interval()
         return None
 
     def read_bytes(self, count: int, t0_ns: int, stamp_ns: int, timeout_s: float) -> Reading:
@@ -132,13 +145,14 @@ class ReadingStream:
             if chunk is None and time.monotonic() >= deadline:
                 raise OSError(f"{count} bytes of the stream did not arrive in {timeout_s:g} s")
             if chunk is not None:
-                self._take(chunk)
+                self._feed(chunk)
                 count -= len(chunk.data) + chunk.lost
                 self._decode(None)
-        return self._finish()
+        return self._close_interval()
 
-    def _take(self, chunk: Chunk) -> None:
-        """Feed a chunk; the one before is not needed any more (the decoder copies the part of a word it has left)."""
+    def _feed(self, chunk: Chunk) -> None:
+        """Feeds a chunk to the decoder, and returns the one before to the reader (the decoder has copied a word begun
+        in it)."""
         before = self._chunk
         if chunk.gap:
             self._lost += max(chunk.lost, 1)  # a stall does not say how much
@@ -150,8 +164,8 @@ class ReadingStream:
         if before is not None:
             self.reader.give_back(before)
 
-    def _cut(self) -> Reading | None:
-        """Decode what is there; a reading when its end was reached."""
+    def _decode_interval(self) -> Reading | None:
+        """Decodes up to the end of the interval; returns its reading, or None where more bytes are needed."""
         if self._chunk is None:
             return None
         if self._t0 is None or self._realign:
@@ -162,17 +176,21 @@ class ReadingStream:
         self._decode(self._stamp - self._offset)
         while self.decoder.at_cut:
             if not self._widen():
-                return self._finish()
+                return self._close_interval()
             self._decode(self._stamp - self._offset)
-        if self._fresh and self._newest is not None:  # this chunk had events
+        if self._clock_due and self._newest is not None:  # this chunk had events
             self.clock.add(self._chunk.t_host_ns, self._newest)
-            if self.side is not None:
-                self.side.seen(self._chunk.t_host_ns, self._newest)
-            self._fresh = False
+            if self.imu_reader is not None:
+                self.imu_reader.note_arrival(self._chunk.t_host_ns, self._newest)
+            self._clock_due = False
         return None
 
     def _align(self, t_ns: int) -> None:
-        """The first event of the stream, or the first after a gap, has this time on the decoder's clock."""
+        """Sets the offset of the decoder's clock, and the first interval, by the first event of the stream or after a
+        gap.
+
+        t_ns: its time on the decoder's clock.
+        """
         if self._realign and self._newest is not None:
             expected = self._newest
             if self._live and self._chunk is not None and self.clock.known:
@@ -181,15 +199,12 @@ class ReadingStream:
             self._offset = self._origin + turns * self.decoder.wrap_ns
             self._realign = False
         if self._t0 is None:
-            self._t0 = self._boundary(t_ns + self._offset)
+            self._t0 = packet_boundary(t_ns + self._offset, self.packet_ns)
             self._stamp = self._t0 + self.packet_ns
 
-    def _boundary(self, t_ns: int) -> int:
-        """The last packet boundary before an event."""
-        return (t_ns - 1) // self.packet_ns * self.packet_ns
-
     def _widen(self) -> bool:
-        """Let the packet take in the next interval too, because the host is behind."""
+        """Extends the packet by the next interval where the host is behind; False where it is not, or the packet is
+        full."""
         assert self._chunk is not None and self._t0 is not None and self._buffer is not None
         wider = self._stamp + self.packet_ns
         filled, intervals = self._buffer.n, (self._stamp - self._t0) // self.packet_ns
@@ -206,38 +221,37 @@ class ReadingStream:
         return True
 
     def _decode(self, until_ns: int | None) -> None:
-        """What was fed, up to a time of the decoder's clock (None: all), to the end of the packet at hand."""
+        """Decodes what was fed, up to a time of the decoder's clock (None: all), into the packet at hand."""
         buffer = self._buffer
         if buffer is None:
-            buffer = self._buffer = EventBuffer(max(int(SPARE * self._most), LEAST_EVENTS), self._allocate)
+            buffer = self._buffer = EventBuffer(max(int(SPARE * self._largest), LEAST_EVENTS), self._allocate)
         before = buffer.n
-        others = self.decoder.decode_into(buffer, until_ns)
+        aside = self.decoder.decode_into(buffer, until_ns)
         if self._raw:
             self._bytes.append(self.decoder.taken.copy())
         t = buffer.columns[0]
         if self._offset:
             t[before : buffer.n] += self._offset
-            for part in others:
-                _shift(part, self._offset)
+            for part in aside:
+                _shift_aside(part, self._offset)
         if buffer.n > before:
             # now, while the times are in the cache: a packet's whole is read from memory again
             earliest = int(t[before : buffer.n].min())
             if self._newest is not None and earliest < self._newest - FALL_NS:
                 self.counts["time_fell"] += 1
-            self._newest, self._fresh = int(t[buffer.n - 1]), True
+            self._newest, self._clock_due = int(t[buffer.n - 1]), True
             self._earliest = min(self._earliest, earliest)
-        self._others += others
+        self._aside += aside
 
-    def _finish(self, last: bool = False) -> Reading:
-        """Close the interval and begin the next one. last: nothing will follow."""
+    def _close_interval(self, last: bool = False) -> Reading:
+        """Makes the reading of the interval, and begins the next one. last: nothing will follow."""
         assert self._t0 is not None
         events = self._buffer.events() if self._buffer is not None else Events.empty()
-        if self._others:
-            others = Events.concatenate(self._others)
-            events.triggers, events.imu, events.frames = others.triggers, others.imu, others.frames
-        if self.side is not None:
+        if self._aside:
+            events = events.beside(Events.concatenate(self._aside))
+        if self.imu_reader is not None:
             to_device = self.clock.to_device if self._live and self.clock.known else None
-            events.imu = self.side.take(None if last else self._stamp, to_device)
+            events.imu = self.imu_reader.take(None if last else self._stamp, to_device)
         raw = None
         if self._raw:
             raw = np.concatenate(self._bytes) if self._bytes else np.empty(0, np.uint8)
@@ -247,50 +261,46 @@ class ReadingStream:
         if self._earliest < begin:
             self.counts["events_stepped_back"] += int(np.count_nonzero(events.t < begin))
         self._earliest = FAR_NS
-        self._most = max(self._most, len(events))
-        self._buffer, self._others, self._bytes, self._lost = None, [], [], 0
+        self._largest = max(self._largest, len(events))
+        self._buffer, self._aside, self._bytes, self._lost = None, [], [], 0
         if self._chunk is not None:
             self.read_at_ns = self._chunk.t_host_ns
         self._t0 = self._stamp
         self._stamp = self._t0 + self.packet_ns
         following = self.decoder.next_t_ns
         if following is not None and following + self._offset > self._t0 + LONG_GAP * self.packet_ns:
-            self._stamp = self._boundary(following + self._offset)
+            self._stamp = packet_boundary(following + self._offset, self.packet_ns)
             self.counts["long_gaps"] += 1
         return reading
 
-    def _quiet(self) -> Reading | None:
-        """Nothing comes: close the interval once the device's clock must be past its end."""
+    def _close_quiet_interval(self) -> Reading | None:
+        """Closes an interval without further events, once the device's clock must be past its end; None before that."""
         if not self._live or self._t0 is None or not self.clock.known or not self.reader.empty:
             return None
         now = self.clock.to_device(time.monotonic_ns())
         if now < self._stamp + GRACE_NS:
             return None
         if now > self._t0 + LONG_GAP * self.packet_ns:
-            self._stamp = self._boundary(now - GRACE_NS)
+            self._stamp = packet_boundary(now - GRACE_NS, self.packet_ns)
             self.counts["long_gaps"] += 1
-        return self._finish()
+        return self._close_interval()
 
-    def _rest(self) -> Reading | None:
-        """What is left at the end of the stream."""
+    def _read_remainder(self) -> Reading | None:
+        """Decodes what is left at the end of the stream; None where there is nothing."""
         if self._chunk is None or self._t0 is None:
             return None
         self._decode(None)
-        if self.side is not None:
+        if self.imu_reader is not None:
             if self._newest is not None:
-                self.side.seen(self._chunk.t_host_ns, self._newest)
-            self.side.rest()
+                self.imu_reader.note_arrival(self._chunk.t_host_ns, self._newest)
+            self.imu_reader.wait_until_quiet()
         self._chunk = None
-        reading = self._finish(last=True)
-        return reading if len(reading.events) or self._has_more(reading.events) else None
-
-    @staticmethod
-    def _has_more(events: Events) -> bool:
-        return bool(len(events.triggers) or len(events.imu) or events.frames)
+        reading = self._close_interval(last=True)
+        return reading if len(reading.events) or reading.events.has_aside else None
 
 
-def _shift(events: Events, offset_ns: int) -> None:
-    """Move in time what came besides events."""
+def _shift_aside(events: Events, offset_ns: int) -> None:
+    """Shifts the times of triggers, inertial samples and frames, in place."""
     for part in (events.triggers, events.imu):
         if len(part):
             part.t += offset_ns

@@ -7,7 +7,8 @@ from nodes.camera.usb.models import MODELS
 
 
 def rules() -> str:
-    """Makes the rules file: one line per (vendor, product), for the user at the seat and the group plugdev."""
+    """Writes the text of the rules file: one line per (vendor, product), for the user at the seat and the group
+    plugdev."""
     titles: dict[tuple[int, int], list[str]] = {}
     for model in MODELS.values():
         for ids in model.ids:

@@ -18,7 +18,7 @@ import pytest
 from codec_cases import ALL, MESSAGES, WIRE, encoder, stream
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_codec_words import likely_words
+from test_codec_random_words import likely_words
 
 from evis.events import Events
 from evis.events.codecs.decoder import Decoder, decoder_for

@@ -256,9 +256,9 @@ def test_chunks_whose_index_is_behind_the_cut(tmp_path):
 
 def test_a_library_that_hangs_or_crashes():
     """The trial tells both from what ends by itself, also with an exception."""
-    assert trial.fate(lambda: None) == trial.fate(lambda: 1 / 0) == ""
-    assert trial.fate(lambda: ctypes.string_at(0)) == "crashes"
-    assert trial.fate(lambda: all(iter(int, 1)) or sum(iter(int, 1)), cpu_s=1) == "hangs"
+    assert trial.outcome_of(lambda: None) == trial.outcome_of(lambda: 1 / 0) == ""
+    assert trial.outcome_of(lambda: ctypes.string_at(0)) == "crashes"
+    assert trial.outcome_of(lambda: all(iter(int, 1)) or sum(iter(int, 1)), cpu_s=1) == "hangs"
 
 
 def test_a_file_cut_anywhere_is_told_in_plain_words(tmp_path):

@@ -23,11 +23,11 @@ class Decoder(ecm.RecordDecoder):
     state_size = 7
     counters = {**ecm.Decoder.counters, "invalid": _INVALID}
 
-    def _begin(self) -> None:
+    def _reset_context(self) -> None:
         self.state[[_TURNS, _LAST]] = 0
 
     def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
-        """Decodes as every codec of records does; keeps the turns up to the cut."""
+        """Decodes records, and keeps the turns of the time counter up to the cut."""
         events, cut, following = super().decode_words(words, limit)
         if cut:
             turns, low = self._count(words[:cut])

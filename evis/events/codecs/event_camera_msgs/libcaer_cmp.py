@@ -29,7 +29,7 @@ class Decoder(ecm.Decoder):
     counters = {**ecm.Decoder.counters, "unknown": UNKNOWN}
     kernel = "evis.events.codecs.event_camera_msgs.libcaer_cmp_kernels:decode_libcaer_cmp"
 
-    def _begin(self) -> None:
+    def _reset_context(self) -> None:
         self.state[[HIGH, LOW, COLUMN, ROW, SIGN]] = 0
 
     def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:

@@ -33,12 +33,12 @@ class Decoder(decoder.Decoder):
             raise ValueError(f"{self.encoding}: a message has the impossible time base {time_base_ns} ns")
         self.state[CUT] += bool(self.pending)
         self._drop_pending()
-        self._begin()
+        self._reset_context()
         self.state[BASE] = time_base_ns
         self.feed(data)
 
     def _inside(self, x: np.ndarray, y: np.ndarray) -> np.ndarray | None:
-        """Which events to keep, None for all; counts the others."""
+        """Selects the events inside the sensor, and counts the others; None where all are inside."""
         if not self.width and not self.height:
             return None
         keep = (x < (self.width or 1 << 16)) & (y < (self.height or 1 << 16))
@@ -49,7 +49,7 @@ class Decoder(decoder.Decoder):
 
 
 class RecordDecoder(Decoder):
-    """Decodes records of fixed size, whose times are known without the ones before: numpy alone."""
+    """Decodes records of fixed size, by numpy alone: their times do not depend on the records before."""
 
     word = np.dtype("<u8")
     tick_ns = 1
@@ -68,15 +68,15 @@ class RecordDecoder(Decoder):
 
     @abc.abstractmethod
     def _times(self, words: np.ndarray) -> np.ndarray:
-        """Time of each record, int64 [ns]."""
+        """Computes the time of each record, int64 [ns]."""
 
     @abc.abstractmethod
     def _records(self, words: np.ndarray, t: np.ndarray) -> Events:
-        """The events or triggers of the records. Updates `state`."""
+        """Converts records to events or triggers. Updates `state`."""
 
 
 class Encoder(_Encoder):
-    """Encodes whole messages. `encode` gives one message with base 0, `encode_packets` as many as it takes."""
+    """Encodes whole messages: `encode` one with base 0, `encode_packets` as many as are needed."""
 
     span_ns: int
     """Times of one message lie within this many ns of its base."""
@@ -111,7 +111,7 @@ class Encoder(_Encoder):
         return events[part]
 
     def _fit(self, t: np.ndarray, base_ns: int) -> np.ndarray:
-        """Times since the base. Raises ValueError where they do not fit."""
+        """Computes times since the base. Raises ValueError where they do not fit."""
         since = t - np.int64(base_ns)
         if len(since) and not (since.min() >= 0 and since.max() < self.span_ns):
             raise ValueError(
@@ -121,4 +121,4 @@ class Encoder(_Encoder):
 
     @abc.abstractmethod
     def _message(self, events: Events, base_ns: int) -> bytes:
-        """One payload."""
+        """Encodes one payload."""

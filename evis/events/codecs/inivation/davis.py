@@ -57,7 +57,7 @@ class Decoder(inivation.Decoder):
     )
     aps_orientation = 0
 
-    def _begin(self) -> None:
+    def _reset_context(self) -> None:
         self.state[ROW] = 0
         self._imu = ImuReader(INVENSENSE, self.imu_orientation)
         self._frames = FrameReader(self.width, self.height, self.aps_orientation)
@@ -90,7 +90,7 @@ class Encoder(encoder.Encoder):
     width, height = 346, 260
     imu = INVENSENSE
 
-    def _forget(self) -> None:
+    def _forget_addresses(self) -> None:
         self._row = -1
 
     def _cells(self, events: Events, t_us: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -116,4 +116,4 @@ class Encoder(encoder.Encoder):
         return blocks
 
     def _check_samples(self, events: Events) -> None:
-        """All kinds of samples can be sent."""
+        """Accepts all kinds of samples."""

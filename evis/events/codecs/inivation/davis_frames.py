@@ -19,7 +19,7 @@ _KIND[0x4000:0x5000] = _KIND[0x5100:0x5300] = _PART
 
 
 class FrameReader:
-    """Puts frames together from words that come in pieces.
+    """Assembles frames from words that come in pieces.
 
     orientation: the APS orientation register: bit 0 flips y, bit 1 flips x, bit 2: columns are read out as rows.
     """
@@ -58,7 +58,7 @@ class FrameReader:
         return frames, damaged
 
     def _frame(self, end_us: int) -> Frame | None:
-        """The frame of the words since its start; None where columns or samples are missing or too many."""
+        """Assembles the frame of the words since its start; None where columns or samples are missing or too many."""
         assert self._parts is not None
         t_us, words = (np.concatenate([part[k] for part in self._parts]) for k in (0, 1))
         region = _region(words, self.width, self.height)
@@ -97,7 +97,8 @@ class FrameReader:
 
 
 def _region(words: np.ndarray, width: int, height: int) -> tuple[int, int, int, int] | None:
-    """x0, y0, width, height from the pieces (first column, first row, last column, last row); all without them."""
+    """Reads x0, y0, width, height from the pieces (first column, first row, last column, last row); all without
+    them."""
     pieces = words[(words >> 8 == 0x51) | (words >> 8 == 0x52)]
     if not len(pieces):
         return 0, 0, width, height

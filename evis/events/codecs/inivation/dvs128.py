@@ -102,7 +102,7 @@ class Encoder(_Encoder):
         return np.insert(words, np.repeat(np.arange(len(words)), steps), WRAP).astype(self.word).tobytes()
 
     def advance(self, t_ns: int) -> bytes:
-        """Returns the wrap words up to t_ns, as a device that sees nothing sends them."""
+        """Encodes the wrap words up to t_ns, as a device without events sends them."""
         steps = max((t_ns // 1000 >> TURN_BITS) - self._turn, 0)
         self._limit(steps)
         self._turn += steps

@@ -61,7 +61,7 @@ class Decoder(inivation.Decoder):
 
     binned = False
 
-    def _begin(self) -> None:
+    def _reset_context(self) -> None:
         self.state[[COLUMN, ROW1, ROW2]] = 0
         self.state[BINNED] = self.binned
         self._imu = ImuReader(BOSCH, self.imu_orientation)
@@ -108,7 +108,7 @@ class Encoder(encoder.Encoder):
     width, height = 640, 480
     imu = BOSCH
 
-    def _forget(self) -> None:
+    def _forget_addresses(self) -> None:
         self._column = self._group = -1
 
     def _cells(self, events: Events, t_us: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -51,7 +51,7 @@ class Decoder(decoder.Decoder):
 
     binned = False
 
-    def _begin(self) -> None:
+    def _reset_context(self) -> None:
         self.state[[X, USED, SUB]] = -1
         self.state[BINNED] = self.binned
 
@@ -62,7 +62,7 @@ class Decoder(decoder.Decoder):
         is_group = words >= GROUPS
         places = np.flatnonzero(~is_group & (words != 0))
         before = self.state.copy()
-        x, now = self._walk(words[places].tolist())
+        x, now = self._track_columns(words[places].tolist())
         groups = np.flatnonzero(is_group)
         of = decoder.count_until(~is_group & (words != 0), groups)
         valid = x[of] >= 0
@@ -72,13 +72,13 @@ class Decoder(decoder.Decoder):
             i = int(np.argmax(late))
             following, cut = int(now[of[i]]), int(groups[i])
             self.state = before
-            x, now = self._walk(words[places[places < cut]].tolist())
+            x, now = self._track_columns(words[places[places < cut]].tolist())
             groups, of, valid = groups[:i], of[:i], valid[:i]
         self.state[UNTIMED] += np.count_nonzero(~valid)
         return self._events(words[groups[valid]], x[of[valid]], now[of[valid]]), cut, following
 
-    def _walk(self, words: list[int]) -> tuple[np.ndarray, np.ndarray]:
-        """Column (-1: none yet) and time [us] before the first word and after each. Updates the state."""
+    def _track_columns(self, words: list[int]) -> tuple[np.ndarray, np.ndarray]:
+        """Computes column (-1: none yet) and time [us] before the first word and after each. Updates the state."""
         s = self.state.tolist()
         columns, times = [s[X]], [s[NOW]]
         for word in words:
@@ -180,7 +180,7 @@ class Encoder(_Encoder):
         return flat.astype(self.word).tobytes()
 
     def advance(self, t_ns: int) -> bytes:
-        """Returns the reference up to t_ns."""
+        """Encodes the reference word up to t_ns."""
         ms = t_ns // 1_000_000
         if self._ms is not None and ms <= self._ms:
             return b""
@@ -189,7 +189,7 @@ class Encoder(_Encoder):
         return words.astype(self.word).tobytes()
 
     def _references(self, before: int | None, ms: int) -> np.ndarray:
-        """Reference words after the one for `before` [ms], none less than half a turn apart where turns pass."""
+        """Makes the reference words after that for `before` [ms], none less than half a turn apart where turns pass."""
         half = 1 << REFERENCE_BITS - 1
         turns = (ms >> REFERENCE_BITS) - ((before or 0) >> REFERENCE_BITS)
         if turns > MAX_TURNS:

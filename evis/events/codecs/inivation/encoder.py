@@ -1,4 +1,4 @@
-"""Implements what the DAVIS and DVXplorer encoders share: words of groups of events, blocks of other words, and the
+"""Implements what the DAVIS and DVXplorer encoders share: groups of events as words, blocks of other words,
 time words."""
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ class Encoder(_Encoder):
     def __init__(self, resync: bool = False) -> None:
         super().__init__(resync)
         self._t_us: int | None = None
-        self._forget()
+        self._forget_addresses()
 
-    def _forget(self) -> None:
-        """No address has been sent yet."""
+    def _forget_addresses(self) -> None:
+        """Resets the addresses, so that the next words send them."""
 
     def encode(self, events: Events) -> bytes:
         """Encodes events as words in stream order; triggers and samples before the first event that is later."""
@@ -42,7 +42,7 @@ class Encoder(_Encoder):
         if not len(events) and not blocks:
             return b""
         if self.resync:
-            self._forget()
+            self._forget_addresses()
         heads, cells, used = self._cells(events, events.t // 1000)
         head_t = events.t[heads] // 1000
         block_t = np.array([t for t, _ in blocks], np.int64)
@@ -86,7 +86,7 @@ class Encoder(_Encoder):
         return flat.astype(self.word).tobytes()
 
     def advance(self, t_ns: int) -> bytes:
-        """Returns the wrap words up to t_ns, as a device that sees nothing sends them."""
+        """Encodes the wrap words up to t_ns, as a device without events sends them."""
         turns = (t_ns // 1000 >> 15) - ((self._t_us or 0) >> 15)
         if turns <= 0:
             return b""

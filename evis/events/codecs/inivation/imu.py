@@ -19,7 +19,7 @@ _MINE[[1, IMU_START, IMU_END]] = _MINE[0x5000:0x5100] = _MINE[0x5300:0x5400] = T
 
 @dataclass(frozen=True)
 class ImuChip:
-    """Describes how a chip's numbers become units.
+    """Converts a chip's numbers to units.
 
     accelerometer_shift: place of its two scale bits, +-(2 << scale) g. gyroscope_dps: full range [deg/s] by scale.
     temperature: (per count, at 0) [deg C]. order: where ax ay az T gx gy gz are among the seven values on the wire.
@@ -112,7 +112,7 @@ BOSCH = ImuChip(3, (2000, 1000, 500, 250, 125), 7, (1 / 512, 23.0), (1, 0, 2, 3,
 
 
 class ImuReader:
-    """Puts samples together from words that come in pieces. A sample's time is that of its end.
+    """Assembles samples from words that come in pieces. A sample's time is that of its end.
 
     orientation: what the camera's register says of how the chip is mounted; bits 2, 1, 0 turn x, y, z around.
     """

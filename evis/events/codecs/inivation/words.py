@@ -121,7 +121,8 @@ class Decoder(decoder.Decoder):
         return events, skipped + cut, following
 
     def _clock(self, words: np.ndarray, kind: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Places of the words that carry time; base and time [us] before the first of them and after each."""
+        """Finds the words that carry time; returns their places, and base and time [us] before the first and after
+        each."""
         at = np.flatnonzero(kind <= RESET)
         is_wrap, is_reset = kind[at] == WRAP, kind[at] == RESET
         data = words[at].astype(np.int64)
@@ -133,4 +134,4 @@ class Decoder(decoder.Decoder):
 
     @abc.abstractmethod
     def _events(self, words: np.ndarray, kind: np.ndarray, at: np.ndarray, times: np.ndarray) -> Events:
-        """Events of the words `at`, and the address part of the state after all words."""
+        """Decodes the events of the words `at`; returns them and the address part of the state after all words."""

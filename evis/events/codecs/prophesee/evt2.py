@@ -12,7 +12,7 @@ import numpy as np
 
 from evis.events.arrays import Events, Triggers
 from evis.events.codecs import decoder
-from evis.events.codecs.encoder import Item, PropheseeEncoder, scatter, with_steps
+from evis.events.codecs.encoder import MergedStream, PropheseeEncoder, reserve_words, scatter
 
 OFF, ON, TIME_HIGH, TRIGGER = 0, 1, 8, 10
 PADDING = (14, 15)
@@ -83,7 +83,7 @@ class Decoder(decoder.Decoder):
         return self._events(words[timed], kind[timed], times), skipped + cut, next_us
 
     def _heads(self, words: np.ndarray) -> np.ndarray:
-        """Type, low time and address of each word, as an EVT2 word."""
+        """Returns each word as an EVT2 word: type, low time and address."""
         return words
 
     def _events(self, word: np.ndarray, kind: np.ndarray, times: np.ndarray) -> Events:
@@ -109,7 +109,7 @@ class Decoder(decoder.Decoder):
         return Events(times * 1000, x, y, kind.astype(np.uint8), triggers=triggers)
 
     def _addresses(self, word: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """x, y and the word of each event; None for the last where each word is one event."""
+        """Returns x, y and the word of each event; None for the last where each word is one event."""
         return (word >> X_SHIFT & ADDRESS_MASK).astype(np.uint16), (word & ADDRESS_MASK).astype(np.uint16), None
 
 
@@ -125,8 +125,8 @@ class Encoder(PropheseeEncoder):
         """Makes TIME_HIGH words."""
         return TIME_HIGH << TYPE_SHIFT | high & HIGH_MASK
 
-    def _write(self, item: Item, new_high: np.ndarray, steps: dict[int, np.ndarray]) -> np.ndarray:
-        out, start = with_steps(new_high + 1, steps)
+    def _write(self, item: MergedStream, new_high: np.ndarray, steps: dict[int, np.ndarray]) -> np.ndarray:
+        out, start = reserve_words(new_high + 1, steps)
         at = scatter(out, start, new_high, self.time_high_words(item.t_us >> HIGH_SHIFT))
         low = (item.t_us & LOW_MASK) << LOW_SHIFT
         out[at] = np.where(

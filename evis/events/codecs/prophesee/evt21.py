@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from evis.events.codecs.encoder import Item, PropheseeEncoder, scatter, with_steps
+from evis.events.codecs.encoder import MergedStream, PropheseeEncoder, reserve_words, scatter
 from evis.events.codecs.prophesee import evt2
 from evis.events.codecs.prophesee.evt2 import (
     ADDRESS_MASK,
@@ -62,14 +62,14 @@ class Encoder(PropheseeEncoder):
         """Makes TIME_HIGH words."""
         return (TIME_HIGH << TYPE_SHIFT | high & HIGH_MASK).astype(np.uint64) << np.uint64(32)
 
-    def _write(self, item: Item, new_high: np.ndarray, steps: dict[int, np.ndarray]) -> np.ndarray:
+    def _write(self, item: MergedStream, new_high: np.ndarray, steps: dict[int, np.ndarray]) -> np.ndarray:
         n = len(item.t_us)
         new = np.ones(n, bool)
         new[1:] = new_high[1:] | (item.t_us[1:] != item.t_us[:-1]) | (item.y[1:] != item.y[:-1])
         heads, _ = find_vectors(item, new)
         is_head = np.zeros(n, bool)
         is_head[heads] = True
-        out, start = with_steps(new_high + is_head.astype(np.int64), steps, np.uint64)
+        out, start = reserve_words(new_high + is_head.astype(np.int64), steps, np.uint64)
         at = scatter(out, start, new_high, self.time_high_words(item.t_us >> HIGH_SHIFT))
         low = (item.t_us & LOW_MASK) << LOW_SHIFT
         upper = np.where(

@@ -10,7 +10,7 @@ import numpy as np
 
 from evis.events.arrays import Events, Triggers
 from evis.events.codecs import decoder
-from evis.events.codecs.encoder import Item, PropheseeEncoder, scatter, with_steps
+from evis.events.codecs.encoder import MergedStream, PropheseeEncoder, reserve_words, scatter
 
 ADDR_Y, ADDR_X, VECT_BASE_X, VECT_12, VECT_8, TIME_LOW, TIME_HIGH, TRIGGER = 0, 2, 3, 4, 5, 6, 8, 10
 
@@ -47,7 +47,7 @@ class Decoder(decoder.Decoder):
     counters = {"outside": OUTSIDE, "untimed": UNTIMED, "unknown": UNKNOWN}
     kernel = "evis.events.codecs.prophesee.evt3_kernels:decode_evt3"
 
-    def _begin(self) -> None:
+    def _reset_context(self) -> None:
         self.state[[LOW, ROW, BASE, SIGN]] = 0
 
     def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
@@ -84,7 +84,7 @@ class Decoder(decoder.Decoder):
         return events, skipped + cut, next_us
 
     def _events(self, kind: np.ndarray, value: np.ndarray, at: np.ndarray, times: np.ndarray) -> Events:
-        """Events of the words `at`, and the address part of the state after all words."""
+        """Decodes the events of the words `at`; returns them and the address part of the state after all words."""
         state = self.state
         rows = np.flatnonzero(kind == ADDR_Y)
         y_values = np.concatenate([state[ROW : ROW + 1], value[rows].astype(np.int64) & ADDRESS])
@@ -124,7 +124,7 @@ class Decoder(decoder.Decoder):
 
 
 class _Clock:
-    """The time in force at each word."""
+    """Computes the current time at each word."""
 
     def __init__(self, state: np.ndarray, kind: np.ndarray, value: np.ndarray) -> None:
         self.kind = kind
@@ -150,7 +150,7 @@ class _Clock:
         return (self.loop[h] << 24) + (self.high[h] << 12) + low
 
     def store(self, state: np.ndarray, cut: int) -> None:
-        """Stores the state before word `cut`."""
+        """Stores the time before word `cut` in the state."""
         h, l = int(np.searchsorted(self.highs, cut)), int(np.searchsorted(self.lows, cut))
         state[TIMED] = int(self.any or h > 0)
         state[HIGH], state[LOOP] = self.high[h], self.loop[h]
@@ -173,7 +173,7 @@ class Encoder(PropheseeEncoder):
         """Makes TIME_HIGH words."""
         return TIME_HIGH << 12 | high & 0xFFF
 
-    def _write(self, item: Item, new_high: np.ndarray, steps: dict[int, np.ndarray]) -> np.ndarray:
+    def _write(self, item: MergedStream, new_high: np.ndarray, steps: dict[int, np.ndarray]) -> np.ndarray:
         n = len(item.t_us)
         events, t_us = ~item.is_trigger, item.t_us
         low = t_us & 0xFFF
@@ -191,7 +191,7 @@ class Encoder(PropheseeEncoder):
         head = np.zeros(n, bool)
         head[heads] = True
         payload = np.where(big, np.where(head, 4, 0), 1)
-        out, at = with_steps(payload + new_high + new_low + new_row, steps)
+        out, at = reserve_words(payload + new_high + new_low + new_row, steps)
         at = scatter(out, at, new_high, self.time_high_words(t_us >> 12))
         at = scatter(out, at, new_low, TIME_LOW << 12 | low)
         at = scatter(out, at, new_row, ADDR_Y << 12 | item.y)
@@ -210,8 +210,8 @@ class Encoder(PropheseeEncoder):
         return out
 
 
-def find_vectors(item: Item, new: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Finds first items and sizes of the runs that one vector of 32 aligned columns can hold in their order."""
+def find_vectors(item: MergedStream, new: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Finds the runs of items that one vector of 32 aligned columns can hold in their order: first items, and sizes."""
     n = len(item.t_us)
     joins = np.zeros(n, bool)
     same = (item.p[1:] == item.p[:-1]) & (item.x[1:] >> 5 == item.x[:-1] >> 5) & (item.x[1:] > item.x[:-1])

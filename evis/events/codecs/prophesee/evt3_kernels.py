@@ -43,7 +43,7 @@ def start_of(loop: wp.int64, high: wp.int32):
 
 @wp.func
 def latest_of(limit_us: wp.int64, since: wp.int64):
-    """Finds the last TIME_LOW that is not later than the limit: -1 for none."""
+    """Computes the last TIME_LOW that is not later than the limit; -1 for none."""
     return int(wp.clamp(limit_us - since, wp.int64(-1), wp.int64(4096)))
 
 

@@ -36,7 +36,7 @@ class Decoder(evt21.Decoder):
     state_size = 7
     kernel = "evis.events.codecs.prophesee.evt4_kernels:decode_evt4"
 
-    def _begin(self) -> None:
+    def _reset_context(self) -> None:
         self.state[OPEN] = 0
 
     def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:

@@ -1,4 +1,5 @@
-"""Assembles frames and inertial samples of a DAVIS between the events of an AEDAT 2.0 file (address bit 31 is set)."""
+"""Assembles frames and inertial samples of a DAVIS from the words between the events of AEDAT 2.0 (address bit
+31 set)."""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ _ROWS, _COLUMNS = 512, 1024
 
 
 class DavisSamples:
-    """Puts APS reads and IMU words together; state is carried from block to block.
+    """Assembles APS reads and IMU words; state is carried from block to block.
 
     A frame begins where the pixel that was reset first is reset again; a pixel is its reset read minus its signal read
     (0..1023), shifted to 16 bits. An IMU sample is seven words in a row: acceleration x y z, temperature, angular
@@ -34,7 +35,7 @@ class DavisSamples:
         self._damaged = 0
 
     def take_damaged(self) -> int:
-        """Returns the frames without a signal for each reset read since the last call."""
+        """Returns the number of frames without a signal for each reset read since the last call."""
         n, self._damaged = self._damaged, 0
         return n
 
@@ -104,7 +105,7 @@ class DavisSamples:
         ]
 
     def finish(self, events: Events) -> None:
-        """Ends the frame that is open, if any; a whole one goes into `events`."""
+        """Ends the frame that is open, if any, and puts it into `events` where it is whole."""
         (n_reset, n_signal), (x0, y0, x1, y1) = self._counts, self._box
         if n_reset and n_reset == n_signal:
             cut = np.s_[y0 : y1 + 1, x0 : x1 + 1]

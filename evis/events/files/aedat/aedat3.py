@@ -81,7 +81,7 @@ class Aedat3Recording(DescriptorOwner, BlockRecording):
         return {f[1].strip(): f[2].strip() for f in found if f}, end + len(END) if end >= 0 else 0
 
     def _find_source(self, topic: str, named: dict[str, str]) -> int | None:
-        """The source to read; None where there is no event."""
+        """Finds the source to read; None where there is no event."""
         self.info.topics = tuple(named)
         if topic:
             if topic not in named:
@@ -102,7 +102,8 @@ class Aedat3Recording(DescriptorOwner, BlockRecording):
         return self._load_at(self._begin)
 
     def _packets(self, at: int, quiet: bool = False) -> Iterator[tuple[int, np.void]]:
-        """(place of the first event, header) of each packet; the last may be cut. quiet: nothing is counted or said."""
+        """Yields (place of the first event, header) of each packet; the last may be cut. quiet: without counts and
+        warnings."""
         size = self.info.size_bytes
         while at < size:
             data = os.pread(self._descriptor, HEADER.itemsize, at)
@@ -143,7 +144,7 @@ class Aedat3Recording(DescriptorOwner, BlockRecording):
                     yield self._events(head, np.frombuffer(data, np.uint8).reshape(n, length))
 
     def _events(self, head: np.void, rows: np.ndarray) -> Events:
-        """Events from bytes uint8 [n, size]."""
+        """Converts the records of a packet, uint8 [n, size], to events, samples or frames."""
         events, kind, length = Events.empty(), int(head["type"]), rows.shape[1]
         least = {SPECIAL: 8, POLARITY: 8, FRAME: _FRAME.itemsize, IMU6: 36, IMU9: 48}.get(kind, 0)
         if length < least or not least:
@@ -181,7 +182,7 @@ class Aedat3Recording(DescriptorOwner, BlockRecording):
         return Frame(t[0], pixels, t[2], t[3], int(head["place"][0]), int(head["place"][1]), t[1])
 
     def _load_from(self, t_ns: int) -> Iterator[Events]:
-        """By the first time of each packet of events."""
+        """Yields blocks from the last packet of events that begins before t_ns."""
         best = self._begin
         for start, head in self._packets(self._begin):
             if int(head["type"]) == POLARITY and int(head["size"]) >= 8:

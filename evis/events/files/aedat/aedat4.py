@@ -98,10 +98,10 @@ class Aedat4Recording(DescriptorOwner, BlockRecording):
         if table > self._size:
             info.truncated = True
             info.warn("cut: its table of packets lies behind the end of the file")
-        self._choose(options)
+        self._choose_stream(options)
 
-    def _choose(self, options: OpenOptions) -> None:
-        """The stream of events: the one that was asked for, or the first."""
+    def _choose_stream(self, options: OpenOptions) -> None:
+        """Chooses the stream of events: the one that was asked for, or the first. Raises RecordingError."""
         info = self.info
         events = {i: s for i, s in self._streams.items() if s.get("typeIdentifier") == "EVTS"}
         names = {str(i): i for i in events}
@@ -131,7 +131,7 @@ class Aedat4Recording(DescriptorOwner, BlockRecording):
         info.serial = info.sensor.rpartition("_")[2] if "_" in info.sensor else ""
 
     def _read(self, at: int, size: int) -> memoryview:
-        """Bytes of the file, fewer at its end. Valid until the next call: the buffer is used again."""
+        """Reads bytes of the file, fewer at its end. Valid until the next call, which uses the buffer again."""
         begin, window = self._window
         if size > _WINDOW:
             return memoryview(os.pread(self._descriptor, size, at))
@@ -147,7 +147,7 @@ class Aedat4Recording(DescriptorOwner, BlockRecording):
             head = self._read(at, 20)
             stream, size = struct.unpack_from("<ii", head) if len(head) >= 8 else (-1, 0)
             known = size > 0 and (stream in self._streams or not self._streams)
-            if known and at + 8 + size <= self._end and self._starts_well(stream, head):
+            if known and at + 8 + size <= self._end and self._payload_begins_right(stream, head):
                 yield Packet(at, stream, size, False)
                 at += 8 + size
                 continue
@@ -160,22 +160,22 @@ class Aedat4Recording(DescriptorOwner, BlockRecording):
                 return
             at = following
 
-    def _kind(self, stream: int) -> bytes:
-        """What a stream's packets hold by the header, empty where it does not say."""
+    def _packet_kind(self, stream: int) -> bytes:
+        """Returns the kind of a stream's packets that the header states, empty where it does not."""
         return self._streams.get(stream, {}).get("typeIdentifier", "").encode()
 
-    def _starts_well(self, stream: int, head: memoryview) -> bool:
-        """Whether the bytes behind a packet's header are what the compression begins with."""
+    def _payload_begins_right(self, stream: int, head: memoryview) -> bool:
+        """Tells whether the bytes behind a packet's header are what the compression begins with."""
         magic = _FRAME_MAGIC.get(self._compression)
         if magic:
             return head[8:12] == magic
-        kind = self._kind(stream)
+        kind = self._packet_kind(stream)
         return head[16:20] == kind if kind else head[16:20] in KINDS
 
     def _next_packet(self, at: int) -> int:
-        """The next place that looks like a packet's header, -1 where there is none."""
+        """Finds the next place that looks like a packet's header, -1 where there is none."""
         magic = _FRAME_MAGIC.get(self._compression)
-        kinds = {*KINDS, *filter(None, map(self._kind, self._streams))}
+        kinds = {*KINDS, *filter(None, map(self._packet_kind, self._streams))}
         pattern = re.compile(re.escape(magic) if magic else b"|".join(map(re.escape, sorted(kinds))))
         behind = 8 if magic else 16
         while at < self._end:
@@ -216,7 +216,7 @@ class Aedat4Recording(DescriptorOwner, BlockRecording):
     def _unpack(self, packet: Packet, joined: Packets, allowance: Allowance) -> None:
         if packet.size <= 0 or packet.stream in self._of_others:
             return
-        if (kind := self._kind(packet.stream)) and kind not in KINDS:
+        if (kind := self._packet_kind(packet.stream)) and kind not in KINDS:
             self.count("packets_left_out")
             return
         try:
@@ -227,7 +227,7 @@ class Aedat4Recording(DescriptorOwner, BlockRecording):
                 self._damaged(packet.at, str(error))
 
     def _load_from(self, t_ns: int) -> Iterator[Events]:
-        """By the table of packets at the end of the file; without it from the start."""
+        """Yields blocks from a packet found in the table at the end of the file; without a table from the start."""
         if self._end == self._size or self._begin == self._size:
             return self._load()
         try:
@@ -254,7 +254,7 @@ class Aedat4Recording(DescriptorOwner, BlockRecording):
 
 
 def _streams(text: str) -> dict[int, dict[str, str]]:
-    """The streams that the header's XML describes: number -> attributes of it and of its `info`."""
+    """Parses the streams that the header's XML describes: number -> attributes of it and of its `info`."""
     if "<!" in text:
         raise DamagedError("its description has a document type")
     try:

@@ -27,7 +27,7 @@ _RGB = {1: [0], 3: [2, 1, 0], 4: [2, 1, 0]}
 
 
 class Packets:
-    """Collects uncompressed packets in arrays; full when another one like the last might not fit."""
+    """Collects the contents of uncompressed packets in arrays; `full` when another one like the last might not fit."""
 
     def __init__(self) -> None:
         self._room = _FIRST
@@ -43,7 +43,7 @@ class Packets:
         self.full = False
 
     def add(self, data: bytes, cut: bool = False) -> None:
-        """Adds one packet. cut: it may end early. Raises DamagedError and is as before."""
+        """Adds one packet. cut: it may end early. Raises DamagedError, and then holds what it held before."""
         kind = data[8:12]
         if kind not in KINDS:
             raise DamagedError("it holds nothing that is known")
@@ -60,7 +60,7 @@ class Packets:
         self.empty = False
 
     def _add_events(self, raw: np.ndarray) -> None:
-        """At once, while the unpacked bytes are in the cache."""
+        """Adds events at once, while the unpacked bytes are in the cache."""
         first, last = self._n, self._n + len(raw)
         if last > len(self._events):
             before, room = self._events[:first], max(self._room, last)
@@ -80,7 +80,7 @@ class Packets:
             events.t[first:last] = t
 
     def take(self) -> Events:
-        """Takes what the packets hold, each kind in the order of the packets; none is left."""
+        """Returns, and removes, what the packets hold, each kind in the order of the packets."""
         events = self._events[: self._n]
         if self._imu:
             events.imu = _imu(self._imu)

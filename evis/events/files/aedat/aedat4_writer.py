@@ -60,7 +60,7 @@ class Aedat4Writer(FileWriter):
         self._aside(waiting)
 
     def _aside(self, events: Events) -> None:
-        """All but the events."""
+        """Writes frames, inertial samples and triggers."""
         for frame in events.frames:
             self._frame(frame)
         self._imu(events.imu)
@@ -122,7 +122,7 @@ def _squeezer(compression: str):  # type: ignore[no-untyped-def]
 
 
 def _description(width: int, height: int, compression: str) -> str:
-    """The header's XML, as DV's recorder writes it."""
+    """Writes the header's XML in the form of DV's recorder."""
     nodes = []
     for i, (name, kind) in enumerate(_STREAMS):
         size = (

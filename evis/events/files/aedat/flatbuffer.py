@@ -1,4 +1,4 @@
-"""Reads flatbuffers and believes nothing: every offset is checked against the bytes that are there."""
+"""Reads flatbuffers that may be damaged or hostile: every offset is checked against the bytes that are there."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Table:
         return Table(data, at + _get("<I", data, at))
 
     def place(self, field: int) -> int:
-        """Tells where a field's bytes begin, 0 where the table does not have it."""
+        """Returns the place of a field's bytes, 0 where the table does not have it."""
         offset = self._fields[field] if field < len(self._fields) else 0
         return self.at + offset if offset else 0
 
@@ -99,14 +99,14 @@ class Table:
         return self._one_by_one(tables, wanted, cut) if rows is None else rows
 
     def _alike(self, tables: list[int], wanted: Wanted) -> Rows | None:
-        """Rows of tables with their fields in the same places, as writers make them; None where it is not so."""
+        """Reads tables that have their fields in the same places, as writers make them; None where it is not so."""
         soffset, data = _READERS["<i"].unpack_from, self.data
         try:
             types = {at - soffset(data, at)[0] for at in tables}
             vtables = {bytes(data[v : v + _get("<H", data, v)]) for v in types}
         except (struct.error, DamagedError):
             return None
-        kinds = {_row(vtable, wanted) for vtable in vtables}
+        kinds = {_row_type(vtable, wanted) for vtable in vtables}
         kind = kinds.pop() if len(kinds) == 1 else None
         if kind is None or max(tables) + kind.itemsize > len(data):
             return None
@@ -134,7 +134,7 @@ class Table:
 
 
 def columns(parts: Sequence[Rows], wanted: Wanted) -> list[np.ndarray]:
-    """Returns one array for each wanted field, of the rows of many tables in a row; 0 where a field is absent."""
+    """Joins the rows of many tables to one array for each wanted field; 0 where a field is absent."""
     tables = []
     for kind, alike in itertools.groupby(parts, operator.itemgetter(0)):
         tables.append(np.frombuffer(b"".join([data for _, data in alike]), kind))
@@ -143,8 +143,8 @@ def columns(parts: Sequence[Rows], wanted: Wanted) -> list[np.ndarray]:
 
 
 @functools.lru_cache(64)
-def _row(vtable: bytes, wanted: Wanted) -> np.dtype | None:
-    """What a table of this vtable is as one row of numbers; fields that it lacks are not in it. None: it is damaged."""
+def _row_type(vtable: bytes, wanted: Wanted) -> np.dtype | None:
+    """Makes the record type of a table with this vtable, without fields that it lacks. None: the vtable is damaged."""
     if len(vtable) < 4:
         return None
     size, *offsets = struct.unpack_from(f"<{len(vtable) // 2 - 1}H", vtable, 2)

@@ -1,5 +1,4 @@
-"""Decodes the bytes of an Event Stream to events: by a loop in plain Python as the reference, and by the same loop as a
-Warp kernel."""
+"""Decodes the bytes of an Event Stream to events, by a loop in plain Python and by the same loop as a Warp kernel."""
 
 from __future__ import annotations
 
@@ -13,7 +12,7 @@ LOOP_BYTES = 1 << 20
 
 
 class EsDecoder:
-    """Decodes bytes of an Event Stream, cut anywhere.
+    """Decodes the bytes of an Event Stream, in any pieces.
 
     Coordinates and times [us] are as stored: the time is 0 before the first byte.
     """
@@ -28,7 +27,7 @@ class EsDecoder:
 
     @property
     def pending(self) -> int:
-        """Returns the bytes of an event that is not complete."""
+        """Returns the bytes of an event that is not complete yet."""
         return len(self._rest)
 
     def decode(self, data: bytes) -> tuple[Events, int]:

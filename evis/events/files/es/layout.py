@@ -16,5 +16,5 @@ TIME_SHIFT = {"dvs": 1, "atis": 2}
 
 
 def longest_time(shift: int) -> int:
-    """Returns the time of a first byte that stands for a pause [us]."""
+    """Returns the time that a first byte without an event stands for [us]."""
     return 0xFF >> shift

@@ -1,4 +1,4 @@
-"""Finds what of a data set lies before the end of a file that is cut.
+"""Finds which part of a dataset lies before the end of a file that is cut.
 
 The library itself gives zeros for what does not.
 """
@@ -38,7 +38,7 @@ def rows_there(table: Table, end: int, first: int, last: int) -> Parts:
     length, parts = table.chunks[0], []
     for start in range(first - first % length, last, length):
         try:
-            places = [table.id.get_chunk_info_by_coord((start, *rest)) for rest in _corners(table)]
+            places = [table.id.get_chunk_info_by_coord((start, *rest)) for rest in _column_offsets(table)]
         except (RuntimeError, ValueError, OSError, OverflowError):
             continue  # its index lies behind the cut
         if any(p.byte_offset is None or not p.size for p in places):
@@ -50,8 +50,8 @@ def rows_there(table: Table, end: int, first: int, last: int) -> Parts:
     return _joined(parts)
 
 
-def _corners(table: Table) -> list[tuple[int, ...]]:
-    """Where the chunks of one row begin in the other dimension."""
+def _column_offsets(table: Table) -> list[tuple[int, ...]]:
+    """Returns where the chunks of one row begin in the other dimension."""
     if table.ndim == 1 or table.chunks is None:
         return [()]
     return [(at,) for at in range(0, table.shape[1], table.chunks[1])]
@@ -76,7 +76,7 @@ def common(one: Parts, other: Parts) -> Parts:
 
 
 def carve_ecf(path: Path, at: int, length: int, t_us: int | None, size: tuple[int, int]) -> Iterator[ecf.Columns]:
-    """Yields the chunks of ECF that stand in a file from byte `at` on, found by their first words: for a lost index.
+    """Yields the ECF chunks in a file from byte `at` on, recognised by their first words: for a lost index.
 
     length: events in a chunk. t_us: time of the event before, None where there is none. size: of the sensor, 0 where it
     is unknown. A chunk counts when it can be decoded, no time steps back or leaps by more than an hour, and every pixel

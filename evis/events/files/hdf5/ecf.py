@@ -1,4 +1,4 @@
-"""Decodes and encodes chunks of ECF; `ecf_layout` says what they hold."""
+"""Decodes and encodes chunks of ECF, whose layout `ecf_layout` describes."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ Columns = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 def decode(data: bytes, backend: str = "numpy") -> Columns:
-    """Decodes one chunk to (t int64 [us], x uint16, y uint16, p uint8) of one chunk. Raises DamagedError."""
+    """Decodes one chunk to (t int64 [us], x uint16, y uint16, p uint8). Raises DamagedError."""
     head = _head(data)
     if head.n > MAX_EVENTS:
         raise DamagedError(f"an ECF chunk claims {head.n} events, the limit is {MAX_EVENTS}")
@@ -77,7 +77,7 @@ def _loop(data: bytes, head: Head) -> tuple[Columns, int]:
 
 
 def decode_cut(data: bytes) -> Columns:
-    """Decodes the first events of a chunk of which only the beginning is there: those with all of their parts in it.
+    """Decodes the first events of a chunk whose end is missing: those with all of their parts in it.
 
     Times and rows come first, so that there are none unless the cut lies behind these; none either where polarities are
     stored apart, behind everything else.
@@ -133,7 +133,7 @@ def _times(data: bytes, n: int, t0: int) -> tuple[np.ndarray, int]:
 
 
 def _runs(data: bytes, at: int, n: int, size: int, bits: int) -> tuple[np.ndarray, int]:
-    """Run lengths in words of `size` bytes: value << bits | count, all ones: the count follows as u16."""
+    """Decodes run lengths in words of `size` bytes: value << bits | count, all ones: the count follows as u16."""
     code, most, i = {1: "<B", 2: "<H"}[size], (1 << bits) - 1, 0
     runs: list[tuple[int, int]] = []
     while i < n:

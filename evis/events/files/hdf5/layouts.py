@@ -1,4 +1,4 @@
-"""Finds where the events are in an HDF5 file, by who wrote it."""
+"""Finds where the events are in an HDF5 file, in the layout of the program that wrote it."""
 
 from __future__ import annotations
 
@@ -64,7 +64,9 @@ def find_layout(file: h5py.File, topic: str, info: RecordingInfo, backend: str) 
     if isinstance(table, Table) and compound and topic.strip("/") in ("", "CD", "CD/events"):
         return _prophesee(file, table, info, backend)
     groups: list[str] = ["CD/events"] if compound else []
-    groups += [name for name, item in (("/", file), *_walk(file)) if _holds_events(item, info) and name not in groups]
+    groups += [
+        name for name, item in (("/", file), *_objects_below(file)) if _holds_events(item, info) and name not in groups
+    ]
     if not groups:
         raise ValueError("an HDF5 file without events: no CD/events, no x, y, t, p, no N x 4 events")
     info.topics = tuple(groups)
@@ -79,8 +81,8 @@ def find_layout(file: h5py.File, topic: str, info: RecordingInfo, backend: str) 
     return _columns(file, found, info)
 
 
-def _walk(group: h5py.Group, prefix: str = "", met: set[Any] | None = None) -> Iterator[tuple[str, Any]]:
-    """All objects that can be read, by their paths; those whose headers are damaged or cut off are left out."""
+def _objects_below(group: h5py.Group, prefix: str = "", met: set[Any] | None = None) -> Iterator[tuple[str, Any]]:
+    """Yields all objects that can be read, by their paths; those whose headers are damaged or cut off are left out."""
     met = set() if met is None else met
     for name in _names(group):
         try:
@@ -93,7 +95,7 @@ def _walk(group: h5py.Group, prefix: str = "", met: set[Any] | None = None) -> I
             continue
         yield prefix + name, item
         if isinstance(item, h5py.Group) and prefix.count("/") < _DEEPEST:
-            yield from _walk(item, f"{prefix}{name}/", met)
+            yield from _objects_below(item, f"{prefix}{name}/", met)
 
 
 def _names(group: h5py.Group) -> list[str]:
@@ -106,16 +108,16 @@ def _names(group: h5py.Group) -> list[str]:
 def _holds_events(item: Any, info: RecordingInfo) -> bool:
     if isinstance(item, h5py.Dataset):
         if item.dtype.names:
-            return item.ndim == 1 and all(_named_in(item.dtype.names).values())
+            return item.ndim == 1 and all(_names_of_columns(item.dtype.names).values())
         return item.ndim == 2 and item.shape[1] == 4 and item.name.rpartition("/")[2] == "events"
     if not isinstance(item, h5py.Group):
         return False
-    names = _named_in(_names(item))
+    names = _names_of_columns(_names(item))
     return all(names.values()) and all(isinstance(member(item, n, info), Table) for n in names.values())
 
 
-def _named_in(there: Any) -> dict[str, str]:
-    """What t, x, y and p are called among the names; empty where one is missing."""
+def _names_of_columns(there: Any) -> dict[str, str]:
+    """Finds the names of t, x, y and p among those that are there; empty where one is missing."""
     return {column: next((n for n in names if n in there), "") for column, names in NAMES.items()}
 
 
@@ -193,8 +195,8 @@ def _ecf_chunk(table: Table, a: int, b: int, backend: str) -> Events:
 
 
 def _records(table: Table, info: RecordingInfo) -> Layout:
-    """An event a row, as a record with named fields."""
-    names = _named_in(table.dtype.names)
+    """Describes a dataset of records with named fields, one per event."""
+    names = _names_of_columns(table.dtype.names)
     times = _Times(table, names["t"], info)
 
     def read(a: int, b: int) -> Events:
@@ -207,7 +209,7 @@ def _records(table: Table, info: RecordingInfo) -> Layout:
 
 
 class _Times:
-    """Times of any type in ns: with fractions s, whole us; ns where the name says it or us cannot be."""
+    """Converts times of any type to ns: with fractions s, whole us; ns where the name says it or us cannot be."""
 
     def __init__(self, table: Table, name: str, info: RecordingInfo, offset_us: int = 0) -> None:
         self._offset_us = offset_us
@@ -234,7 +236,7 @@ class _Times:
 def _columns(file: h5py.File, group: h5py.Group, info: RecordingInfo) -> Layout:
     with contextlib.suppress(ImportError):
         import hdf5plugin  # noqa: F401 (registers the compressions that DSEC and TUM-VIE use)
-    names = _named_in(_names(group))
+    names = _names_of_columns(_names(group))
     found = [member(group, names[c], info) for c in "txyp"]
     t, x, y, p = tables = [table for table in found if isinstance(table, Table)]
     for name, table in zip("txyp", tables):
@@ -276,15 +278,15 @@ def _columns(file: h5py.File, group: h5py.Group, info: RecordingInfo) -> Layout:
             height, width = sorted(int(v) for v in given)
             return width, height, "header"
         known = {"dsec": (640, 480), "eds": (640, 480), "tum-vie": (1280, 720)}.get(name)
-        n = _leading([x, y], info)
+        n = _rows_for_size([x, y], info)
         fits = known and (not n or (int(x[:n].max()) < known[0] and int(y[:n].max()) < known[1]))
         return (*known, "sensor") if known and fits else (0, 0, "")
 
     return Layout(name, count, tables, read, lambda i: int(times(t[i : i + 1])[0]), size)
 
 
-def _leading(tables: list[Table], info: RecordingInfo) -> int:
-    """How many of the first rows to look at for the sensor's size."""
+def _rows_for_size(tables: list[Table], info: RecordingInfo) -> int:
+    """Counts the first rows that are read for the sensor's size."""
     n = min(1 << 20, *(table.shape[0] for table in tables))
     for table in tables if info.truncated else []:
         parts = rows_there(table, info.size_bytes, 0, n)
@@ -298,7 +300,8 @@ def _is_there(table: Table, info: RecordingInfo) -> bool:
 
 
 def _table(table: Table, info: RecordingInfo) -> Layout:
-    """MVSEC: rows of x, y, t [s], p (-1 or 1) as float64; v2e: rows of t [us], x, y, p (0 or 1) as uint32."""
+    """Describes a table: MVSEC has rows of x, y, t [s], p (-1 or 1) as float64; v2e of t [us], x, y, p (0 or 1) as
+    uint32."""
     whole_numbers = table.dtype.kind in "iu"
     if whole_numbers:
         info.warn("rows of whole numbers: taken as t in us, x, y, p")
@@ -316,7 +319,7 @@ def _table(table: Table, info: RecordingInfo) -> Layout:
         return _events(seconds_in_ns(t), x.astype(np.int64), y.astype(np.int64), p, 1)
 
     def size() -> tuple[int, int, str]:
-        n = _leading([table], info)
+        n = _rows_for_size([table], info)
         fits = "davis" in table.name and n and (table[:n, :2].max(0) < (346, 260)).all()
         return (346, 260, "sensor") if fits else (0, 0, "")
 
@@ -326,7 +329,10 @@ def _table(table: Table, info: RecordingInfo) -> Layout:
 
 
 def _check_claim(info: RecordingInfo, count: int, tables: list[Table]) -> None:
-    """No compression makes this little of so many events: a damaged number must not keep a reader busy for ever."""
+    """Raises ValueError for more events than any compression puts into the stored bytes.
+
+    A damaged number must not keep a reader busy for ever.
+    """
     stored = info.size_bytes if info.truncated else sum(table.id.get_storage_size() for table in tables)
     if count > _MOST_EVENTS_A_BYTE * stored:
         raise ValueError(f"damaged: {count} events in {stored} bytes")
@@ -335,12 +341,16 @@ def _check_claim(info: RecordingInfo, count: int, tables: list[Table]) -> None:
 
 
 def _events(t: Any, x: Any, y: Any, p: Any, unit: int) -> Events:
-    """Columns of any number type; what does not fit uint16 becomes 65535 and so falls outside of every sensor."""
-    return Events(t.astype(np.int64) * unit, _fitting(x), _fitting(y), (np.asarray(p) > 0).astype(np.uint8))
+    """Converts columns of any number type to events; what does not fit uint16 becomes 65535, outside of every
+    sensor."""
+    return Events(t.astype(np.int64) * unit, _as_uint16(x), _as_uint16(y), (np.asarray(p) > 0).astype(np.uint8))
 
 
-def _fitting(values: Any) -> np.ndarray:
-    """As uint16, 65535 for what is outside of it; not by np.where, for 65535 need not fit the type that they have."""
+def _as_uint16(values: Any) -> np.ndarray:
+    """Converts numbers to uint16, 65535 for those outside of it.
+
+    Not by np.where, for 65535 need not fit the type that they have.
+    """
     given = np.asarray(values)
     outside = (given < 0) | (given > 65535)
     found = np.where(outside, 0, given).astype(np.uint16)

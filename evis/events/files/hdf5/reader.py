@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from evis.events.arrays import Events
 from evis.events.files.reading.block_recording import BlockRecording, take_size
-from evis.events.files.reading.forked_trial import fate
+from evis.events.files.reading.forked_trial import outcome_of
 from evis.events.files.reading.unpacked_file import with_name
 from evis.events.recording import OpenOptions, RecordingError, RecordingInfo
 
@@ -73,7 +73,7 @@ class Hdf5Recording(BlockRecording):
         if stored > self.info.size_bytes:
             self.info.truncated = True
             self.info.warn(f"cut: the file has {self.info.size_bytes} of its {stored} bytes")
-            self._source_file: Any = _Padded(self._path, stored)
+            self._source_file: Any = _PaddedFile(self._path, stored)
         else:
             self._source_file = None
         try:
@@ -90,7 +90,8 @@ class Hdf5Recording(BlockRecording):
 
     @contextlib.contextmanager
     def _named(self, cut: str = "this part lies behind the cut") -> Iterator[None]:
-        """Errors of the library as one line with the file's name; of a file that is cut, `cut` in their place."""
+        """Converts errors of the library to one line with the file's name; of a file that is cut, `cut` in
+        their place."""
         try:
             yield
         except RecordingError:
@@ -110,7 +111,7 @@ class Hdf5Recording(BlockRecording):
         yield from self._load_at(0)
 
     def _triggers(self) -> Iterator[Events]:
-        """All triggers, which have a table of their own."""
+        """Yields all triggers, which have a table of their own."""
         if self._layout.triggers is not None:
             with self._tolerant(), self._named():
                 events = Events.empty()
@@ -134,16 +135,16 @@ class Hdf5Recording(BlockRecording):
                 except RecordingError as error:
                     if not layout.block and not self.info.truncated:
                         raise
-                    self._lost(a, error)
+                    self._skip_damaged(a, error)
                 else:
                     yield events
             if self.info.truncated and sum(b - a for a, b in parts) < n:
                 place = self._place_of(first) if layout.read_cut is not None else None
                 if layout.read_cut is not None and place is None and not reached:
-                    yield from self._carve(first)
+                    yield from self._load_without_index(first)
                     return
                 reached, missed = True, 0 if parts else missed + 1
-                yield self._before_cut(parts, place, first, first + n)
+                yield self._load_before_cut(parts, place, first, first + n)
             first += n
             if missed > _MOST_MISSED:
                 self.count("events_behind_cut", max(layout.count - first, 0))
@@ -154,15 +155,15 @@ class Hdf5Recording(BlockRecording):
             return self._layout.there(self.info.size_bytes, first, last)
 
     def _place_of(self, first: int) -> tuple[int, int] | None:
-        """Where the chunk that begins with event `first` is, and its bytes; None where that is lost."""
+        """Returns place and size of the chunk that begins with event `first`; None where that is lost."""
         try:
             chunk = self._layout.tables[0].id.get_chunk_info_by_coord((first,))
         except (RuntimeError, ValueError, OSError, OverflowError):
             return None
         return (chunk.byte_offset, chunk.size) if chunk.byte_offset is not None else None
 
-    def _before_cut(self, parts: Parts, place: tuple[int, int] | None, first: int, last: int) -> Events:
-        """What can be had of a chunk that the cut goes through; the rest is counted."""
+    def _load_before_cut(self, parts: Parts, place: tuple[int, int] | None, first: int, last: int) -> Events:
+        """Reads the events of a chunk before the cut that goes through it, and counts the others."""
         events, layout = Events.empty(), self._layout
         if layout.read_cut is not None and place is not None:
             with self._path.open("rb") as file, contextlib.suppress(RecordingError), self._named():
@@ -171,8 +172,8 @@ class Hdf5Recording(BlockRecording):
         self.count("events_behind_cut", last - first - sum(b - a for a, b in parts) - len(events))
         return events
 
-    def _carve(self, first: int) -> Iterator[Events]:
-        """The chunks from event `first` on, whose index lies behind the cut, by what chunks begin with."""
+    def _load_without_index(self, first: int) -> Iterator[Events]:
+        """Yields chunks from event `first` on, whose index lies behind the cut, by the words that chunks begin with."""
         from evis.events.files.hdf5.cut import carve_ecf
 
         layout, info = self._layout, self.info
@@ -194,15 +195,15 @@ class Hdf5Recording(BlockRecording):
         except RecordingError as error:
             self.info.warn(f"the triggers cannot be read: {error}")
 
-    def _lost(self, first: int, error: RecordingError) -> None:
-        """A chunk that cannot be read is left out alone."""
+    def _skip_damaged(self, first: int, error: RecordingError) -> None:
+        """Counts a chunk that cannot be read, and warns of the first."""
         self.count("chunks_damaged")
         if self._counts["chunks_damaged"] == 1:
             why = str(error).removeprefix(f"{self._path}: ")
             self.info.warn(f"the chunk from event {first} on was left out: {why}")
 
     def _load_from(self, t_ns: int) -> Iterator[Events]:
-        """Bisection over the times of single events, where the file is whole."""
+        """Yields blocks from an event found by bisection over single times; from the start where the file is cut."""
         low, high = 0, self._layout.count
         if self.info.truncated:
             return self._load()  # times behind the cut read as 0
@@ -216,7 +217,7 @@ class Hdf5Recording(BlockRecording):
         return itertools.chain(self._triggers(), self._load_at(low))
 
     def try_ends(self) -> None:
-        """Reads a part of the first and of the last block, which raises where they cannot be read."""
+        """Reads a part of the first and of the last block. Raises RecordingError where they cannot be read."""
         next(self._triggers(), None)
         next(self._load_at(0), None)
         next(self._load_at(max(self._layout.count - 1, 0)), None)
@@ -232,8 +233,8 @@ class Hdf5Recording(BlockRecording):
             self._source_file.close()
 
 
-class _Padded(io.RawIOBase):
-    """A cut file as long as it was: the library then finds what is there, and zeros where nothing is."""
+class _PaddedFile(io.RawIOBase):
+    """Extends a cut file by zeros to its full length, so that the library finds what is there."""
 
     def __init__(self, path: Path, size: int) -> None:
         self._descriptor, self._size, self._at = os.open(path, os.O_RDONLY | os.O_CLOEXEC), size, 0
@@ -267,7 +268,7 @@ class _Padded(io.RawIOBase):
 
 
 def end_of_file(path: Path) -> int:
-    """Tells where the file should end by its superblock (HDF5 file format 3.0, II.A); 0 where that cannot be told."""
+    """Returns where the file should end by its superblock (HDF5 file format 3.0, II.A); 0 where that is unknown."""
     with path.open("rb") as file:
         head = file.read(4096)
     at = next((a for a in (0, 512, 1024, 2048) if head[a : a + 8] == MAGIC), -1)
@@ -293,7 +294,7 @@ def open_file(path: Path, options: OpenOptions) -> Hdf5Recording:
     """
     import evis.events.files.hdf5.layouts  # noqa: F401 (imported once, here, and not in the trial too)
 
-    if end := fate(lambda: _try(path, options)):
+    if end := outcome_of(lambda: _try(path, options)):
         raise RecordingError(f"{path}: damaged HDF5 file: its library {end} on it; no event can be read")
     return Hdf5Recording(path, options)
 

@@ -1,4 +1,4 @@
-"""Reads of an HDF5 file its own objects alone, and no more of a chunk than the chunk has room for.
+"""Reads datasets of an HDF5 file from that file alone, and no more of a chunk than the chunk has room for.
 
 The library follows links into other files, reads data that are stored outside or put together from elsewhere, and lets
 a compressed chunk unpack to whatever it unpacks to. So every object is found and every array read here.
@@ -76,7 +76,7 @@ class Table:
         return self.data[which]
 
     def _check(self, first: int, last: int) -> None:
-        """Raise ValueError where a chunk of rows first..last-1 unpacks to more than it has room for."""
+        """Raises ValueError where a chunk of rows first..last-1 unpacks to more than it has room for."""
         assert self.chunks is not None
         length = self.chunks[0]
         rest = [range(0, side, step) for side, step in zip(self.shape[1:], self.chunks[1:])]
@@ -99,7 +99,8 @@ class Table:
         self._checked = corners
 
     def _head(self, at: int) -> Any:
-        """The first bytes of a chunk; none where the library reads another way, or counts from elsewhere."""
+        """Reads the first bytes of a chunk; none where the library reads the file in another way, or counts from
+        elsewhere."""
         file = self.data.file
         plain = file.driver == "sec2" and not file.userblock_size
         return os.pread(file.id.get_vfd_handle(), _HEAD, at) if plain else b""
@@ -138,7 +139,7 @@ def member(group: Any, name: str, info: RecordingInfo, links: int = 0, spare: in
 
 
 def _unpacked(make: Callable[[], Any]) -> Callable[[bytes, int], int]:
-    """Bytes that come out, counted up to a little more than there is room for."""
+    """Counts the bytes that come out, up to a little more than there is room for."""
 
     def size(data: bytes, room: int) -> int:
         unpacker, total = make(), 0

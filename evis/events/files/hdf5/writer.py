@@ -74,7 +74,7 @@ class Hdf5Writer(FileWriter):
         self._n += n
 
     def _add_index(self, t: np.ndarray) -> None:
-        """The first event of each 2 ms."""
+        """Adds the first event of each 2 ms to the index."""
         first = int(t[0]) // _INDEX_US if not self._index else self._index[-1][1] // _INDEX_US + 1
         last = int(t.max()) // _INDEX_US
         reached = np.maximum.accumulate(t)

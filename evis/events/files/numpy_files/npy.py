@@ -17,6 +17,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from evis.events.arrays import Events
+from evis.events.files.reading.bisection import place_before
 from evis.events.files.reading.block_recording import BlockRecording, take_size
 from evis.events.recording import OpenOptions, RecordingError, RecordingInfo
 from evis.files.damage import error_text
@@ -107,7 +108,7 @@ class NpyRecording(BlockRecording):
         return data
 
     def _order(self, rows: np.ndarray) -> str:
-        """Which of the four columns is what."""
+        """Finds the order of the four columns, as letters of `txyp`. Raises RecordingError."""
         fits = []
         with np.errstate(invalid="ignore"):
             for order in _ORDERS:
@@ -162,13 +163,12 @@ class NpyRecording(BlockRecording):
         return t.astype(np.int64) * self._unit if self._unit < 10**9 else seconds_in_ns(seconds)
 
     def _load_from(self, t_ns: int) -> Iterator[Events]:
-        """Bisection by rows; their times are taken to go up."""
-        low, high = 0, self._n
-        while high - low > _BLOCK:
-            middle = (low + high) // 2
-            t = int(self._times(self._column(self._rows(middle, 1), "t"))[0])
-            low, high = (middle, high) if t < t_ns else (low, middle)
-        return self._load_at(low)
+        """Yields blocks from a row found by bisection; times are taken to go up."""
+
+        def is_earlier(row: int) -> bool:
+            return int(self._times(self._column(self._rows(row, 1), "t"))[0]) < t_ns
+
+        return self._load_at(place_before(0, self._n, _BLOCK, is_earlier))
 
     @property
     def position(self) -> float:

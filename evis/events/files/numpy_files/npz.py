@@ -87,11 +87,11 @@ class NpzRecording(BlockRecording):
                         f"{path}: {name} is {dtype} {list(shape)}, must be a flat array of whole numbers{unit}"
                     )
                 lengths[name] = shape[0]
-                rows[name] = self._there(file, shape[0], dtype)
+                rows[name] = self._values_before_cut(file, shape[0], dtype)
                 if name == "t":
                     self._unit = "ns" if not real and self._names["t"] in ("t", "t_ns") else "us"
                     if real:
-                        data = self._bytes(file, name, min(_LOOK, rows[name]) * dtype.itemsize)
+                        data = self._read_bytes(file, name, min(_LOOK, rows[name]) * dtype.itemsize)
                         first = np.frombuffer(data[: len(data) // dtype.itemsize * dtype.itemsize], dtype)
                         self._unit = "us" if (first == np.floor(first)).all() else "s"
         if len(set(lengths.values())) != 1:
@@ -111,13 +111,13 @@ class NpzRecording(BlockRecording):
             info.warn(f"cut: {self._n} of {lengths['t']} events have all of their parts before the cut")
 
     def _has_header(self, name: str) -> bool:
-        """Whether the cut has left so much of an array; of a single number, all of it."""
+        """Tells whether the cut has left the header of an array; of a single number, all of it."""
         with contextlib.suppress(RecordingError), self._member(name) as (file, shape, dtype):
             return bool(shape) or len(file.read(dtype.itemsize)) == dtype.itemsize
         return False
 
-    def _there(self, file: IO[bytes], n: int, dtype: np.dtype) -> int:
-        """How many of n values an archive that is cut has."""
+    def _values_before_cut(self, file: IO[bytes], n: int, dtype: np.dtype) -> int:
+        """Counts how many of n values a cut archive has."""
         if not isinstance(self._zip, CutArchive):
             return n
         begin, at, allowance = file.tell(), 0, Allowance(self.info.size_bytes)
@@ -127,8 +127,8 @@ class NpzRecording(BlockRecording):
         file.seek(begin)
         return min(n, at // dtype.itemsize)
 
-    def _member(self, name: str) -> _Member:
-        return _Member(self._path, self._zip, self._names.get(name, name), self.info)
+    def _member(self, name: str) -> _OpenArray:
+        return _OpenArray(self._path, self._zip, self._names.get(name, name), self.info)
 
     def _scalar(self, name: str, names: set[str]) -> int:
         if name not in names:
@@ -136,7 +136,7 @@ class NpzRecording(BlockRecording):
         with self._member(name) as (file, shape, dtype):
             if shape != () or dtype.kind not in "iu":
                 return 0
-            data = self._bytes(file, name, dtype.itemsize)
+            data = self._read_bytes(file, name, dtype.itemsize)
             value = int(np.frombuffer(data, dtype)[0]) if len(data) == dtype.itemsize else 0
             return value if 0 < value <= 65535 else 0
 
@@ -144,7 +144,7 @@ class NpzRecording(BlockRecording):
         with self._member(name) as (file, _, dtype):
             for start in range(0, self._n, _BLOCK):
                 want = min(_BLOCK, self._n - start) * dtype.itemsize
-                data = self._bytes(file, name, want)
+                data = self._read_bytes(file, name, want)
                 allowance.take(len(data))
                 rows = len(data) // dtype.itemsize
                 if rows:
@@ -154,8 +154,8 @@ class NpzRecording(BlockRecording):
                     self.info.warn(f"damaged or cut: the array {name} ends at event {start + rows} of {self._n}")
                     return
 
-    def _bytes(self, file: IO[bytes], name: str, size: int) -> bytes:
-        """The next bytes of an array, fewer where the archive is damaged."""
+    def _read_bytes(self, file: IO[bytes], name: str, size: int) -> bytes:
+        """Reads the next bytes of an array, fewer where the archive is damaged."""
         begin = file.tell()
         try:
             return file.read(size)
@@ -171,7 +171,7 @@ class NpzRecording(BlockRecording):
             return b""
 
     def _values(self, name: str, values: np.ndarray) -> np.ndarray:
-        """Times in ns, and 0 for the -1 that some programs write for OFF."""
+        """Converts times to ns, and the -1 that some programs write for OFF to 0."""
         if name == "p" and values.dtype.kind in "if":
             if values.dtype.kind == "f" and not np.isin(values, (-1, 0, 1)).all():
                 raise RecordingError(f"{self._path}: {self._names['p']} has other values than -1, 0 and 1")
@@ -215,8 +215,8 @@ class NpzRecording(BlockRecording):
         self._zip.close()
 
 
-class _Member:
-    """One array of an archive: the open file behind its header, its shape and its type."""
+class _OpenArray:
+    """Opens one array of an archive: the file behind its header, its shape and its type."""
 
     def __init__(self, path: Path, archive: Archive, name: str, info: RecordingInfo) -> None:
         self._path, self._zip, self._name, self._info = path, archive, name, info

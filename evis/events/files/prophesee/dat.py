@@ -41,7 +41,7 @@ def matches(head: bytes, path: Path, name: str) -> bool:
 
 
 def _bare(head: bytes) -> bool:
-    """Records from the first byte on: their times go up, and the pixels are on a sensor."""
+    """Tells whether a file has records from the first byte on: their times go up, and the pixels are on a sensor."""
     records = np.frombuffer(head, _RECORD, len(head) // _RECORD.itemsize)
     t = records["t"].astype(np.int64)
     return len(t) >= 8 and bool((np.diff(t) >= 0).mean() > 0.9) and _fits(records["word"], _NEW, 0, 0)
@@ -92,7 +92,7 @@ class DatRecording(RecordFile):
         super().__init__()
 
     def _find_layout(self, version: str) -> tuple[int, int, int, int]:
-        """By the version, unless the first events say that it is the other one."""
+        """Finds the layout of the words by the version, unless the first events fit the other one alone."""
         words = self._records(0, min(self._total, 1 << 16))["word"] if self._total else np.empty(0, np.uint32)
         named, other = (_OLD, _NEW) if version in ("0", "1") else (_NEW, _OLD)
         size = self.info.width, self.info.height

@@ -62,7 +62,7 @@ def matches(head: bytes, path: Path, name: str) -> bool:
 
 
 class _Mark(NamedTuple):
-    """The decoder's state at a word; t_ns: the latest time before it."""
+    """Holds the decoder's state at a word; t_ns: the latest time before it."""
 
     place: int
     t_ns: int
@@ -119,7 +119,7 @@ class RawRecording(Recording):
         self._decoder = decoder_for(self.info.encoding, self.info.width, self.info.height, self._backend)
 
     def _find_order(self, header: dict[str, str]) -> bool:
-        """Whether the words of EVT2.1 are in legacy order, where the header does not say."""
+        """Finds whether the words of EVT2.1 are in legacy order, where the header does not say."""
         if "endianness" in header or value_in_format(header, "endianness"):
             return False
         data = self._file.read(_GLANCE)
@@ -132,7 +132,7 @@ class RawRecording(Recording):
         return True
 
     def _check_encoding(self) -> None:
-        """Warn where the first words are not of the encoding that the header names."""
+        """Warns where the first words are not of the encoding that the header names."""
         info = self.info
         data = self._file.read(_GLANCE)
         legal, forward = fit(data, info.encoding)
@@ -201,12 +201,12 @@ class RawRecording(Recording):
         more = self._decoder.pending >= self._decoder.word.itemsize or self._feed(size)
         while more:
             events = self._decoder.decode()
-            self._mark(events)
+            self._keep_mark(events)
             yield events
             more = self._feed(size)
 
-    def _mark(self, events: Events) -> None:
-        """Remember the decoder's state at some places, so that a later `seek` can start from there."""
+    def _keep_mark(self, events: Events) -> None:
+        """Keeps the decoder's state at some places, so that a later `seek` can start from there."""
         place = self._file.tell() - self._decoder.pending
         if len(events) and (not self._marks or place >= self._marks[-1].place + _MARK_BYTES):
             t_ns = int(events.t.max())
@@ -215,7 +215,8 @@ class RawRecording(Recording):
             self._marks.append(_Mark(place, t_ns, self._decoder.state.copy()))
 
     def seek(self, t_ns: int) -> None:
-        """Seeks by the places seen so far, then word by word: the turns of the time counter must be counted."""
+        """Seeks from the nearest place kept so far, then word by word: the turns of the time counter must be
+        counted."""
         earlier = [m for m in self._marks if m.t_ns < t_ns]
         self._decoder.reset()
         self._raw, self._ahead = [], []
@@ -226,7 +227,7 @@ class RawRecording(Recording):
             events = self._decoder.decode_until(t_ns - 1)
             if self._decoder.at_cut:
                 return
-            self._mark(events)
+            self._keep_mark(events)
             if not self._feed(_WINDOW_BLOCK[self._backend]):
                 return
 
@@ -268,9 +269,8 @@ def open_file(path: Path, options: OpenOptions) -> RawRecording:
 
 
 def fit(data: bytes, encoding: str) -> tuple[float, float]:
-    """Computes the shares of the words that the encoding has, and of the steps of the time that go forward; 1 without
-    any.
-    """
+    """Computes the share of the words that the encoding has, and the share of time steps that go forward; 1 without
+    any."""
     word, legal, shift, low = _LEGAL[encoding]
     words = np.frombuffer(data, word, len(data) // np.dtype(word).itemsize)
     kind = words >> shift
@@ -289,7 +289,7 @@ def fit(data: bytes, encoding: str) -> tuple[float, float]:
 
 
 def guess_encoding(data: bytes) -> str:
-    """Finds the encoding whose word types are there and whose time runs forward; empty when none fits."""
+    """Finds the encoding whose word types occur and whose time runs forward; empty when none fits."""
     best, result = 0.9, ""
     for encoding, (word, _, shift, _) in _LEGAL.items():
         words = np.frombuffer(data, word, len(data) // np.dtype(word).itemsize)

@@ -1,5 +1,4 @@
-"""Implements what the file readers share whose formats give blocks of events: cuts in time, seeking, the sensor's
-size."""
+"""Implements what the readers of formats with blocks of events share: cuts in time, seeking, the sensor's size."""
 
 from __future__ import annotations
 
@@ -34,10 +33,10 @@ class BlockRecording(Recording):
 
     @abc.abstractmethod
     def _load(self) -> Iterator[Events]:
-        """The file's events in blocks, from its start."""
+        """Yields the file's events in blocks, from its start."""
 
     def _load_from(self, t_ns: int) -> Iterator[Events]:
-        """As `_load`, from a place where everything before is earlier than t_ns."""
+        """Yields blocks as `_load` does, from a place before which everything is earlier than t_ns."""
         return self._load()
 
     def count(self, what: str, n: int = 1) -> None:
@@ -50,27 +49,26 @@ class BlockRecording(Recording):
     # -- reading -----------------------------------------------------------------------------------------------------
 
     def _more(self) -> bool:
-        """Make the current block one with unread events; False at the end."""
+        """Makes the current block one with unread events; False at the end."""
         while self._at >= len(self._block):
             with faults_as(RecordingError, self.info.path):
                 block = next(self._source, None)
             if block is None:
                 return False
             self._block, self._at = self._inside(block), 0
-            if has_aside(block):
-                aside = Events.empty()
-                aside.triggers, aside.imu, aside.frames = block.triggers, block.imu, block.frames
-                self._waiting.append(aside)
+            if block.has_aside:
+                self._waiting.append(block.without_events())
         return True
 
     @property
     def _aside(self) -> Events:
-        """Triggers, IMU samples and frames that were loaded and not given yet."""
+        """Returns the triggers, IMU samples and frames that were loaded and not given yet."""
         if len(self._waiting) > 1:
             self._waiting = [Events.concatenate(self._waiting)]
         return self._waiting[0] if self._waiting else Events.empty()
 
     def _inside(self, events: Events) -> Events:
+        """Selects the events inside the sensor, and counts the others."""
         width, height = self.info.width, self.info.height
         if not len(events) or not width or (events.x.max() < width and events.y.max() < height):
             return events
@@ -114,11 +112,11 @@ class BlockRecording(Recording):
         return Events.concatenate([*found, self._aside.aside(None, t_ns + 1)])
 
     def _with_aside(self, events: Events, t_ns: int | None) -> Events:
-        """`events` with the waiting triggers, IMU samples and frames up to t_ns (None: all)."""
+        """Returns `events` with the waiting triggers, IMU samples and frames up to t_ns (None: all)."""
         if not self._waiting:
             return events
         aside, later = (self._aside, Events.empty()) if t_ns is None else split_aside(self._aside, t_ns)
-        self._waiting = [later] if has_aside(later) else []
+        self._waiting = [later] if later.has_aside else []
         return events.beside(aside)
 
     @property
@@ -143,7 +141,7 @@ class BlockRecording(Recording):
     # -- the sensor's size -------------------------------------------------------------------------------------------
 
     def _size_from_events(self, sensors: tuple[tuple[int, int], ...] = ()) -> None:
-        """Set the size to the smallest of `sensors` that holds all events, or else to the largest coordinates.
+        """Sets the size to the smallest of `sensors` that holds all events, or else to the largest coordinates.
 
         Reads the whole file once. Called before `__init__`, with `info` set and no size in it.
         """
@@ -162,20 +160,16 @@ class BlockRecording(Recording):
 
 
 def take_size(info: RecordingInfo, options: OpenOptions) -> bool:
-    """Uses the size that the user gives, if so."""
+    """Sets the size that the user gives, and tells whether one was given."""
     if options.size:
         (info.width, info.height), info.geometry_from = options.size, "option"
     return options.size is not None
 
 
-def has_aside(events: Events) -> bool:
-    """Tells whether there is anything but events."""
-    return bool(len(events.triggers) or len(events.imu) or events.frames)
-
-
 def split_aside(events: Events, t_ns: int) -> tuple[Events, Events]:
-    """Splits triggers, IMU samples and frames: those up to the first one later than t_ns, each kind by itself, and the
-    others; both without events.
+    """Splits triggers, IMU samples and frames, each kind by itself, at the first one later than t_ns.
+
+    Both parts are without events.
     """
     n = [_until(t, t_ns) for t in _aside_times(events)]
     before, later = Events.empty(), Events.empty()
@@ -195,6 +189,6 @@ def _until(t: np.ndarray, t_ns: int) -> int:
 
 
 def _split(samples: _Samples, n: int) -> tuple[_Samples, _Samples]:
-    """The first n samples, and the others."""
+    """Splits samples into the first n, and the others."""
     kind, arrays = type(samples), [getattr(samples, name) for name in samples.__slots__]
     return kind(*(a[:n] for a in arrays)), kind(*(a[n:] for a in arrays))

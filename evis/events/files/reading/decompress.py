@@ -13,7 +13,7 @@ _STEP = 16 << 20
 
 
 class DamagedError(ValueError):
-    """Says that a packet or chunk cannot be unpacked or read.
+    """Reports that a packet or chunk cannot be unpacked or read.
 
     `partial`: what came out before, where that was asked for.
     """

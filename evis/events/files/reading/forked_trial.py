@@ -20,7 +20,7 @@ _BUSY_S = 2.0
 _KILLED_FOR_TIME = (signal.SIGXCPU, signal.SIGKILL)
 
 
-def fate(work: Callable[[], object], cpu_s: int = CPU_S) -> str:
+def outcome_of(work: Callable[[], object], cpu_s: int = CPU_S) -> str:
     """Tells how `work` ends in a copy of this process: empty where it ends by itself, `hangs` or `crashes`.
 
     Exceptions are an end like any other, and nothing that `work` does is seen here. Where the system has no fork, or
@@ -34,7 +34,7 @@ def fate(work: Callable[[], object], cpu_s: int = CPU_S) -> str:
         warnings.simplefilter("ignore", DeprecationWarning)  # of forks beside threads, which the limits below answer
         child = os.fork()
     if child == 0:
-        _run(work, cpu_s)
+        _run_in_copy(work, cpu_s)
     status, end, pause = _wait(child), time.monotonic() + _WALL_S, 0.0005
     while status is None and time.monotonic() < end:
         time.sleep(pause)
@@ -49,8 +49,8 @@ def fate(work: Callable[[], object], cpu_s: int = CPU_S) -> str:
     return "hangs" if os.WTERMSIG(status) in _KILLED_FOR_TIME else "crashes"
 
 
-def _run(work: Callable[[], object], cpu_s: int) -> None:
-    """The copy's part; it never returns."""
+def _run_in_copy(work: Callable[[], object], cpu_s: int) -> None:
+    """Runs the work in the forked copy; never returns."""
 
     try:
         signal.signal(signal.SIGXCPU, signal.SIG_DFL)
@@ -67,7 +67,7 @@ def _run(work: Callable[[], object], cpu_s: int) -> None:
 
 
 def _wait(child: int) -> int | None:
-    """The status of a child that has ended."""
+    """Returns the status of a child that has ended; None while it runs."""
     try:
         done, status = os.waitpid(child, os.WNOHANG)
     except ChildProcessError:  # somebody else has asked for it

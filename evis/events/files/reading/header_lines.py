@@ -1,4 +1,4 @@
-"""Tells where a file is cut inside the lines of text that it begins with."""
+"""Finds out whether a file is cut inside the lines of text that it begins with."""
 
 from __future__ import annotations
 

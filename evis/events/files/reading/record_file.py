@@ -1,4 +1,4 @@
-"""Reads files that are a header and then records of one size, each with a time counter that turns."""
+"""Reads files that are a header and then records of one size, each with a time counter that wraps around."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from evis.events.arrays import Events
+from evis.events.files.reading.bisection import place_before
 from evis.events.files.reading.block_recording import BlockRecording
 from evis.events.files.reading.zero_tail import data_end
 from evis.events.recording import RecordingError
@@ -44,11 +45,11 @@ class RecordFile(DescriptorOwner, BlockRecording):
 
     @abc.abstractmethod
     def _counter(self, records: np.ndarray) -> np.ndarray:
-        """The time counter of each record, int64."""
+        """Returns the time counter of each record, int64."""
 
     @abc.abstractmethod
     def _events(self, records: np.ndarray, t_us: np.ndarray) -> Events:
-        """The events of these records; t_us int64 with the counter's turns."""
+        """Converts records to events; t_us int64 with the counter's turns."""
 
     def _records(self, first: int, count: int) -> np.ndarray:
         size = self.record.itemsize
@@ -58,7 +59,7 @@ class RecordFile(DescriptorOwner, BlockRecording):
         return np.frombuffer(data, self.record, len(data) // size)
 
     def _unwrap(self, counter: np.ndarray, before: tuple[int, int] | None) -> np.ndarray:
-        """Times [us]. before: (counter, time) of the record before, None at the start.
+        """Computes times [us] from the counter. before: (counter, time) of the record before, None at the start.
 
         A fall by more than half the counter's range is a turn of it. A rise by nearly all of the range, after a turn,
         is an event from before the turn that came late; any other step is kept as it is.
@@ -84,7 +85,8 @@ class RecordFile(DescriptorOwner, BlockRecording):
             yield self._events(records, t_us)
 
     def _load_from(self, t_ns: int) -> Iterator[Events]:
-        """Bisection, where the file is large and samples of its times go up throughout; otherwise from the start."""
+        """Yields blocks from a record found by bisection; from the start where the file is small or its counter
+        wraps."""
         if self._total <= SCAN_RECORDS:
             return self._load()
         samples = np.unique(np.linspace(0, self._total - 1, SAMPLES).astype(np.int64))
@@ -93,11 +95,9 @@ class RecordFile(DescriptorOwner, BlockRecording):
             return self._load()  # the counter turns
         place = int(np.searchsorted(counters, t_ns // 1000))
         low, high = int(samples[max(place - 1, 0)]), int(samples[min(place, len(samples) - 1)])
-        while high - low > BLOCK:
-            middle = (low + high) // 2
-            low, high = (middle, high) if self._counter_at(middle) < t_ns // 1000 else (low, middle)
-        counter = self._counter_at(low)
-        return self._load_at(low, (counter, counter))
+        found = place_before(low, high, BLOCK, lambda record: self._counter_at(record) < t_ns // 1000)
+        counter = self._counter_at(found)
+        return self._load_at(found, (counter, counter))
 
     def _counter_at(self, i: int) -> int:
         return int(self._counter(self._records(i, 1))[0])

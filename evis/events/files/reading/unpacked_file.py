@@ -1,4 +1,4 @@
-"""Holds temporary files without a name: what is unpacked is gone however the process ends."""
+"""Holds temporary files without a name, so that what is unpacked is gone however the process ends."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _DESCRIPTORS = Path("/proc/self/fd")
 
 
 class UnpackedFile:
-    """Keeps, in a file without a name in the temporary folder, what `source` unpacks to.
+    """Holds what `source` unpacks to, in a file without a name in the temporary folder.
 
     path: where this process and its forks read it, until `close`. Raises RecordingError that names `source`.
     """
@@ -34,7 +34,7 @@ class UnpackedFile:
         self.size = 0
 
     def put(self, part: bytes) -> None:
-        """Appends. Raises RecordingError where it is more than allowed, or than there is room for."""
+        """Appends bytes. Raises RecordingError where they are more than allowed, or than there is room for."""
         self._allowance.take(len(part))
         try:
             room = os.fstatvfs(self._file.fileno())
@@ -55,7 +55,8 @@ class UnpackedFile:
 
 
 def _nameless(folder: str) -> IO[bytes]:
-    """A file without a name that could still be given one; where the system has no such, one that loses its name."""
+    """Opens a file without a name that could still be given one; where the system has no such, one that loses
+    its name."""
     try:
         descriptor = os.open(folder, os.O_TMPFILE | os.O_RDWR | os.O_CLOEXEC, 0o600)
     except OSError:

@@ -1,4 +1,4 @@
-"""Finds where the data of a file end of which a machine that lost its power has written no more than the length."""
+"""Finds where the data of a file end that a power failure has left with its full length and zeros at the end."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _STEP = 1 << 20
 
 
 def data_end(descriptor: int, begin: int, info: RecordingInfo, word: int = 1) -> int:
-    """Finds the end of a file's data, which lie from byte `begin` on in words of so many bytes.
+    """Finds the end of a file's data, which lie from byte `begin` on in words of `word` bytes.
 
     That is the end of the file [bytes], or that of the last word before LEAST or more zeros at its end; these are said
     in the recording's warnings, and it is truncated.
@@ -36,7 +36,7 @@ def data_end(descriptor: int, begin: int, info: RecordingInfo, word: int = 1) ->
 
 
 def _hole_begin(descriptor: int, end: int) -> int:
-    """The least place between which and `end` the file has no page on the disk, of those a power of two before it."""
+    """Finds the first byte from which on the file has no page on the disk, to a power of two before `end`."""
     step, place = LEAST, os.lseek(descriptor, 0, os.SEEK_CUR)
     while step <= end:
         try:

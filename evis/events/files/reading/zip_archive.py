@@ -1,4 +1,4 @@
-"""Reads zip archives, also those that are cut: their list of members is at the end, but each member has a header of its
+"""Reads zip archives, also those without their list of members, which is at the end: each member has a header of its
 own.
 
 Local headers as in PKWARE's APPNOTE 4.3.7, with the extra field 0x0001 of Zip64 (4.5.3).
@@ -38,7 +38,7 @@ class Member(NamedTuple):
 
 
 class CutArchive:
-    """Gives what `zipfile.ZipFile` gives of an archive, for one without its list of members."""
+    """Reads an archive without its list of members, with the interface of `zipfile.ZipFile`."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -72,9 +72,9 @@ class CutArchive:
         return list(self._members.values())
 
     def open(self, member: str | Member) -> IO[bytes]:
-        """Opens what is there of a member. Raises KeyError."""
+        """Opens a member as far as it is there. Raises KeyError."""
         found = self._members[member] if isinstance(member, str) else member
-        return io.BufferedReader(_Unpacked(self._path, found))
+        return io.BufferedReader(_MemberReader(self._path, found))
 
     def close(self) -> None:
         """Does nothing: no file is open between calls."""
@@ -84,9 +84,7 @@ Archive = zipfile.ZipFile | CutArchive
 
 
 def open_archive(path: Path) -> Archive:
-    """Opens an archive, or what is there of it. Raises zipfile.BadZipFile and OSError where there is no member at
-    all.
-    """
+    """Opens an archive, whole or cut. Raises zipfile.BadZipFile and OSError where there is no member at all."""
     try:
         return zipfile.ZipFile(path)
     except (zipfile.BadZipFile, ValueError):
@@ -97,7 +95,7 @@ def open_archive(path: Path) -> Archive:
 
 
 def salvaged(path: Path, member: zipfile.ZipInfo) -> IO[bytes]:
-    """Opens what can be read of a damaged member of an archive that has its list. Raises zipfile.BadZipFile."""
+    """Opens the readable part of a damaged member of an archive that has its list. Raises zipfile.BadZipFile."""
     with path.open("rb") as file:
         file.seek(member.header_offset)
         head = file.read(_LOCAL.size)
@@ -106,7 +104,7 @@ def salvaged(path: Path, member: zipfile.ZipInfo) -> IO[bytes]:
     *_, name_length, extra_length = _LOCAL.unpack(head)
     at = member.header_offset + _LOCAL.size + name_length + extra_length
     there = Member(member.filename, at, member.compress_size, member.compress_type == 8, member.file_size)
-    return io.BufferedReader(_Unpacked(path, there))
+    return io.BufferedReader(_MemberReader(path, there))
 
 
 def _sizes(packed: int, whole: int, extra: bytes) -> tuple[int, int]:
@@ -119,8 +117,8 @@ def _sizes(packed: int, whole: int, extra: bytes) -> tuple[int, int]:
     return packed, whole
 
 
-class _Unpacked(io.RawIOBase):
-    """The bytes of a member up to the cut; seeking back begins anew."""
+class _MemberReader(io.RawIOBase):
+    """Reads the bytes of a member up to the cut; seeking back begins anew."""
 
     def __init__(self, path: Path, member: Member) -> None:
         self._descriptor, self._member = os.open(path, os.O_RDONLY | os.O_CLOEXEC), member
@@ -152,7 +150,7 @@ class _Unpacked(io.RawIOBase):
         return self._at
 
     def _fill(self) -> bool:
-        """Have something ready; False at the cut. Damaged data end there too."""
+        """Unpacks until some bytes are ready; False at the cut. Damaged data end there too."""
         while not self._ready:
             data = os.pread(
                 self._descriptor, min(_STEP, self._member.stored - self._used), self._member.at + self._used
@@ -189,7 +187,7 @@ class _Unpacked(io.RawIOBase):
 
 
 def _up_to_damage(unpacker: Any, data: bytes) -> bytes:
-    """What comes out before the damage shows, by going byte by byte."""
+    """Returns what comes out before the damage shows, byte by byte."""
     ready = b""
     try:
         for i in range(len(data)):

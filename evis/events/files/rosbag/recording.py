@@ -1,4 +1,4 @@
-"""Implements what the readers of bags share: messages of one topic to events, whatever the container."""
+"""Converts the event messages of one topic to a recording, whatever the bag's container."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def unpacked(message: BagMessage, allowance: Allowance) -> BagMessage:
 
 
 class RosRecording(BlockRecording):
-    """Reads the events of one topic of a bag. Damaged messages are left out alone and counted.
+    """Reads the events of one topic of a bag. Damaged messages alone are left out, and counted.
 
     A subclass sets `info` and implements `_topics` and `_messages`, then calls `_begin`.
     """
@@ -58,14 +58,14 @@ class RosRecording(BlockRecording):
 
     @abc.abstractmethod
     def _topics(self) -> dict[str, str]:
-        """Topics of event messages that are known from the start: name -> type (without /msg/)."""
+        """Returns the topics of event messages that are known from the start: name -> type (without /msg/)."""
 
     @abc.abstractmethod
     def _messages(self) -> Iterator[BagMessage]:
-        """The messages of `topic` in file order, from the start."""
+        """Yields the messages of `topic` in file order, from the start."""
 
     def _begin(self, options: OpenOptions) -> None:
-        """Choose the topic and learn the sensor's size from its first message."""
+        """Chooses the topic, and reads the sensor's size from its first message."""
         self.topic, self.backend = options.topic, options.backend
         self._counts = {}
         topics = self._topics()
@@ -135,8 +135,7 @@ class RosRecording(BlockRecording):
 
 
 class _Reader:
-    """Decodes the messages of one topic; the sensor's own words go on from message to message, and so are decoded
-    many messages at once."""
+    """Decodes the messages of one topic, many at once: a sensor's own words continue from message to message."""
 
     def __init__(self, recording: RosRecording) -> None:
         self._recording = recording
@@ -147,9 +146,8 @@ class _Reader:
         self._bytes = 0
 
     def events(self, message: BagMessage) -> Iterator[Events]:
-        """Yields the events of one message, or later. Raises DamagedError, and RecordingError for an unknown
-        encoding.
-        """
+        """Yields the events of one message, at once or in a later call. Raises DamagedError, and RecordingError for an
+        unknown encoding."""
         if message.type not in PACKETS:
             yield read_array(message.data, message.cdr, message.cut)[2]
             return

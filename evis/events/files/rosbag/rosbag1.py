@@ -49,7 +49,7 @@ class Rosbag1Recording(DescriptorOwner, RosRecording):
         return os.pread(self._descriptor, size, at)
 
     def _topics(self) -> dict[str, str]:
-        """From the index, where it is; otherwise the first event topic that is met will be it."""
+        """Reads the topics from the index; without one, the first event topic that is met will be the only one."""
         record = next(self._records(), None)
         position = record[1].get(b"index_pos", b"") if record and record[0] == HEADER else b""
         at = int.from_bytes(position, "little") if len(position) == 8 else 0
@@ -72,7 +72,7 @@ class Rosbag1Recording(DescriptorOwner, RosRecording):
             self.topic = topic
 
     def _records(self, at: int = len(MAGIC), quiet: bool = False) -> Iterator[tuple[int, dict[bytes, bytes], int, int]]:
-        """(op, header fields, place of the data, bytes of the data), the last perhaps more than there are."""
+        """Yields (op, header fields, place of the data, bytes of the data); the last may be cut."""
         end = self.info.size_bytes
         while at < end:
             length = int.from_bytes(self._read(at, 4), "little")
@@ -151,7 +151,7 @@ class Rosbag1Recording(DescriptorOwner, RosRecording):
 
 
 def _fields(data: bytes | memoryview) -> dict[bytes, bytes] | None:
-    """The fields `name=value` of a record header; None where they do not add up."""
+    """Parses the fields `name=value` of a record header; None where they do not add up."""
     fields, at = {}, 0
     while at < len(data):
         if at + 4 > len(data):

@@ -1,4 +1,4 @@
-"""Finds which column of a text file is what, and in which unit its times are."""
+"""Finds the meaning of each column of a text file, and the unit of its times."""
 
 from __future__ import annotations
 
@@ -29,8 +29,7 @@ _LOOK = 64
 @dataclass(frozen=True)
 class Format:
     """Describes the lines of a file. columns: what each column is, _ for one that is left out. unit: ns of one unit of
-    time. begin: byte of the first event.
-    """
+    time. begin: byte of the first event."""
 
     columns: str
     unit: int
@@ -40,12 +39,12 @@ class Format:
 
     @property
     def name(self) -> str:
-        """Returns the name, as in the encoding of `RecordingInfo`."""
+        """Returns the description of the columns, for the encoding of `RecordingInfo`."""
         return f"{self.columns.replace('_', '')}, t in {({1: 'ns', 1000: 'us', 10**9: 's'})[self.unit]}"
 
     @property
     def time_last(self) -> bool:
-        """Tells whether the last column is no polarity: a cut line can then be a shorter number."""
+        """Tells whether a column other than the polarity is the last: a cut line can then be a shorter number."""
         return self.columns[-1] != "p"
 
 
@@ -78,8 +77,8 @@ def find_format(head: bytes) -> Format | None:
         found = _SIZE.fullmatch(line)
         if found and size == (0, 0):
             size = int(found[1]), int(found[2])
-        elif (named := _columns(line))[0] and not columns:
-            (columns, unit), size = named, size if size != (0, 0) else _sides(line)
+        elif (named := _columns_named(line))[0] and not columns:
+            (columns, unit), size = named, size if size != (0, 0) else _sensor_size(line)
             damaged.clear()
         elif line.strip() and not line.lstrip().startswith((b"#", b"%")):
             if not columns and not any(map(_NUMBER.fullmatch, re.split(rb"[ \t,;]+", line.strip()))):
@@ -95,14 +94,14 @@ def find_format(head: bytes) -> Format | None:
     if not rows or len(rows) < 0.9 * (looked - 1):
         return None
     values = [[float(v) for v in row] for row in rows]
-    columns = columns or _guess(values, _fractions(rows))
+    columns = columns or _guess(values, _columns_with_fractions(rows))
     if not columns:
         return None
     good = [k for k, row in enumerate(values) if _fits(columns, row)] or range(len(rows))
     rows, values = [rows[k] for k in good], [values[k] for k in good]
     place = columns.index("t")
     whole = all(re.fullmatch(rb"[+-]?\d+", row[place]) for row in rows)
-    if unit == "s" or not (whole or _saved(columns, rows, values)):
+    if unit == "s" or not (whole or _are_saved_floats(columns, rows, values)):
         return Format(columns, 10**9, begin, size)
     if own or unit == "ns" or max(abs(row[place]) for row in values) >= 1e17:
         return Format(columns, 1, begin, size, "times are whole numbers: taken as ns" if own else "")
@@ -115,18 +114,20 @@ def plain(data: bytes) -> bytes:
 
 
 def numbers_in(line: bytes, columns: str = "") -> list[bytes]:
-    """Returns the numbers of a line that holds nothing else; else none. columns: what each is; those that are left out
-    may be of any words, and count as 0.
-    """
+    """Parses a line that holds only numbers; empty for any other. columns: what each is; those that are left out may be
+    of any words, and count as 0."""
     words = re.split(rb"[ \t,;]+", plain(line).strip(b" \t\r,;"), maxsplit=_MOST_COLUMNS)
     if len(words) == len(columns):
         words = [b"0" if column == "_" else word for word, column in zip(words, columns)]
     return words if all(map(_NUMBER.fullmatch, words)) else []
 
 
-def _columns(line: bytes) -> tuple[str, str]:
-    """`txyp` in the order of a line of names, _ for others, and the time's unit where its name says it (own: the line
-    that EVIS writes); empty where they are not all there. A name may have the sensor's side behind an @."""
+def _columns_named(line: bytes) -> tuple[str, str]:
+    """Finds the columns in a line of names: `txyp` in its order, _ for others, and the unit of time that a name states.
+
+    The unit is `own` for the line that EVIS writes; both are empty where not all four are there. A name may have the
+    sensor's side behind an @.
+    """
     text = line.decode("latin-1").strip()
     units = {found[1].strip('"# \t').lower(): found[2].lower() for found in _NAMED_UNIT.finditer(text)}
     text = _UNIT.sub("", text)
@@ -140,22 +141,22 @@ def _columns(line: bytes) -> tuple[str, str]:
     return letters, unit
 
 
-def _sides(line: bytes) -> tuple[int, int]:
-    """The sensor's size in a line such as `t,x@640,y@480,p`."""
+def _sensor_size(line: bytes) -> tuple[int, int]:
+    """Parses the sensor's size from a line such as `t,x@640,y@480,p`."""
     found = {name.lower(): int(side) for name, side in re.findall(rb"\b([xyXY])@(\d{1,5})\b", line)}
     return found.get(b"x", 0), found.get(b"y", 0)
 
 
-def _saved(columns: str, rows: list[list[bytes]], values: list[list[float]]) -> bool:
-    """Whether all numbers have a fraction that is 0, and the times are not all the same."""
+def _are_saved_floats(columns: str, rows: list[list[bytes]], values: list[list[float]]) -> bool:
+    """Tells whether all numbers are written with a fraction of 0, and the times are not all the same."""
     place, others = columns.index("t"), [columns.index(n) for n in "xy"]
     times = {row[place] for row in values}
     fractions = all(b"." in row[i] for row in rows for i in others)
     return fractions and len(times) > 1 and all(t == int(t) for t in times)
 
 
-def _fractions(rows: list[list[bytes]]) -> list[int]:
-    """The columns that are written with fractions."""
+def _columns_with_fractions(rows: list[list[bytes]]) -> list[int]:
+    """Returns the columns that are written with fractions."""
     return [i for i, column in enumerate(zip(*rows)) if any(b"." in word for word in column)]
 
 

@@ -24,7 +24,7 @@ _LIMITS = np.iinfo(np.int64)
 
 
 def parse_lines(data: bytes, form: Format) -> Columns:
-    """Parses whole lines to (t int64 [ns], x uint16, y uint16, p uint8, lines left out) of whole lines.
+    """Parses whole lines to t int64 [ns], x uint16, y uint16, p uint8, and the number of lines left out.
 
     Numbers of plain digits are read all at once; a block with anything else (exponents, comments) line by line.
     """

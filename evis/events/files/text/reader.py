@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from evis.events.arrays import Events
+from evis.events.files.reading.bisection import place_before
 from evis.events.files.reading.block_recording import BlockRecording, take_size
 from evis.events.files.reading.zero_tail import data_end
 from evis.events.files.reading.zip_archive import RECORDINGS, Archive, CutArchive, open_archive
@@ -73,7 +74,7 @@ class TextRecording(BlockRecording):
         super().__init__()
 
     def _open(self, topic: str) -> tuple[IO[bytes], int]:
-        """The file, or the text file of the archive: the one that is asked for, or the one that holds events."""
+        """Opens the file, or the text file of the archive: the one that is asked for, or the one that holds events."""
         if self._zip is None:
             file: IO[bytes] = self._path.open("rb")
             return file, self._path.stat().st_size
@@ -117,7 +118,7 @@ class TextRecording(BlockRecording):
             self.info.warn(f"cut or damaged: what follows cannot be read ({error})")
 
     def _last(self, line: bytes) -> Events:
-        """A file that does not end with a new line: its last line may be cut inside a number."""
+        """Parses the last line of a file that does not end with a new line, which may be cut inside a number."""
         events = self._events(line + b"\n", count=False)
         if len(events) and not self._form.time_last:
             return events  # the last character is the polarity's, which has only one
@@ -133,23 +134,22 @@ class TextRecording(BlockRecording):
         return Events(t, x, y, p)
 
     def _load_from(self, t_ns: int) -> Iterator[Events]:
-        """Bisection by byte in a file, whose times are taken to go up; an archive is read from its start."""
-        low, high = self._form.begin, self._total
-        while self._zip is None and high - low > _BLOCK:
-            middle = (low + high) // 2
-            self._file.seek(middle)
+        """Yields blocks from a byte of the file found by bisection, whose times are taken to go up; an archive is read
+        from its start."""
+
+        def is_earlier(byte: int) -> bool:
+            self._file.seek(byte)
             self._file.readline()
-            line = self._file.readline()
-            t, *_ = parse_lines(line, self._form)
-            if len(t) and int(t[0]) < t_ns:
-                low = middle
-            else:
-                high = middle
-        if low > self._form.begin:
-            self._file.seek(low)
+            t, *_ = parse_lines(self._file.readline(), self._form)
+            return bool(len(t)) and int(t[0]) < t_ns
+
+        begin = self._form.begin
+        found = place_before(begin, self._total, _BLOCK, is_earlier) if self._zip is None else begin
+        if found > begin:
+            self._file.seek(found)
             self._file.readline()
-            low = self._file.tell()
-        return self._load_at(low)
+            found = self._file.tell()
+        return self._load_at(found)
 
     @property
     def position(self) -> float:
@@ -178,9 +178,7 @@ def is_text_archive(path: Path) -> bool:
 
 
 def text_members(archive: Archive) -> list[str]:
-    """Returns the files named as text; where there is none and no other recording, those with events as text under any
-    name.
-    """
+    """Lists the members named as text; where there is none and no other recording, those with events as text."""
     names = [n for n in archive.namelist() if not n.startswith("__MACOSX/") and not n.endswith("/")]
     if any(n.lower().endswith(".npy") for n in names):
         return []

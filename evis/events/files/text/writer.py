@@ -41,7 +41,7 @@ class TextWriter(FileWriter):
 
 
 def _seconds(t: int) -> str:
-    """[ns] as seconds, exactly."""
+    """Writes a time [ns] as seconds, exactly."""
     whole, part = divmod(abs(t), 1_000_000_000)
     return f"{'-' if t < 0 else ''}{whole}.{part:09d}"
 

@@ -9,12 +9,14 @@ the motion back: only events count whose place is in view throughout the window.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from evis.events.measure.rotation.plane import Plane
 
 SIGMAS = (4.0, 3.0, 2.0, 2.0, 1.5, 1.5)
-"""Blur of each turn [px]."""
+"""Blur of each improvement [px]."""
 EVENTS = 1500
 _MARGIN = 12
 _STIFFNESS = 0.002
@@ -41,12 +43,11 @@ def align(
     scale = max(1.0, max(np.ptp(x), np.ptp(y)) / _SIDE)
     corner = np.array([x.min(), y.min()])
     x, y = x / scale, y / scale
-    weight = _weights(tau, half_s)
-    origin = _MARGIN - corner / scale
     shape = tuple(int(np.ptp(v)) + 2 * _MARGIN + 2 for v in (y, x))
+    window = _Window(tau, x, y, p, _weights(tau, half_s), _MARGIN - corner / scale, shape)
     motion = np.array([omega, 0.0, 0.0])
     for sigma in SIGMAS:
-        motion, gathered = _improve(motion, tau, x, y, p, weight, origin, shape, sigma)
+        motion, gathered = _improve(window, motion, sigma)
     return float(motion[0]), gathered
 
 
@@ -67,32 +68,89 @@ def in_view(
 
 
 def _weights(tau: np.ndarray, half_s: float) -> np.ndarray:
-    """A cosine taper in time, the same for busy and quiet parts of the window; the sum is 1."""
+    """Computes a cosine taper in time, the same for busy and quiet parts of the window; the sum is 1."""
     part = ((tau + half_s) * (8 / half_s)).astype(np.int64).clip(0, 15)
     counts = np.bincount(part, minlength=16)
     weight = np.cos(np.pi / 2 * tau / half_s) ** 2 / (counts[part] + 0.2 * counts.mean() + 1)
     return weight / weight.sum()
 
 
-def _improve(
-    motion: np.ndarray, tau: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, weight: np.ndarray,
-    origin: np.ndarray, shape: tuple[int, ...], sigma: float,
-) -> tuple[np.ndarray, float]:  # fmt: skip
+@dataclass(frozen=True)
+class _Window:
+    """Holds the events of a window on the grid of its image.
+
+    tau: float [n, s]; x, y: float [n, pixels of the image] from the pivot; p: int64 [n]; weight: float [n], sum 1.
+    origin: place of the pivot in the image (x, y). shape: of the image.
+    """
+
+    tau: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    p: np.ndarray
+    weight: np.ndarray
+    origin: np.ndarray
+    shape: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class _Pulls:
+    """Holds, for the events inside the image, their warped places u, v, and the pull towards where events are dense.
+
+    inside: bool [n], which events these are. cos, sin: of the angle by which each was turned.
+    """
+
+    inside: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    cos: np.ndarray
+    sin: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+
+
+def _improve(window: _Window, motion: np.ndarray, sigma: float) -> tuple[np.ndarray, float]:
+    """Moves a motion (speed [rad/s], velocity x, y) to where it explains the pulls best, by least squares.
+
+    Returns it with the share of events that are gathered.
+    """
+    pulls = _pulls(window, motion, sigma)
+    if pulls is None:
+        return motion, 0.0
+    tau, weight = window.tau[pulls.inside], window.weight[pulls.inside]
+    u, v, cos, sin = pulls.u, pulls.v, pulls.cos, pulls.sin
+    length_2 = pulls.x**2 + pulls.y**2
+    # how each of the three parameters moves an event
+    by_x = np.stack([tau * v, -tau * cos, -tau * sin], 1)
+    by_y = np.stack([-tau * u, tau * sin, -tau * cos], 1)
+    along = by_x * pulls.x[:, None] + by_y * pulls.y[:, None]
+    share = (weight / (length_2 + _HOME**2))[:, None]
+    normal = along.T @ (along * share) + _HOME**2 * (by_x.T @ (by_x * share) + by_y.T @ (by_y * share))
+    right = weight @ along
+    stiffness = _STIFFNESS * normal[0, 0] / 400
+    normal[1, 1] += stiffness
+    normal[2, 2] += stiffness
+    right[1:] -= stiffness * motion[1:]
+    step = np.linalg.solve(normal + 1e-15 * np.eye(3), right)
+    return motion + _OVERSTEP * step, float(weight[length_2 < (0.5 * sigma) ** 2].sum())
+
+
+def _pulls(window: _Window, motion: np.ndarray, sigma: float) -> _Pulls | None:
+    """Warps the events by a motion and computes their pulls sigma^2 grad I / I; None where few are in the image."""
+    tau = window.tau
     cos, sin = np.cos(motion[0] * tau), np.sin(motion[0] * tau)
-    dx, dy = x - motion[1] * tau, y - motion[2] * tau
+    dx, dy = window.x - motion[1] * tau, window.y - motion[2] * tau
     u, v = cos * dx + sin * dy, cos * dy - sin * dx
-    column, row = u + origin[0], v + origin[1]
-    height, width = shape
+    column, row = u + window.origin[0], v + window.origin[1]
+    height, width = window.shape
     i, j = np.floor(row).astype(np.int64), np.floor(column).astype(np.int64)
     inside = (i >= 1) & (j >= 1) & (i < height - 2) & (j < width - 2)
     if inside.sum() < 20:
-        return motion, 0.0
-    i, j, u, v = i[inside], j[inside], u[inside], v[inside]
-    cos, sin, tau, weight = cos[inside], sin[inside], tau[inside], weight[inside]
+        return None
+    i, j = i[inside], j[inside]
     fi, fj = row[inside] - i, column[inside] - j
-    base = (p[inside] * height + i) * width + j
+    base = (window.p[inside] * height + i) * width + j
     corners = ((0, (1 - fi) * (1 - fj)), (1, (1 - fi) * fj), (width, fi * (1 - fj)), (width + 1, fi * fj))
-    image = np.zeros(2 * height * width)
+    image, weight = np.zeros(2 * height * width), window.weight[inside]
     for offset, share in corners:
         image += np.bincount(base + offset, weight * share, len(image))
     blurred = _blur(image.reshape(2, height, width), sigma)
@@ -106,20 +164,7 @@ def _improve(
 
     density = at(blurred) + 1e-12
     pull_x, pull_y = sigma**2 * at(slope_x) / density, sigma**2 * at(slope_y) / density
-    length_2 = pull_x**2 + pull_y**2
-    # how each of the three parameters moves an event
-    by_x = np.stack([tau * v, -tau * cos, -tau * sin], 1)
-    by_y = np.stack([-tau * u, tau * sin, -tau * cos], 1)
-    along = by_x * pull_x[:, None] + by_y * pull_y[:, None]
-    share = (weight / (length_2 + _HOME**2))[:, None]
-    normal = along.T @ (along * share) + _HOME**2 * (by_x.T @ (by_x * share) + by_y.T @ (by_y * share))
-    right = weight @ along
-    stiffness = _STIFFNESS * normal[0, 0] / 400
-    normal[1, 1] += stiffness
-    normal[2, 2] += stiffness
-    right[1:] -= stiffness * motion[1:]
-    step = np.linalg.solve(normal + 1e-15 * np.eye(3), right)
-    return motion + _OVERSTEP * step, float(weight[length_2 < (0.5 * sigma) ** 2].sum())
+    return _Pulls(inside, u[inside], v[inside], cos[inside], sin[inside], pull_x, pull_y)
 
 
 def _blur(image: np.ndarray, sigma: float) -> np.ndarray:

@@ -126,7 +126,7 @@ def find_planes(windows: list[Window], working: Callable[[str], None] = lambda t
 
 @dataclass(frozen=True)
 class _Tried:
-    """A plane, and of each window the best speed about it [rad/s] and the pairs that it brings together."""
+    """Holds a plane, and of each window the best speed about it [rad/s] and the pairs that it brings together."""
 
     plane: Plane
     omegas: np.ndarray
@@ -165,7 +165,7 @@ class _Search:
 
 
 def _refined(search: _Search, best: _Tried, pitch: np.ndarray, bend: float) -> _Tried:
-    """The best plane near one: pivots within `pitch` [2, px] and stretches within `bend`, halved thrice.
+    """Searches the best plane near one: pivots within `pitch` [2, px] and stretches within `bend`, halved three times.
 
     Once more where there is a tilt: an error of two degrees sways a speed by one per cent.
     """
@@ -185,7 +185,8 @@ def _refined(search: _Search, best: _Tried, pitch: np.ndarray, bend: float) -> _
 
 
 def _slide(window: Window) -> float:
-    """As `_turn`, for the best constant velocity of the image."""
+    """Counts the pairs that the best constant velocity of the image brings together, as `_turn` does for the best
+    speed."""
     best, centre = -1.0, np.zeros(2)
     pitch = np.array([np.ptp(window.x), np.ptp(window.y)]) / max(np.ptp(window.tau), 1e-9) / 6
     for reach in (5, 2, 2, 2):
@@ -201,7 +202,7 @@ def _slide(window: Window) -> float:
 
 
 def _pairs(x: np.ndarray, y: np.ndarray, p: np.ndarray) -> float:
-    """Ordered pairs of events of one polarity in one bin: unlike a sum of squares, 0 where nothing gathers."""
+    """Counts ordered pairs of events of one polarity in one bin: unlike a sum of squares, 0 where nothing gathers."""
     column, row = np.floor(x / _BIN).astype(np.int64), np.floor(y / _BIN).astype(np.int64)
     column, row = column - column.min(), row - row.min()
     width, height = int(column.max()) + 1, int(row.max()) + 1

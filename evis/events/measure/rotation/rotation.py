@@ -81,7 +81,7 @@ def _rotation(
 
 
 def _stretched(report: dict[str, Any], first_ns: int) -> dict[str, Any]:
-    """The report of events whose times were divided by _SLOW, in true time."""
+    """Converts the report of events whose times were divided by _SLOW to true time."""
     period = report["period_s"]
     return report | {
         "omega_rad_s": report["omega_rad_s"] / _SLOW,
@@ -137,7 +137,7 @@ def _report(series: Track, found: Found, table: np.ndarray, sure: float, span: t
 
 
 def _way(series: Track, angle: np.ndarray, span: tuple[int, int]) -> float:
-    """What was turned [rad] from the first to the last event of `span` [ns].
+    """Computes the angle turned [rad] from the first to the last event of `span` [ns].
 
     A series begins and ends half a window inside its events: the speeds there are taken for that half, no longer.
     """

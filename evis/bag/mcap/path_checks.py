@@ -1,4 +1,4 @@
-"""Says where a bag cannot be written, before anything is opened: imported by who plans a graph, it loads no reader."""
+"""Finds out where a bag cannot be written before anything is opened; the planner imports it, so it loads no reader."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ OTHER_FORMATS = (
 
 
 def check_name(path: Path) -> None:
-    """Raises BagError for a name that a bag should not have: of another format, or - for standard output."""
+    """Raises BagError for a name that a bag should not have: that of another format, or - for standard output."""
     if str(path) == "-":
         raise BagError("cannot record to -: a bag does not go to standard output; name a file such as run.mcap")
     if path.suffix.lower() in OTHER_FORMATS:
@@ -27,8 +27,7 @@ def check_name(path: Path) -> None:
 
 
 def refusal(place: Path) -> str:
-    """Says why nothing can be written at a place, a folder or a file, that the system lets nobody write, and what to
-    do."""
+    """Words why nothing can be written at a folder or file, and what to do instead."""
     what = f"{'folder' if place.is_dir() else 'file'} {place}"
     with contextlib.suppress(OSError):
         if os.statvfs(place).f_flag & os.ST_RDONLY:

@@ -17,7 +17,7 @@ from nodes.camera.usb import stream as stream_module
 from nodes.camera.usb.access import StreamEnd
 from nodes.camera.usb.clock import ClockMap
 from nodes.camera.usb.reader import Reader
-from nodes.camera.usb.stream import ReadingStream
+from nodes.camera.usb.stream import PacketRule, ReadingStream
 
 MS = 1_000_000
 
@@ -118,7 +118,7 @@ def stream_of(blocks: list[bytes], encoding: str, overflow_before: set[int]) -> 
     source = Source(blocks)
     reader = Marked(source.read, lambda: None, 64, 1 << 16, wait_when_full=True)
     reader.count = 0
-    stream = ReadingStream(reader, decoder_for(encoding), 10 * MS, False, False)
+    stream = ReadingStream(reader, decoder_for(encoding), PacketRule(10 * MS))
     reader.start()
     source.allow(len(blocks) + 1)
     readings = []
@@ -188,7 +188,7 @@ def test_a_quiet_interval_is_closed_by_the_hosts_clock(monkeypatch):
         monkeypatch.setattr(module, "time", clock)
     source = Source([encoder_for("evt3").encode(Events.of([3 * MS, 4 * MS], [1, 2], [1, 2], [1, 0]))])
     reader = Reader(source.read, lambda: None, 4, 1 << 16)
-    stream = ReadingStream(reader, decoder_for("evt3"), 10 * MS, False, True)
+    stream = ReadingStream(reader, decoder_for("evt3"), PacketRule(10 * MS, live=True))
     reader.start()
     source.allow(1)
     readings = []

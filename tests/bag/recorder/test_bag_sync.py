@@ -8,7 +8,7 @@ from collections import defaultdict
 
 import pytest
 from bag_messages import scene
-from test_recorder_replayer import make
+from hand_driven_nodes import make_node
 
 from evis.bag import BagError
 from evis.bag.mcap import sync
@@ -80,7 +80,7 @@ def test_the_period_is_a_second(tmp_path):
 def test_a_slow_disk_holds_nobody_up(tmp_path, monkeypatch):
     """Messages are taken and come to the file while a sync does not return, and that it was late is counted."""
     disk = Disk(monkeypatch)
-    node = make(RecorderNode, path=str(tmp_path / "a.mcap"), topics=["/*/keyframe"], sync=True)
+    node = make_node(RecorderNode, path=str(tmp_path / "a.mcap"), topics=["/*/keyframe"], sync=True)
     node.setup()
     disk.gate.clear()
     node.receive("/state", scene(0)["/state"])

@@ -83,9 +83,10 @@ def test_unknown_firmware(name, text):
     ],
 )
 def test_unknown_chip(name, text):
-    """The board is one of ours, the chip is not."""
-    with pytest.raises(OSError, match=text):
+    """The board is one of ours, the chip is not: the line says what can be done instead."""
+    with pytest.raises(OSError, match=text) as error:
         silent(name, "unknown_chip").open()
+    assert str(error.value).endswith("play that with file:=REC or --file REC")
 
 
 def test_list_names_the_problem():

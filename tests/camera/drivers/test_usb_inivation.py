@@ -65,7 +65,7 @@ def test_mini_messages_and_damage_are_told(tmp_path):
     """What the firmware says is in the camera's info; packets that make no sense are counted."""
     random_recording(tmp_path / "a.npz", 640, 480, 2000)
     driver = played("dvxplorer_mini", tmp_path / "a.npz")
-    driver.emulated.feed.side.put([b"\x00\x03\0\0\0\0sensor is hot", b"\x01\xe0", b"\x09" * 16])
+    driver.emulated.feed.imu_queue.put([b"\x00\x03\0\0\0\0sensor is hot", b"\x01\xe0", b"\x09" * 16])
     with driver:
         driver.configure(driver.settings_type()())
         driver.start()

@@ -7,6 +7,7 @@ from collections import defaultdict
 import numpy as np
 import pytest
 from bag_messages import copied, same, scene
+from hand_driven_nodes import make_node
 from mcap.writer import Writer
 
 from evis.bag import BagError
@@ -14,7 +15,6 @@ from evis.bag.info import describe
 from evis.bag.reader import BagReader
 from evis.bag.writer import BagWriter
 from evis.config.params import ParamError
-from evis.runtime.plan import NodePlan, Plan
 from msgs.camera import Depth
 from msgs.header import Header
 from nodes.recorder.node import RecorderNode
@@ -24,45 +24,8 @@ from nodes.replayer.node import ReplayerNode
 PIXEL = np.ones((1, 1, 1), np.float32)
 
 
-class Runtime:
-    """What the nodes use of an executor. Sequence numbers are counted per topic, as on the bus."""
-
-    def __init__(self):
-        self.plan = Plan("disk", "run-1", "/nowhere", seed=5, launch_text="nodes: {}\n")
-        self.plan.nodes["physics"] = NodePlan("physics", "x:Y", {"omega": 60.0}, "physics")
-        self.plan.topics = dict.fromkeys(["/cam0/keyframe", "/cam0/events"])  # what is published in the graph
-        self.counters = defaultdict(float)
-        self.results = {}
-        self.said = []
-        self.published = []
-        self.sequence = defaultdict(int)
-
-    def wants(self, node, port):
-        return True
-
-    def count(self, node, name, amount):
-        self.counters[name] += amount
-
-    def result(self, node, name, value):
-        self.results[name] = value
-
-    def diagnose(self, node, level, text):
-        self.said.append((level, text))
-
-    def publish(self, node, port, message):
-        message.header.seq = self.sequence[port]
-        self.sequence[port] += 1
-        self.published.append((port, message))
-
-
-def make(kind, **params):
-    node = kind(kind.__name__, params)
-    node.runtime = Runtime()
-    return node
-
-
 def record(path, keyframes=6, topics=(), envs=1, without=None, **params):
-    node = make(RecorderNode, path=str(path), topics=list(topics), **params)
+    node = make_node(RecorderNode, path=str(path), topics=list(topics), **params)
     node.runtime.plan.topics = {t: None for t in scene(0) if t != without}
     node.setup()
     for k in range(keyframes):
@@ -81,7 +44,7 @@ def contents(path):
 
 
 def replay(path, **params):
-    node = make(ReplayerNode, bag=str(path), **params)
+    node = make_node(ReplayerNode, bag=str(path), **params)
     node.setup()
     steps = []
     while True:
@@ -106,7 +69,7 @@ def test_default_topics_and_preview(tmp_path):
 
 
 def test_preview_runs_at_its_own_rate(tmp_path):
-    node = make(RecorderNode, path=str(tmp_path / "a.mcap"), preview_hz=10.0)
+    node = make_node(RecorderNode, path=str(tmp_path / "a.mcap"), preview_hz=10.0)
     node.setup()
     for k in range(31):
         keyframe = scene(k)["/cam0/keyframe"]
@@ -119,7 +82,7 @@ def test_preview_runs_at_its_own_rate(tmp_path):
 
 
 def test_preview_of_environments_and_episodes(tmp_path):
-    node = make(RecorderNode, path=str(tmp_path / "a.mcap"))
+    node = make_node(RecorderNode, path=str(tmp_path / "a.mcap"))
     node.setup()
     for episode in range(2):
         for k in range(3):
@@ -164,7 +127,7 @@ def test_what_the_planner_is_told():
 
 def test_topics_that_no_node_publishes_are_told(tmp_path):
     """The table knows triggers, but a simulator has none: the bag lacked them without a word."""
-    node = make(RecorderNode, path=str(tmp_path / "a.mcap"), topics=["/cam0/trigger", "*/depth"])
+    node = make_node(RecorderNode, path=str(tmp_path / "a.mcap"), topics=["/cam0/trigger", "*/depth"])
     node.runtime.plan.topics = dict.fromkeys(["/cam0/events", "/cam0/depth"])
     node.setup()
     assert [level for level, text in node.runtime.said if "/cam0/trigger" in text] == ["warning"]
@@ -181,7 +144,7 @@ def test_the_run_is_described_in_the_bag(tmp_path):
 
 
 def test_losses_are_counted_and_kept(tmp_path):
-    node = make(RecorderNode, path=str(tmp_path / "a.mcap"))
+    node = make_node(RecorderNode, path=str(tmp_path / "a.mcap"))
     node.setup()
     for k in (0, 1, 4, 5, 9):
         node.receive("/cam0/events", scene(k)["/cam0/events"])
@@ -200,7 +163,7 @@ def test_an_older_recording_is_kept_and_that_is_said(tmp_path):
 
 
 def test_a_path_that_cannot_be_written_ends_before_the_start(tmp_path):
-    node = make(RecorderNode, path=str(tmp_path / "missing" / "a.mcap"))
+    node = make_node(RecorderNode, path=str(tmp_path / "missing" / "a.mcap"))
     with pytest.raises(BagError, match="there is no directory"):
         node.setup()
     node.close()
@@ -235,7 +198,7 @@ def test_replay_is_what_was_recorded(tmp_path, envs):
 
 def test_camera_info_comes_first(tmp_path):
     record(tmp_path / "a.mcap", keyframes=3)
-    node = make(ReplayerNode, bag=str(tmp_path / "a.mcap"), start=1 / 30)
+    node = make_node(ReplayerNode, bag=str(tmp_path / "a.mcap"), start=1 / 30)
     node.setup()
     assert [(t, m.header.seq) for t, m in node.runtime.published] == [("/cam0/info", 0)]
     node.close()
@@ -271,7 +234,7 @@ def test_what_is_not_played_of_another_recorders_bag_is_told(tmp_path, params, t
         }.items():  # fmt: skip
             writer.register_channel(topic, "cdr", writer.register_schema(kind, "ros2msg", b""))
         writer.finish()
-    node = make(ReplayerNode, bag=str(path), **params)
+    node = make_node(ReplayerNode, bag=str(path), **params)
     node.setup()
     node.close()
     assert "".join(text for _, text in node.runtime.said).partition("type: ")[2] == told
@@ -294,7 +257,7 @@ def test_errors_of_the_replayer(tmp_path):
         ReplayerNode.dynamic_outputs({"bag": str(tmp_path / "b.mcap"), "start": 0.11})
     for pace in ("fastt", "0", "-1", "nan"):
         with pytest.raises(ParamError, match="pace is"):
-            make(ReplayerNode, bag=str(tmp_path / "a.mcap"), pace=pace).setup()
+            make_node(ReplayerNode, bag=str(tmp_path / "a.mcap"), pace=pace).setup()
 
 
 def test_start_and_duration(tmp_path):
@@ -336,7 +299,7 @@ def test_a_bag_of_descriptions_alone_has_their_time(tmp_path):
 def test_paced_replay_keeps_its_distances(tmp_path):
     """At speed 2, 0.2 s of stamps take at least 0.1 s of wall time, and no step sleeps for long."""
     record(tmp_path / "a.mcap", keyframes=7)
-    node = make(ReplayerNode, bag=str(tmp_path / "a.mcap"), pace="2", topics=["/state"])
+    node = make_node(ReplayerNode, bag=str(tmp_path / "a.mcap"), pace="2", topics=["/state"])
     node.setup()
     begin = time.monotonic()
     while node.step({}):
@@ -352,7 +315,7 @@ def test_paced_replay_keeps_the_distances_of_every_episode(tmp_path):
         for episode in range(3):
             for k in range(4):
                 bag.write("/cam0/depth", Depth(Header(k * 40_000_000, 4 * episode + k, episode=episode), PIXEL))
-    node = make(ReplayerNode, bag=str(tmp_path / "a.mcap"), pace="2")
+    node = make_node(ReplayerNode, bag=str(tmp_path / "a.mcap"), pace="2")
     node.setup()
     began = time.monotonic()
     while node.step({}):
@@ -369,7 +332,7 @@ def test_a_paced_replay_does_not_wait_between_two_clocks(tmp_path):
         for first, clock, name in (0, "device:1", "left"), (late, "device:2", "right"):
             for k in range(4):
                 bag.write(f"/{name}/depth", Depth(Header(first + k * 40_000_000, k, clock), PIXEL))
-    node = make(ReplayerNode, bag=str(tmp_path / "a.mcap"), pace="2")
+    node = make_node(ReplayerNode, bag=str(tmp_path / "a.mcap"), pace="2")
     node.setup()
     began = time.monotonic()
     while node.step({}) and time.monotonic() - began < 5:
@@ -397,7 +360,7 @@ def test_two_clocks_have_one_order_whatever_came_first(tmp_path):
                 left[clock][1] += 1
                 if k == 39:
                     del left[clock]
-        node = make(ReplayerNode, bag=str(path))
+        node = make_node(ReplayerNode, bag=str(path))
         node.setup()
         while node.step({}):
             pass
@@ -408,7 +371,7 @@ def test_two_clocks_have_one_order_whatever_came_first(tmp_path):
         ((level, said),) = node.runtime.said
         assert level == "warning" and "the clocks device:1 (/left) and sim (/right) have no time in common" in said
     assert orders[0] == orders[1] == orders[2]
-    alone = make(ReplayerNode, bag=str(tmp_path / "0.mcap"), topics=["/left/*"])
+    alone = make_node(ReplayerNode, bag=str(tmp_path / "0.mcap"), topics=["/left/*"])
     alone.setup()
     assert not alone.runtime.said
     alone.close()
@@ -428,7 +391,7 @@ def test_a_paced_replay_tells_how_late_it_was(tmp_path):
     with BagWriter(tmp_path / "a.mcap") as bag:
         for k in range(3):
             bag.write("/cam0/depth", Depth(Header(k * 1_000_000, k), PIXEL))
-    node = make(ReplayerNode, bag=str(tmp_path / "a.mcap"), pace="realtime")
+    node = make_node(ReplayerNode, bag=str(tmp_path / "a.mcap"), pace="realtime")
     node.setup()
     publish = node.runtime.publish
 
@@ -458,7 +421,7 @@ def test_again_and_again_as_further_episodes(tmp_path, monkeypatch):
     monkeypatch.setattr("nodes.replayer.node.REST_S", 0.0)
     topics = ["/state", "/cam0/keyframe", "/cam0/info"]
     record(tmp_path / "a.mcap", keyframes=3, topics=ALL)
-    node = make(ReplayerNode, bag=str(tmp_path / "a.mcap"), topics=topics, again=True)
+    node = make_node(ReplayerNode, bag=str(tmp_path / "a.mcap"), topics=topics, again=True)
     node.setup()
     for _ in range(9):
         assert node.step({})
@@ -489,7 +452,7 @@ def test_the_description_is_that_of_the_time_played(tmp_path, monkeypatch, start
                 header = Header(round(k * 1e9 / 30), k + 1)
                 writer.write("/cam0/info", dataclasses.replace(messages["/cam0/info"], name=worlds[k], header=header))
             writer.write("/cam0/events", messages["/cam0/events"])
-    node = make(ReplayerNode, bag=str(tmp_path / "a.mcap"), start=start, again=True)
+    node = make_node(ReplayerNode, bag=str(tmp_path / "a.mcap"), start=start, again=True)
     node.setup()
     assert [(topic, m.name) for topic, m in node.runtime.published] == [("/cam0/info", first)]
     while sum(topic == "/cam0/events" for topic, _ in node.runtime.published) < 15:
@@ -551,7 +514,7 @@ def test_a_recording_of_a_replay_is_the_recording(tmp_path):
     topics = ["/*/keyframe", "/*/depth"]
     record(tmp_path / "a.mcap", topics=topics, without="/cam0/image")
     node, _ = replay(tmp_path / "a.mcap")
-    second = make(RecorderNode, path=str(tmp_path / "b.mcap"), topics=topics)
+    second = make_node(RecorderNode, path=str(tmp_path / "b.mcap"), topics=topics)
     second.runtime.plan.topics = dict.fromkeys(t for t, _ in node.runtime.published)
     second.setup()
     for topic, message in node.runtime.published:

@@ -27,7 +27,7 @@ from evis.events.arrays import Events  # noqa: E402
 from nodes.camera.emulated.bus import emulated_device  # noqa: E402
 from nodes.camera.emulated.device import EmulatedDevice  # noqa: E402
 from nodes.camera.emulated.faults import Faults  # noqa: E402
-from nodes.camera.emulated.feed import RecordingFeed  # noqa: E402
+from nodes.camera.emulated.recording_feed import RecordingFeed  # noqa: E402
 from nodes.camera.find import on_usb  # noqa: E402
 from nodes.camera.usb.access import usb_bus  # noqa: E402
 from nodes.camera.usb.models import MODELS  # noqa: E402

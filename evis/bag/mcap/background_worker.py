@@ -1,4 +1,4 @@
-"""Runs work in a thread, in its turn, while the next is made, as the writing of large chunks."""
+"""Runs work in a background thread, one piece after another, as the writing of large chunks."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from collections.abc import Callable
 
 Work = Callable[[], None]
 
-MOST = 64 << 20
+MAX_BYTES = 64 << 20
 """Bytes that may wait; whoever has more waits."""
 
 
-class Behind:
-    """Runs work in the order in which it was put, in a thread that starts with the first.
+class BackgroundWorker:
+    """Runs work in the order in which it was added, in a thread that starts with the first.
 
-    name: of the thread. most: bytes that may wait, MOST where it is not given. error: what the first work that failed
-    has raised, after which nothing more is done.
+    name: of the thread. most: bytes that may wait, MAX_BYTES where it is not given. error: what the first work that
+    failed has raised, after which nothing more is done.
     """
 
     def __init__(self, name: str = "bag-write", most: int | None = None) -> None:
@@ -29,8 +29,8 @@ class Behind:
         self.error: Exception | None = None
 
     def put(self, work: Work, size: int) -> None:
-        """Adds work that keeps `size` bytes; waits while too much is kept. Raises OSError if no thread can be had."""
-        most = MOST if self._most is None else self._most
+        """Adds work that holds `size` bytes; waits while too much is held. Raises OSError where no thread can start."""
+        most = MAX_BYTES if self._most is None else self._most
         with self._changed:
             self._start()
             self._changed.wait_for(lambda: self.error or not self._waiting or self._bytes + size <= most)
@@ -51,22 +51,22 @@ class Behind:
         self._thread = thread
 
     @property
-    def undone(self) -> int:
-        """Counts the work that is not done: what was put last."""
+    def unfinished(self) -> int:
+        """Returns the number of pieces of work that are not finished: those added last."""
         return len(self._waiting)
 
     def wait(self) -> None:
-        """Waits until everything is done, or nothing more will be."""
+        """Waits until all work is finished, or one piece has failed."""
         self.wait_below(1)
 
     def wait_below(self, count: int) -> None:
-        """Waits until fewer than `count` pieces of work are undone, or nothing more will be done."""
+        """Waits until fewer than `count` pieces of work are unfinished, or one has failed."""
         if self._thread is not None:
             with self._changed:
                 self._changed.wait_for(lambda: self.error or len(self._waiting) < count)
 
     def close(self) -> None:
-        """Ends the thread, after what it is doing now. A second call does nothing."""
+        """Ends the thread after its present piece of work. A second call does nothing."""
         with self._changed:
             self._over = True
             self._changed.notify_all()

@@ -20,7 +20,7 @@ from evis.bag.reader import BagReader
 from evis.bag.recover import recover
 from evis.bag.writer import BagWriter
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parents[1]
 
 
 def write(path, keyframes=12, chunk_bytes=3000, envs=1):

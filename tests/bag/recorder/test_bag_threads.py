@@ -87,7 +87,7 @@ def test_a_message_is_in_the_file_soon_after_it_was_taken(tmp_path, envs):
     with BagWriter(tmp_path / "a.mcap", chunk_bytes=1000, chunk_period_s=math.inf, threads=3) as writer:
         for k in range(3):
             writer.write("/cam0/events", packet(k, 400_000, envs))
-            assert not writer.container._indexes and not writer.container._full
+            assert not writer.container._indexes and not writer.container._complete
             found, until = [], time.monotonic() + 20
             while len(found) <= k and time.monotonic() < until:
                 with BagReader(tmp_path / "a.mcap") as reader:

@@ -1,4 +1,4 @@
-"""Reads inertial samples on an endpoint of their own, in a thread; arrival gives their time, for they carry none."""
+"""Reads inertial samples from an endpoint of their own; they carry no time, so that of their arrival is taken."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from nodes.camera.usb.reader import MAX_FAULTS, TIMEOUT_MS
 
 SIZE = 64
 """Largest packet of the endpoint [bytes]."""
-WAITING = 1 << 14
+MAX_WAITING = 1 << 14
 """Samples that wait to be taken at most; older ones are dropped and counted."""
-PAIRS = 1 << 10
-REST_S = 0.5
+MAX_PAIRS = 1 << 10
+QUIET_WAIT_S = 0.5
 """Longest wait for what is still under way at the end of the stream [s]."""
 
 
-class SideReader:
+class ImuEndpointReader:
     """Reads inertial samples from their endpoint in a thread until `close`.
 
     read(buffer, timeout_ms) -> bytes; recover() clears a stalled endpoint.
@@ -40,11 +40,11 @@ class SideReader:
     ) -> None:
         self._read, self._recover, self._imu, self._pause_s = read, recover, imu, pause_s
         self._samples: deque[tuple[int, np.ndarray]] = deque()
-        self._pairs: deque[tuple[int, int]] = deque(maxlen=PAIRS)
+        self._pairs: deque[tuple[int, int]] = deque(maxlen=MAX_PAIRS)
         self._quiet = threading.Event()
         self._stop = False
         self._last_ns = 0
-        self._before = b""
+        self._last_packet = b""
         self.counts: Counter[str] = Counter()
         self.message = ""
         """The last message of the firmware."""
@@ -60,18 +60,18 @@ class SideReader:
         if self._thread.is_alive():
             self._thread.join(5.0)
 
-    def seen(self, t_host_ns: int, t_ns: int) -> None:
+    def note_arrival(self, t_host_ns: int, t_ns: int) -> None:
         """Notes that events up to device time t_ns had arrived at host time t_host_ns."""
         self._pairs.append((t_host_ns, t_ns))
 
-    def rest(self) -> None:
+    def wait_until_quiet(self) -> None:
         """Waits until no more samples come."""
         self._quiet.clear()
         if self._thread.is_alive():
-            self._quiet.wait(REST_S)
+            self._quiet.wait(QUIET_WAIT_S)
 
     def take(self, until_ns: int | None, to_device: Callable[[int], int] | None) -> Imu:
-        """Takes the samples up to a device time [ns] (None: all).
+        """Returns, and removes, the samples up to a device time [ns] (None: all).
 
         to_device: the host's clock to the device's, where that is known; without it a sample lies between the events
         that arrived before and after it.
@@ -95,6 +95,7 @@ class SideReader:
         return Imu(np.array(times, np.int64), v[:, :3].copy(), v[:, 3:6].copy(), v[:, 6].copy())
 
     def _between(self, t_host_ns: int) -> int:
+        """Interpolates the device time [ns] of a host time between the arrivals that were noted."""
         host, device = np.array(self._pairs, np.int64).T
         return int(device[0]) + round(float(np.interp(t_host_ns - host[0], host - host[0], device - device[0])))
 
@@ -123,13 +124,14 @@ class SideReader:
         self._quiet.set()
 
     def _put(self, packet: bytes, t_host_ns: int) -> None:
-        if packet == self._before:
+        """Queues the sample of a packet, or keeps the firmware's message in it; counts damaged ones."""
+        if packet == self._last_packet:
             return
-        self._before = packet
+        self._last_packet = packet
         sample = self._imu.sample(packet)
         if sample is not None:
             self._samples.append((t_host_ns, sample))
-            if len(self._samples) > WAITING:
+            if len(self._samples) > MAX_WAITING:
                 self._samples.popleft()
                 self.counts["imu_lost"] += 1
             return

@@ -1,8 +1,8 @@
-"""Reads arrays on a GPU that nodes of another process hold, where they lie, by CUDA's handles of memory and events.
+"""Lets nodes of several processes share arrays on a GPU in place, by CUDA's IPC handles of memory and events.
 
 A slot of the device has memory of an allocation of its own, whose handle goes with every message, and an event that is
 recorded behind what writes it: the reader's stream waits for that, and no host does. The slot is free again when the
-reader's work has passed the message's last release. Until a publisher closes, it keeps every slot that it has shown.
+reader's work has passed the message's last release. Until a publisher closes, it keeps every slot that it has exported.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _LETTERS = {"float16": "h", "float32": "f", "float64": "d", "int32": "i", "int64
 
 @dataclass(frozen=True)
 class Form:
-    """Gives dtype and shape of an array as numpy has it."""
+    """Describes dtype and shape of an array in numpy's terms."""
 
     dtype: np.dtype
     shape: tuple[int, ...]
@@ -52,7 +52,7 @@ class Form:
 
 @cache
 def _element(dtype: Any) -> tuple[np.dtype, tuple[int, ...]]:
-    """Gives numpy's dtype and the shape of one element of a Warp dtype."""
+    """Returns numpy's dtype and the shape of one element of a Warp dtype."""
     import warp as wp
 
     scalar = getattr(dtype, "_wp_scalar_type_", dtype)
@@ -60,7 +60,8 @@ def _element(dtype: Any) -> tuple[np.dtype, tuple[int, ...]]:
 
 
 def uuid_of(device: str) -> str:
-    """Names the GPU on which arrays of other processes can be read; "" where `device`, as Warp names it, is none."""
+    """Returns the UUID of the GPU on which arrays of other processes can be read; "" where `device`, as Warp names it,
+    is none."""
     if not device.startswith("cuda"):
         return ""
     from evis.gpu.devices import device_named
@@ -69,26 +70,27 @@ def uuid_of(device: str) -> str:
     return str(found.uuid) if found.is_ipc_supported is not False else ""
 
 
-class Shown:
-    """Holds what other processes need to read one block of device memory."""
+class ExportedBlock:
+    """Holds the handles by which other processes read one block of device memory."""
 
     def __init__(self, memory: Any, number: int) -> None:
-        """memory: Warp array of uint8, an allocation of its own outside Warp's pool. number: of the slot."""
+        """Makes the handles. memory: Warp array of uint8, an allocation of its own outside Warp's pool. number: of the
+        slot."""
         import warp as wp
 
         self._device: Any = memory.device
         self._event = wp.Event(self._device, interprocess=True)
         handle = handle_of(self._device, memory.ptr)
-        self.told = [str(self._device.uuid), number, memory.capacity, handle, self._event.ipc_handle()]
+        self.handles = [str(self._device.uuid), number, memory.capacity, handle, self._event.ipc_handle()]
 
     def written(self) -> None:
-        """Lets readers wait for what was launched so far."""
+        """Records the event for which readers wait: after all that was launched so far."""
         self._device.stream.record_event(self._event)
 
 
 @dataclass(frozen=True)
-class Placed:
-    """Tells where the arrays of a message are.
+class ArrayPlaces:
+    """Locates the arrays of a message in a block.
 
     places: offset in the slot [bytes] and length of vectors, 0 = scalars. inline: those of the host.
     """
@@ -98,7 +100,7 @@ class Placed:
     inline: dict[str, bytes]
 
     @staticmethod
-    def of(message: Message, start: int, size: int) -> Placed | None:
+    def of(message: Message, start: int, size: int) -> ArrayPlaces | None:
         """Finds the arrays of a message in the device memory [start, start + size); None where one is not there, or too
         large for a header. Raises MessageError."""
         forms: dict[str, Form] = {}
@@ -118,30 +120,30 @@ class Placed:
             return None
         checked: Any = forms
         check_layout(type(message), checked)
-        return Placed(forms, places, inline)
+        return ArrayPlaces(forms, places, inline)
 
-    def packed(self, message: Message, shown: Shown) -> bytes:
-        """Packs the header that is all of the message on its way."""
+    def packed(self, message: Message, exported: ExportedBlock) -> bytes:
+        """Packs the header, with which the whole message travels."""
         forms: Any = self.forms
-        return pack_header(message, forms, {KIND: [*shown.told, self.places, self.inline]})
+        return pack_header(message, forms, {KIND: [*exported.handles, self.places, self.inline]})
 
 
-class ShownSlots:
+class ImportedSlots:
     """Opens the slots of one publisher on this process's GPU, each once."""
 
     def __init__(self, device: str) -> None:
-        """device: as Warp names it."""
+        """Takes the device by Warp's name."""
         from evis.gpu.devices import device_named
 
         self.device: Any = device_named(device)
         self._open: dict[int, tuple[Any, Any]] = {}
 
     def close(self) -> None:
-        """Gives all slots back, once nobody in this process looks at them."""
+        """Closes all slots, once nothing in this process reads them."""
         self._open.clear()
 
     def attach(self, wire: WireHeader, descriptor: Any) -> Message:
-        """Makes the message whose arrays a descriptor names. Raises MessageError for a descriptor that is none."""
+        """Makes the message whose arrays a descriptor names. Raises MessageError for an invalid descriptor."""
         number, size, places, inline = self._checked(wire, descriptor)
         memory, event = self._open[number]
         arrays: dict[str, Any] = {}
@@ -181,7 +183,7 @@ class ShownSlots:
         return array
 
     def _checked(self, wire: WireHeader, descriptor: Any) -> tuple[int, int, Mapping[str, Any], Mapping[str, Any]]:
-        """Opens the slot of a descriptor; gives its number and size, and where each array is."""
+        """Opens the slot of a descriptor; returns its number and size, and where each array is."""
         import warp as wp
 
         name = wire.message_type.__name__
@@ -204,6 +206,6 @@ class ShownSlots:
 
 
 def without_rows(wire: WireHeader) -> Message:
-    """Makes the message of no environment, for who reads no arrays of it."""
+    """Makes the message of no environment, for a reader that reads none of its arrays."""
     arrays = {name: np.empty((0, *shape[1:]), dtype) for name, dtype, shape in wire.arrays}
     return wire.message_type(wire.header, **arrays, **wire.scalars)  # type: ignore[call-arg]

@@ -1,4 +1,4 @@
-"""Counts what a reader of a bag holds of chunks whose messages wait for earlier ones of later chunks."""
+"""Limits how many chunks of a bag are unpacked at once, while their messages wait for earlier ones in later chunks."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from evis.bag.mcap.scan import TooLargeError
 from evis.files.allowance import Allowance, AllowanceError
 
 
-class Held:
-    """Stands for the unpacked bytes of a chunk: whoever keeps a part of them keeps this too."""
+class ChunkHold:
+    """Stands for the unpacked bytes of a chunk: who keeps a part of them keeps this too."""
 
 
-class Waiting:
-    """Limits how much is unpacked at the same time, of chunks each of which may be unpacked alone.
+class UnpackedLimit:
+    """Limits the bytes of chunks that are unpacked at the same time, each of which may be unpacked alone.
 
     path, size: of the bag [bytes].
     """
@@ -23,13 +23,13 @@ class Waiting:
         self._path = path
         self._allowance = Allowance(size)
 
-    def hold(self, size: int) -> Held:
-        """Counts a chunk of `size` bytes until the last reference to what is returned goes. Raises TooLargeError."""
+    def hold(self, size: int) -> ChunkHold:
+        """Counts a chunk of `size` bytes until the last reference to the result goes. Raises TooLargeError."""
         try:
             self._allowance.take(size)
         except AllowanceError as error:
             raise TooLargeError(f"{self._path}: its chunks overlap in time and are held at once: {error}") from None
-        held = Held()
+        held = ChunkHold()
         weakref.finalize(held, self._free, size).atexit = False
         return held
 

@@ -5,7 +5,7 @@ import threading
 import numpy as np
 import pytest
 from bag_messages import scene
-from test_recorder_replayer import make
+from hand_driven_nodes import make_node
 
 from evis.bag import BagError
 from evis.bag.reader import BagReader
@@ -74,7 +74,7 @@ def test_what_was_taken_is_released_where_nothing_more_comes():
     for one in sent:
         hand.put("/cam0/events", one)
     taker.may.release(1)
-    while not taker.taken or hand._behind.undone > 1:
+    while not taker.taken or hand._worker.unfinished > 1:
         pass
     hand.release()
     assert [one._slot.pins for one in sent] == [0, 1]
@@ -92,7 +92,7 @@ def test_a_failure_is_told_once_and_nothing_stays_kept(told):
     for one in sent[:4]:
         hand.put("/cam0/events", one)
     taker.may.release(9)
-    hand._behind.wait()
+    hand._worker.wait()
     with pytest.raises(BagError, match="the disk is full"):
         if told:
             hand.put("/cam0/events", sent[4])
@@ -103,7 +103,7 @@ def test_a_failure_is_told_once_and_nothing_stays_kept(told):
     assert not any(one._slot.pins for one in sent) and [seq for _, seq, _ in taker.taken] == [0]
 
 
-@pytest.mark.parametrize("count, most", [(1, handover.MOST_MESSAGES), (handover.MOST // 53, 4)])
+@pytest.mark.parametrize("count, most", [(1, handover.MAX_MESSAGES), (handover.MAX_BYTES // 53, 4)])
 def test_no_more_waits_than_there_is_room_for(count, most):
     """Messages of 13 bytes an event: by their number where they are small, by their size where they are large."""
     taker = Taker()
@@ -126,19 +126,19 @@ def test_many_of_one_topic_keep_no_other_waiting():
     taker = Taker()
     hand = Handover(taker)
     for topic in ("/state", "/cam0/events"):
-        for k in range(handover.MOST_MESSAGES):
+        for k in range(handover.MAX_MESSAGES):
             hand.put(topic, message(k, 1))
     assert not taker.taken
-    taker.may.release(2 * handover.MOST_MESSAGES)
+    taker.may.release(2 * handover.MAX_MESSAGES)
     hand.finish()
-    assert len(taker.taken) == 2 * handover.MOST_MESSAGES
+    assert len(taker.taken) == 2 * handover.MAX_MESSAGES
     hand.close()
 
 
 def test_a_slow_recorder_writes_the_same_bag(tmp_path, monkeypatch):
     """Arrays are read after `receive` has returned."""
     for name, wait_s in (("a", 0.0), ("b", 0.01)):
-        node = make(RecorderNode, path=str(tmp_path / name), topics=["*"])
+        node = make_node(RecorderNode, path=str(tmp_path / name), topics=["*"])
         node.setup()
         write, pause = node.recorder.write, threading.Event()
         monkeypatch.setattr(node._handover, "_take", lambda *m, s=wait_s, r=write, p=pause: (p.wait(s), r(*m)))

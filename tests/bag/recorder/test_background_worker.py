@@ -10,7 +10,7 @@ import pytest
 
 from evis.bag import BagError
 from evis.bag.mcap import container
-from evis.bag.mcap.behind import Behind
+from evis.bag.mcap.background_worker import BackgroundWorker
 from evis.bag.reader import BagReader
 from evis.bag.writer import BagWriter
 from msgs.camera import EventPacket
@@ -67,7 +67,7 @@ def test_a_disk_that_stands_still_changes_no_byte_and_lets_the_next_chunks_be_co
                 disk.moves.clear()
             for one in packets[1:]:
                 writer.write("/cam0/events", one)
-            assert name == "quick" or len(writer.container._behind._waiting) >= 3
+            assert name == "quick" or len(writer.container._worker._waiting) >= 3
             disk.moves.set()
             writer.close()
     assert (tmp_path / "quick").read_bytes() == (tmp_path / "still").read_bytes()
@@ -100,7 +100,7 @@ def test_a_disk_that_fills_behind_the_callers_back(tmp_path, monkeypatch, told):
     else:
         for k in range(4):
             writer.write("/cam0/events", packet(k))
-        writer.container._behind.wait()
+        writer.container._worker.wait()
     disk.room = 1 << 20  # what was cut off has given a little room back
     if told:
         writer.close()
@@ -113,12 +113,12 @@ def test_a_disk_that_fills_behind_the_callers_back(tmp_path, monkeypatch, told):
 
 def test_no_more_waits_than_there_is_room_for(tmp_path, monkeypatch):
     """Of a disk that is slower for good the sender hears by waiting, and memory does not fill."""
-    monkeypatch.setattr("evis.bag.mcap.behind.MOST", 8_000_000)
+    monkeypatch.setattr("evis.bag.mcap.background_worker.MAX_BYTES", 8_000_000)
     Disk(monkeypatch, 0.1)
     writer, waiting = BagWriter(tmp_path / "a.mcap", threads=2), []
     for k in range(6):
         writer.write("/cam0/events", packet(k))
-        waiting.append(writer.container._behind._bytes)
+        waiting.append(writer.container._worker._bytes)
     assert max(waiting) <= 8_000_000 and waiting[-1] > 2_000_000
     writer.close()
     assert len(times(tmp_path / "a.mcap")[0]) == 6
@@ -144,10 +144,10 @@ def test_a_thread_that_cannot_start_is_told_and_nobody_waits_for_it(monkeypatch)
     def refuse(thread):
         raise RuntimeError("can't start new thread")
 
-    behind = Behind("recorder")
+    behind = BackgroundWorker("recorder")
     monkeypatch.setattr(threading.Thread, "start", refuse)
     with pytest.raises(OSError, match=r"the thread recorder cannot start .*ulimit -u"):
         behind.put(lambda: None, 8)
-    assert behind.undone == 0
+    assert behind.unfinished == 0
     behind.wait()
     behind.close()

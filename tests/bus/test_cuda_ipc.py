@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import warp as wp
 
+from evis.bus.memory.cuda_ipc import KIND, MOST_INLINE, ArrayPlaces, ImportedSlots, uuid_of, without_rows
 from evis.bus.memory.device import DevicePool
-from evis.bus.memory.shown import KIND, MOST_INLINE, Placed, ShownSlots, uuid_of, without_rows
 from evis.gpu.driver import HANDLE_BYTES
 from msgs.camera import Keyframe, Motion
 from msgs.codec import decode_header, pack_header
@@ -33,7 +33,7 @@ def keyframe(memory: Any, at: int = 0, envs: int = 1) -> Keyframe:
 
 
 def test_arrays_of_a_block_are_told_by_their_offsets(memory: Any) -> None:
-    placed = Placed.of(keyframe(memory, 64), memory.ptr, SIZE)
+    placed = ArrayPlaces.of(keyframe(memory, 64), memory.ptr, SIZE)
     assert placed is not None
     assert placed.places == {"radiance": [64, 3]}
     assert placed.inline == {"episodes": np.array([5], np.int32).tobytes()}
@@ -42,7 +42,7 @@ def test_arrays_of_a_block_are_told_by_their_offsets(memory: Any) -> None:
 
 @pytest.mark.parametrize("at, fits", [(-4, False), (SIZE - 144, True), (SIZE - 140, False), (SIZE + 64, False)])
 def test_arrays_that_are_not_wholly_in_the_block_go_another_way(memory: Any, at: int, fits: bool) -> None:
-    assert (Placed.of(keyframe(memory, at), memory.ptr, SIZE) is not None) == fits
+    assert (ArrayPlaces.of(keyframe(memory, at), memory.ptr, SIZE) is not None) == fits
 
 
 def test_large_arrays_of_the_host_go_another_way(memory: Any) -> None:
@@ -50,14 +50,14 @@ def test_large_arrays_of_the_host_go_another_way(memory: Any) -> None:
     message = keyframe(memory)
     message.episodes = rest
     message.radiance = wp.zeros((len(rest), 0, 4), dtype=wp.vec3, device="cpu")  # type: ignore[assignment]
-    assert Placed.of(message, memory.ptr, SIZE) is not None
+    assert ArrayPlaces.of(message, memory.ptr, SIZE) is not None
     message.episodes = np.zeros(len(rest) + 1, np.int32)
     message.radiance = wp.zeros((len(rest) + 1, 0, 4), dtype=wp.vec3, device="cpu")  # type: ignore[assignment]
-    assert Placed.of(message, memory.ptr, SIZE) is None
+    assert ArrayPlaces.of(message, memory.ptr, SIZE) is None
 
 
 def test_who_reads_no_arrays_needs_no_gpu(memory: Any) -> None:
-    placed = Placed.of(keyframe(memory), memory.ptr, SIZE)
+    placed = ArrayPlaces.of(keyframe(memory), memory.ptr, SIZE)
     assert placed is not None
     forms: Any = placed.forms
     head = decode_header(pack_header(keyframe(memory), forms, {KIND: ["anything"]}), Keyframe)
@@ -75,7 +75,7 @@ def test_slots_of_the_host_are_shown_to_nobody() -> None:
     array = pool.loan(device, {"motion": ((1, 4, 5), wp.vec2)})["motion"]
     message = Motion(Header(0), array)
     slot = pool.claim(message)
-    assert slot is not None and slot.shown is None and slot.placed(message) is None
+    assert slot is not None and slot.exported is None and slot.placed(message) is None
 
 
 @pytest.mark.gpu
@@ -99,16 +99,16 @@ def test_a_descriptor_that_is_none_is_refused(change: dict[int, Any], what: str)
     """In the process of the publisher itself, which cannot open its own memory: nothing comes to that."""
     device: Any = wp.get_device("cuda:0")
     pool = DevicePool("/cam0/motion")
-    message = Motion(Header(0), pool.loan(device, {"motion": ((1, 4, 5), wp.vec2)}, shown=True)["motion"])
+    message = Motion(Header(0), pool.loan(device, {"motion": ((1, 4, 5), wp.vec2)}, exported=True)["motion"])
     slot = pool.claim(message)
-    assert slot is not None and slot.shown is not None
+    assert slot is not None and slot.exported is not None
     placed = slot.placed(message)
     assert placed is not None
-    body = msgpack.unpackb(placed.packed(message, slot.shown))
+    body = msgpack.unpackb(placed.packed(message, slot.exported))
     for index, value in change.items():
         body["extra"][KIND][index] = value
     head = decode_header(msgpack.packb(body), Motion)
-    slots = ShownSlots("cuda:0")
+    slots = ImportedSlots("cuda:0")
     if 3 not in change:
         slots._open[body["extra"][KIND][1]] = slot._memory, wp.Event(device)
     with pytest.raises(MessageError, match=what):
@@ -118,11 +118,11 @@ def test_a_descriptor_that_is_none_is_refused(change: dict[int, Any], what: str)
 CHILD = """
 import sys
 import msgpack
-from evis.bus.memory.shown import KIND, ShownSlots
+from evis.bus.memory.cuda_ipc import KIND, ImportedSlots
 from msgs.camera import Motion
 from msgs.codec import decode_header
 from msgs.fields import MessageError
-slots = ShownSlots("cuda:0")
+slots = ImportedSlots("cuda:0")
 for line in sys.stdin:
     head = decode_header(bytes.fromhex(line), Motion)
     try:
@@ -136,14 +136,14 @@ for line in sys.stdin:
 def test_another_process_opens_a_slot_once() -> None:
     device: Any = wp.get_device("cuda:0")
     pool = DevicePool("/cam0/motion")
-    message = Motion(Header(0), pool.loan(device, {"motion": ((1, 4, 5), wp.vec2)}, shown=True)["motion"])
+    message = Motion(Header(0), pool.loan(device, {"motion": ((1, 4, 5), wp.vec2)}, exported=True)["motion"])
     message.motion.fill_(wp.vec2(1.0, 2.0))  # type: ignore[attr-defined]
     slot = pool.claim(message)
-    assert slot is not None and slot.shown is not None
+    assert slot is not None and slot.exported is not None
     placed = slot.placed(message)
     assert placed is not None
-    slot.shown.written()
-    packed = placed.packed(message, slot.shown)
+    slot.exported.written()
+    packed = placed.packed(message, slot.exported)
     lines = "\n".join([packed.hex()] * 3)
     child = [sys.executable, "-c", CHILD]
     said = subprocess.run(child, input=lines, capture_output=True, text=True, timeout=120)

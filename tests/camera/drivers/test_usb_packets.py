@@ -16,7 +16,7 @@ from evis.events.codecs.encoder import encoder_for
 from nodes.camera.usb import stream as stream_module
 from nodes.camera.usb.access import StreamEnd
 from nodes.camera.usb.reader import Reader
-from nodes.camera.usb.stream import ReadingStream
+from nodes.camera.usb.stream import PacketRule, ReadingStream
 
 MS = 1_000_000
 
@@ -100,7 +100,7 @@ def readings_of(sent: Events, packet_ns: int, longest_ns: int, live: bool) -> tu
     data = encoder_for("evt3").encode(sent)
     source = Burst([data[at : at + 4096] for at in range(0, len(data), 4096)])
     reader = Reader(source.read, lambda: None, 256, 4096)
-    stream = ReadingStream(reader, decoder_for("evt3"), packet_ns, False, live, 0, longest_ns)
+    stream = ReadingStream(reader, decoder_for("evt3"), PacketRule(packet_ns, longest_ns, live))
     reader.start()
     assert source.given.wait(60)
     time.sleep(packet_ns / 1e9)
@@ -164,7 +164,7 @@ def test_arrays_come_from_whom_was_asked(backend):
         given.append(plain(n))
         return given[-1]
 
-    stream = ReadingStream(reader, decoder_for("evt3", 0, 0, backend), 10 * MS, False, False, allocate=allocate)
+    stream = ReadingStream(reader, decoder_for("evt3", 0, 0, backend), PacketRule(10 * MS), allocate)
     reader.start()
     source.over.set()
     reading = stream.read(60.0)
@@ -179,7 +179,7 @@ def test_a_step_back_over_a_cut_is_kept_and_counted():
     sent = Events.of([9_000_000, 10_002_000, 9_999_000, 10_005_000], [1, 2, 3, 4], [5, 6, 7, 8], [0, 1, 0, 1])
     source = Burst([encoder_for("evt3").encode(sent)])
     reader = Reader(source.read, lambda: None, 4, 1 << 16)
-    stream = ReadingStream(reader, decoder_for("evt3"), 10 * MS, False, False)
+    stream = ReadingStream(reader, decoder_for("evt3"), PacketRule(10 * MS))
     reader.start()
     source.over.set()
     readings = []

@@ -18,7 +18,7 @@ from usb_rig import random_recording
 from evis.events import Imu, open_writer
 from nodes.camera.usb.models import MODELS
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 SYSTEM_PYTHON = "/usr/bin/python3"
 TRY = (
     "import sys, gi; gi.require_version('UMockdev', '1.0'); from gi.repository import UMockdev; "

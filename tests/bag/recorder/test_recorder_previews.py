@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
-from test_recorder_replayer import make
+from hand_driven_nodes import make_node
 
 from evis.bag.reader import BagReader
 from evis.runtime.pacing import RateLimit
@@ -56,7 +56,7 @@ def left_on_its_device(k):
 def test_a_recorder_asks_for_the_keyframes_that_are_due(tmp_path):
     """Those that lie on a device and are not due are noticed and nothing more."""
     path = tmp_path / "a.mcap"
-    node = make(RecorderNode, path=str(path))
+    node = make_node(RecorderNode, path=str(path))
     node.runtime.plan.topics = dict.fromkeys(["/cam0/keyframe", "/cam0/events"])
     node.setup()
     asked, due = [], RateLimit(node.arrays_hz(node.params, "/cam0/keyframe"))
@@ -79,7 +79,7 @@ def without_arrays(k):
 
 def test_keyframes_that_come_without_arrays_from_another_process_are_noticed(tmp_path):
     path = tmp_path / "a.mcap"
-    node = make(RecorderNode, path=str(path))
+    node = make_node(RecorderNode, path=str(path))
     node.runtime.plan.topics = dict.fromkeys(["/cam0/keyframe"])
     node.setup()
     due = RateLimit(node.arrays_hz(node.params, "/cam0/keyframe"))
