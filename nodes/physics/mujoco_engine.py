@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence, Set
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -19,22 +19,24 @@ from evis.geometry.interpolate_kernels import place_between
 from evis.gpu.building import LAUNCH_BLOCK, build_together
 from evis.runtime.workers import Workers
 from evis.scene.model import Scene
+from msgs.world import EVERY
 from nodes.physics.actuators import check_controls
 from nodes.physics.dynamics.actuators import actuators_of
 from nodes.physics.dynamics.assembly import Assembly
 from nodes.physics.dynamics.batch.batch_stepper import BatchStepper, make_batch_stepper, why_not_batched
 from nodes.physics.dynamics.batch.environment_data import EnvironmentData
-from nodes.physics.dynamics.batch.stepped_states import Records, SteppedStates
+from nodes.physics.dynamics.batch.stepped_states import JOINTS, SteppedStates
 from nodes.physics.dynamics.batch.unsupported import Unsupported
 from nodes.physics.dynamics.checked_steps import take_checked_steps
 from nodes.physics.dynamics.contacts import contacts_of, gather
-from nodes.physics.dynamics.course import JOINTS, Course
+from nodes.physics.dynamics.course.course import Course
+from nodes.physics.dynamics.course.recorded import RecordedCourse, Seen
 from nodes.physics.dynamics.rest import Rest
 from nodes.physics.dynamics.saved_state import SavedState
 from nodes.physics.dynamics.start import put_to_start
 from nodes.physics.dynamics.states import State, snapshot
 from nodes.physics.dynamics.stepped_model import prepared_model
-from nodes.physics.dynamics.traced_steps import steps_alone
+from nodes.physics.dynamics.traced_steps import TracedSteps
 from nodes.physics.dynamics.watch import Watch
 from nodes.physics.interval import Extras, Interval
 from nodes.physics.precision.errors import Errors
@@ -43,12 +45,6 @@ from nodes.physics.precision.stepping import Stepping
 from nodes.physics.precision.sub_steps import FINEST, SubSteps
 from nodes.physics.watchdog import Limits
 
-if TYPE_CHECKING:
-    from nodes.physics.dynamics.batch.recorded import RecordedCourse
-
-RECORDED_FROM = 64
-"""Environments from which on a kernel writes what MuJoCo's threads have recorded: for fewer numpy has done so, with the
-same bits, before a kernel has been given its arrays."""
 PART = 1 << 18
 """Numbers of a state, of all environments and steps whose states are worked on at once: they stay in a core's cache."""
 
@@ -91,7 +87,9 @@ class MujocoEngine:
         if unbatched and warp is not None:
             raise Unsupported(unbatched)
         batched = not unbatched and (envs > 1 or warp is not None)
-        self.model, self.step_ns = prepared_model(scene, stepping.timestep, tolerance, deepest=batched and warp is None)
+        self.model, self.step_ns = prepared_model(
+            scene, stepping.timestep, tolerance, deepest=tolerance is None and warp is None
+        )
         self._sub_steps = [SubSteps(self.model, tolerance) for _ in range(envs)] if tolerance is not None else None
         self.actuators = actuators_of(self.model)
         self._batch: BatchStepper | None = None
@@ -106,13 +104,16 @@ class MujocoEngine:
         self._assembly = Assembly(scene, self.model)
         pool = Workers(threads, "states") if batched and threads > 1 else None
         self._course = Course(self._assembly, self.model, self.step_ns, extras.joints, extras.accelerations, pool)
+        self._traced: TracedSteps | None = None
         self._recorded: RecordedCourse | None = None
-        if batched and warp is None and envs >= RECORDED_FROM:
-            from nodes.physics.dynamics.batch.recorded import RecordedCourse
-
+        # What follows a body is looked up after each step.
+        if warp is None and not len(self._assembly.followers):
             self._recorded = RecordedCourse(self.model, limits.reach.of_body, self._assembly.own, threads)
+            if self._batch is None:
+                whole = tolerance is None and self.model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4
+                self._traced = TracedSteps(self.model, whole)
         # Otherwise the first gap waits for them, or all threads at once.
-        kernels = [(place_between, LAUNCH_BLOCK), *self._assembly.kernels(envs)]
+        kernels = [(place_between, LAUNCH_BLOCK), *self._assembly.kernels()]
         build_together("cpu", kernels + ([] if self._recorded is None else self._recorded.kernels()))
         self._warp = warp is not None
         self._prepared = -1
@@ -301,7 +302,7 @@ class MujocoEngine:
             for k in sorted(faults):
                 course.restart(k, self._restart(k))
         # After this the batch may be ahead.
-        shadowed = self.data[self._shadowed] if self._followed() else None
+        shadowed = self.data.look(self._shadowed) if self._followed() else None
         if then_ns is not None:
             self._go_on(then_ns)
         interval = course.close()
@@ -320,8 +321,8 @@ class MujocoEngine:
         found = self._batch.result([self.data.row(k) for k in awake])
         self.data.stepped(awake)
         envs = np.array(awake)
-        if self._recorded is not None and found.records is not None and found.places is not None:
-            odd = self._take_recorded(envs, found, self._recorded, found.records, found.places)
+        if self._recorded is not None:
+            odd = self._take_recorded(envs, found, self._recorded)
         else:
             each = len(grid) * (13 * (self.model.nbody - 1) + self.model.nq + self.model.nv)
             parts = [slice(k, k + max(1, PART // each)) for k in range(0, len(awake), max(1, PART // each))]
@@ -330,19 +331,26 @@ class MujocoEngine:
             self.data.restore_before_steps(k)
         return odd
 
-    def _take_recorded(
-        self, envs: np.ndarray, found: SteppedStates, recorded: RecordedCourse, records: Records, places: np.ndarray
-    ) -> list[int]:
-        """Does as `_take_part` from what MuJoCo's threads have recorded."""
-        pose, twist, speed, fastest = recorded.write(records, places, envs, self._course)
-        quiet = self._watch.quiet(envs, found, speed, twist[:, 1])
-        rows, well = places[quiet], envs[quiet]
-        last_two = {"pose": pose[quiet], "twist": twist[quiet]}
+    def _take_recorded(self, envs: np.ndarray, found: SteppedStates, recorded: RecordedCourse) -> list[int]:
+        """Does as `_take_part` from what MuJoCo has recorded."""
+        records, places = found.records, found.places
+        assert records is not None and places is not None
+        seen = recorded.write(records, places, envs, self._course)
+        quiet = self._watch.quiet(envs, found, seen.speed, seen.twist[:, 1])
+        if not quiet.all():
+            seen = Seen(seen.pose[quiet], seen.twist[quiet], seen.speed[quiet], seen.fastest[quiet])
+            places = places[quiet]
+        # To choose all of them would copy them.
+        well = envs[quiet]
+        chosen = EVERY if len(well) == self.envs else well
+        in_order = len(places) == len(records.each["qpos"]) and (places[1:] > places[:-1]).all()
+        rows = EVERY if in_order else places
+        last_two = {"pose": seen.pose, "twist": seen.twist}
         last_two |= {name: records.each[name][rows, -2:] for name in JOINTS}
-        self._course.stepped(well, last_two)
-        self._course.fastest[well] = fastest[quiet]
+        self._course.stepped(chosen, last_two)
+        self._course.fastest[chosen] = seen.fastest
         for name, values in self._course.of_joints.items():
-            values[well, self._course.first : -1] = records.each[name][rows, :-1]
+            values[chosen, self._course.first : -1] = records.each[name][rows, :-1]
         self._note_constrained(well, found.constrained[quiet])
         return envs[~quiet].tolist()
 
@@ -355,21 +363,19 @@ class MujocoEngine:
         return envs[~quiet].tolist()
 
     def _note_constrained(self, envs: np.ndarray, constrained: np.ndarray) -> None:
-        self._constrained = (
-            bool(constrained[envs == self._shadowed].any()) if self._shadowed in envs else self._constrained
-        )
+        if len(of_shadowed := constrained[envs == self._shadowed]):
+            self._constrained = bool(of_shadowed[0])
 
     def _one_by_one(self, awake: list[int], grid: range) -> list[int]:
         """Does as `_together`, one environment after the other."""
+        if self._traced is None or self._recorded is None:
+            return awake
         odd = []
         for k in awake:
-            if len(self._assembly.followers):
-                odd.append(k)
-                continue
             before = SavedState(self.model, self.data[k])
             level = self._sub_steps[k].snapshot() if self._sub_steps is not None else None
-            alone = steps_alone(self.model, self.data[k], grid, self._step_function(k))
-            if self._take_part(np.array([k]), alone, slice(None)):
+            alone = self._traced.take(self.data[k], grid, self._step_function(k))
+            if self._take_recorded(np.array([k]), alone, self._recorded):
                 before.restore(self.model, self.data[k])
                 if self._sub_steps is not None and level is not None:
                     self._sub_steps[k].restore(level)

@@ -65,9 +65,13 @@ class Watchdog:
         """counts: int [len(BAD)], spins: float64 [nbody], which the watchdog writes: how often MjData has warned of
         BAD, and how fast bodies turned when all was well [rad/s], the last, or the first that was too fast."""
         self.model, self._limits = limits.model, limits
-        self._counts, self._spins = counts, spins
+        self.keep_in(counts, spins)
         self._time = -1.0
         self._said: set[str] = set()
+
+    def keep_in(self, counts: np.ndarray, spins: np.ndarray) -> None:
+        """Takes other arrays to write to, which hold what was written to those before."""
+        self._counts, self._spins = counts, spins
 
     def restart(self, data: Any) -> None:
         """Begins anew from the state of `data`."""

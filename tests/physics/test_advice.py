@@ -115,6 +115,19 @@ def spun(folder: Path, **given):
     return said, (inertia @ data.qvel[3:] ** 2) / first
 
 
+def test_what_an_environment_is_told_after_a_reset_is_of_itself(tmp_path):
+    """The second of three begins anew and is spun up: how fast it turned is its own speed, in no others' place."""
+    engine = engine_of(tmp_path, SPINNER, envs=3)
+    engine.advance(10_000_000)
+    engine.leave(1)
+    anew = engine.anew([1], [None], [1])
+    anew.data[0].qvel[3:] = (3.0, 700.0, 1.0)
+    anew.advance(1_000_000)
+    anew.data[0].qvel[3:] = (1e12, 700.0, 1.0)
+    (fault,) = anew.advance(3_000_000).faults
+    assert "it turned 0.7 rad in one step" in fault[1]
+
+
 def test_a_top_that_is_too_fast_is_told_what_helps(tmp_path):
     """0.9 rad a step diverges; the tolerance keeps its energy to 1e-4, the step that is said keeps it bounded."""
     said, _ = spun(tmp_path)

@@ -5,7 +5,8 @@ import pytest
 
 pytest.importorskip("mujoco")
 from evis.geometry import se3
-from nodes.physics.dynamics.batch.mounted import put_mounted
+from nodes.physics.dynamics.course.mounted import Mounted
+from nodes.physics.dynamics.course.paths import Paths
 
 
 def test_the_bits_are_those_of_numpy() -> None:
@@ -23,6 +24,10 @@ def test_the_bits_are_those_of_numpy() -> None:
         above, above_twist = expected[:, :, parent], expected_twists[:, :, parent]
         expected[:, :, m] = se3.compose(above, offset)
         expected_twists[:, :, m] = se3.compose_twist(above, above_twist, offset, np.zeros(6))
-    put_mounted(mounted, poses, twists)
-    assert poses.tobytes() == expected.tobytes()
-    assert twists.tobytes() == expected_twists.tobytes()
+    paths, put = Paths(poses.shape[:3]), Mounted(mounted).put
+    for parts in ([None], [None], [slice(0, 5), slice(5, 10)]):  # a launch is made, is used again, takes parts
+        paths.poses[:], paths.twists[:] = poses, twists
+        for part in parts:
+            put(paths, part)
+        assert paths.poses.tobytes() == expected.tobytes()
+        assert paths.twists.tobytes() == expected_twists.tobytes()

@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("mujoco")
 from evis.geometry import interpolate, se3
-from nodes.physics.dynamics.poses_between import poses_between
+from nodes.physics.dynamics.course.poses_between import PosesBetween
 
 
 @pytest.mark.parametrize("spin", [0.0, 3.0, 6000.0])
@@ -23,7 +23,16 @@ def test_as_in_numpy(spin: float, t: int) -> None:
     times = np.array([1_000_000, 2_000_000])
     poses, twists = np.stack((before, now), axis=1), np.stack((twist, twist), axis=1)
     expected = interpolate.pose_at(t, times, poses, twists)
-    found = poses_between(t, times, poses, twists)
+    found = np.full((4, 3, 7), np.nan)
+    between = PosesBetween(poses, twists, found)
+    between.aim(t, times)
+    between.write()
+    in_parts = np.full((4, 3, 7), np.nan)
+    between = PosesBetween(poses, twists, in_parts)
+    between.aim(t, times)
+    between.write(slice(3, 6))
+    between.write(slice(0, 3))
+    assert in_parts.tobytes() == found.tobytes()
     np.testing.assert_allclose(found[..., :3], expected[..., :3], rtol=0, atol=1e-13)
     turned = se3.log(se3.multiply(found[..., 3:], se3.conjugate(expected[..., 3:])))
     np.testing.assert_allclose(turned, 0.0, atol=1e-13)

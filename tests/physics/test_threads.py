@@ -9,7 +9,6 @@ from evis.scene import load_scene
 
 pytest.importorskip("mujoco")
 from evis.runtime.workers import Workers
-from nodes.physics import mujoco_engine
 from nodes.physics.environments import Environments
 from nodes.physics.interval import Extras, Interval
 from nodes.physics.mujoco_engine import MujocoEngine
@@ -99,11 +98,9 @@ def test_resets_of_single_ones_share_the_threads(tmp_path: Path) -> None:
     assert runs[0] == runs[1]
 
 
-@pytest.mark.parametrize("least", [1, 1000])
-def test_those_reset_by_themselves_move_as_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, least: int) -> None:
+def test_those_reset_by_themselves_move_as_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Several begin anew at keyframes of their own, so that each is one of many in what MuJoCo's threads recorded:
-    written from there by a kernel (from `least` environments on) or by numpy, and by no thread beside the caller's."""
-    monkeypatch.setattr(mujoco_engine, "RECORDED_FROM", least)
+    written from there by no thread beside the caller's."""
     # 50 Hz: stamps since any reset are whole steps from one another.
     worlds = Environments(engine_of(tmp_path, 4, 2, contacts=False), 4, 50.0)
     worlds.advance(0)
@@ -124,6 +121,20 @@ def test_those_reset_by_themselves_move_as_alone(tmp_path: Path, monkeypatch: py
         for k in range(1, n + 1):
             interval = alone.advance(20_000_000 * k, np.zeros((1, 1)))
         assert told(last, env) == told(interval, 0)
+
+
+@pytest.mark.parametrize("order", [[0, 1, 2], [2, 0, 1], [2, 0]])
+def test_environments_begin_anew_in_any_order(tmp_path: Path, order: list[int]) -> None:
+    """Each of those that share a batch gets its own states back, joints too, wherever it stands there."""
+    engine = engine_of(tmp_path, 3, 1, contacts=False)
+    engine.advance(20_000_000)
+    anew = engine.anew(order, [10 + env for env in order], [0] * len(order))
+    alone = [engine_of(tmp_path, 1, seed=10 + env, contacts=False) for env in order]
+    for k in range(1, 4):
+        pushes = np.arange(len(order), dtype=float)[:, None]
+        interval = anew.advance(k * 20_000_000, pushes)
+        for n, own in enumerate(alone):
+            assert told(interval, n) == told(own.advance(k * 20_000_000, pushes[n : n + 1]), 0)
 
 
 def _no_thread(*_given: object) -> None:

@@ -10,7 +10,6 @@ from evis.scene import load_scene
 pytest.importorskip("mujoco")
 import mujoco
 
-from nodes.physics import mujoco_engine
 from nodes.physics.interval import Extras
 from nodes.physics.mujoco_engine import MujocoEngine
 
@@ -31,26 +30,23 @@ def course(engine: MujocoEngine, stamps: list[int]) -> Iterator[tuple]:
 @pytest.mark.parametrize("scene", ["cart_pole", "pong", "robot_arm", "falling_objects"])
 @pytest.mark.parametrize("gap_ns", [33_333_333, 20_000_000, 400_000])
 def test_it_is_the_same_course(scene: str, gap_ns: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Stamps on the grid, beside it, and closer together than its steps; written by a kernel, as of many environments,
-    and by numpy. Steps with checks wake what sleeps, so that nothing may here."""
+    """Stamps on the grid, beside it, and closer together than its steps; one environment by itself, and two together.
+    Steps with checks wake what sleeps, so that nothing may here."""
     stamps = [gap_ns * (k + 1) for k in range(12)]
-    engines = []
-    for least in (1, 4, 4):
-        monkeypatch.setattr(mujoco_engine, "RECORDED_FROM", least)
-        engines.append(MujocoEngine(load_scene(scene, visuals=False), 3, 2, extras=Extras(joints=True, contacts=True)))
-        engines[-1].model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
-    recorded, at_once, one_by_one = engines
-    assert (recorded._recorded is None, at_once._recorded is None) == (False, True)
-    monkeypatch.setattr(one_by_one, "_take_part", lambda envs, found, part: envs.tolist())
-    looked_at = []
-    for engine in (recorded, at_once):
-        look = engine._stepped_with_checks
-        noted = lambda *args, look=look: looked_at.append(args[0]) or look(*args)
-        monkeypatch.setattr(engine, "_stepped_with_checks", noted)
-    expected = list(course(one_by_one, stamps))
-    assert list(course(recorded, stamps)) == expected
-    assert list(course(at_once, stamps)) == expected
-    assert len(looked_at) < 4 * len(stamps), "steps were taken at once"
+    for envs in (1, 2):
+        engines = []
+        for _ in range(2):
+            extras = Extras(joints=True, contacts=True)
+            engines.append(MujocoEngine(load_scene(scene, visuals=False), 3, envs, extras=extras))
+            engines[-1].model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+        recorded, one_by_one = engines
+        monkeypatch.setattr(one_by_one, "_take_recorded", lambda envs, found, recorded: envs.tolist())
+        looked_at, look = [], recorded._stepped_with_checks
+        noted = lambda *args, look=look, looked_at=looked_at: looked_at.append(args[0]) or look(*args)
+        monkeypatch.setattr(recorded, "_stepped_with_checks", noted)
+        expected = list(course(one_by_one, stamps))
+        assert list(course(recorded, stamps)) == expected
+        assert len(looked_at) < envs * len(stamps), "steps were taken at once"
 
 
 def test_a_divergence_is_found_at_its_step(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -61,7 +57,21 @@ def test_a_divergence_is_found_at_its_step(tmp_path, monkeypatch: pytest.MonkeyP
     for looked_at in (False, True):
         engine = MujocoEngine(load_scene(str(tmp_path / "fall.xml")), 0, 2, extras=Extras(joints=True, contacts=True))
         if looked_at:
-            monkeypatch.setattr(engine, "_take_part", lambda envs, found, part: envs.tolist())
+            monkeypatch.setattr(engine, "_take_recorded", lambda envs, found, recorded: envs.tolist())
         found.append(list(course(engine, stamps)))
     assert found[0] == found[1]
     assert any(faults for _, _, faults, _ in found[0])
+
+
+@pytest.mark.parametrize("envs", [1, 3])
+def test_what_was_given_stays(envs: int) -> None:
+    """Arrays are written again with every interval, but none that somebody has got: those who read them may be late."""
+    engine = MujocoEngine(load_scene("cart_pole", visuals=False), 3, envs, extras=Extras(joints=True))
+    given, kept = [], []
+    for k in range(1, 8):
+        found = engine.advance(k * 33_333_333, np.full((envs, 1), 0.1))
+        given.append((found.t, found.end_pose, found.moving_pose, found.moving_twist, found.qpos, found.qvel))
+        kept.append([array.copy() for array in given[-1]])
+        assert len(found.moving) == found.moving_pose.shape[2] > 0
+    for arrays, copies in zip(given, kept):
+        assert all(np.array_equal(array, copy) for array, copy in zip(arrays, copies))

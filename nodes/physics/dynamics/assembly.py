@@ -10,12 +10,11 @@ import numpy as np
 from evis.geometry import se3
 from evis.scene.model import Scene
 from nodes.physics.accelerations import mounted_acceleration, mujoco_accelerations, prescribed_accelerations
+from nodes.physics.dynamics.course.mounted import KERNELS, Mounted
+from nodes.physics.dynamics.course.paths import Paths
 from nodes.physics.dynamics.followers import Followers
 from nodes.physics.interval import Interval
 from nodes.physics.prescribed import PrescribedStates
-
-MANY = 8
-"""Environments from which on a kernel is faster than numpy."""
 
 
 class Assembly:
@@ -52,8 +51,9 @@ class Assembly:
         self.own = np.array([place[n] for n in of_model], np.int64), np.array([*of_model.values()], np.int64)
         """Those of `may_move` that the model has, and which rows of a state they are."""
         self._on_paths = [(m, n) for n, m in place.items() if n not in of_model and scene.bodies[n].mount is None]
-        self._mounted = [(place[n], place[b.mount[0]], b.mount[1]) for n, b in enumerate(scene.bodies)
-                         if b.mount is not None and n in place]  # fmt: skip
+        mounted = [(place[n], place[b.mount[0]], b.mount[1]) for n, b in enumerate(scene.bodies)
+                   if b.mount is not None and n in place]  # fmt: skip
+        self._mounted = Mounted(mounted) if mounted else None
 
     def _may_move(self, n: int) -> bool:
         body = self._scene.bodies[n]
@@ -72,26 +72,15 @@ class Assembly:
             for m, n in self._on_paths:
                 poses[:, :, m], twists[:, :, m] = pose[:, n], twist[:, n]
 
-    def kernels(self, envs: int) -> list[tuple[Any, int]]:
-        """Gives the kernels that are launched for so many environments, as `build_together` takes them."""
-        if envs < MANY or not self._mounted:
-            return []
-        # A single environment has no use for it.
-        from nodes.physics.dynamics.batch.mounted import KERNELS
+    def kernels(self) -> list[tuple[Any, int]]:
+        """Gives the kernels that are launched, as `build_together` takes them."""
+        return KERNELS if self._mounted is not None else []
 
-        return KERNELS
-
-    def put_mounted(self, poses: np.ndarray, twists: np.ndarray) -> None:
-        """Writes what is mounted on others into poses and twists of `may_move`, where all others are there."""
-        if len(poses) >= MANY and self._mounted:
-            from nodes.physics.dynamics.batch.mounted import put_mounted
-
-            put_mounted(self._mounted, poses, twists)
-            return
-        for m, parent, offset in self._mounted:
-            above, above_twist = poses[:, :, parent], twists[:, :, parent]
-            poses[:, :, m] = se3.compose(above, offset)
-            twists[:, :, m] = se3.compose_twist(above, above_twist, offset, np.zeros(6))
+    def put_mounted(self, paths: Paths, part: slice | None = None) -> None:
+        """Writes what is mounted on others into the paths of all environments, or of a part of them, where all others
+        are there."""
+        if self._mounted is not None:
+            self._mounted.put(paths, part)
 
     def end_poses(self, poses: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Gives the poses [E, N, 7] of all bodies, from those [E, M, 7] of `may_move` and of the model, [E, n, 7]."""

@@ -14,7 +14,6 @@ import numpy as np
 
 from evis.geometry import se3
 from nodes.physics.dynamics.followers import Followers
-from nodes.physics.dynamics.poses_between import poses_between
 
 State = dict[str, np.ndarray]
 
@@ -50,21 +49,12 @@ def snapshot(model: Any, datas: Sequence[Any], followers: Followers) -> State:
     return result
 
 
-def between(model: Any, before: State, now: State, times: np.ndarray, t: int, joints: bool = True) -> State:
-    """Computes the state at t [ns] between `before` and `now`, which are at times int64 [2] ns.
-
-    joints: whether with qpos and qvel. Velocities lie on a straight line. The derivative of the poses' cubic would not
-    do: most integrators move a body by the velocity after the step, p1 = p0 + h v1, and it overshoots v1 then.
-    """
-    u = (t - times[0]) / (times[1] - times[0])
-    poses, twists = (np.stack((before[n], now[n]), axis=1) for n in ("pose", "twist"))
-    state = {"pose": poses_between(t, times, poses, twists), "twist": (1 - u) * before["twist"] + u * now["twist"]}
-    if joints:
-        qpos = np.empty_like(now["qpos"])
-        for k, (a, b) in enumerate(zip(before["qpos"], now["qpos"])):
-            rate = np.empty(model.nv)
-            mujoco.mj_differentiatePos(model, rate, 1.0, a, b)
-            qpos[k] = a
-            mujoco.mj_integratePos(model, qpos[k], rate, u)
-        state |= {"qpos": qpos, "qvel": (1 - u) * before["qvel"] + u * now["qvel"]}
-    return state
+def joints_between(model: Any, before: State, now: State, u: float) -> State:
+    """Computes qpos and qvel at the share u of the time from `before` to `now`."""
+    qpos = np.empty_like(now["qpos"])
+    for k, (a, b) in enumerate(zip(before["qpos"], now["qpos"])):
+        rate = np.empty(model.nv)
+        mujoco.mj_differentiatePos(model, rate, 1.0, a, b)
+        qpos[k] = a
+        mujoco.mj_integratePos(model, qpos[k], rate, u)
+    return {"qpos": qpos, "qvel": (1 - u) * before["qvel"] + u * now["qvel"]}

@@ -13,22 +13,28 @@ from nodes.physics.mujoco_warnings import BAD, LOST
 from nodes.physics.stiffness import FOLLOWED
 from nodes.physics.watchdog import Limits, Watchdog
 
-_BAD, _LOST = ([int(warning) for warning in which] for which in (BAD, LOST))
+_LOOKED_AT = np.array([int(warning) for warning in (*BAD, *LOST)])
 
 
 class Watch:
     """Holds the watchdog of each environment of a model, in `dogs`."""
 
     def __init__(self, limits: Limits, envs: int) -> None:
-        self._limits, self._rows = limits, np.arange(envs)
-        self._counts = np.zeros((envs, len(BAD)), np.int64)
+        self._limits = limits
+        self._deep = -0.5 * limits.thickness
+        self._fast = min(limits.speed_limit, 0.5 * limits.thickness / limits.model.opt.timestep)
+        self._counts = np.zeros((envs, len(_LOOKED_AT)), np.int64)
+        """How often MuJoCo had warned of BAD; of LOST it must not have."""
         self._spins = np.zeros((envs, limits.model.nbody))
-        self.dogs = [Watchdog(limits, *rows) for rows in zip(self._counts, self._spins)]
+        self.dogs = [Watchdog(limits, *rows) for rows in zip(self._counts[:, : len(BAD)], self._spins)]
 
     def of(self, envs: Sequence[int]) -> Watch:
-        """Makes the Watch of some environments, in this order."""
+        """Makes the Watch of some environments, in this order, which this one has nothing to do with any more."""
         part = copy.copy(self)
-        part._rows, part.dogs = self._rows[list(envs)], [self.dogs[env] for env in envs]
+        part._counts, part._spins = self._counts[list(envs)], self._spins[list(envs)]
+        part.dogs = [self.dogs[env] for env in envs]
+        for dog, *rows in zip(part.dogs, part._counts[:, : len(BAD)], part._spins):
+            dog.keep_in(*rows)
         return part
 
     def quiet(
@@ -36,24 +42,29 @@ class Watch:
     ) -> np.ndarray:
         """Says of which of m environments a watchdog would have nothing to tell after any of their steps, bool [m].
 
-        found: their states, or those of more, of which they are a part. speed: [m], the greatest of any point of a body
-        [m/s], not finite where anything is not. twist: [m, bodies without the world, 6], after the last step.
+        envs: ascending. found: their states, or those of more, of which they are a part. speed: [m], the greatest of
+        any point of a body [m/s], not finite where anything is not. twist: [m, bodies without the world, 6], after the
+        last step.
         """
-        rows, nearest, warnings = self._rows[envs], found.nearest[part], found.warnings[part]
+        rows = slice(None) if len(envs) == len(self.dogs) else envs
+        nearest = found.nearest[part]
         # A counter that rose stays risen.
-        quiet = (warnings[:, _BAD] == self._counts[rows]).all(axis=1) & ~warnings[:, _LOST].any(axis=1)
+        quiet = (found.warnings[part].take(_LOOKED_AT, axis=1) == self._counts[rows]).all(axis=1)
         quiet &= ~found.lost[part]
-        limits = self._limits
-        # Most are far from every limit.
-        calm = np.isfinite(speed) & (nearest > -0.5 * limits.thickness)
-        calm &= speed <= min(limits.speed_limit, 0.5 * limits.thickness / limits.model.opt.timestep)
+        # Most are far from every limit; what is not finite is within none.
+        calm = (nearest > self._deep) & (np.abs(speed) <= self._fast)
         for k in np.flatnonzero(quiet & ~calm).tolist():
             n = k + (part.start or 0)
             own = {name: values[0] for name, values in found.part(slice(n, n + 1)).items()}
             quiet[k] = self.dogs[envs[k]].unremarkable(own, float(nearest[k]))
         spins = self._spins[rows, 1:]
-        slow = (spins * limits.model.opt.timestep <= FOLLOWED) & quiet[:, None]
-        self._spins[rows, 1:] = np.where(slow, np.linalg.norm(twist[..., 3:], axis=-1), spins)
+        slow = (spins * self._limits.model.opt.timestep <= FOLLOWED) & quiet[:, None]
+        omega = twist[..., 3:]
+        spin = np.sqrt((omega * omega).sum(axis=-1))
+        if slow.all():
+            self._spins[rows, 1:] = spin
+        else:
+            self._spins[rows, 1:] = np.where(slow, spin, spins)
         return quiet
 
     def speed(self, state: State) -> np.ndarray:

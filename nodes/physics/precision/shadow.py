@@ -8,6 +8,7 @@ longer small, half a step is taken from some keyframes before.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -24,6 +25,7 @@ from nodes.physics.precision.order import RK4, order_of
 from nodes.physics.precision.reach import Reach
 from nodes.physics.stiffness import modes
 
+_BAD = [int(warning) for warning in BAD]
 LENGTH = {RK4: 4}
 """Steps of the environment that are one of its shadow's; 2 for the others."""
 STEPS_BETWEEN_ACTIONS = 4
@@ -167,8 +169,8 @@ class Shadow:
 
     def _sound(self) -> bool:
         data = self._data
-        finite = bool(np.isfinite(data.qpos.sum() + data.qvel.sum()))
-        return finite and not any(data.warning[w].number for w in BAD)
+        finite = math.isfinite(data.qpos.sum() + data.qvel.sum())
+        return finite and not data.warning.number[_BAD].any()
 
     def _order(self) -> int:
         """The order of the steps, which is 1 of every integrator where constraints come and go."""

@@ -42,12 +42,16 @@ class EnvironmentData:
         return len(self._all)
 
     def __getitem__(self, env: int) -> Any:
+        self._all[env].given = True
+        return self.look(env)
+
+    def look(self, env: int) -> Any:
+        """Gives the MjData of an environment to who changes nothing in it: the batch need not take it over again."""
         own = self._all[env]
         if own.behind:
             assert self._batch is not None
             self._batch.write_state(own.row, own.data)
             own.behind = False
-        own.given = True
         return own.data
 
     def __iter__(self) -> Iterator[Any]:

@@ -8,6 +8,7 @@ environment is never split over threads, so that their number changes no bit.
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import sys
 import threading
@@ -21,18 +22,19 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from nodes.physics.dynamics.batch.stepped_states import Records, SteppedStates
+from nodes.physics.dynamics.batch.stepped_states import JOINTS, PLACES, Records, SteppedStates
 from nodes.physics.dynamics.saved_state import STATE
 from nodes.physics.dynamics.sleep import AWAKE, fell_asleep, sleeps
-from nodes.physics.dynamics.states import State, twist_and_pose
+from nodes.physics.dynamics.states import State
 
-_PLACES = ("xpos", "xquat", "cvel", "subtree_com")
-"""Fields that a step leaves as they were before it, as `twist_and_pose` takes them."""
-_JOINTS = ("qpos", "qvel")
-_RECORDED = (*_PLACES, *_JOINTS, "sensordata", "nefc")
+_RECORDED = (*PLACES, *JOINTS, "sensordata", "nefc")
+_NOW = "now_"
+"""Begins the name of an array of places after the last step."""
 
 Fields = dict[str, np.ndarray]
 
+MOST_KEPT = 16
+"""Shapes of records that are kept."""
 NICER = 5
 """By how much nicer (see nice(1)) MuJoCo's threads are than others: these get three times the time of a core that is
 shared."""
@@ -70,16 +72,7 @@ class _Taken:
 
     def part(self, model: Any, places: np.ndarray, which: slice) -> State:
         """Computes the states of some environments. places: of those that were asked for, in `rows`."""
-        chosen, records = places[which], self.records
-        then = []
-        for name in _PLACES:
-            values = records.each[name][chosen]
-            if records.now is not None:
-                values[:, :-1] = values[:, 1:].copy()
-                values[:, -1] = records.now[name][chosen]
-            then.append(values)
-        twist, pose = twist_and_pose(model, *then)
-        return {"pose": pose, "twist": twist} | {name: records.each[name][chosen] for name in _JOINTS}
+        return self.records.states(model, places[which])
 
 
 class MujocoThreads:
@@ -99,6 +92,8 @@ class MujocoThreads:
         self._taken: list[_Taken] = []
         self._room: dict[int, Fields] = {}
         """Arrays of the calls taken together, which later ones write into."""
+        self._kept: dict[tuple[int, int, int], Records] = {}
+        """Of a call, so many environments and so many steps: who reads records again and again knows them again."""
         self._beside = ThreadPoolExecutor(1, "ahead", stand_back)
         self._ahead: Future[None] | None = None
         """The steps that are taken while others work."""
@@ -198,17 +193,19 @@ class MujocoThreads:
     def _step(self, batch: Batch, rows: np.ndarray, grids: list[range], count: int) -> _Taken:
         """Steps environments `count` times. grids: times of their steps."""
         number = next(n for n in range(len(self._taken) + 1) if all(taken.number != n for taken in self._taken))
-        records = self._records(batch, number, len(rows), count)
-        if self._whole:
+        kept = self._records(batch, number, len(rows), count)
+        records = kept.each
+        if kept.now is not None:
             self._roll(batch, rows, grids, 0, records)
             nearest = records["sensordata"][:, :, -1].min(axis=1)
-            now = {name: batch.bind(name)[rows] for name in _PLACES}
+            for name, values in kept.now.items():
+                np.take(batch.bind(name), rows, axis=0, out=values)
             constrained = records["nefc"].reshape(len(rows), -1)[:, -1] > 0
-            return _Taken(number, rows, {*rows.tolist()}, Records(records, now), nearest, constrained)
+            return _Taken(number, rows, {*rows.tolist()}, kept, nearest, constrained)
         nearest, constrained = np.full(len(rows), np.inf), np.zeros(len(rows), bool)
-        one = self._records(batch, -1, len(rows), 1)
+        one = self._records(batch, -1, len(rows), 1).each
         every = len(rows) == self._count
-        places = {name: batch.bind(name) for name in _PLACES}
+        places = {name: batch.bind(name) for name in PLACES}
         for n in range(count):
             asleep = self._asleep[rows]
             self._roll(batch, rows, grids, n, one)
@@ -216,11 +213,11 @@ class MujocoThreads:
                 records["cvel"][:, n - 1][fell_asleep(self._model, asleep, self._asleep[rows])] = 0.0
             nearest = np.minimum(nearest, one["sensordata"][:, 0, -1])
             constrained = one["nefc"].reshape(len(rows), -1)[:, -1] > 0
-            for name in _PLACES:
+            for name in PLACES:
                 records[name][:, n] = places[name] if every else places[name][rows]
-            for name in _JOINTS:
+            for name in JOINTS:
                 records[name][:, n] = one[name][:, 0]
-        return _Taken(number, rows, {*rows.tolist()}, Records(records, None), nearest, constrained)
+        return _Taken(number, rows, {*rows.tolist()}, kept, nearest, constrained)
 
     def _roll(self, batch: Batch, rows: np.ndarray, grids: list[range], first: int, records: Fields) -> None:
         """Takes as many steps as there is room for in `records` from step `first`, and computes places after them."""
@@ -231,17 +228,27 @@ class MujocoThreads:
         batch.rollout(records["qpos"].shape[1], record=_RECORDED, ids=ids, out=records)
         batch.forward(ids, mujoco.mjtStage.mjSTAGE_VEL)
 
-    def _records(self, batch: Batch, number: int, rows: int, steps: int) -> Fields:
+    def _records(self, batch: Batch, number: int, rows: int, steps: int) -> Records:
         """Gives the arrays of the call with this number of those taken together; kept, for new memory is slow."""
+        key = number, rows, steps
+        if key in self._kept:
+            return self._kept[key]
+        shapes = {name: (rows, steps, *batch.bind(name).shape[1:]) for name in _RECORDED}
+        late = self._whole and number >= 0
+        shapes |= {_NOW + name: (rows, *batch.bind(name).shape[1:]) for name in PLACES if late}
         room, found = self._room.setdefault(number, {}), {}
-        for name in _RECORDED:
-            like = batch.bind(name)
-            shape = (rows, steps, *like.shape[1:])
-            size = int(np.prod(shape))
+        for name, shape in shapes.items():
+            size = math.prod(shape)
             if name not in room or room[name].size < size:
-                room[name] = np.empty(size, like.dtype)
+                room[name] = np.empty(size, batch.bind(name.removeprefix(_NOW)).dtype)
+                # Of the arrays before it nobody is to hold a part any more.
+                self._kept = {k: records for k, records in self._kept.items() if k[0] != number}
             found[name] = room[name][:size].reshape(shape)
-        return found
+        if len(self._kept) >= MOST_KEPT:
+            self._kept.clear()
+        now = {name: found.pop(_NOW + name) for name in PLACES} if late else None
+        self._kept[key] = Records(found, now)
+        return self._kept[key]
 
     def _made(self) -> Batch:
         """The batch, after steps that were begun; made when it is first needed, for it copies the model."""

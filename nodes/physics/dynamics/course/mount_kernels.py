@@ -1,12 +1,12 @@
-"""Places what is mounted on bodies of many environments, in float64 on a CPU.
+"""Places what is mounted on bodies of environments, in float64 on a CPU.
 
 The arithmetic is that of se3.compose and se3.compose_twist, to the bit: single products and sums, which no compiler
-joins. So what is mounted in a batch is where it is in an environment by itself, which numpy places.
+joins. So what is mounted is in an interval where it is at a start, which numpy places.
 """
 
 import warp as wp
 
-from nodes.physics.dynamics.batch.course_kernels import cross_part
+from nodes.physics.dynamics.course.course_kernels import cross_part
 
 wp.set_module_options({"enable_backward": False})
 

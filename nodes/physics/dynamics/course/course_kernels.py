@@ -33,20 +33,17 @@ class Recorded:
 
 @wp.struct
 class Written:
-    """Holds the arrays that the motion of environments is written to.
+    """Holds the arrays that what is told of m environments is written to.
 
-    poses, twists: [E, rows, M, ...] of bodies that may move, from row `first` on, but for the last step. state_pose,
-    state_twist: [m, 2, bodies without the world, ...] after the last two steps. speed: [m], greatest speed of a point
-    of a body, not finite where anything is not. fastest: [m], greatest component of a velocity before the last step.
+    state_pose, state_twist: [m, 2, bodies without the world, ...] after the last two steps. speed: [m], greatest speed
+    of a point of a body, not finite where anything is not. fastest: [m], greatest component of a velocity before the
+    last step.
     """
 
-    poses: wp.array4d(dtype=wp.float64)
-    twists: wp.array4d(dtype=wp.float64)
     state_pose: wp.array4d(dtype=wp.float64)
     state_twist: wp.array4d(dtype=wp.float64)
     speed: wp.array(dtype=wp.float64)
     fastest: wp.array(dtype=wp.float64)
-    first: int
 
 
 @wp.func
@@ -93,11 +90,17 @@ def write_course(
     recorded: Recorded,
     # out
     written: Written,
+    # in
+    first: int,
+    # out
+    poses: wp.array4d(dtype=wp.float64),
+    twists: wp.array4d(dtype=wp.float64),
 ):
     """Writes the course of environments `start` and on of those listed.
 
-    places: their rows in `recorded`; envs: in `written`. root, column, reach: of each body, the top of its tree, its
-    place among those that may move (-1 = never moves), the distance [m] of its farthest point.
+    places: their rows in `recorded`; envs: in `poses`. root, column, reach: of each body, the top of its tree, its
+    place among those that may move (-1 = never moves), the distance [m] of its farthest point. poses, twists: [E, rows,
+    M, ...] of bodies that may move, from row `first` on, but for the last step.
     """
     j = start + wp.tid()
     n = places[j]
@@ -137,11 +140,11 @@ def write_course(
                     fastest = wp.max(fastest, wp.abs(twist[k]))
                 m = column[b]
                 if m >= 0:
-                    row = written.first + s
+                    row = first + s
                     for k in range(7):
-                        written.poses[env, row, m, k] = pose[k]
+                        poses[env, row, m, k] = pose[k]
                     for k in range(6):
-                        written.twists[env, row, m, k] = twist[k]
+                        twists[env, row, m, k] = twist[k]
     written.fastest[j] = fastest
     # A sum is finite only if everything in it is.
     written.speed[j] = wp.where(wp.isfinite(total), speed, total)

@@ -12,13 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from msgs.world import moves
+from msgs.world import EVERY, moves
 from nodes.physics.dynamics.assembly import Assembly
-from nodes.physics.dynamics.states import State, between
+from nodes.physics.dynamics.batch.stepped_states import JOINTS
+from nodes.physics.dynamics.course.paths import PathsByShape
+from nodes.physics.dynamics.course.poses_between import PosesBetween
+from nodes.physics.dynamics.states import State, joints_between
 from nodes.physics.interval import Interval, grid_inside
 from nodes.physics.room import check_room
 
-JOINTS = ("qpos", "qvel")
 PART = 1 << 19
 """Numbers of environments' poses that are worked on at once: with fewer, calls take longer than what they do."""
 
@@ -36,7 +38,7 @@ class Course:
         """joints: whether intervals have the positions and velocities of the joints. ends: whether `last` has them.
         pool: threads that share environments."""
         self._assembly, self._model, self._step_ns, self._joints = assembly, model, step_ns, joints
-        self._ends_of_joints, self._pool = joints or ends, pool
+        self._ends_of_joints, self._pool, self._paths = joints or ends, pool, PathsByShape()
 
     def anew(self) -> Course:
         """Makes the course of other environments of the model."""
@@ -45,7 +47,10 @@ class Course:
     def begin(self, state: State) -> None:
         """Begins at stamp 0 in this state."""
         self.stamp = self.grid = 0
-        self.before, self.now, self.last = ({name: value.copy() for name, value in state.items()} for _ in range(3))
+        two = {name: np.repeat(value[:, None], 2, axis=1) for name, value in state.items()}
+        self.before, self.now = ({name: value[:, k] for name, value in two.items()} for k in (0, 1))
+        self.last = {name: value.copy() for name, value in state.items()}
+        self._poses_between = PosesBetween(two["pose"], two["twist"], self.last["pose"])
 
     def start(self) -> Interval:
         """Gives the state at stamp 0, S = 1."""
@@ -62,17 +67,20 @@ class Course:
         """
         steps = range(self.grid, to_ns, self._step_ns)
         check_room(to_ns - self.stamp, len(steps), len(self._assembly.may_move), len(self.now["pose"]))
-        inside = [t for t in steps if t > self.stamp]
         self._to, self._steps = to_ns, len(steps)
         # A grid point at the interval's start is left out.
-        self.first = 1 + len(inside) - max(len(steps) - 1, 0)
-        self._t = np.array([self.stamp, *inside, to_ns], np.int64)
+        at_start = bool(steps) and self.grid <= self.stamp
+        inside = len(steps) - at_start
+        self.first = 1 + inside - max(len(steps) - 1, 0)
+        self._t = np.empty(inside + 2, np.int64)
+        self._t[0], self._t[-1] = self.stamp, to_ns
+        self._t[1:-1] = np.arange(inside) * self._step_ns + (self.grid + at_start * self._step_ns)
         ends = self.grid + len(steps) * self._step_ns
         self._ends = np.array([ends - self._step_ns, ends])
         shape = len(self.now["pose"]), len(self._t), len(self._assembly.may_move)
-        self.poses: np.ndarray = np.empty((*shape, 7))
-        self.twists: np.ndarray = np.empty((*shape, 6))
-        """Of the bodies that may move, float64 [E, S, M, ...]."""
+        self.paths = self._paths.of(shape)
+        """Of the bodies that may move."""
+        self.poses, self.twists = self.paths.poses, self.paths.twists
         self._assembly.put_paths(self._t, self.poses, self.twists)
         own, columns = self._assembly.own
         self.poses[:, 0, own], self.twists[:, 0, own] = (self.last[n][:, columns] for n in ("pose", "twist"))
@@ -98,7 +106,7 @@ class Course:
         self.fastest[envs] = np.abs(states["twist"][:, :-1]).max(axis=(1, 2, 3), initial=0.0)
         self.stepped(envs, {name: value[:, -2:] for name, value in states.items()})
 
-    def stepped(self, envs: np.ndarray, last_two: State) -> None:
+    def stepped(self, envs: np.ndarray | slice, last_two: State) -> None:
         """Takes the states [m, 2, ...] of m environments after the last two steps, or after the only one, twice."""
         for name, values in last_two.items():
             self.before[name][envs] = values[:, 0] if self._steps > 1 else self.now[name][envs]
@@ -130,15 +138,17 @@ class Course:
         """Gives the interval, of which all environments were written."""
         envs = len(self.poses)
         size = max(1, PART // max(self.poses[0].size, 1))
-        parts = [slice(e, e + size) for e in range(0, envs, size)]
+        parts: list[slice | None] = [slice(e, e + size) for e in range(0, envs, size)] if envs > size else [None]
         each = map if self._pool is None or len(parts) == 1 else self._pool.map
+        if self._to != self._ends[1]:
+            self._poses_between.aim(self._to, self._ends)
         # Most bodies are elsewhere at the end.
         moved = np.logical_or.reduce([*each(self._finish, parts)])
         self.stamp, self.grid = self._to, self.next_grid
         poses, twists = self.poses, self.twists
         still = np.flatnonzero(~moved)
         if len(still):
-            all_along = lambda part: moves(poses[part][:, :, still], twists[part][:, :, still])
+            all_along = lambda part: moves(poses[part or EVERY][:, :, still], twists[part or EVERY][:, :, still])
             moved[still] = np.logical_or.reduce([*each(all_along, parts)])
         if len(parts) > 1 and 2 * moved.sum() > len(moved):
             # To leave out a few of many would copy all others.
@@ -146,33 +156,41 @@ class Course:
         ends = self._assembly.end_poses(poses[:, -1], self.now["pose"])
         if not moved.all():
             poses, twists = poses[:, :, moved], twists[:, :, moved]
+        elif self.paths.kept:
+            poses, twists = poses.copy(), twists.copy()
         result = Interval(self._t, ends, self._assembly.may_move[moved], poses, twists, lasting=True)
         if self._joints:
             result.qpos, result.qvel = (self.of_joints[name] for name in JOINTS)
-        del self.poses, self.twists, self.of_joints
+        del self.poses, self.twists, self.paths, self.of_joints
         return result
 
-    def _finish(self, part: slice) -> np.ndarray:
-        """Writes the end of the interval, and what is mounted on other bodies, of some environments.
+    def _finish(self, part: slice | None) -> np.ndarray:
+        """Writes the end of the interval, and what is mounted on other bodies, of some environments, None = of all.
 
         Returns which bodies are elsewhere at its end, or have a velocity at either end, bool [M].
         """
-        before, now = ({name: value[part] for name, value in state.items()} for state in (self.before, self.now))
-        end = (
-            now
-            if self._to == self._ends[1]
-            else between(self._model, before, now, self._ends, self._to, self._ends_of_joints)
-        )
+        envs = part or EVERY
+        before, now, last = ({n: v[envs] for n, v in state.items()} for state in (self.before, self.now, self.last))
+        poses, twists = self.poses[envs], self.twists[envs]
+        if self._to == self._ends[1]:
+            for name, value in now.items():
+                last[name][:] = value
+        else:
+            # Velocities lie on a straight line. The derivative of the poses' cubic would not do: most integrators move
+            # a body by the velocity after the step, p1 = p0 + h v1, and it overshoots v1 then.
+            u = (self._to - self._ends[0]) / (self._ends[1] - self._ends[0])
+            self._poses_between.write(part)
+            last["twist"][:] = (1 - u) * before["twist"] + u * now["twist"]
+            joints = joints_between(self._model, before, now, u) if self._ends_of_joints else {}
+            for name, value in joints.items():
+                last[name][:] = value
         own, columns = self._assembly.own
-        poses, twists = self.poses[part], self.twists[part]
-        poses[:, -1, own], twists[:, -1, own] = (end[n][:, columns] for n in ("pose", "twist"))
-        for name, value in end.items():
-            self.last[name][part] = value
+        poses[:, -1, own], twists[:, -1, own] = (last[n][:, columns] for n in ("pose", "twist"))
         for name, values in self.of_joints.items():
-            values[part, -1] = end[name]
-        at_ends = [np.abs(state["twist"]).max(axis=(1, 2), initial=0.0) for state in (end, now)]
-        self.fastest[part] = np.maximum(self.fastest[part], np.maximum(*at_ends))
-        self._assembly.put_mounted(poses, twists)
+            values[envs, -1] = last[name]
+        at_ends = [np.abs(state["twist"]).max(axis=(1, 2), initial=0.0) for state in (last, now)]
+        self.fastest[envs] = np.maximum(self.fastest[envs], np.maximum(*at_ends))
+        self._assembly.put_mounted(self.paths, part)
         return moves(poses[:, [0, -1]], twists[:, [0, -1]])
 
     def rest(self, to_ns: int) -> Interval:

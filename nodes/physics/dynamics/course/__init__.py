@@ -1,0 +1,1 @@
+"""Puts the states of environments after their steps together to the motion between two stamps."""
