@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Sequence
 from typing import Any
@@ -15,6 +16,9 @@ start_warp()
 _recording = threading.Lock()
 """Held while a launch is recorded, which loads the kernel's module where nobody has launched it yet: two threads at
 once would load it twice, and what one of them has recorded would lead into the module that is unloaded again."""
+
+# A process that is forked meanwhile would have it held for ever, by a thread that it does not have.
+os.register_at_fork(before=_recording.acquire, after_in_parent=_recording.release, after_in_child=_recording.release)
 
 
 class RepeatedLaunch:
