@@ -17,7 +17,7 @@ from evis.bus.pipes import CreditInbox, Outlet
 from msgs.header import Message
 
 LAST_WORD_S = 0.25
-"""After the end of the stream a consumer's answer and its leaving come over two connections, in any order."""
+"""Wait for a consumer's answer to the end after it has left: the two come over two connections, in any order [s]."""
 MAX_KEYS = 4096
 """Private subscriptions remembered; there is one per consumer unless somebody floods the socket."""
 

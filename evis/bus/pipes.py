@@ -20,10 +20,10 @@ from evis.bus.wire import Malformed
 from msgs.codec import Buffer
 
 PAGE = 4096
-"""What a pipe is measured in [bytes]; a write that does not fit into the last page begins a new one."""
+"""Unit of a pipe's capacity [bytes]; a write that does not fit into the last page begins a new one."""
 PAGES_PER_MESSAGE = 8
 LARGEST = 1 << 20
-"""What any user may make a pipe hold, unless the system's pipe-max-size was changed [bytes]."""
+"""Largest capacity that any user may give a pipe, unless the system's pipe-max-size was changed [bytes]."""
 LONGEST = 1 << 20
 """Longest record [bytes]; no pipe holds more."""
 _HEAD = struct.Struct("<II")

@@ -21,10 +21,10 @@ from msgs.header import Message
 HELLO, READY, CREDIT, TAKEN, FREED, ENDED = b"H", b"R", b"C", b"T", b"F", b"E"
 WELCOME, REFUSED = b"W", b"X"
 END_HEADER = b"END"
-"""In place of a message's header: the stream is over."""
+"""Marks the end of the stream, in place of a message's header."""
 
 EVERY = b"*"
-"""What a tap subscribes beside the topic that wants every message of it."""
+"""Subscription, beside the topic, of a tap that wants every message of it."""
 
 MAX_TALK = 1 << 16
 """Longest frame that a publisher accepts [bytes]; who sends more is disconnected."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from evis.files.allowance import Allowance, AllowanceError
 
 PIXEL_BYTES = 64
-"""What a pixel costs while events are measured or drawn, intermediate results included."""
+"""Memory per pixel while events are measured or drawn, intermediate results included [bytes]."""
 MOST = 1 << 30
 """Memory that the maps of a sensor may take unless EVIS_UNPACK_LIMIT says otherwise: 16 million pixels."""
 

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 
 _SHARE = re.compile(r"share\d+")
-"""What stands before the name of a node's copy for a share of the environments."""
+"""Prefix of the name of a node's copy for a share of the environments."""
 Arrays = Mapping[str, tuple[tuple[int, ...], Any]]
-"""What is asked of a loan: name -> (shape, dtype)."""
+"""Arrays wanted of a loan: name -> (shape, dtype)."""
 ANY = "*"
 """The topic of a port that takes whatever it is told."""
 

@@ -16,7 +16,7 @@ WIDEST = 0.5
 """Width of an interval from which on its pixels count as too few to tell the error."""
 
 MORE, ENOUGH = 4, 64
-"""How many times as many pixels are advised then, and how many at least."""
+"""Advice for more audited pixels: the factor, and the least number."""
 
 HIGH = 0.1
 """Error from which on (with the lower end of its interval) the line says what lowers it."""

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from evis.supervisor.child import Child
 
 _PEER_LOST = "(topic /"
-"""What the bus writes when the other end of a topic is gone: a consequence, as long as there is a cause."""
+"""Text of the bus where the other end of a topic is gone: a consequence, as long as there is another cause."""
 _LINES = 12
 _STUCK_S = 2.0
 """A process whose loop has not come round for so long is in one step; one that waits for others comes round [s]."""

@@ -12,7 +12,7 @@ from evis.supervisor import audits, paces
 DROP_COUNTERS = ("drops", "dropped", "lost")
 """Counters that stand for data that did not arrive."""
 AUDITED = "which pixels are audited"
-"""What the seed decides of a run's audit; no event depends on it."""
+"""Name of what the seed decides of a run's audit; no event depends on it."""
 _BUS_KEYS = ("bus", "idle")
 
 

@@ -25,21 +25,21 @@ from evis.supervisor.report import Report, summarise
 from evis.supervisor.run_directory import RunDirectory, writing
 
 DRAIN_S = 5.0
-"""How long the graph may take to end by itself after a stop before it gets SIGTERM, and then SIGKILL [s]."""
+"""Time that the graph may take to end by itself after a stop before it gets SIGTERM, and then SIGKILL [s]."""
 START_DRAIN_S = 1.0
-"""The same before it has begun, when there is nothing to lose yet [s]."""
+"""DRAIN_S of a graph that has not begun, when there is nothing to lose yet [s]."""
 SILENCE_S = 8.0
 """A process that sends no heartbeat for so long is frozen [s]; a thread of its own sends one every 0.5 s."""
 SUSPECT_S = 4.0
-"""The same when a neighbour of somebody's is lost [s]: the bus gives a frozen peer up 5 s after it last answered."""
+"""SILENCE_S while a process reports a lost neighbour: the bus gives a frozen peer up 5 s after its last answer [s]."""
 STARTUP_SILENCE_S = 60.0
-"""The same before its first heartbeat: imports come first [s]."""
+"""SILENCE_S before a process's first heartbeat: imports come first [s]."""
 SETTLE_S = 0.4
-"""How long to listen after a failure, so that the cause is named and not its consequences [s]."""
+"""Time to listen after a failure, so that the cause is named and not its consequences [s]."""
 CAUSE_S = 3.0
-"""The same while only consequences are known: who left has closed its sockets, and its process may end later [s]."""
+"""SETTLE_S while only consequences are known: who left has closed its sockets, and its process may end later [s]."""
 LAST_WORD_S = 0.2
-"""How long to listen for what a process wrote before it ended [s]; it waits for the answer, but not for ever."""
+"""Time to listen for what a process wrote before it ended [s]; it waits for the answer, but not for ever."""
 MAX_RESPAWNS = 5
 BUSY_S = 30.0
 """A node that has been in one call for so long is mentioned, once [s]."""

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 WAIT_S = 0.05
 """Longest wait inside a step, so that the graph can always be stopped."""
 REST_S = 1.0
-"""Between two rounds of a recording, so that its end can be seen."""
+"""Pause between two rounds of a recording, so that its end can be seen [s]."""
 STATUS_S = 5.0
 """Interval at which a USB camera's temperature and clock are asked for and published again."""
 FIRST_TIME = {

@@ -9,7 +9,7 @@ from evis.bag import BagError
 from msgs.topics import SYSTEM_TOPICS, UnknownTopic, find_topic
 
 REGENERATED = ("frames", "samples", "events", "signal", "labels")
-"""What interpolator, event sensor and labeler make again from keyframes."""
+"""Outputs that interpolator, event sensor and labeler make again from keyframes."""
 
 
 def topics_to_play(

@@ -38,7 +38,7 @@ APART_NS = 10_000_000_000
 """A silence longer than this between messages of two clocks [ns] is none: one camera counts from its start, another
 from 1970."""
 REST_S = 1.0
-"""Between two rounds, so that the end can be seen."""
+"""Pause between two rounds, so that the end can be seen [s]."""
 
 
 class ReplayerNode(Node):

@@ -34,7 +34,7 @@ def _tables_of_labels() -> dict[str, tuple[str, ...]]:
 TABLES = _tables_of_labels()
 """As many rows in a message as there are boxes, contacts or events."""
 COLUMNS = ("t", "x", "y", "p")
-"""Of the labelled events, which the bag holds on a topic of their own."""
+"""Columns of the labelled events, which the bag holds on a topic of their own."""
 
 
 def write(messages: Messages, topic: str, out: BinaryIO, events: Messages | None = None) -> dict[str, Any]:

@@ -20,7 +20,7 @@ _GREY, _COLOUR = 0, 2
 _SUB = 1
 """The filter of rows: differences to the pixel before. They pack better than pixels, and several times faster."""
 _LEVEL = 1
-"""Of zlib: more of it makes differences smaller by a quarter and takes five times as long."""
+"""Compression level of zlib: a higher one makes files smaller by a quarter and takes five times as long."""
 
 
 def write_folder(messages: Iterable[Message], topic: str, out: Path) -> dict[str, Any]:

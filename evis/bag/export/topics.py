@@ -24,7 +24,7 @@ from msgs.header import Message
 
 _ENV = re.compile(r"/env(\d+)(/.*)")
 ENDINGS = (".npz", ".jsonl", ".csv", ".txt", ".raw", ".dat", ".es", ".aedat4", ".h5", ".hdf5")
-"""Of files that a topic can be written to; events to all of them."""
+"""Endings of files that a topic can be written to; events to all of them."""
 BESIDE_KEYFRAME = ("depth", "motion", "ids")
 SAMPLES = ("n", "w")
 """Axes, as messages name them, of which each message has a length of its own."""

@@ -11,7 +11,7 @@ from evis.bag.threads import Threads
 BLOCK = 1 << 20
 """Bytes that one thread checks at a time."""
 _POLYNOMIAL = 0xEDB88320
-"""Of CRC-32, its bits in reverse: what the register becomes when a 1 leaves it."""
+"""Polynomial of CRC-32 with its bits in reverse: what the register becomes when a 1 leaves it."""
 
 
 def crc32(pieces: Sequence[bytes | bytearray | memoryview], threads: Threads) -> Callable[[], int]:

@@ -42,7 +42,7 @@ chunks, as channels do, would have other places with it.
 """
 _IOV_MAX = 1000
 _Indexes = dict[int, list[tuple[int, int]]]
-"""Of a chunk, by channel: (log time, offset) of each message."""
+"""Messages of a chunk by channel: (log time, offset) of each."""
 
 
 class Container:

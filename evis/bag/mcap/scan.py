@@ -101,7 +101,7 @@ def message(body: memoryview) -> tuple[int, int, int, memoryview]:
 
 
 OTHERS = {b"#ROSBAG": "a ROS 1 bag", b"SQLite f": "a ROS 2 bag of SQLite"}
-"""What bags of other kinds begin with -> what they are."""
+"""First bytes of bags of other kinds -> the kind."""
 
 
 class TooLargeError(BagError):

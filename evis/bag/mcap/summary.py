@@ -30,7 +30,8 @@ from mcap.records import (
 _BLOCK = 1 << 16
 """Bytes that are compressed together."""
 _HEAD = struct.Struct("<QIQQQQBH")
-"""Of a packed chunk: the fields of ChunkEntry, the compression by its number, and how many counts follow."""
+"""Layout of a packed chunk entry: the fields of ChunkEntry, the compression by its number, the number of counts that
+follow."""
 _COUNT = struct.Struct("<HI")
 """A channel and its messages."""
 MESSAGE_INDEX_HEAD, MESSAGE_INDEX_ENTRY = 9 + 2 + 4, 16

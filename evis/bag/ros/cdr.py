@@ -13,7 +13,7 @@ RANGE = (
     "a bag's times go from 0 to 2^31 s; of a recording `evis events convert IN OUT --rebase` makes one "
     "whose times count from its first"
 )
-"""What times a bag holds, and what to do about a recording that has others: it ends an error."""
+"""End of an error: which times a bag holds, and what to do about a recording with others."""
 
 _NUMBERS = {code: struct.Struct("<" + code) for code in "bBhHiIqQfd"}
 _PADDING = tuple(bytes(count) for count in range(8))

@@ -33,7 +33,7 @@ MOST_VIEWS = 16
 """Layouts that a slot remembers; packets of events have another length every time."""
 
 _latest: dict[type[Message], tuple[list[tuple[Any, ...]], int]] = {}
-"""What has passed `check` last of each type, and its size [bytes]: most messages of a topic are alike."""
+"""Last form of each type that has passed `check`, and its size [bytes]: most messages of a topic are alike."""
 
 LoanRequest = Mapping[str, tuple[tuple[int, ...], Any]]
 """Name -> (shape, Warp dtype); vectors count as one element, [E, H, W] of vec3."""

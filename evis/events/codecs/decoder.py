@@ -23,7 +23,7 @@ for them, of which the system gives only the pages that were written."""
 _BLOCK = 1 << 16
 """Words that numpy decodes at a time: what it makes of them stays in the cache."""
 NUMPY_BYTES = 16 << 20
-"""Below this size numpy (5-10 Mev/s) is done before Warp would have been imported (about 1 s)."""
+"""Size below which numpy (5-10 Mev/s) is done before Warp would have been imported (about 1 s)."""
 
 CODECS = {
     "evt2": "evis.events.codecs.prophesee.evt2",

@@ -13,7 +13,7 @@ from evis.events.arrays import Events
 from evis.events.codecs.decoder import CODECS
 
 REBASE = "use --rebase, which subtracts the first time, or write .npz"
-"""What helps where a format counts from 0 and times begin below it or too far behind."""
+"""Remedy where a format counts from 0 and times begin below it or too far behind."""
 MAX_TURNS = 10_000
 """Turns of the counter that an encoder writes to reach a time; more means that the times do not count from 0."""
 

@@ -63,7 +63,7 @@ _MOST_LAYERS = 3
 _ERRORS = (*ZIP_FAULTS, lzma.LZMAError)
 _STEP = 1 << 20
 _open = threading.local()
-"""How many packed files around each other are being opened, and what all of them together may unpack."""
+"""Number of packed files, one around the other, that are being opened, and what all of them together may unpack."""
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:

@@ -18,7 +18,7 @@ SEGMENT_NS = 2_000_000_000
 """Rotation is measured stretch by stretch."""
 THIN_NS = 1_000_000
 THIN_EVENTS = 800
-"""So many events of a millisecond are kept for the rotation, spread evenly over it."""
+"""Events per millisecond that are kept for the rotation, spread evenly over it."""
 _SEARCHES, _EVENTS_A_SEARCH = 3, 5000
 """Stretches that are searched for a rotation: the first, and one more for so many events. A search takes its second
 however few events there are, and a recording whose time leaps has a stretch for each handful of them."""

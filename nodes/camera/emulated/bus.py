@@ -13,7 +13,7 @@ from nodes.camera.usb.driver import UsbDriver
 from nodes.camera.usb.models import Model
 
 SERIAL = "0000e915"
-"""Of every emulated camera, so that nobody takes it for a real one's."""
+"""Serial number of every emulated camera; no real one has it."""
 
 
 def emulated_device(model: Model, feed: Feed, faults: Faults | None = None) -> EmulatedDevice:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from evis.events import Events
 
 IMU_TAKEN_S = 5.0
-"""So long the events of a stretch wait for the samples before them to be taken, and then for none any more [s]."""
+"""Longest time that the events of a stretch wait for the samples before them to be read; then for none any more [s]."""
 
 
 class ImuQueue:

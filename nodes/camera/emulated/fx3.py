@@ -40,7 +40,7 @@ FIRMWARE = {"davis346": 0x0006, "dvxplorer": 0x0009, "dvxplorer_lite": 0x0009, "
             "dvxplorer_micro": 0x040A}  # fmt: skip
 CHIPS = {"dvxplorer_lite": 19}
 MODULES = {"dvxplorer_mini": (1, 3, 5), "dvxplorer_micro": (1, 3)}
-"""Of the small ones, which have neither multiplexer nor system registers; the others have all."""
+"""Register modules of the small models, which have neither multiplexer nor system registers; the others have all."""
 
 
 class Fx3Device(EmulatedDevice):

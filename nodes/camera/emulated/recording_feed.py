@@ -18,7 +18,8 @@ WINDOW_NS = 1_000_000
 LATEST_START_NS = 3600 * NS
 """A recording that is encoded anew and starts later than this is sent from near 0: a camera counts from its start."""
 IMU_ENDPOINT_ENCODING = "dvxplorer_mini"
-"""Its samples come on an endpoint of their own; stretches of one window keep them near the events of their time."""
+"""Encoding of cameras whose samples come on an endpoint of their own; stretches of one window keep them near their
+time."""
 
 
 class _PacedFeed(Feed):

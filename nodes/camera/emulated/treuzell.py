@@ -70,7 +70,7 @@ REGION_MASKS = {
 }  # fmt: skip
 """Masks of columns and of rows: first register and registers."""
 REGION_SWITCH = {"IMX636": 0x4, "Gen4.1": 0x4, "Gen3.1": 0x204}
-"""Its bit 5 puts the masks into effect: while it is set, or (Gen3.1) when it becomes set."""
+"""Register whose bit 5 puts the masks into effect: while it is set, or (Gen3.1) when it becomes set."""
 RATE_CONTROL, RATE_PERIOD, RATE_TARGET = 0x6000, 0x6008, 0x600C
 """The rate controller: on in bit 0, period [us], events in it."""
 

@@ -22,7 +22,7 @@ import usb.core
 TIMEOUT_MS = 100
 """Longest single read [ms]; what has arrived by then is handed over."""
 RESUME_SHARE = 16
-"""After an overflow reading goes on when one in so many buffers is free."""
+"""Reading resumes after an overflow when one in so many buffers is free."""
 MAX_FAULTS = 20
 """Reads that fail one after the other (stalls, transfer errors) before the stream is given up."""
 

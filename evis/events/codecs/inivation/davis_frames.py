@@ -12,7 +12,7 @@ _BRIGHT_RESET = 384
 
 _MARK, _PART = 1, 2
 _KIND = np.zeros(1 << 16, np.uint8)
-"""What a word is to a frame: something that begins or ends it, or a part of it."""
+"""Kind of each word for a frame: it begins or ends one, or is a part of it."""
 _KIND[[1, START_GLOBAL, START_ROLLING, END]] = _MARK
 _KIND[RESET_COLUMN : EXPOSURE_END + 1] = _PART
 _KIND[0x4000:0x5000] = _KIND[0x5100:0x5300] = _PART

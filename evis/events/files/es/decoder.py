@@ -8,7 +8,7 @@ from evis.events.arrays import Events
 from evis.events.files.es.layout import EVENT_BYTES, TIME_SHIFT, longest_time
 
 LOOP_BYTES = 1 << 20
-"""Below this size the plain loop is done before Warp would have been imported."""
+"""Size below which the plain loop is done before Warp would have been imported."""
 
 
 class EsDecoder:

@@ -32,7 +32,7 @@ from evis.events.files.hdf5.ecf_layout import (
 from evis.events.files.reading.decompress import DamagedError
 
 _ENDS_EARLY = (struct.error, IndexError, ValueError)
-"""What reading behind the end of a chunk raises."""
+"""Errors of reading behind the end of a chunk."""
 
 Columns = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 

@@ -31,7 +31,7 @@ NAMES = {
     "y": ("y", "ys"),
     "p": ("p", "ps", "pol", "polarity", "polarities", "on"),
 }
-"""What the fields of records, or arrays of an archive, are called."""
+"""Names of the columns in the fields of records and in the arrays of archives."""
 _ORDERS = ("txyp", "xypt", "xytp")
 _BLOCK = 1 << 18
 LOOK = 4096

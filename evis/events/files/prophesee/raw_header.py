@@ -22,7 +22,7 @@ _FAMILIES = (
     (r"imx636|imx646|gen4", 1280, 720),
     (r"gen3", 640, 480),
 )
-"""What the names of plug-in and sensor say -> width, height, for headers without geometry and system_ID."""
+"""Names of plug-in and sensor -> width, height, for headers without geometry and system_ID."""
 
 _EVT = {"2.0": "evt2", "2.1": "evt21", "3.0": "evt3", "4.0": "evt4"}
 KEYS = {

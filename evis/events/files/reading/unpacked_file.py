@@ -14,7 +14,7 @@ from evis.events.recording import RecordingError, reason
 from evis.files.allowance import Allowance
 
 RESERVE = 64 << 20
-"""What is left free of the file system with the temporary folder [bytes]."""
+"""Space that is left free on the file system of the temporary folder [bytes]."""
 _DESCRIPTORS = Path("/proc/self/fd")
 
 

@@ -21,7 +21,7 @@ _UNIT = re.compile(r"[ \t]*[\[(]([^\])]{0,20})[\])]")
 _TRUTH = re.compile(rb"\b(?:(true)|false)\b", re.I)
 _MOST_COLUMNS = 32
 _ORDERS = ("txyp", "xypt", "xytp", "ptxy", "pxyt")
-"""Of columns without names."""
+"""Orders of columns without names."""
 _SIZE = re.compile(rb"\s*(?:[#%]\s*)?(?:(?:geometry|width height|size)\s*:?\s*)?(\d{1,5})[ \t,x]+(\d{1,5})\s*", re.I)
 _LOOK = 64
 

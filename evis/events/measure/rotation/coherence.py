@@ -15,7 +15,7 @@ BLOCK = 0.25
 NEAR, FAR = 0.5, 1.5
 """Ways apart [rad] at which sums are compared."""
 _WIDTH = 4.0
-"""Of the weights of the angular orders: an error of the angle of a tenth of a radian does no harm."""
+"""Width of the weights of the angular orders: an error of the angle of a tenth of a radian does no harm."""
 
 
 def coherence(coefficients: np.ndarray, angle: np.ndarray) -> float:

@@ -34,7 +34,8 @@ _STARTS = 4
 _STRETCHES = (0.18, 0.36, 0.54)
 """Lengths of the stretches tried: tilts of 46, 61 and 70 degrees."""
 _WORTH = 1.1
-"""How much better a tilted plane must explain the events than one seen from the front: it has two more numbers."""
+"""Factor by which a tilted plane must explain the events better than one seen from the front: it has two more
+numbers."""
 _BENT = 0.1
 """Turn within a window [rad] from which an ellipse can be told: less than that looks like a shear."""
 

@@ -21,7 +21,7 @@ COHERENT = 0.4
 TOO_FEW = "too few events"
 INCOHERENT = "the pattern does not stay the same while it turns: no rotation, or several at once"
 _SLOW = 8
-"""How much longer windows and descriptors are for slow rotations."""
+"""Factor by which windows and descriptors are longer for slow rotations."""
 _EDGE_NS = 20_000_000
 """Longest part before the first and after the last point of a series that is counted as turned."""
 _OFF = 0.15

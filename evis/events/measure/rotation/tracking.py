@@ -26,7 +26,7 @@ POINTS = 250
 """Points of a series at most; 3 ms apart where that is enough."""
 _SPACING = 3
 _CLEAR = 2.5
-"""How many times the contrast of events at random a window must have."""
+"""Least contrast of a window, as a multiple of that of random events."""
 _TURN = 0.6
 """Half a window is so long that the image turns by this much [rad] ..."""
 _HALF_MS = (8.0, 30.0)
