@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 from collections.abc import Callable
 from typing import Any
@@ -104,6 +105,29 @@ def test_a_forked_environment_is_refused(envs: int) -> None:
 def test_one_that_is_made_there_has_the_same_bytes(start: str) -> None:
     """Also where the process that forks has simulated before."""
     assert elsewhere(start, made_there, None) == (None, made_there(None))
+
+
+def collected(_: Any) -> str:
+    gc.collect()
+    return "collected"
+
+
+@pytest.mark.filterwarnings("ignore:.*multi-threaded.*fork:DeprecationWarning")
+def test_a_fork_collects_what_its_parent_has_left() -> None:
+    """Of threads that MuJoCo would wait for before it frees a simulation that was closed, and of one that was not."""
+    gc.disable()
+    try:
+        for closed in (True, False):
+            sim = evis.Simulation("cart_pole", envs=4, threads=2, **SIZE)
+            sim.reset(seed=1)
+            sim.step()
+            if closed:
+                sim.close()
+            sim.cycle = sim  # type: ignore[attr-defined]
+            del sim
+        assert elsewhere("fork", collected, None) == (None, "collected")
+    finally:
+        gc.enable()
 
 
 def test_one_that_is_sent_is_refused() -> None:

@@ -22,6 +22,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
+from nodes.physics.dynamics.batch.forked import keep_when_forked
 from nodes.physics.dynamics.batch.stepped_states import JOINTS, PLACES, Records, SteppedStates
 from nodes.physics.dynamics.saved_state import STATE
 from nodes.physics.dynamics.sleep import AWAKE, fell_asleep, sleeps
@@ -259,6 +260,7 @@ class MujocoThreads:
         if self._batch is None:
             # MuJoCo's threads have the priority of the one that makes them.
             self._batch = self._beside.submit(Batch, self._model, self._count, self._threads, persistent=True).result()
+            keep_when_forked(self._batch)
             self._before, self._warned = self._batch.state.copy(), self._batch.warning.copy()
             self._asleep = self._batch.bind("tree_asleep")
         return self._batch
