@@ -33,6 +33,26 @@ def test_every_file_of_the_tour_exists() -> None:
     assert [name for name in sorted(named) if not any(path.endswith(f"/{name}") for path in there)] == []
 
 
+def test_files_of_the_tour_are_in_the_rooms_that_they_are_named_with() -> None:
+    """In tables whose first column is the room, or empty where it is that of the row above."""
+    rooms: list[Path] = []
+    astray: list[str] = []
+    checked = 0
+    for line in (ROOT / "docs" / "architecture.md").read_text().splitlines():
+        cells = line.strip("|").split("|")
+        if not line.startswith("|") or cells[0].strip() == "room":
+            rooms = []
+            continue
+        if (names := re.findall(r"`([\w/]+)`", cells[0])) and cells[0].strip().startswith("`"):
+            first = ROOT / names[0]
+            rooms = [first, *(place for name in names[1:] for place in (ROOT / name, first.parent / name))]
+        for file in re.findall(r"`([\w/]+\.(?:py|h))`", cells[1]) if len(cells) == 3 and rooms else ():
+            checked += 1
+            if not any((room / file).exists() for room in (ROOT, *rooms)):
+                astray.append(f"{cells[0].strip()}: {file}")
+    assert checked > 40 and astray == []
+
+
 def test_the_picture_shows_the_rooms_of_this_checkout() -> None:
     """`python docs/rooms.py` draws it anew."""
     drawn = runpy.run_path(str(ROOT / "docs" / "rooms.py"))
