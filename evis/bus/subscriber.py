@@ -208,13 +208,20 @@ class Subscriber:
             elif (message := self._accept(frames)) is not None:
                 return message
 
+    def make_room(self) -> None:
+        """Empties the socket of a tap, and drops the oldest of what was not received yet: a full one drops what comes.
+
+        `receive` does so too; who does not call it for long may call this.
+        """
+        while wire.readable(self._data):
+            if self._next_seq is None and len(self._received) == self._received.maxlen:
+                self._count_from(self._received[0])
+            self._received.append(self._data.recv_multipart())
+
     def _next_frames(self) -> list[bytes] | None:
         """Returns the frames of the next message, [] for invalid ones; None when nothing is there."""
         if self.tap:
-            while wire.readable(self._data):
-                if self._next_seq is None and len(self._received) == self._received.maxlen:
-                    self._count_from(self._received[0])
-                self._received.append(self._data.recv_multipart())
+            self.make_room()
             return self._frames_for_me(self._received.popleft()) if self._received else None
         if not self._elsewhere and (frames := self._from_pipe()):
             return frames

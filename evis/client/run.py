@@ -87,6 +87,7 @@ class Run:
             ConnectionRefusedError: control is not to be had, with the reason.
         """
         requests = self._to(ACTION)
+        self._make_room()
         welcome = requests.attach(ACTION, lockstep, patience_s)
         offer = welcome["offer"]
         self._envs, self.lockstep, self._controls = offer["envs"], bool(welcome["lockstep"]), True
@@ -132,10 +133,16 @@ class Run:
 
     def _due(self, requests: Requests) -> int:
         """Wait until a step waits."""
+        self._make_room()
         while requests.due_ns is None:
             requests.catch_up(1.0)
             self._still_in_control(requests)
         return requests.due_ns
+
+    def _make_room(self) -> None:
+        """Has the newest message of each topic find room, for the graph may stand still until it is answered."""
+        for reader in self._readers:
+            reader.make_room()
 
     def _still_in_control(self, requests: Requests) -> None:
         if requests.lost:

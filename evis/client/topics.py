@@ -28,8 +28,8 @@ _CONNECTION_S = 1.0
 class TopicReader:
     """Iterates over the messages of one topic, as they come, until the graph ends.
 
-    Arrays are numpy's and the reader's own: they stay as they are. What comes faster than it is read is lost, the
-    oldest first, and counted in `lost`.
+    Arrays are numpy's and the reader's own: they stay as they are. What comes faster than it is read is lost, and
+    counted in `lost`: the oldest first, unless a program neither reads nor acts until the queues are full.
     """
 
     def __init__(self, plan: Plan, topic: str, *, every: bool = True) -> None:
@@ -122,6 +122,11 @@ class TopicReader:
             if message is not None:
                 self._forget(subscriber)
         return None
+
+    def make_room(self) -> None:
+        """Drops the oldest messages that were not read where there are too many, so that the newest find room."""
+        for subscriber in self._subscribers:
+            subscriber.make_room()
 
     def _forget(self, subscriber: Subscriber) -> None:
         self._lost += subscriber.lost

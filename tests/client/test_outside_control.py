@@ -368,12 +368,14 @@ def test_a_loop_is_closed_step_by_step(launch: Callable[..., Launched], words: t
 
 
 def test_who_comes_amid_keyframes_made_at_once_has_each_before_its_step(launch: Callable[..., Launched]) -> None:
-    graph = launch("robot_arm", "width:=32", "height:=24", "audit:=0", "--no-view", "--compose")
+    graph = launch("robot_arm", "width:=96", "height:=72", "audit:=0", "--no-view", "--compose")
     with evis.connect(wait_s=LIMIT_S) as run:
         (plan,) = Path(os.environ["XDG_RUNTIME_DIR"]).glob("evis/*/plan.json")
         assert json.loads(plan.read_text())["single"] == "", "several at once"
-        packets = run.topic("/cam0/events", every=True)
-        while packets.read(LIMIT_S).header.stamp_ns < 1_000_000_000:
+        packets, states = run.topic("/cam0/events"), run.topic("/state", every=False)
+        began = packets.read(LIMIT_S).header.stamp_ns
+        # Longer than the queues of who does not read are.
+        while states.read(LIMIT_S).header.stamp_ns < began + 10_000_000_000:
             pass
         run.take()
         for k in range(12):
