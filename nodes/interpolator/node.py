@@ -176,6 +176,8 @@ class InterpolatorNode(Node):
             self.interpolator.begin(p["envs"], *self._expected, self._fineness * p["margin"])
         self._field = "rgb" if p["colour"] else "luminance"
         self._kept: list[Message] = []
+        self._singly = False
+        """Whether every gap is made by itself from now on."""
 
     def warm_up(self) -> None:
         """Compiles what gaps need."""
@@ -334,7 +336,8 @@ class InterpolatorNode(Node):
         from nodes.interpolator.many_gaps import Arrived, ManyGaps
 
         keys = [key for one in inputs if isinstance(key := one["keyframe"], Keyframe)]
-        many, singly = self.interpolator, self._counts_are_read() or any(key.own is not None for key in keys)
+        many, apart = self.interpolator, any(key.own is not None for key in keys)
+        singly = self._singly or apart or self._counts_are_read()
         if not isinstance(many, ManyGaps) or many.gaps == 1 or singly:
             super().update_all(inputs)
             return
@@ -360,6 +363,11 @@ class InterpolatorNode(Node):
 
         many.push_all(arrived, deliver, keys[0].margin, self._allocate)
         self._hold(inputs[-1])
+
+    def take_singly(self) -> None:
+        """Makes one gap at a time from now on, without the room for several."""
+        super().take_singly()
+        self._singly = True
 
     def _hold(self, inputs: Mapping[str, Message]) -> None:
         """Keeps the arrays of a keyframe: they are those of A in the next gap."""
