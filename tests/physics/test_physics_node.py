@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from physics_nodes import node_of
 
 from evis.config.params import ParamError
 from evis.scene import load_scene
@@ -14,36 +15,6 @@ from msgs.world import Action
 from nodes.physics.node import PhysicsNode
 from nodes.physics.prescribed import PrescribedEngine
 from nodes.physics.told_together import told_together
-
-
-class Wire:
-    """Stands for the executor: keeps what the node publishes, counts and says."""
-
-    def __init__(self):
-        self.messages, self.counts, self.warnings = [], {}, []
-
-    def wants(self, node, port, array=""):
-        return True
-
-    def loan(self, node, port, arrays):
-        return {name: np.empty(shape, dtype) for name, (shape, dtype) in arrays.items()}
-
-    def publish(self, node, port, message):
-        message.check()
-        self.messages.append(message)
-
-    def count(self, node, name, amount):
-        self.counts[name] = self.counts.get(name, 0) + amount
-
-    def diagnose(self, node, level, text):
-        self.warnings.append(text)
-
-
-def node_of(**params):
-    node = PhysicsNode("physics", params)
-    node.runtime = Wire()
-    node.setup()
-    return node
 
 
 def run(node):
@@ -95,7 +66,7 @@ def test_planner_learns_that_mujoco_is_not_needed():
 def test_prescribed_scenes_import_neither_mujoco_nor_warp():
     """In a fresh interpreter, after setup and steps."""
     code = (
-        "import sys; sys.path.insert(0, 'tests/physics'); from test_physics_node import node_of; "
+        "import sys; sys.path.insert(0, 'tests/physics'); from physics_nodes import node_of; "
         "node = node_of(scene='spinning_disk', duration=0.1); node.step({}); node.step({}); "
         "sys.exit(' '.join({'mujoco', 'warp'} & set(sys.modules)) or 0)"
     )
@@ -177,7 +148,6 @@ def test_grid_is_independent_of_stamps():
 
 
 def test_what_diverges_for_ever_is_told_of_some_times_and_counted_always(tmp_path):
-    pytest.importorskip("mujoco")
     spring = "<joint name='spring' type='slide' stiffness='1e8' springref='.01'/><geom size='.1' mass='1'/>"
     option, body = "<option timestep='.001' gravity='0 0 0'/>", f"<body name='a'>{spring}</body>"
     text = f"<mujoco>{option}<worldbody>{body}</worldbody></mujoco>"

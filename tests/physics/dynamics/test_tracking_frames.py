@@ -1,14 +1,13 @@
 """Frames of cameras and lights that track or target a body: against MuJoCo's own pictures and against differences."""
 
+import mujoco
 import numpy as np
 import pytest
 from engine_arguments import grouped
 
 from evis.geometry import interpolate, se3
 from evis.scene import load_scene
-
-mujoco = pytest.importorskip("mujoco")
-from nodes.physics.mujoco_engine import MujocoEngine  # noqa: E402
+from nodes.physics.mujoco_engine import MujocoEngine
 
 MS = 1_000_000
 MODEL = """

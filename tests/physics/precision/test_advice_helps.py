@@ -3,15 +3,14 @@
 import re
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from engine_arguments import grouped
 
 from evis.scene import load_scene
-
-mujoco = pytest.importorskip("mujoco")
-from nodes.physics.mujoco_engine import MujocoEngine  # noqa: E402
-from nodes.physics.precision.tolerance import Tolerance  # noqa: E402
+from nodes.physics.mujoco_engine import MujocoEngine
+from nodes.physics.precision.tolerance import Tolerance
 
 MS = 1_000_000
 A = 0.01

@@ -1,13 +1,10 @@
 """Notices of a simulation that goes on: each is said once per environment, whatever happens afterwards."""
 
+import mujoco
 import numpy as np
 import pytest
 
 from evis.scene import load_scene
-
-pytest.importorskip("mujoco")
-import mujoco
-
 from nodes.physics.mujoco_engine import MujocoEngine
 
 MS = 1_000_000

@@ -9,8 +9,6 @@ from engine_arguments import grouped
 
 from evis import Diverged, Simulation
 from evis.scene import load_scene
-
-pytest.importorskip("mujoco")
 from nodes.physics.mujoco_engine import MujocoEngine
 from nodes.physics.precision.stepping import Stepping
 from nodes.physics.precision.tolerance import Tolerance

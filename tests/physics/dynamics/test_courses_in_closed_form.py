@@ -1,19 +1,18 @@
 """MuJoCo through the engine, against closed forms."""
 
+import mujoco
 import numpy as np
 import pytest
 from engine_arguments import grouped
 
 from evis.geometry import interpolate, se3
 from evis.scene import SceneError, load_scene
-
-mujoco = pytest.importorskip("mujoco")
-from nodes.physics.dynamics.stepped_model import step_length  # noqa: E402
-from nodes.physics.interval import Extras  # noqa: E402
-from nodes.physics.mujoco_engine import MujocoEngine  # noqa: E402
-from nodes.physics.precision.errors import Errors  # noqa: E402
-from nodes.physics.precision.stepping import Stepping  # noqa: E402
-from nodes.physics.precision.tolerance import Tolerance  # noqa: E402
+from nodes.physics.dynamics.stepped_model import step_length
+from nodes.physics.interval import Extras
+from nodes.physics.mujoco_engine import MujocoEngine
+from nodes.physics.precision.errors import Errors
+from nodes.physics.precision.stepping import Stepping
+from nodes.physics.precision.tolerance import Tolerance
 
 MS = 1_000_000
 

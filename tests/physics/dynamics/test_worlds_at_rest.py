@@ -1,15 +1,14 @@
 """What has come to rest stays where it is and takes no steps, each environment for itself, until something changes."""
 
+import mujoco
 import numpy as np
 import pytest
 from engine_arguments import grouped
 
 from evis.scene import load_scene
-
-mujoco = pytest.importorskip("mujoco")
-from nodes.physics.environments import Environments  # noqa: E402
-from nodes.physics.mujoco_engine import MujocoEngine  # noqa: E402
-from nodes.physics.separate import SeparateEngines  # noqa: E402
+from nodes.physics.environments import Environments
+from nodes.physics.mujoco_engine import MujocoEngine
+from nodes.physics.separate import SeparateEngines
 
 BOX = "<body name='box' pos='0 0 {}'><freejoint/><geom type='box' size='.1 .1 .1' mass='1'/></body>"
 GROUND = "<geom type='plane' size='5 5 1'/>"

@@ -45,7 +45,6 @@ def test_closed_form_is_refused_and_takes_no_memory(small_machine):
 
 
 def test_what_mujoco_moves_is_refused_for_all_environments(small_machine, tmp_path):
-    pytest.importorskip("mujoco")
     from nodes.physics.mujoco_engine import MujocoEngine
 
     box = "<body pos='{} 0 1'><freejoint/><geom type='box' size='.1 .1 .1'/></body>"

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_physics_node import Wire, node_of
+from physics_nodes import Wire, node_of
 
 from msgs.header import Header
 from msgs.own_time import NUMBER, ORIGIN, SEED, STAMP

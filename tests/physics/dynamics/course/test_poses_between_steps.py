@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-pytest.importorskip("mujoco")
 from evis.geometry import interpolate, se3
 from nodes.physics.dynamics.course.poses_between import PosesBetween
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_threads import controls, engine_of, told
+from environments_rig import controls, engine_of, told
 
 from evis.scene import load_scene
 from nodes.physics.dynamics.batch.mujoco_threads import MujocoThreads

@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from evis.scene import SceneError, load_scene
-
-mujoco = pytest.importorskip("mujoco")
-from nodes.physics.mujoco_engine import MujocoEngine  # noqa: E402
+from nodes.physics.mujoco_engine import MujocoEngine
 
 MS = 1_000_000
 MODEL = """

@@ -1,9 +1,7 @@
 """What is mounted on bodies of many environments: a kernel gives the bits of numpy."""
 
 import numpy as np
-import pytest
 
-pytest.importorskip("mujoco")
 from evis.geometry import se3
 from nodes.physics.dynamics.course.mounted import Mounted
 from nodes.physics.dynamics.course.paths import Paths

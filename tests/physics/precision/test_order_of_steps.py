@@ -4,17 +4,16 @@ Against the closed forms of a mass of 1 kg on a slide that an actuator pushes wi
 
 from collections.abc import Callable
 
+import mujoco
 import numpy as np
 import pytest
 from engine_arguments import grouped
 
 from evis.scene import load_scene
-
-mujoco = pytest.importorskip("mujoco")
-from nodes.physics.mujoco_engine import MujocoEngine  # noqa: E402
-from nodes.physics.precision.errors import Errors  # noqa: E402
-from nodes.physics.precision.order import order_of  # noqa: E402
-from nodes.physics.precision.tolerance import Tolerance  # noqa: E402
+from nodes.physics.mujoco_engine import MujocoEngine
+from nodes.physics.precision.errors import Errors
+from nodes.physics.precision.order import order_of
+from nodes.physics.precision.tolerance import Tolerance
 
 TAU = 0.1
 """Time constant of an activation [s], and of a DC motor's current."""

@@ -3,16 +3,14 @@
 import numpy as np
 import pytest
 from engine_arguments import grouped
+from known_courses import PENDULUM, RACKET, ROCK, SPRING, apart, chain, course, told
 
 from evis.scene import load_scene
-
-mujoco = pytest.importorskip("mujoco")
-from nodes.physics.mujoco_engine import MujocoEngine  # noqa: E402
-from nodes.physics.node import PhysicsNode  # noqa: E402
-from nodes.physics.precision.errors import Errors  # noqa: E402
-from nodes.physics.precision.stepping import Stepping  # noqa: E402
-from nodes.physics.precision.tolerance import Tolerance  # noqa: E402
-from tests.physics.test_physics_error import PENDULUM, RACKET, ROCK, SPRING, apart, chain, course, told  # noqa: E402
+from nodes.physics.mujoco_engine import MujocoEngine
+from nodes.physics.node import PhysicsNode
+from nodes.physics.precision.errors import Errors
+from nodes.physics.precision.stepping import Stepping
+from nodes.physics.precision.tolerance import Tolerance
 
 HARD = "solref='-1e4 -2'"
 BALL = f"""<geom type='plane' size='5 5 1' {HARD}/>

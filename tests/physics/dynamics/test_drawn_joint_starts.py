@@ -7,8 +7,6 @@ import pytest
 
 from evis.scene import load_scene
 from evis.scene.load import starts_at_random
-
-pytest.importorskip("mujoco")
 from nodes.physics.interval import Extras
 from nodes.physics.mujoco_engine import MujocoEngine
 

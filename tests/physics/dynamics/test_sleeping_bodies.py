@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 from engine_arguments import grouped
+from environments_rig import told
 
 from evis.scene import load_scene
 from nodes.physics.environments import Environments
 from nodes.physics.mujoco_engine import MujocoEngine
-from tests.physics.test_threads import told
 
 WORLD = """<mujoco><option timestep="0.001" integrator="{integrator}" sleep_tolerance="1e-4"><flag sleep="enable"/>
 </option><worldbody><geom type="plane" size="3 3 .1"/>

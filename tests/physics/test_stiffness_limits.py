@@ -1,15 +1,14 @@
 """Springs, servos and spins, easy to impossible: closed forms, and the limit of every integrator, found and said."""
 
+import mujoco
 import numpy as np
 import pytest
 from engine_arguments import grouped
 
 from evis.geometry import se3
 from evis.scene import load_scene
-
-mujoco = pytest.importorskip("mujoco")
-from nodes.physics.mujoco_engine import MujocoEngine  # noqa: E402
-from nodes.physics.stiffness import Mode, modes  # noqa: E402
+from nodes.physics.mujoco_engine import MujocoEngine
+from nodes.physics.stiffness import Mode, modes
 
 MS = 1_000_000
 DT = 1e-3

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from evis.scene import load_scene
-
-pytest.importorskip("mujoco")
 from nodes.physics.mujoco_engine import MujocoEngine
 from nodes.physics.precision.stepping import Stepping
 

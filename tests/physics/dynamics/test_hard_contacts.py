@@ -1,13 +1,12 @@
 """Contacts that are hard for an engine, through ours: what has a closed form, and what may not pass in silence."""
 
+import mujoco
 import numpy as np
 import pytest
 
 from evis.scene import load_scene
-
-mujoco = pytest.importorskip("mujoco")
-from nodes.physics.mujoco_engine import MujocoEngine  # noqa: E402
-from nodes.physics.precision.stepping import Stepping  # noqa: E402
+from nodes.physics.mujoco_engine import MujocoEngine
+from nodes.physics.precision.stepping import Stepping
 
 MS = 1_000_000
 G = 9.81

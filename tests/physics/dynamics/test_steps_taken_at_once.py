@@ -2,14 +2,11 @@
 
 from collections.abc import Iterator
 
+import mujoco
 import numpy as np
 import pytest
 
 from evis.scene import load_scene
-
-pytest.importorskip("mujoco")
-import mujoco
-
 from nodes.physics.interval import Extras
 from nodes.physics.mujoco_engine import MujocoEngine
 
