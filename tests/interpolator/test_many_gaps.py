@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rigid_rig import closed_form
 
 from evis.runtime.clock import keyframe_stamp
 from evis.scene.load import load_scene
@@ -15,7 +16,6 @@ from nodes.interpolator.many_gaps import Arrived, ManyGaps
 from nodes.interpolator.refine.refinement import Refinement
 from nodes.interpolator.separate import SeparateInterpolators
 from nodes.renderer.renderer import Renderer
-from tests.interpolator.rigid_rig import closed_form
 
 K = 4
 SIZE = {"width": 64, "height": 48}

@@ -6,9 +6,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import warp as wp
+from passing import NEAR, WALL, rays
 from refine_rig import refined
 from rigid_rig import GAP, HEIGHT, START, WIDTH, disc, plain, pose, quad, world
-from test_refine_edges import NEAR, WALL, rays
 
 from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Mesh

@@ -3,6 +3,7 @@ that cut each other, and a third thing that shows between two."""
 
 import numpy as np
 import pytest
+from passing import NEAR, WALL, rays
 from refine_rig import refined
 from rigid_rig import GAP, HEIGHT, START, WIDTH, disc, plain, pose, quad, world
 
@@ -12,20 +13,13 @@ from nodes.interpolator.rigid.patches import mesh_neighbours
 
 TOLERANCE = 100_000
 K = 4
-WALL, BETWEEN, NEAR = 0.2, 0.5, 0.9
+BETWEEN = 0.5
 
 
 def moving(x, y, z, velocity, turn=(0.0, 0.0, 0.0)):
     """What is at x, y, z [m] halfway through the gap and moves with a velocity [m/s]."""
     velocity = np.array(velocity, float)
     return Prescribed(pose(*(np.array([x, y, z]) - velocity * (START + GAP / 2) * 1e-9), turn), [Linear(velocity)])
-
-
-def rays(scene):
-    """Pixels' rays float64 [h, w, 3] with z = 1."""
-    k = scene.cameras[0].k
-    columns, rows = (np.arange(WIDTH) - k[0, 2]) / k[0, 0], (np.arange(HEIGHT) - k[1, 2]) / k[1, 1]
-    return np.stack([*np.meshgrid(columns, rows), np.ones((HEIGHT, WIDTH))], axis=-1)
 
 
 def levels(scene):
