@@ -27,14 +27,12 @@ demo: .venv/base
 # Rooms and files whose tests compute, or run graphs that nobody times, the longest first: JOBS of them at once. Those that wait for
 # processes, pages and devices more than they compute: JOBS of these at once. All others look at clocks and come alone.
 JOBS ?= 2
-COMPUTE := $(addprefix tests/,simulation dataset launch/test_keyframes_at_once.py shares bench rate_divider \
+COMPUTE := $(addprefix tests/,simulation dataset launch/graph shares bench rate_divider \
   cli/test_extreme_graphs.py cli/test_auto_choice.py runtime/test_device_arrays.py \
   gpu/test_precompiled_headers.py python audit env \
   event_sensor events frame_camera geometry house imu interpolator labeler measure media msgs physics renderer resets scene)
 WAIT := $(addprefix tests/,visualizer client camera bag cli gpu/test_parallel_kernel_builds.py \
-  runtime/test_shadowed_modules.py \
-  launch/test_early_start.py launch/test_explained_warnings.py launch/test_secrets.py launch/test_hostile_yaml.py \
-  launch/test_shipped_launch_files.py launch/test_arguments_without_effect.py launch/test_documented_launch_files.py)
+  runtime/test_shadowed_modules.py config launch/files launch/supervisor/test_early_start.py launch/supervisor/test_secrets.py)
 
 # Tests start hundreds of processes: what one has compiled of our sources is there for the next, whatever the shell says.
 test: export PYTHONDONTWRITEBYTECODE =

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from evis.launch import arguments, expand, files, recorded
 
-PAGE = (Path(__file__).parents[2] / "docs" / "launch.md").read_text()
+PAGE = (Path(__file__).parents[3] / "docs" / "launch.md").read_text()
 
 
 def keys_under(heading: str) -> set[str]:
