@@ -145,6 +145,7 @@ def test_discrete_takes_any_spring(engine_of, stiffness):
     _, pose, _, fault = run(engine, 0.2)
     assert engine._warnings == [] and fault is None
     assert np.abs(pose[:, 0, 0]).max() <= 0.01 * (1 + 1e-9)
+    assert abs(pose[-1, 0, 0]) < 1e-9
 
 
 @pytest.mark.parametrize("omega", [(1e-3, 10, 1e-3), (1.0, 2.0, 3.0)])

@@ -51,14 +51,14 @@ def test_a_runtime_directory_without_room_is_named(runtime: Path, where: str, mo
 
 
 def test_the_newest_run_is_first(runtime: Path) -> None:
-    first = RunDirectory()
-    time.sleep(1.1)  # names carry the second
-    second = RunDirectory()
-    for run in (first, second):
+    """By when its plan was written: two of one second have names in any order."""
+    runs = [RunDirectory() for _ in range(3)]
+    for run, written_ns in zip(runs, (2, 3, 1)):
         (run.path / "plan.json").touch()
-    assert live_runs() == [second.path, first.path]
-    first.close()
-    second.close()
+        os.utime(run.path / "plan.json", ns=(written_ns, written_ns))
+    assert live_runs() == [runs[1].path, runs[0].path, runs[2].path]
+    for run in runs:
+        run.close()
 
 
 def test_the_run_directory_goes_after_a_launcher_that_was_killed(runtime: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import stat
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -122,15 +121,17 @@ def test_a_random_token_reaches_the_user_alone(
     url = json.loads(viewer.read_text())["url"]
     token = url.partition("token=")[2]
     assert len(token) > 16
-    time.sleep(1.2)  # until /diagnostics have been said once
+    said = evis("topic", "echo", "/diagnostics", "-n", "1")
     seen = {p.name: p.read_bytes() for p in viewer.parent.glob("*.log")}
     seen |= {"plan.json": (viewer.parent / "plan.json").read_bytes()}
     seen |= {"node info": evis("node", "info", "visualizer", "--json").encode()}
     run.interrupt()
     code, out, err = run.end()
     assert code == 0 and err.count(f"visualizer: open {url}") == 1
-    seen |= {"summary": out.encode(), "bag": whole(bag)}
+    seen |= {"said": said.encode(), "summary": out.encode(), "bag": whole(bag)}
     assert {name for name, text in seen.items() if token.encode() in text} == set()
+    with BagReader(bag) as reader:
+        assert list(reader.messages(["/diagnostics"])), "so that the search above had something to find"
 
 
 def test_a_failure_shows_no_secret(write: Callable[..., Path], launch: Callable[..., Launcher], tmp_path: Path) -> None:

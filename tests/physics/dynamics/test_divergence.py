@@ -52,13 +52,6 @@ def test_numbers_too_large_for_squares_are_told_by_the_fault_alone(spring_scene)
     assert [env for env, _ in interval.faults] == [0] and "body 'mass' diverged" in interval.faults[0][1]
 
 
-def test_discrete_takes_the_same_spring(spring_scene):
-    """No fault, and the spring's rest length is reached."""
-    engine = MujocoEngine(spring_scene("discrete"))
-    interval = engine.advance(200 * MS)
-    assert interval.faults == [] and np.allclose(interval.pose[0, -1, 0, 2], 0.01, atol=1e-4)
-
-
 def test_only_the_diverged_environment_starts_again(spring_scene):
     """The others go on as if nothing had been."""
     engine = MujocoEngine(spring_scene(start=0.0), envs=2)
