@@ -18,8 +18,9 @@ def who_waits(plan: Plan, nodes: Sequence[WiredNode], stepped: bool) -> tuple[st
     which has the same reason or another; "" where nobody does, and where several may be made at once.
 
     A program outside that can publish to a delayed input, such as /action, may wait for keyframes. In the process that
-    has this input nodes make several at once until one does (`Node.take_singly`). Where the user asks for several at
-    once, these inputs are taken out of the plan, so that no program outside can.
+    has this input nodes make several at once until one does (`Node.take_singly`), and not again when it has left, for
+    it may come again. Where the user asks for several at once, these inputs are taken out of the plan, so that no
+    program outside can.
 
     Args:
         plan: of the graph; `outside` of its nodes is changed.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,34 +15,44 @@ from evis.runtime.plan import COMPOSED, Plan
 from msgs.header import Header, Message
 
 SMALL = {"width": 48, "height": 36, "audit": 0}
-
-
 LENGTH_S = 0.3
-
-
 Record = tuple[str, Header, dict[str, bytes]]
 
 
-def composed(scene: str, grouping: str = "compose", explain: bool = False, **given: Any) -> Plan:
-    options = Options(duration_s=LENGTH_S, view=False, grouping=grouping, explain=explain)
+def composed(
+    scene: str, grouping: str = "compose", explain: bool = False, length_s: float = LENGTH_S, **given: Any
+) -> Plan:
+    options = Options(duration_s=length_s, view=False, grouping=grouping, explain=explain)
     return plan_target(scene, {**SMALL, **given}, options)
 
 
-def published(scene: str, at_state: Callable[[Executor, int], None] | None = None, **given: Any) -> list[Record]:
+def published(
+    scene: str, at_state: Callable[[Executor, int], None] | None = None, directory: Path | None = None, **given: Any
+) -> list[Record]:
     """What a composed run publishes on the topics of its camera, in the order of each topic."""
-    return run_of(scene, at_state, **given)[0]
+    return run_of(scene, at_state, directory, **given)[0]
+
+
+def executor_of(plan: Plan, directory: Path | None = None) -> Executor:
+    """Makes the one process of a plan, with what it has awake; where no directory is given for its sockets, programs
+    outside have none."""
+    plan.nodes = {name: node for name, node in plan.nodes.items() if node.process == COMPOSED and not node.dormant}
+    plan.topics = {name: topic for name, topic in plan.topics.items() if topic.node in plan.nodes}
+    plan.directory = "" if directory is None else str(directory)
+    if directory is None:
+        for node in plan.nodes.values():
+            node.outside = {}
+    return Executor(plan, COMPOSED)
 
 
 def run_of(
-    scene: str, at_state: Callable[[Executor, int], None] | None = None, **given: Any
+    scene: str,
+    at_state: Callable[[Executor, int], None] | None = None,
+    directory: Path | None = None,
+    **given: Any,
 ) -> tuple[list[Record], dict[str, dict[str, int]]]:
     """What a composed run publishes on the topics of its camera, in the order of each topic; what its nodes count."""
-    plan = composed(scene, **given)
-    plan.nodes = {name: node for name, node in plan.nodes.items() if node.process == COMPOSED and not node.dormant}
-    plan.topics = {name: topic for name, topic in plan.topics.items() if topic.node in plan.nodes}
-    for node in plan.nodes.values():
-        node.outside = {}  # no socket where tests that run beside this one have theirs
-    executor = Executor(plan, COMPOSED)
+    executor = executor_of(composed(scene, **given), directory)
     found: list[Record] = []
     states = 0
 

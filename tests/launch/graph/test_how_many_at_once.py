@@ -6,11 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from composed_runs import SMALL, composed, on_gpu
+from composed_runs import SMALL, composed, executor_of, on_gpu
 
 from evis.launch.planner import WINDOW_AT_ONCE, WINDOW_ON_CPU, Options, plan_target
 from evis.runtime.executor import Executor
-from evis.runtime.plan import COMPOSED
 from nodes.renderer.at_once import MOST, MOST_ON_CPU, at_once, keyframes_of, refined_at_once
 
 
@@ -60,13 +59,10 @@ def test_nodes_are_told_of_a_recorder(tmp_path: Path) -> None:
 
 def test_a_graph_of_small_pictures_takes_several_on_a_cpu() -> None:
     taken: list[int] = []
-    plan = composed("spinning_disk", time_tolerance=0)
-    plan.nodes = {name: node for name, node in plan.nodes.items() if node.process == COMPOSED and not node.dormant}
-    plan.topics = {name: topic for name, topic in plan.topics.items() if topic.node in plan.nodes}
-    executor = Executor(plan, COMPOSED)
+    executor = executor_of(composed("spinning_disk", time_tolerance=0))
     try:
         executor.setup()
-        interpolator = executor._hosts["interpolator"].node
+        interpolator = executor.node("interpolator")
         update = interpolator.update_all
         interpolator.update_all = lambda inputs: taken.append(len(inputs)) or update(inputs)
         executor.run()

@@ -11,13 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from composed_runs import LENGTH_S, RECORDED_APART, Record, composed, published, run_of
+from composed_runs import LENGTH_S, RECORDED_APART, Record, published, run_of
 from launcher import Launcher
 from mcap.reader import make_reader
 
 from evis.runtime.executor import Executor
 from evis.runtime.node import Node
-from evis.runtime.plan import COMPOSED
 from msgs.header import Header, Message
 from msgs.world import Reset
 from nodes.event_sensor.messages.calls_in_flight import CallsInFlight
@@ -193,16 +192,8 @@ def test_pixels_that_fill_up_a_batch_are_not_counted(monkeypatch: pytest.MonkeyP
     """Of 10 keyframes in batches of 4 the last two are rendered three times in all, and count once each."""
 
     def counted(batch: int) -> Any:
-        plan = composed("spinning_disk", batch=batch, time_tolerance=0)
-        plan.nodes = {name: node for name, node in plan.nodes.items() if node.process == COMPOSED and not node.dormant}
-        plan.topics = {name: topic for name, topic in plan.topics.items() if topic.node in plan.nodes}
-        executor = Executor(plan, COMPOSED)
-        try:
-            executor.setup()
-            executor.run()
-        finally:
-            executor.close()
-        return executor.summary()["renderer"]["counters"].get("nonfinite_pixels")
+        counts = run_of("spinning_disk", batch=batch, time_tolerance=0)[1]
+        return counts["renderer"].get("nonfinite_pixels")
 
     real = Renderer.render
 
