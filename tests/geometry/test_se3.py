@@ -82,7 +82,8 @@ def test_twist_of_a_frame_in_a_moving_frame_is_the_derivative_of_its_pose():
 
 def test_mujoco_order():
     """MuJoCo's own rotation of a vector is the reference."""
-    mujoco = pytest.importorskip("mujoco")
+    import mujoco
+
     q = random_quaternions(1, 20)[0]
     v, out = np.array([0.3, -2.0, 1.0]), np.zeros(3)
     mujoco.mju_rotVecQuat(out, v, se3.to_mujoco(q))

@@ -76,7 +76,6 @@ def gltf_scene(folder: Path, **changes: object) -> Path:
 
 def model(folder: Path, asset: str = "", body: str = "", text: str = "") -> Path:
     """An MJCF."""
-    pytest.importorskip("mujoco")
     (folder / "a.xml").write_text(text or MODEL.format(asset, body))
     return folder / "a.xml"
 
@@ -174,7 +173,8 @@ def test_an_obj_of_two_numbers_a_vertex_is_named(tmp_path: Path) -> None:
 
 def test_an_exr_of_many_channels_is_refused(tmp_path: Path) -> None:
     """400 channels of 4096 x 4096 zeros would be 27 GB; the channels are counted in the header."""
-    OpenEXR = pytest.importorskip("OpenEXR")
+    import OpenEXR
+
     small = {f"c{i:03}": np.zeros((4, 8), np.float16) for i in range(400)}
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     with OpenEXR.File(header, small) as file:
@@ -283,7 +283,6 @@ MODELS = [
 
 def test_a_model_is_checked_before_mujoco_expands_it(tmp_path: Path) -> None:
     """Before: 10.5 GB for a texture, hours for a replicate, the death of the process for a model within itself."""
-    pytest.importorskip("mujoco")
     paths = [tmp_path / str(i) / "a.xml" for i in range(len(MODELS))]
     for path, (asset, body, _) in zip(paths, MODELS):
         path.parent.mkdir()
@@ -299,7 +298,6 @@ def test_a_model_is_checked_before_mujoco_expands_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize("suffix", ["xml", "urdf"])
 def test_entities_are_refused(tmp_path: Path, suffix: str) -> None:
     """Ten levels of ten, the billion laughs."""
-    pytest.importorskip("mujoco")
     levels = "".join(f'<!ENTITY e{i} "{f"&e{i - 1};" * 10}">' for i in range(1, 10))
     root = "mujoco" if suffix == "xml" else "robot"
     path = tmp_path / f"a.{suffix}"
@@ -309,7 +307,8 @@ def test_entities_are_refused(tmp_path: Path, suffix: str) -> None:
 
 def test_a_model_of_legal_size_is_as_mujoco_has_it(tmp_path: Path) -> None:
     """Repeats, frames, a field and a texture within the limits."""
-    mujoco = pytest.importorskip("mujoco")
+    import mujoco
+
     path = model(
         tmp_path,
         '<hfield name="h" nrow="20" ncol="30" size="1 1 1 1"/><texture name="t" type="2d" builtin="checker" width="64"'

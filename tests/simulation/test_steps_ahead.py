@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 import evis
-
-pytest.importorskip("mujoco")
 from nodes.physics.dynamics.batch.mujoco_threads import MujocoThreads
 
 

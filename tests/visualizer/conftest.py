@@ -9,11 +9,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import aiohttp
 import pytest
-
-aiohttp = pytest.importorskip("aiohttp")
-
-from synthetic_graph import make_node, make_plan  # noqa: E402
+from synthetic_graph import make_node, make_plan
 
 LIMIT_S = 60.0
 """For all that is waited for: far more than a loaded machine needs."""

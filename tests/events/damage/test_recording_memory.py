@@ -131,7 +131,8 @@ def test_a_bomb_is_refused(kind, tmp_path):
 
     block = bytes(20 * MB)
     if kind == "lz4":
-        lz4 = pytest.importorskip("lz4.frame")
+        import lz4.frame as lz4
+
         data = lz4.compress(block)
     elif kind == "zstd":
         import zstandard

@@ -83,7 +83,6 @@ def test_finer_ones_are_the_same_shape(shape):
 
 def test_those_of_a_model_keep_their_textures(tmp_path):
     """A ball of an MJCF with a picture around it, near and far."""
-    pytest.importorskip("mujoco")
     (tmp_path / "m.xml").write_text(
         """<mujoco><asset><texture name="t" type="2d" builtin="checker" width="8" height="8" rgb1="1 1 1"/>
         <material name="m" texture="t"/></asset><worldbody><camera pos="0 -1.6 0" xyaxes="1 0 0 0 0 1"/>

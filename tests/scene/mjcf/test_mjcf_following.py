@@ -1,13 +1,12 @@
 """Cameras and lights of a MuJoCo model that track a body or look at one: which frames a scene has for them."""
 
+import mujoco
 import numpy as np
 import pytest
 
 from evis.geometry import se3
 from evis.scene import load_scene
 from evis.scene.model import WORLD
-
-mujoco = pytest.importorskip("mujoco")
 
 BODIES = """
 <body name="post" pos="1 0 0"><geom size="0.1"/>{post}</body>

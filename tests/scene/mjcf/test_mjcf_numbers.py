@@ -2,12 +2,11 @@
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
 from evis.scene import SceneError, load_scene
-
-mujoco = pytest.importorskip("mujoco")
 
 CORNERS = [(-1.0, -1.0, 0.0), (1.0, -1.0, 0.0), (1.0, 1.0, 0.0), (-1.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
 TEXCOORDS = [(0.1, 0.2), (0.9, 0.25), (0.8, 0.7), (0.15, 0.6), (0.5, 0.9)]

@@ -1,13 +1,12 @@
 """Scenes from MuJoCo models, against MuJoCo's own numbers."""
 
+import mujoco
 import numpy as np
 import pytest
 
 from evis.geometry import se3
 from evis.scene import SceneError, load_scene
 from evis.scene.images.colour import linear_from_srgb
-
-mujoco = pytest.importorskip("mujoco")
 
 MODEL = """
 <mujoco>

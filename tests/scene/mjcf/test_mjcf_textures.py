@@ -3,6 +3,7 @@
 import itertools
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from PIL import Image
@@ -12,8 +13,6 @@ from evis.scene import SceneError, load_scene
 from evis.scene.folders import Folders
 from evis.scene.mjcf.compiling.compile import compile_drawn
 from evis.scene.model import Mesh, Scene
-
-mujoco = pytest.importorskip("mujoco")
 
 CHECKER = '<texture name="t" type="2d" builtin="checker" rgb1="1 1 1" rgb2="0 0 0" width="64" height="64"/>'
 

@@ -7,8 +7,6 @@ from evis.geometry import se3
 from evis.scene import SceneError, load_scene
 from evis.scene.load import is_dynamic
 
-pytest.importorskip("mujoco")
-
 URDF = """<robot name="two_links">
   <link name="base">
     <visual><geometry><box size="0.2 0.4 0.1"/></geometry>

@@ -109,7 +109,6 @@ CASES = [
 @pytest.mark.parametrize(("kind", "how"), CASES)
 def test_what_leads_out_is_refused_and_what_is_stated_is_not(place: Path, kind: str, how: str) -> None:
     """The error names the file, what it names and the line that allows it, which does."""
-    pytest.importorskip("mujoco")
     outside = place.parent / "outside"
     name = NAMES[kind]
     if how == "link":
@@ -140,7 +139,6 @@ def test_what_leads_out_is_refused_and_what_is_stated_is_not(place: Path, kind: 
 @pytest.mark.parametrize("kind", NAMES)
 def test_what_lies_below_is_read(place: Path, kind: str) -> None:
     """Also by way of a folder above it, percent-encoded, or by its whole path."""
-    pytest.importorskip("mujoco")
     (place.parent / "outside").rename(place / "sub dir")
     called = [f"sub dir/{NAMES[kind]}", f"../scene/sub dir/{NAMES[kind]}", str(place / "sub dir" / NAMES[kind])]
     if kind.startswith("gltf"):
@@ -151,7 +149,6 @@ def test_what_lies_below_is_read(place: Path, kind: str) -> None:
 
 def test_the_folder_of_what_the_scene_names_counts_as_stated(place: Path) -> None:
     """`mjcf: ../robots/x.xml` may read what lies beside x.xml; so may a mesh."""
-    pytest.importorskip("mujoco")
     outside = place.parent / "outside"
     (outside / "r.xml").write_text(
         '<mujoco><compiler meshdir="../outside"/><asset><mesh name="t" file="part.obj"/></asset><worldbody>'
@@ -165,7 +162,6 @@ def test_the_folder_of_what_the_scene_names_counts_as_stated(place: Path) -> Non
 
 def test_a_model_by_itself_takes_folders_from_the_command_line(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Relative to where it is launched; several with commas. What moves the bodies has them too."""
-    pytest.importorskip("mujoco")
     from nodes.physics.mujoco_engine import MujocoEngine
 
     write(place, "mesh", "../outside/part.obj")
@@ -188,7 +184,6 @@ def test_a_model_by_itself_takes_folders_from_the_command_line(place: Path, monk
 
 def test_the_command_line_hands_the_folders_on(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`evis launch a.xml assets:=outside,scene`, and as nodes get it in their `scene_args`."""
-    pytest.importorskip("mujoco")
     from evis.cli import main
 
     write(place, "mesh", "../outside/part.obj")
@@ -200,7 +195,8 @@ def test_the_command_line_hands_the_folders_on(place: Path, monkeypatch: pytest.
 
 def test_models_laid_out_as_they_usually_are_need_no_option(tmp_path: Path) -> None:
     """Assets in a folder below, shared includes, names without their folder, comments that are not quite XML."""
-    mujoco = pytest.importorskip("mujoco")
+    import mujoco
+
     (tmp_path / "assets" / "visual").mkdir(parents=True)
     Image.new("RGB", (2, 2), (255, 0, 0)).save(tmp_path / "assets" / "visual" / "red.png")
     tetrahedron = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
@@ -229,7 +225,6 @@ def test_models_laid_out_as_they_usually_are_need_no_option(tmp_path: Path) -> N
 
 def test_packages_by_name_alone_are_no_way_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`package://etc/x` would be /etc/x, above every robot; with a package.xml, or in ROS's paths, it is a package."""
-    pytest.importorskip("mujoco")
     for name in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"):
         monkeypatch.delenv(name, raising=False)
     robot = tmp_path / "downloads" / "r.urdf"
@@ -253,7 +248,6 @@ def test_packages_by_name_alone_are_no_way_out(tmp_path: Path, monkeypatch: pyte
 
 def test_installed_packages_may_be_links(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As colcon installs them with --symlink-install."""
-    pytest.importorskip("mujoco")
     source, share = tmp_path / "src" / "part.obj", tmp_path / "install" / "share" / "arm"
     for folder in (source.parent, share, tmp_path / "here"):
         folder.mkdir(parents=True)

@@ -1,12 +1,12 @@
 """Environment maps: EXR files written by the reference library, and skies by code against closed forms."""
 
 import numpy as np
+import OpenEXR
 import pytest
 
 from evis.scene import SceneError, load_scene
 from evis.scene.images.sky import directions, mean_radiance, solid_angles
 
-OpenEXR = pytest.importorskip("OpenEXR")
 HEADER = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
 
 

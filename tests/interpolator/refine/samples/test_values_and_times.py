@@ -267,9 +267,10 @@ def test_an_environment_that_begins_an_episode_has_none():
 
 
 def test_a_margin_changes_no_time():
-    """What enters the image is looked up in the margin, so values differ a little; where samples are does not much."""
-    plain_one, wide = (refined(tumbling(), 4, 100_000, margin=m)[1] for m in (0, 8))
-    assert abs(len(plain_one[0]) - len(wide[0])) < 0.1 * len(wide[0])
+    """What enters the image is looked up in the margin, so values differ a little, and where samples are hardly: 4 of
+    19,680 did."""
+    pairs = [set(zip(*(a.tolist() for a in refined(tumbling(), 4, 100_000, margin=m)[1][:2]))) for m in (0, 8)]
+    assert min(map(len, pairs)) > 10_000 and len(pairs[0] ^ pairs[1]) < 0.001 * len(pairs[0])
 
 
 def test_a_pole_between_two_frames_is_not_missed():
