@@ -11,6 +11,8 @@ PORTABLE = 1
 PEER_ACCESS = 1
 """CU_IPC_MEM_LAZY_ENABLE_PEER_ACCESS, without which no handle is opened."""
 HANDLE_BYTES = 64
+RESERVED, USED = 5, 7
+"""CU_MEMPOOL_ATTR_RESERVED_MEM_CURRENT and CU_MEMPOOL_ATTR_USED_MEM_CURRENT."""
 
 
 class _Handle(ctypes.Structure):
@@ -62,6 +64,15 @@ def open_memory(device: Any, handle: bytes) -> int:
 def close_memory(device: Any, address: int) -> None:
     """Undoes `open_memory`."""
     _done(device, "cuIpcCloseMemHandle", ctypes.c_uint64(address))
+
+
+def kept_memory(device: Any) -> int:
+    """Gives the bytes that the memory pool of a Warp device holds for no array; 0 where the driver does not tell."""
+    pool, reserved, used = ctypes.c_void_p(), ctypes.c_uint64(), ctypes.c_uint64()
+    told = _done(device, "cuDeviceGetDefaultMemPool", ctypes.byref(pool), ctypes.c_int(device.ordinal))
+    for attribute, value in ((RESERVED, reserved), (USED, used)):
+        told = told and _done(device, "cuMemPoolGetAttribute", pool, ctypes.c_int(attribute), ctypes.byref(value))
+    return max(reserved.value - used.value, 0) if told else 0
 
 
 def _done(device: Any, name: str, *arguments: Any) -> bool:

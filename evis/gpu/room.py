@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from evis.gpu.driver import kept_memory
+
 MEMINFO = Path("/proc/meminfo")
 CGROUP = Path("/sys/fs/cgroup")
 _LIMITS = (("memory.max", "memory.current"), ("memory/memory.limit_in_bytes", "memory/memory.usage_in_bytes"))
@@ -14,7 +16,7 @@ _LIMITS = (("memory.max", "memory.current"), ("memory/memory.limit_in_bytes", "m
 
 def free_memory(device: Any) -> int | None:
     """Gives the bytes that may still be had on a Warp device; None where nothing tells."""
-    return int(device.free_memory) if device.is_cuda else free_host_memory()
+    return int(device.free_memory) + kept_memory(device) if device.is_cuda else free_host_memory()
 
 
 def free_host_memory() -> int | None:

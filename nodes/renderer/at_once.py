@@ -77,9 +77,10 @@ def at_once(
     if asked > 1 and envs > 1:
         raise ValueError(f"{name}: batch:={asked} with envs:={envs}: environments are a batch already; leave one out")
     each = pixels * max(frames, 1)
-    if asked > 1 and where.is_cuda and asked * each * BYTES > where.free_memory:
-        need, free = (f"{size / 1e9:.3g} GB" for size in (asked * each * BYTES, where.free_memory))
-        fits = max(where.free_memory // (each * BYTES), 1)
+    left = free_memory(where) if asked > 1 and where.is_cuda else None
+    if left is not None and asked * each * BYTES > left:
+        need, free = (f"{size / 1e9:.3g} GB" for size in (asked * each * BYTES, left))
+        fits = max(left // (each * BYTES), 1)
         raise ValueError(
             f"{name}: batch:={asked} takes about {need} on {where.alias}, of which {free} are free; batch:={fits} fits"
         )
