@@ -88,6 +88,17 @@ def size(text: str) -> tuple[int, int]:
     return int(found[1]), int(found[2])
 
 
+def rectangle(text: str) -> tuple[int, int, int, int]:
+    """Parses a rectangle of pixels: `100,50,640,480` -> x, y, width, height."""
+    found = re.fullmatch(r"(\d{1,6}),(\d{1,6}),(\d{1,6}),(\d{1,6})", text.replace(" ", ""))
+    if found is None:
+        raise argparse.ArgumentTypeError(
+            f"'{text}' is no rectangle; write x,y,width,height in pixels, as 100,50,640,480"
+        )
+    x, y, width, height = map(int, found.groups())
+    return x, y, width, height
+
+
 def open_input(args: argparse.Namespace, path: str) -> Recording:
     """Opens the recording that `add_input` describes."""
     from evis.events import open_recording

@@ -321,3 +321,42 @@ def test_rebase_is_not_advised_to_who_gave_it(capsys, tmp_path, ending):
     with pytest.raises(ValueError, match=r"sort the events.*write \.npz") as told:
         command.run(parse(*words, "--rebase"))
     assert "use --rebase" not in str(told.value)
+
+
+def test_convert_takes_a_part_of_the_events(capsys, tmp_path):
+    """Two rows of a bar that moves, a lone event beside it, and one half of the sensor: what is left is counted by
+    hand, what is left out is told."""
+    x = np.repeat(np.arange(10), 2)
+    t, y, p = x * 1_000_000, np.tile([4, 5], 10), np.tile([1, 0], 10)
+    rows = sorted([*zip(t.tolist(), x.tolist(), y.tolist(), p.tolist()), (5_000_000, 2, 15, 1)])
+    with open_writer(tmp_path / "bar.npz", 20, 16) as out:
+        out.write(Events.of(*zip(*rows)))
+    part = ["--crop", "5,4,6,3", "--polarity", "on", "--denoise", "2"]
+    told = call(capsys, "convert", tmp_path / "bar.npz", tmp_path / "part.npz", *part)
+    # lone: the very first event and the one at (2, 15); outside: the rest of columns 0 to 4; OFF: row 5
+    assert {k: told[k] for k in ("events", "noise_left_out", "outside_crop", "off_left_out")} == {
+        "events": 5, "noise_left_out": 2, "outside_crop": 9, "off_left_out": 5,
+    }  # fmt: skip
+    with open_recording(tmp_path / "part.npz") as recording:
+        assert (recording.info.width, recording.info.height) == (6, 3)
+        events = recording.read()
+    assert (events.x.tolist(), set(events.y), set(events.p)) == ([0, 1, 2, 3, 4], {0}, {1})
+    assert events.t.tolist() == [k * 1_000_000 for k in range(5, 10)]
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        (["--crop", "18,0,3,3"], "--crop 18,0,3,3 is not inside the sensor of 20x16"),
+        (["--crop", "all"], "'all' is no rectangle"),
+        (["--denoise", "0"], "'0' is no time in ms"),
+        (["--polarity", "both"], "on"),
+    ],
+)
+def test_convert_refuses_a_part_that_cannot_be(option, said, tmp_path, capsys):
+    with open_writer(tmp_path / "a.npz", 20, 16) as out:
+        out.write(Events.of([0], [0], [0], [1]))
+    with pytest.raises((UsageError, SystemExit)) as error:
+        command.run(parse("convert", tmp_path / "a.npz", tmp_path / "b.npz", *option))
+    assert said in str(error.value) + capsys.readouterr().err
+    assert not (tmp_path / "b.npz").exists()
