@@ -27,8 +27,8 @@ STEP_NS = 20_000_000
 _ENCODINGS = {
     ".raw": ("evt3", "evt4", "evt21", "evt21_legacy", "evt2"),
     ".aedat4": ("zstd", "lz4", "none"),
-    ".h5": ("ecf", "plain"),
-    ".hdf5": ("ecf", "plain"),
+    ".h5": ("ecf", "plain", "dsec"),
+    ".hdf5": ("ecf", "plain", "dsec"),
 }
 
 
@@ -114,7 +114,7 @@ def add_output(parser: argparse.ArgumentParser) -> None:
         default="",
         metavar="NAME",
         help="of .raw: evt3 (default), evt4, evt21, evt21_legacy, evt2; of .aedat4: zstd (default), lz4, none; of .h5 "
-        "and .hdf5: ecf (default), plain",
+        "and .hdf5: ecf (default) or plain, as Prophesee has it, or dsec, with ms_to_idx",
     )
 
 
@@ -122,7 +122,10 @@ def check_output(path: str, encoding: str) -> None:
     """Raises UsageError unless OUT is written in a known format that has the encoding."""
     suffix = os.path.splitext(path)[1].lower()
     if suffix not in OUTPUTS.replace(" or", ",").split(", "):
-        raise UsageError(f"{path}: cannot write '{suffix}'; the extensions are {OUTPUTS}")
+        bag = f"; `evis launch camera file:=RECORDING pace:=fast --record {path}` makes a bag of a recording"
+        raise UsageError(
+            f"{path}: cannot write '{suffix}'; the extensions are {OUTPUTS}{bag if suffix == '.mcap' else ''}"
+        )
     known = _ENCODINGS.get(suffix, ())
     if encoding and encoding not in known:
         there = f"there are {', '.join(known)}" if known else "leave out --encoding"
