@@ -21,7 +21,7 @@ from evis.dataset.recipe import Recipe, SceneDraws
 from evis.dataset.recipe_sources import files_of, folders_of
 from evis.files.regular import other_than_file
 from evis.launch.target import Target, read_target, scene_arguments
-from evis.simulation.outputs import NAMES
+from evis.simulation.output_names import NAMES
 
 KEYS = {
     "description": Param(str, "", "one line for people"),
