@@ -1,4 +1,4 @@
-"""Implements `evis events convert`, which writes a recording in another format."""
+"""Implements `evis events convert`, which writes a recording, or a part of it, in another format."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from evis.cli.parser import UsageError
 if TYPE_CHECKING:
     from evis.events import Events, RecordingInfo
 
-HELP = "write a recording in another format"
+HELP = "write a recording, or a part of it, in another format"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
