@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.config.suggestions import environments_there
 from evis.gpu.exchange import NUMPY, as_kind, as_warp, kind_of
 from evis.gpu.host_copies import host_array
 from nodes.event_sensor.effects import check_given
@@ -188,7 +189,7 @@ class EventSensor:
         except ValueError as error:
             raise ValueError(f"{_OWNER}: {error}") from None
         if len(chosen) and chosen[-1] >= self.envs:
-            raise ValueError(f"{_OWNER}: no environment {chosen[-1]}; there are {self.envs}, 0 to {self.envs - 1}")
+            raise ValueError(f"{_OWNER}: no environment {chosen[-1]}; {environments_there(self.envs)}")
         self._episodes[chosen] += 1
 
     def counts(self) -> dict[str, int]:

@@ -20,9 +20,9 @@ import h5py
 import evis
 from bench import command
 from bench.dataset.making import recipe_text, run
-from evis.dataset.layouts.hdf5_rows import blosc
 from evis.dataset.loading.sequence import Sequence
 from evis.dataset.loading.windows import Windows
+from evis.files.hdf5_rows import blosc
 
 WINDOW_S = 0.05
 BATCH = 16

@@ -12,6 +12,7 @@ import numpy as np
 from bench import command
 from bench.renderer.scenes import prescribed_poses
 from evis.geometry import se3
+from evis.media.colour import REC709
 from evis.scene import load_scene
 from evis.scene.model import Scene
 from nodes.renderer.paths.paths import PathOptions
@@ -68,7 +69,7 @@ def followed(now: dict[str, np.ndarray], before: dict[str, np.ndarray]) -> np.nd
 
 def luminance(images: dict[str, np.ndarray]) -> np.ndarray:
     """Computes luminance [H, W] in float64, at least 1e-6."""
-    return np.maximum(images["radiance"][0].astype(np.float64) @ [0.2126, 0.7152, 0.0722], 1e-6)
+    return np.maximum(images["radiance"][0].astype(np.float64) @ REC709, 1e-6)
 
 
 def changes(options: PathOptions | None, pixels: float, size: tuple[int, int]) -> np.ndarray:

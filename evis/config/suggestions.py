@@ -26,3 +26,8 @@ def nearest(name: str, known: Iterable[str], otherwise: str = "there are") -> st
     names = list(known)
     near = closest(name, names)
     return f"did you mean '{near}'?" if near else f"{otherwise} {', '.join(names) or 'none'}"
+
+
+def environments_there(count: int) -> str:
+    """Says which environments a run has, to stand behind the number of one that it has not."""
+    return f"there are environments 0 to {count - 1}" if count > 1 else "there is environment 0 alone"

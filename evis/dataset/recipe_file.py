@@ -21,7 +21,7 @@ from evis.dataset.recipe import Recipe, SceneDraws
 from evis.dataset.recipe_sources import files_of, folders_of
 from evis.files.regular import other_than_file
 from evis.launch.target import Target, read_target, scene_arguments
-from evis.simulation.outputs import NAMES
+from evis.simulation.output_names import NAMES
 
 KEYS = {
     "description": Param(str, "", "one line for people"),
@@ -50,13 +50,18 @@ LONGEST = 1e6
 """Longest sequence [s]."""
 
 
+class UnknownRecipe(DatasetError):
+    """Says that what was named is no recipe."""
+
+
 def find_recipe(name: str) -> Path:
-    """Finds a recipe by path or by the name of one that comes with evis. Raises DatasetError."""
+    """Finds a recipe by path or by the name of one that comes with evis. Raises DatasetError, of a name that there is
+    not UnknownRecipe."""
     if (path := paths.find("recipes", name)) is not None:
         return path
     if what := other_than_file(name):
         raise DatasetError(f"{name}: it is {what}, and a recipe must be a file")
-    raise DatasetError(f"there is no recipe {name}; {nearest(Path(name).stem, paths.names('recipes'))}")
+    raise UnknownRecipe(f"there is no recipe {name}; {nearest(Path(name).stem, paths.names('recipes'))}")
 
 
 def read_recipe(name: str | Path, duration_s: float | None = None) -> Recipe:

@@ -305,7 +305,7 @@ def open_writer(path: str | os.PathLike[str], width: int, height: int, encoding:
     """Opens a writer for the format of the path's extension.
 
     encoding, where the format has a choice: .raw evt3 (default), evt4, evt21, evt21_legacy, evt2; .aedat4 zstd
-    (default), lz4, none; .h5 and .hdf5 ecf (default), plain.
+    (default), lz4, none; .h5 and .hdf5 ecf (default), plain, dsec.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in WRITERS:

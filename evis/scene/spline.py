@@ -89,21 +89,36 @@ class Splines:
 
 def _slopes(t: np.ndarray, x: np.ndarray, loop: bool, start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Derivatives [K, D] at the times: the second derivatives of neighbouring pieces agree."""
-    n = len(t)
     h = np.diff(t)
     secant = np.diff(x, axis=0) / h[:, None]
+    if not loop:
+        return _clamped(h, secant, start, end)
+    n = len(t)
     matrix, right = np.zeros((n, n)), np.zeros_like(x)
     for i in range(1, n - 1):
         matrix[i, i - 1 : i + 2] = 1 / h[i - 1], 2 / h[i - 1] + 2 / h[i], 1 / h[i]
         right[i] = 3 * (secant[i - 1] / h[i - 1] + secant[i] / h[i])
-    if loop:
-        # The last piece is followed by the first one; the slopes at both ends are the same.
-        matrix[0, 0] += 2 / h[0] + 2 / h[-1]
-        matrix[0, 1] += 1 / h[0]
-        matrix[0, -2] += 1 / h[-1]
-        right[0] = 3 * (secant[-1] / h[-1] + secant[0] / h[0])
-        matrix[-1, 0], matrix[-1, -1] = 1.0, -1.0
-    else:
-        matrix[0, 0] = matrix[-1, -1] = 1.0
-        right[0], right[-1] = start, end
+    # The last piece is followed by the first one; the slopes at both ends are the same.
+    matrix[0, 0] += 2 / h[0] + 2 / h[-1]
+    matrix[0, 1] += 1 / h[0]
+    matrix[0, -2] += 1 / h[-1]
+    right[0] = 3 * (secant[-1] / h[-1] + secant[0] / h[0])
+    matrix[-1, 0], matrix[-1, -1] = 1.0, -1.0
     return np.linalg.solve(matrix, right)
+
+
+def _clamped(h: np.ndarray, secant: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Computes the slopes with those at both ends given, by elimination along the diagonal (Thomas): a file may have a
+    hundred thousand."""
+    near, far = 1 / h[:-1], 1 / h[1:]
+    diagonal, right = 2 * (near + far), 3 * (secant[:-1] * near[:, None] + secant[1:] * far[:, None])
+    slopes = np.empty((len(h) + 1, secant.shape[1]))
+    slopes[0], slopes[-1] = start, end
+    above, rest = np.zeros(len(h)), slopes[0]
+    for i in range(len(near)):
+        pivot = diagonal[i] - near[i] * above[i]
+        above[i + 1] = far[i] / pivot
+        rest = slopes[i + 1] = (right[i] - near[i] * rest) / pivot
+    for i in range(len(near), 0, -1):
+        slopes[i] -= above[i] * slopes[i + 1]
+    return slopes

@@ -12,7 +12,8 @@ import numpy as np
 
 from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
-from evis.simulation.outputs import STATE, RequestedOutputs
+from evis.simulation.output_names import STATE
+from evis.simulation.outputs import RequestedOutputs
 from msgs.camera import EventPacket, Image
 from msgs.header import Header, Message
 from msgs.world import Action, WorldState

@@ -25,7 +25,8 @@ from evis.simulation.actuators import actuators_of
 from evis.simulation.auto import Chosen, without_auto
 from evis.simulation.each import together
 from evis.simulation.errors import SimulationError, SimulationWarning
-from evis.simulation.outputs import LABELS, RequestedOutputs
+from evis.simulation.output_names import LABELS
+from evis.simulation.outputs import RequestedOutputs
 from msgs.topics import SYSTEM_TOPICS
 from nodes.physics.actuators import Actuators
 

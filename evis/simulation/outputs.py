@@ -1,4 +1,4 @@
-"""Names the outputs that a caller may ask for, and the topics that they stand for."""
+"""Reads the outputs that a caller asks for, and finds the topics that they stand for."""
 
 from __future__ import annotations
 
@@ -6,16 +6,9 @@ import fnmatch
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from evis.config.suggestions import nearest
 from evis.simulation.errors import SimulationError
-from msgs.topics import SYSTEM_TOPICS, TOPICS
-
-STATE = "/state"
-CAMERA = "/<cam>/"
-OF_CAMERA = tuple(t.pattern.removeprefix(CAMERA) for t in TOPICS if t.pattern.startswith(CAMERA))
-"""Outputs that every camera has: events, frames, keyframe, ..."""
-NAMES = (*OF_CAMERA, *(t.pattern[1:] for t in TOPICS if not t.pattern.startswith(CAMERA) and t.lockstep))
-LABELS = "labels"
+from evis.simulation.output_names import LABELS, NAMES, OF_CAMERA, meant
+from msgs.topics import SYSTEM_TOPICS
 
 
 @dataclass(frozen=True)
@@ -55,7 +48,7 @@ def parse(outputs: Sequence[str] | str) -> RequestedOutputs:
             labels[parts.pop()] = None
         *camera, last = parts
         if last not in NAMES or (camera and last not in OF_CAMERA):
-            raise SimulationError(f"there is no output '{name}'; {nearest(last, NAMES)}")
+            raise SimulationError(f"there is no output '{name}'; {meant(parts)}")
         globs["/" + "/".join([*(camera or (["*"] if last in OF_CAMERA else [])), last])] = None
     if not globs:
         raise SimulationError("a simulation with no output would compute nothing; outputs=('events',) is usual")

@@ -18,7 +18,8 @@ from evis.simulation.actuators import controls_of
 from evis.simulation.caller import CallerNode
 from evis.simulation.errors import Diverged, SimulationError, SimulationWarning
 from evis.simulation.graph import CALLER, Graph, needs_sockets
-from evis.simulation.outputs import OF_CAMERA, RequestedOutputs
+from evis.simulation.output_names import OF_CAMERA
+from evis.simulation.outputs import RequestedOutputs
 from evis.simulation.step import IMAGE, IMAGES, Step, value_of
 from evis.supervisor.run_directory import RunDirectory
 from nodes.physics.actuators import NO_ACTUATORS

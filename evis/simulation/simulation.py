@@ -13,6 +13,7 @@ from typing import Any, Never, Self
 import numpy as np
 
 from evis.client.resets import environments_of, seeds_of
+from evis.config.suggestions import environments_there
 from evis.runtime.garbage_collection import without_garbage_collection
 from evis.scene.model import Scene
 from evis.scene.parameters import SCENE, scene_of
@@ -344,7 +345,7 @@ class Simulation:
         except TypeError:
             found = False
         if not found:
-            raise SimulationError(f"there is no environment {env!r:.60}; there are {self.envs}, 0 to {self.envs - 1}")
+            raise SimulationError(f"there is no environment {env!r:.60}; {environments_there(self.envs)}")
 
     def _check_open(self) -> None:
         if self._closed:

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from evis.simulation.output_names import how_to_get
 from msgs.audit import Audit
 from msgs.camera import (
     CameraInfo,
@@ -71,11 +72,7 @@ class CameraOutputs:
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
             raise AttributeError(name)
-        there = ", ".join(vars(self))
-        raise AttributeError(
-            f"the step has no {name}; it has {there}. What else is wanted is named when the simulation is made: "
-            f"outputs=('events', '{name}')"
-        )
+        raise AttributeError(f"the step has no {name}; {how_to_get(name, list(vars(self)))}")
 
 
 class Step(CameraOutputs):

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from evis.config.suggestions import environments_there
 from msgs.own_time import CONFIGURED, LARGEST_SEED
 
 
@@ -19,10 +20,9 @@ def checked(
     """
     chosen = [int(e) for e in np.asarray(envs).reshape(-1)] or list(range(count))
     given = [int(s) for s in np.asarray(seeds).reshape(-1)] or [CONFIGURED] * len(chosen)
-    have = f"there are environments 0 to {count - 1}" if count > 1 else "there is environment 0 alone"
     for env in chosen:
         if not 0 <= env < count:
-            raise ValueError(f"a reset names environment {env}; {have}")
+            raise ValueError(f"a reset names environment {env}; {environments_there(count)}")
         if chosen.count(env) > 1:
             raise ValueError(f"a reset names environment {env} twice")
     if len(given) != len(chosen):

@@ -65,6 +65,25 @@ def test_help_before_a_command_is_its_own(capsys: pytest.CaptureFixture[str]) ->
     assert main(["help", "lunch"]) == 2 and "did you mean 'launch'" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (
+            ["launch", "spinning_disk", "--record", "disk.raw"],
+            "--record: cannot record to disk.raw: what is written is",
+        ),
+        (["launch", "spinning_disk", "--record", "-"], "--record: cannot record to -"),
+        (["bag", "record", "disk.npz"], "cannot record to disk.npz"),
+        (["dataset", "make", "rotatio", "--out", "disks"], "there is no recipe rotatio; did you mean 'rotation'?"),
+    ],
+)
+def test_names_that_cannot_be_meant_are_wrong_usage(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(words) == 2
+    assert said in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(("command", "action"), [("topic", a) for a in ("list", "info", "echo", "hz", "bw", "delay")]
                          + [("node", "list"), ("node", "info")])  # fmt: skip
 def test_actions_have_help_with_an_example(command: str, action: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -154,8 +154,16 @@ def test_outputs_are_those_that_were_asked_for() -> None:
         assert step.frames.t[-1] == step.stamp_ns == step.state.t[-1] == sim.stamp_ns
         assert len(step.labels.box) and step.labels.flow is None
         assert set(vars(step.cameras["right"])) == {"depth", "frames"}
-        with pytest.raises(AttributeError, match=r"the step has no events; .*outputs=\('events', 'events'\)"):
+        with pytest.raises(AttributeError, match="the step has no events; add 'events' to the `outputs`"):
             _ = step.events
+        with pytest.raises(
+            AttributeError, match=r"the step has no flow; .*step\.labels\.flow, where `outputs` has 'labels\.flow'"
+        ):
+            _ = step.flow
+        with pytest.raises(AttributeError, match=r"the step has no flow; add 'labels\.flow' to the `outputs`"):
+            _ = step.cameras["right"].flow
+        with pytest.raises(AttributeError, match=r"the step has no dept; it has .*did you mean 'depth'\?"):
+            _ = step.dept
 
 
 def test_labels_of_events_may_be_asked_of_one_camera_and_events_of_all() -> None:

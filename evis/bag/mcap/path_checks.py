@@ -15,12 +15,16 @@ OTHER_FORMATS = (
 """Endings that say of a file that it is something else."""
 
 
+class BagNameError(BagError):
+    """Says that no bag is written under such a name."""
+
+
 def check_name(path: Path) -> None:
-    """Raises BagError for a name that a bag should not have: that of another format, or - for standard output."""
+    """Raises BagNameError for a name that a bag should not have: that of another format, or - for standard output."""
     if str(path) == "-":
-        raise BagError("cannot record to -: a bag does not go to standard output; name a file such as run.mcap")
+        raise BagNameError("cannot record to -: a bag does not go to standard output; name a file such as run.mcap")
     if path.suffix.lower() in OTHER_FORMATS:
-        raise BagError(
+        raise BagNameError(
             f"cannot record to {path}: what is written is MCAP, and {path.suffix} is the ending of another format; "
             f"name it {path.with_suffix('.mcap')} (`evis bag export` makes other formats of it)"
         )

@@ -37,9 +37,12 @@ def run(args: argparse.Namespace) -> int:
     from evis.cli.dataset.progress import SequenceProgress
     from evis.dataset.making.make import make
     from evis.dataset.making.workforce import usual_batch, workforce
-    from evis.dataset.recipe_file import read_recipe
+    from evis.dataset.recipe_file import UnknownRecipe, read_recipe
 
-    recipe = read_recipe(args.recipe, args.duration)
+    try:
+        recipe = read_recipe(args.recipe, args.duration)
+    except UnknownRecipe as error:
+        raise UsageError(str(error)) from None
     wanted = recipe.count if args.count is None else args.count
     workers = workforce(recipe, args.workers, args.address)
     batch = args.batch or usual_batch(recipe, wanted, args.workers)

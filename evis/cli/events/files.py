@@ -27,8 +27,8 @@ STEP_NS = 20_000_000
 _ENCODINGS = {
     ".raw": ("evt3", "evt4", "evt21", "evt21_legacy", "evt2"),
     ".aedat4": ("zstd", "lz4", "none"),
-    ".h5": ("ecf", "plain"),
-    ".hdf5": ("ecf", "plain"),
+    ".h5": ("ecf", "plain", "dsec"),
+    ".hdf5": ("ecf", "plain", "dsec"),
 }
 
 
@@ -88,6 +88,17 @@ def size(text: str) -> tuple[int, int]:
     return int(found[1]), int(found[2])
 
 
+def rectangle(text: str) -> tuple[int, int, int, int]:
+    """Parses a rectangle of pixels: `100,50,640,480` -> x, y, width, height."""
+    found = re.fullmatch(r"(\d{1,6}),(\d{1,6}),(\d{1,6}),(\d{1,6})", text.replace(" ", ""))
+    if found is None:
+        raise argparse.ArgumentTypeError(
+            f"'{text}' is no rectangle; write x,y,width,height in pixels, as 100,50,640,480"
+        )
+    x, y, width, height = map(int, found.groups())
+    return x, y, width, height
+
+
 def open_input(args: argparse.Namespace, path: str) -> Recording:
     """Opens the recording that `add_input` describes."""
     from evis.events import open_recording
@@ -103,7 +114,7 @@ def add_output(parser: argparse.ArgumentParser) -> None:
         default="",
         metavar="NAME",
         help="of .raw: evt3 (default), evt4, evt21, evt21_legacy, evt2; of .aedat4: zstd (default), lz4, none; of .h5 "
-        "and .hdf5: ecf (default), plain",
+        "and .hdf5: ecf (default) or plain, as Prophesee has it, or dsec, with ms_to_idx",
     )
 
 
@@ -111,7 +122,10 @@ def check_output(path: str, encoding: str) -> None:
     """Raises UsageError unless OUT is written in a known format that has the encoding."""
     suffix = os.path.splitext(path)[1].lower()
     if suffix not in OUTPUTS.replace(" or", ",").split(", "):
-        raise UsageError(f"{path}: cannot write '{suffix}'; the extensions are {OUTPUTS}")
+        bag = f"; `evis launch camera file:=RECORDING pace:=fast --record {path}` makes a bag of a recording"
+        raise UsageError(
+            f"{path}: cannot write '{suffix}'; the extensions are {OUTPUTS}{bag if suffix == '.mcap' else ''}"
+        )
     known = _ENCODINGS.get(suffix, ())
     if encoding and encoding not in known:
         there = f"there are {', '.join(known)}" if known else "leave out --encoding"

@@ -7,7 +7,7 @@ import argparse
 import re
 from typing import TYPE_CHECKING
 
-from evis.cli.events.files import size
+from evis.cli.events.files import rectangle, size
 from evis.cli.parser import UsageError
 from evis.config.suggestions import nearest
 from nodes.event_sensor.presets import PRESETS
@@ -37,7 +37,7 @@ def add_frame_options(parser: argparse.ArgumentParser) -> None:
         help="seconds from its first frame on",
     )
     group.add_argument("--to", type=_seconds, dest="stop", metavar="S", help="likewise; not included")
-    group.add_argument("--crop", type=_crop, metavar="X,Y,W,H", help="a rectangle of the source's pixels")
+    group.add_argument("--crop", type=rectangle, metavar="X,Y,W,H", help="a rectangle of the source's pixels")
     sensors = ", ".join(SENSORS)
     group.add_argument(
         "--size", type=_size, metavar="WxH", help=f"of the sensor; also a sensor's name ({sensors}), or `preset`: that "
@@ -106,16 +106,6 @@ def _seconds(text: str) -> int:
         return round(float(text) * 1e9)
     except (ValueError, OverflowError):
         raise argparse.ArgumentTypeError(f"'{text}' is no time in seconds") from None
-
-
-def _crop(text: str) -> tuple[int, int, int, int]:
-    found = re.fullmatch(r"(\d{1,6}),(\d{1,6}),(\d{1,6}),(\d{1,6})", text.replace(" ", ""))
-    if found is None:
-        raise argparse.ArgumentTypeError(
-            f"'{text}' is no rectangle; write x,y,width,height in pixels, as 100,50,640,480"
-        )
-    x, y, width, height = map(int, found.groups())
-    return x, y, width, height
 
 
 def _size(text: str) -> tuple[int, int] | str:

@@ -173,6 +173,7 @@ def _tell_missing(bag: str, result: Mapping[str, Any]) -> None:
 
 def _record(args: argparse.Namespace) -> dict[str, Any]:
     from evis.bag.attach import Taps
+    from evis.bag.mcap.path_checks import BagNameError, check_name
     from evis.bag.selection import subscribed, unpublished
     from evis.runtime.process.control import ask_for
     from evis.supervisor.interrupts import Interrupts
@@ -182,6 +183,10 @@ def _record(args: argparse.Namespace) -> dict[str, Any]:
     check_duration(args.duration)
     if args.preview_hz < 0:
         raise UsageError(f"--preview-hz is {args.preview_hz:g}, the least is 0")
+    try:
+        check_name(Path(args.bag))
+    except BagNameError as error:
+        raise UsageError(str(error)) from None
     plan = find_run(args.run)
     globs = [g.strip() for g in args.topics.split(",") if g.strip()]
     publishers = {name: plan.nodes[plan.topics[name].node] for name in plan.open_topics()}

@@ -169,6 +169,7 @@ def _run(args: argparse.Namespace, early: EarlyStart | None) -> int:
 
 def make_plan(args: argparse.Namespace) -> Any:
     """Makes the plan that the command line asks for."""
+    from evis.bag.mcap.path_checks import BagNameError, check_name
     from evis.cli.graph.auto import measuring_shown, warn
     from evis.config import paths
     from evis.launch.arguments import parse_pairs
@@ -194,6 +195,10 @@ def make_plan(args: argparse.Namespace) -> Any:
     if args.record == "":
         raise UsageError("--record is empty; name a file such as run.mcap, or leave it out")
     if args.record:
+        try:
+            check_name(Path(args.record))
+        except BagNameError as error:
+            raise UsageError(f"--record: {error}") from None
         check_bag(Path(args.record), "--record")
     options = Options(
         duration_s=args.duration,

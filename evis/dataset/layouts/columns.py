@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from evis.dataset.layouts import LayoutError
-from evis.dataset.layouts.millisecond_index import NAME, MillisecondIndex
 from evis.dataset.layouts.reader import EventArrays, SequenceReader, spans, within
 from evis.dataset.layouts.sample import DENSE, EVENTS, TABLES, Sample
 from evis.dataset.layouts.writer import SequenceWriter
+from evis.events.files.hdf5.millisecond_index import NAME, MillisecondIndex
 from msgs.camera import INTERVAL_FLOWS
 
 EVENT_TYPES: Mapping[str, Any] = {"t": np.int64, "x": np.uint16, "y": np.uint16, "p": np.uint8}

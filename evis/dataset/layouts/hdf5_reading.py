@@ -9,12 +9,12 @@ from pathlib import Path
 import h5py
 
 from evis.dataset.layouts import LayoutError
-from evis.dataset.layouts.hdf5_rows import blosc
 from evis.dataset.layouts.reader import ANEW
 from evis.events.files.hdf5.table import Table, member
 from evis.events.recording import RecordingError, RecordingInfo
 from evis.files import hdf5_open
 from evis.files.allowance import BASE
+from evis.files.hdf5_rows import blosc
 
 _BLOSC = 32001
 """Of the filters registered with the HDF Group."""

@@ -40,6 +40,7 @@ The file is YAML; every key is optional but `cameras` (an MJCF may do without). 
 
     FRAME:  position and rotation: {axis, angle} (or a list) | quaternion | look_at (with up), in the frame of `parent`;
             or view: {camera, offset, depth}, a place in a camera's image
+            or trajectory: {file, unit: s|ms|us|ns, quaternion: xyzw|wxyz}, poses over time in the frame of `parent`
     MOTION: in the parent's frame, added up: {kind: linear, velocity} | {kind: sinusoid, amplitude, frequency, phase}
             | {kind: path, times, points, loop, start_velocity, end_velocity}, a spline
             in the body's frame, chained: {kind: spin, axis, rate} | {kind: swing, axis, amplitude, frequency, phase}
@@ -124,7 +125,7 @@ def _read(
         top.has(key)
     top.text("description", "")
     dynamics = Dynamics(scene, top, folders, visuals)
-    frames = Frames(scene, top, copies)
+    frames = Frames(scene, top, copies, folders.home)
     _sensor(scene, top)
     shapes = None
     if visuals:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from evis.scene.yaml.cameras import read_camera
 from evis.scene.yaml.copies import Copies
 from evis.scene.yaml.motion import read_motion
 from evis.scene.yaml.reader import Fields
+from evis.scene.yaml.trajectory import read_trajectory
 
 
 class Frames:
@@ -25,9 +27,9 @@ class Frames:
     every body of the scene, by name.
     """
 
-    def __init__(self, scene: Scene, top: Fields, copies: Copies) -> None:
-        """top: the file's own keys. Raises SceneError."""
-        self._scene = scene
+    def __init__(self, scene: Scene, top: Fields, copies: Copies, home: Path) -> None:
+        """top: the file's own keys. home: its folder. Raises SceneError."""
+        self._scene, self._home = scene, home
         bodies = top.sections("bodies", "body")
         copied = [(base, ending, copy) for base, entry in bodies.items() for ending, copy in copies.of(entry)]
         self.stems = {base + ending: base for base, ending, _ in copied}
@@ -62,14 +64,17 @@ class Frames:
         body = self._scene.bodies[self.index[name]]
         parent = self.reference(fields, "parent") if fields.has("parent") else None
         start = self._start(fields)
-        motions = [read_motion(m) for m in fields.items("motion", "motion")]
+        along = fields.section("trajectory", "trajectory")
+        motions = read_trajectory(along, self._home) if along is not None else []
+        motions += [read_motion(m) for m in fields.items("motion", "motion")]
         above = self._scene.bodies[parent] if parent is not None else None
         if above is None or above.trajectory is not None:
             outer = above.trajectory if above else None
             assert outer is None or isinstance(outer, motion.Prescribed)
             body.trajectory = motion.Prescribed(start, motions, outer)
         elif motions:
-            raise fields.error("motion", f"is not possible on '{above.name}', which the physics engine moves")
+            key = "motion" if fields.has("motion") else "trajectory"
+            raise fields.error(key, f"is not possible on '{above.name}', which the physics engine moves")
         else:
             assert parent is not None
             root, offset = above.mount or (parent, se3.IDENTITY)
@@ -77,6 +82,11 @@ class Frames:
         self._placed[name] = True
 
     def _start(self, fields: Fields) -> np.ndarray:
+        if fields.has("trajectory"):
+            for key in ("position", "rotation", "quaternion", "look_at", "view"):
+                if fields.has(key):
+                    raise fields.error(key, "and a trajectory are given, which has the poses; leave one out")
+            return se3.IDENTITY
         if fields.has("look_at"):
             if fields.has("rotation") or fields.has("quaternion"):
                 raise fields.error("look_at", "and a rotation are given; leave one out")

@@ -14,8 +14,9 @@ from PIL import Image as PilImage
 from sequences import DURATION_NS, events_of, labels_of, simulated, written
 
 from evis.dataset.about import About
-from evis.dataset.layouts import LayoutError, hdf5_rows, reader_of, writer_of
+from evis.dataset.layouts import LayoutError, reader_of, writer_of
 from evis.dataset.layouts.rectification import Rectification
+from evis.files import hdf5_rows
 from evis.geometry.distortion import Lens, project
 from msgs.camera import CameraInfo, Image
 from msgs.header import Header

@@ -13,8 +13,8 @@ import pytest
 from sequences import events_of, simulated, written
 
 from evis.dataset.layouts import reader_of
-from evis.dataset.layouts.dsec.event_file import EventFile
 from evis.events.arrays import Events
+from evis.events.files.hdf5.dsec_events import EventFile
 
 SIZE = (64, 48)
 
@@ -89,7 +89,7 @@ def test_the_index_keeps_its_definition(tmp_path: Path, times: list[int], offset
     for k in range(0, max(len(t), 1), packet):
         part = t[k : k + packet]
         file.add(Events(part, *(np.zeros(len(part), dtype) for dtype in (np.uint16, np.uint16, np.uint8))))
-    file.close(offset_us * 1000 + 10_500_000)
+    file.finish(offset_us * 1000 + 10_500_000)
     with h5py.File(tmp_path / "events.h5") as read:
         us, index, offset = read["events/t"][:].astype(np.int64), read["ms_to_idx"][:], int(read["t_offset"][()])
     assert offset == offset_us and np.array_equal(us, np.array(times, np.int64) // 1000)

@@ -19,8 +19,8 @@ import pytest
 import yaml
 from sequences import events_of, framed, frames_of, labels_of, simulated, written
 
-from evis.dataset.layouts.dsec.event_file import EventFile
 from evis.events.arrays import Events
+from evis.events.files.hdf5.dsec_events import EventFile
 
 pytestmark = pytest.mark.extras
 
@@ -80,7 +80,7 @@ def test_dsec_slices_sparse_events(peer: Any, tmp_path: Path, start_us: int) -> 
     n = np.arange(len(t))
     file = EventFile(tmp_path / "events.h5", start_us)
     file.add(Events(t * 1000, n.astype(np.uint16), n.astype(np.uint16), (n % 2).astype(np.uint8)))
-    file.close((start_us + 12_000) * 1000)
+    file.finish((start_us + 12_000) * 1000)
     with h5py.File(tmp_path / "events.h5") as read:
         slicer = slicing.EventSlicer(read)
         # The example of its own comment.

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 
+import h5py
 import numpy as np
 import pytest
 from stream_cases import random_events, same, sha256_us
@@ -321,3 +322,81 @@ def test_rebase_is_not_advised_to_who_gave_it(capsys, tmp_path, ending):
     with pytest.raises(ValueError, match=r"sort the events.*write \.npz") as told:
         command.run(parse(*words, "--rebase"))
     assert "use --rebase" not in str(told.value)
+
+
+def test_convert_takes_a_part_of_the_events(capsys, tmp_path):
+    """Two rows of a bar that moves, a lone event beside it, and one half of the sensor: what is left is counted by
+    hand, what is left out is told."""
+    x = np.repeat(np.arange(10), 2)
+    t, y, p = x * 1_000_000, np.tile([4, 5], 10), np.tile([1, 0], 10)
+    rows = sorted([*zip(t.tolist(), x.tolist(), y.tolist(), p.tolist()), (5_000_000, 2, 15, 1)])
+    with open_writer(tmp_path / "bar.npz", 20, 16) as out:
+        out.write(Events.of(*zip(*rows)))
+    part = ["--crop", "5,4,6,3", "--polarity", "on", "--denoise", "2"]
+    told = call(capsys, "convert", tmp_path / "bar.npz", tmp_path / "part.npz", *part)
+    # lone: the very first event and the one at (2, 15); outside: the rest of columns 0 to 4; OFF: row 5
+    assert {k: told[k] for k in ("events", "noise_left_out", "outside_crop", "off_left_out")} == {
+        "events": 5, "noise_left_out": 2, "outside_crop": 9, "off_left_out": 5,
+    }  # fmt: skip
+    with open_recording(tmp_path / "part.npz") as recording:
+        assert (recording.info.width, recording.info.height) == (6, 3)
+        events = recording.read()
+    assert (events.x.tolist(), set(events.y), set(events.p)) == ([0, 1, 2, 3, 4], {0}, {1})
+    assert events.t.tolist() == [k * 1_000_000 for k in range(5, 10)]
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        (["--crop", "18,0,3,3"], "--crop 18,0,3,3 is not inside the sensor of 20x16"),
+        (["--crop", "all"], "'all' is no rectangle"),
+        (["--denoise", "0"], "'0' is no time in ms"),
+        (["--polarity", "both"], "on"),
+    ],
+)
+def test_convert_refuses_a_part_that_cannot_be(option, said, tmp_path, capsys):
+    with open_writer(tmp_path / "a.npz", 20, 16) as out:
+        out.write(Events.of([0], [0], [0], [1]))
+    with pytest.raises((UsageError, SystemExit)) as error:
+        command.run(parse("convert", tmp_path / "a.npz", tmp_path / "b.npz", *option))
+    assert said in str(error.value) + capsys.readouterr().err
+    assert not (tmp_path / "b.npz").exists()
+
+
+def test_convert_into_dsec(capsys, tmp_path):
+    """Columns and index by DSEC's own definition, t[ms_to_idx[ms] - 1] < ms <= t[ms_to_idx[ms]], with pauses; the size
+    of a sensor that is higher than wide comes back."""
+    rng = np.random.default_rng(4)
+    t = np.sort(rng.integers(0, 60_000_000, 3000)) + 1_403_636_579_763_555_584
+    t[2000:] += 25_000_000
+    events = Events.of(t, rng.integers(0, 30, 3000), rng.integers(0, 40, 3000), rng.integers(0, 2, 3000))
+    with open_writer(tmp_path / "a.npz", 30, 40) as out:
+        out.write(events)
+    assert call(capsys, "convert", tmp_path / "a.npz", tmp_path / "a.h5", "--encoding", "dsec")["events"] == 3000
+    with h5py.File(tmp_path / "a.h5") as file:
+        us, index, offset = file["events/t"][:].astype(np.int64), file["ms_to_idx"][:], int(file["t_offset"][()])
+        assert (us + offset == t // 1000).all() and us[0] == 0 and file["events/t"].dtype == np.uint32
+        for name in "xyp":
+            assert (file[f"events/{name}"][:] == getattr(events, name)).all()
+    assert index.tolist() == [int((us < 1000 * ms).sum()) for ms in range(len(index))] and 1000 * len(index) > us[-1]
+    with open_recording(tmp_path / "a.h5") as recording:
+        assert (recording.info.width, recording.info.height) == (30, 40)
+        same(recording.read(), Events.of(t // 1000 * 1000, events.x, events.y, events.p))
+
+
+@pytest.mark.parametrize(
+    ("times", "said"),
+    [([5, 4], "cannot hold times that step back"), ([0, 72 * 60 * 10**9], "after 71 minutes; take a part")],
+)
+def test_what_dsec_cannot_hold(times, said, tmp_path):
+    with open_writer(tmp_path / "a.npz", 3, 2) as out:
+        out.write(Events.of(times, [0, 1], [0, 1], [0, 1]))
+    with pytest.raises(ValueError, match=said):
+        command.run(parse("convert", tmp_path / "a.npz", tmp_path / "a.h5", "--encoding", "dsec"))
+    assert [path.name for path in tmp_path.iterdir()] == ["a.npz"]
+
+
+@pytest.mark.parametrize("action", ["convert", "simulate"])
+def test_who_wants_a_bag_is_told_what_makes_one(action, tmp_path):
+    with pytest.raises(UsageError, match=r"evis launch camera file:=RECORDING pace:=fast --record .*out\.mcap"):
+        command.run(parse(action, tmp_path / "a.npz", tmp_path / "out.mcap"))

@@ -13,9 +13,9 @@ from evis.dataset.layouts import LayoutError
 from evis.dataset.layouts.dsec.disparity import codes_to_disparity
 from evis.dataset.layouts.dsec.tracks import boxes_of
 from evis.dataset.layouts.hdf5_reading import dataset, opened
-from evis.dataset.layouts.millisecond_index import NAME
 from evis.dataset.layouts.reader import ANEW, EventArrays, SequenceReader, framed, spans, within
 from evis.dataset.layouts.stereo_sides import SIDES, sides
+from evis.events.files.hdf5.millisecond_index import NAME
 from evis.files.damage import error_text
 from evis.files.regular import check_file
 from evis.media.frames.images import codes

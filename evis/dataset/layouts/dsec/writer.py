@@ -17,14 +17,14 @@ from evis.bag.export.png import encoded
 from evis.dataset.layouts import LayoutError
 from evis.dataset.layouts.dsec.calibration import calibration
 from evis.dataset.layouts.dsec.disparity import disparity_to_codes
-from evis.dataset.layouts.dsec.event_file import EventFile
 from evis.dataset.layouts.dsec.tracks import TRACK, keep_stamps, tracks
-from evis.dataset.layouts.hdf5_rows import NO_BLOSC, blosc
 from evis.dataset.layouts.npz.growing_npy import GrowingNpy
 from evis.dataset.layouts.rectification import Rectification
 from evis.dataset.layouts.sample import Sample
 from evis.dataset.layouts.stereo_sides import SIDES, sides
 from evis.dataset.layouts.writer import SequenceWriter
+from evis.events.files.hdf5.dsec_events import EventFile, TooLongError
+from evis.files.hdf5_rows import NO_BLOSC, blosc
 from evis.files.hdf5_writing import NewFile
 from msgs.camera import INTERVAL_FLOWS, Image
 
@@ -55,6 +55,7 @@ class DsecWriter(SequenceWriter):
         if not blosc():
             self.note(NO_BLOSC)
         for camera, side in self.sides.items():
+            (self.directory / "events" / side).mkdir(parents=True, exist_ok=True)
             self._files[camera] = EventFile(self.directory / "events" / side / "events.h5", about.start_ns // 1000)
             with NewFile(self.directory / "events" / side / "rectify_map.h5") as file:
                 packed = blosc() or {"compression": "gzip"}
@@ -67,7 +68,10 @@ class DsecWriter(SequenceWriter):
         path.write_text(yaml.safe_dump(calibration(infos[0], infos[1] if len(infos) > 1 else None)))
 
     def _add(self, camera: str, sample: Sample) -> None:
-        self._files[camera].add(sample.events)
+        try:
+            self._files[camera].add(sample.events)
+        except TooLongError as error:
+            raise LayoutError(f"{error}; make shorter sequences, or take the layout npz") from None
         first = camera == next(iter(self.about.cameras))
         for kind, arrays in sample.kinds():
             if kind in INTERVAL_FLOWS and first:
@@ -142,7 +146,7 @@ class DsecWriter(SequenceWriter):
 
     def _finish(self) -> None:
         for file in self._files.values():
-            file.close(self.about.start_ns + self.about.duration_ns)
+            file.finish(self.about.start_ns + self.about.duration_ns)
         for text in self._texts.values():
             text.close()
         for camera, rows in self._tracks.items():

@@ -15,7 +15,6 @@ import h5py
 import numpy as np
 
 from evis.dataset.layouts import LayoutError
-from evis.dataset.layouts.hdf5_rows import GrowingRows
 from evis.dataset.layouts.mvsec.event_table import first_row, nanoseconds
 from evis.dataset.layouts.npz.archive import pack
 from evis.dataset.layouts.npz.growing_npy import GrowingNpy
@@ -23,6 +22,7 @@ from evis.dataset.layouts.rectification import Rectification
 from evis.dataset.layouts.sample import Sample
 from evis.dataset.layouts.stereo_sides import SIDES, sides
 from evis.dataset.layouts.writer import SequenceWriter
+from evis.files.hdf5_rows import GrowingRows
 from evis.files.hdf5_writing import NewFile
 from evis.geometry import se3
 from evis.media.colour import REC709

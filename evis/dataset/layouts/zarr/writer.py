@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from evis.dataset.layouts.columns import ColumnsWriter, check_shape
-from evis.dataset.layouts.whole_chunks import WholeChunks
 from evis.dataset.layouts.zarr.package import FOLDER, zarr
+from evis.files.whole_chunks import WholeChunks
 
 _CHUNK_BYTES = 1 << 20
 

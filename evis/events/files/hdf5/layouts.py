@@ -146,10 +146,7 @@ def _prophesee(file: h5py.File, table: Table, info: RecordingInfo, backend: str)
         return int(whole(a, min(a + (chunk or 1), table.shape[0])).t[i - a])
 
     def size() -> tuple[int, int, str]:
-        text = file.attrs.get("geometry", b"")
-        text = text.decode(errors="replace") if isinstance(text, bytes) else str(text)
-        found = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
-        width, height = (int(found[1]), int(found[2])) if found else (0, 0)
+        width, height = _geometry(file)
         return (width, height, "header") if width and height else (0, 0, "")
 
     def triggers() -> Triggers:
@@ -265,6 +262,8 @@ def _columns(file: h5py.File, group: h5py.Group, info: RecordingInfo) -> Layout:
         return _events(times(t[a:b]), x[a:b], y[a:b], p[a:b], 1)
 
     def size() -> tuple[int, int, str]:
+        if all(stated := _geometry(file)):
+            return (*stated, "header")
         given = file.attrs.get("sensor_resolution")
         calibrated = member(group, "calib/resolution", info)
         if given is None and isinstance(calibrated, Table) and calibrated.size == 2:
@@ -283,6 +282,14 @@ def _columns(file: h5py.File, group: h5py.Group, info: RecordingInfo) -> Layout:
         return (*known, "sensor") if known and fits else (0, 0, "")
 
     return Layout(name, count, tables, read, lambda i: int(times(t[i : i + 1])[0]), size)
+
+
+def _geometry(file: Any) -> tuple[int, int]:
+    """Reads width and height [px] of the attribute `geometry`, as 640x480; 0, 0 without one."""
+    text = file.attrs.get("geometry", b"")
+    text = text.decode(errors="replace") if isinstance(text, bytes) else str(text)
+    found = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
+    return (int(found[1]), int(found[2])) if found else (0, 0)
 
 
 def _rows_for_size(tables: list[Table], info: RecordingInfo) -> int:

@@ -11,7 +11,7 @@ from evis.events.arrays import Events, Triggers
 from evis.events.files.file_writer import FileWriter, check_size
 from evis.events.files.hdf5 import ecf
 from evis.events.files.hdf5.ecf_layout import FILTER, MAX_SIDE
-from evis.events.recording import RecordingError
+from evis.events.recording import RecordingError, Writer
 
 _CHUNK = 1 << 14
 _EVENT = np.dtype(
@@ -98,10 +98,14 @@ class Hdf5Writer(FileWriter):
         self._file.close()
 
 
-def create(path: str | os.PathLike[str], width: int, height: int, encoding: str = "") -> Hdf5Writer:
-    """Returns an HDF5 writer. encoding: ecf (default) or plain. Raises RecordingError."""
+def create(path: str | os.PathLike[str], width: int, height: int, encoding: str = "") -> Writer:
+    """Returns an HDF5 writer. encoding: ecf (default), plain or dsec. Raises RecordingError."""
     encoding = encoding or "ecf"
-    if encoding not in ("ecf", "plain"):
-        raise RecordingError(f"{path}: cannot write the encoding '{encoding}'; known are ecf and plain")
+    if encoding not in ("ecf", "plain", "dsec"):
+        raise RecordingError(f"{path}: cannot write the encoding '{encoding}'; known are ecf, plain and dsec")
     check_size(path, "HDF5", width, height, 65535)
+    if encoding == "dsec":
+        from evis.events.files.hdf5.dsec_writer import DsecEventsWriter
+
+        return DsecEventsWriter(path, width, height)
     return Hdf5Writer(path, width, height, encoding == "plain")

@@ -8,7 +8,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from evis.dataset.layouts.whole_chunks import WholeChunks
+from evis.files.whole_chunks import WholeChunks
 
 _CHUNK_BYTES = 1 << 18
 NO_BLOSC = (
