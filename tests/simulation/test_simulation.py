@@ -203,6 +203,21 @@ def test_frames_beside_samples_stay_as_they_were() -> None:
         assert [simulation.step().frames.luminance.tobytes() for _ in range(6)] == [one.tobytes() for one in copies]
 
 
+@pytest.mark.parametrize("scene", ["spinning_disk", "balls"])
+def test_frames_and_what_comes_of_them_are_the_same_whoever_reads_samples_between(scene: str) -> None:
+    """Of a frame sensor, and of an event sensor that takes frames alone."""
+    given = {"time_tolerance": 0.0003, "defocus": 0.5, "upsampling": 3, "image_rate": 60.0, "exposure_ms": 5.0}
+    found = []
+    for outputs in (["events", "frames", "image"], ["events", "frames", "image", "samples"]):
+        with evis.Simulation(scene, outputs=outputs, **SIZE, **given) as sim:
+            steps = sim.run(0.1)
+        frames = b"".join(step.frames.luminance.tobytes() for step in steps)
+        images = [image.data.tobytes() for step in steps for image in step.images]
+        assert len(images) > 3
+        found.append((columns(steps), frames, images))
+    assert found[0] == found[1]
+
+
 def test_what_a_sensor_holds_back_comes_at_the_end(tmp_path: Path) -> None:
     with evis.Simulation("spinning_disk", crossing="monotone", **SIZE) as sim:
         steps = [*sim.run(0.2), sim.finish()]
