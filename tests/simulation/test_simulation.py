@@ -284,6 +284,25 @@ def test_a_replay_that_makes_events_anew_gives_them_all(tmp_path: Path) -> None:
         assert columns(step for step in [*steps, sim.finish()] if step.events is not None) == made
 
 
+def test_samples_of_pixels_apart_are_no_pixels_of_an_interpolator_that_averages_none(tmp_path: Path) -> None:
+    """Keyframes of rigid are twice as wide and high then, and with another method the events were of such a sensor."""
+    bag = tmp_path / "keyframes.mcap"
+    size = [f"{key}:={value}" for key, value in SIZE.items()]
+    topics = ",".join(f"/cam0/{name}" for name in ("keyframe", "depth", "ids", "motion"))
+    words = ("spinning_disk", "supersampling:=2", "upsampling:=2", *size, "--compose", "--record-topics", topics)
+    made = launch(tmp_path, *words)
+    (tmp_path / "launched.mcap").rename(bag)
+    for other in ({"interpolator": "splat"}, {"interpolator": "none"}, {"upsampling": 1}):
+        with pytest.raises(evis.SimulationError, match=r"/cam0/keyframe of .* has 2x2 samples of each pixel apart"):
+            evis.Simulation("replay", bag=bag, regenerate=True, **other)
+    evis.Simulation("replay", bag=bag).close()
+    with evis.Simulation("replay", bag=bag, regenerate=True) as sim:
+        steps = [sim.reset()]
+        while not steps[-1].over:
+            steps.append(sim.step())
+        assert columns(step for step in steps if step.events is not None) == made
+
+
 def test_a_launch_file_says_which_seed_it_has(tmp_path: Path) -> None:
     """Where nobody gives one, also to environments with arguments of their own."""
     graph = tmp_path / "seven.yaml"
