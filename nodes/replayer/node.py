@@ -50,6 +50,11 @@ class ReplayerNode(Node):
     REMEDY: ClassVar[str] = "a bag has it where it was recorded with `--record-topics {topic}`"
 
     @classmethod
+    def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
+        """Names what concerns keyframes alone of which frames are made, where none are."""
+        return {} if params["regenerate"] else {"samples_apart": "no frames are made anew (regenerate:=true)"}
+
+    @classmethod
     def dynamic_outputs(cls, params: Mapping[str, Any]) -> dict[str, Output]:
         """Returns the ports, which depend on the bag and on what is left out. Raises BagError, ParamError."""
         from evis.bag import BagError
