@@ -121,6 +121,7 @@ class EventSensorNode(Node):
         from evis.gpu.devices import device_named
 
         self._resolved = resolve_with_scene(self.name, self.params)
+        resolve_each(self.name, self.params, self.params["envs"])  # says what is wrong before anything runs
         self._source = source_of(self.params["source"], lambda: self._resolved)
         for text in _unused_samples(self.params["source"], self._resolved):
             self.warn(text)
