@@ -170,8 +170,8 @@ class Executor(Outputs):
     def advance(self) -> bool:
         """Lets every source make one step, and returns when the messages of it have passed through all nodes.
 
-        For a graph that is one process. False once every node has ended. Raises RuntimeError where a source waits for a
-        message that nobody is going to send.
+        For a graph that is one process. False once every source has given all that it has; `finish` brings what nodes
+        hold back. Raises RuntimeError where a source waits for a message that nobody is going to send.
         """
         self._scheduler.allow_steps(1)
         while True:
@@ -179,7 +179,7 @@ class Executor(Outputs):
                 continue
             waiting = self._scheduler.sources_with_steps_left()
             if not waiting:
-                return not self._finished()
+                return bool(self._scheduler.sources_going_on())
             if not self._subscriptions and not any(0 < self._scheduler.due_s(host) < math.inf for host in waiting):
                 due = ", ".join(f"{port} at {stamp} ns" for port, stamp in waiting[0].node.due().items())
                 raise RuntimeError(f"{waiting[0].name} waits for {due}, which nobody sends")

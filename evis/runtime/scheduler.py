@@ -33,8 +33,11 @@ class Scheduler:
 
     def allow_steps(self, steps: int | None) -> None:
         """Lets every source that has not ended make one step from now on (1), none (0), or any number (None)."""
-        sources = {h.name for h in self._hosts.values() if h.node.SOURCE and not h.ended}
-        self._granted = None if steps is None else sources if steps else set()
+        self._granted = None if steps is None else {h.name for h in self.sources_going_on()} if steps else set()
+
+    def sources_going_on(self) -> list[Host]:
+        """Lists the sources that have more to give."""
+        return [h for h in self._hosts.values() if h.node.SOURCE and not h.ended and not h.spent]
 
     def sources_with_steps_left(self) -> list[Host]:
         """Lists the sources that have not made the step that they were granted."""
@@ -144,8 +147,15 @@ class Scheduler:
             self._pace(host)
         self._telemetry.tick(host)
         if not alive:
-            self._end(host)
+            self._exhaust(host)
         return True
+
+    def _exhaust(self, host: Host) -> None:
+        """Ends a source that has nothing more to give; the last one of a graph that is stepped stays, for what nodes
+        hold back comes once that is asked for."""
+        host.spent = True
+        if self._granted is None or self.sources_going_on():
+            self._end(host)
 
     def due_s(self, host: Host) -> float:
         """Returns the seconds until a paced source is to be called; infinite for a node without a pace."""

@@ -41,13 +41,15 @@ OF_OUTPUTS = {LABELS: "labels.flow", "image": "image"}
 class Graph:
     """Holds the plan of a graph, and what the caller can move.
 
-    physics: name of the node that steps the world; "" without one.
+    seed: of the run, environment k having seed + k unless it has one of its own. physics: name of the node that steps
+    the world; "" without one.
 
     controller: node of the launch file that publishes /action, so that the caller cannot. start: controls float64 [nu]
     that the model starts with.
     """
 
     plan: Plan
+    seed: int = 0
     physics: str = ""
     controller: str = ""
     actuators: Actuators = field(default_factory=Actuators)
@@ -85,14 +87,17 @@ class Planner:
         self._folder = Path()
         """Where the launch file lies, and nodes of the user's own beside it."""
 
-    def plan(self, seed: int, record: str | None = None) -> Graph:
-        """Makes the plan. record: path of a bag that is recorded. Raises SimulationError in one line."""
+    def plan(self, seed: int | None, record: str | None = None) -> Graph:
+        """Makes the plan. seed: None = as the launch file, or the bag that it replays, has it. record: path of a bag
+        that is recorded. Raises SimulationError in one line."""
         if not self._each:
             return self._plan(seed, record, self._arguments)
+        if seed is None:
+            seed = self._plan(None, None, self._arguments_of(0)).seed
         seeds = [own.get("seed", seed + env) for env, own in enumerate(self._each)]
         graphs = [self._plan(own, record, self._arguments_of(env)) for env, own in enumerate(seeds)]
         each = [copy.deepcopy(graph.plan) for graph in graphs]
-        return dataclasses.replace(graphs[0], plan=together([graph.plan for graph in graphs]), each=each)
+        return dataclasses.replace(graphs[0], plan=together([graph.plan for graph in graphs]), seed=seed, each=each)
 
     def plan_of(self, env: int, seed: int) -> Plan:
         """Makes the plan of one environment with its arguments and this seed. Raises SimulationError in one line."""
@@ -105,14 +110,15 @@ class Planner:
         own = {name: value for name, value in self._each[env].items() if name != "seed"}
         return {**self._arguments, "envs": len(self._each), **own}
 
-    def _plan(self, seed: int, record: str | None, arguments: Mapping[str, Any]) -> Graph:
+    def _plan(self, seed: int | None, record: str | None, arguments: Mapping[str, Any]) -> Graph:
         given = {name: value for name, value in arguments.items() if value is not None}
         if self._asked.labels:
             named = given.get(LABELS, [])
             given[LABELS] = [*(named.split(",") if isinstance(named, str) else named), *self._asked.labels]
         try:
             target = read_target(self._target, given)
-            if seed or "seed" in target.launch.arguments:  # not every launch file has anything random
+            # Not every launch file has anything random.
+            if seed is not None and (seed or "seed" in target.launch.arguments):
                 target.given["seed"] = seed
             self._folder = target.launch.path.resolve().parent
             options = Options(record=record, view=False, grouping="compose", stepped=True)
@@ -130,7 +136,7 @@ class Planner:
         plan.topics = {name: topic for name, topic in plan.topics.items() if topic.node in plan.nodes}
         for node in plan.nodes.values():
             node.outside = {}  # the caller alone acts and resets
-        return dataclasses.replace(self._found, plan=plan)
+        return dataclasses.replace(self._found, plan=plan, seed=plan.seed)
 
     def _edit(self, expanded: Expanded) -> None:
         """Puts the caller into the graph. What it does not ask for is not made."""

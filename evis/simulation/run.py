@@ -54,7 +54,8 @@ class History:
 class Run:
     """Steps a graph from keyframe to keyframe.
 
-    `broken`: why it cannot go on, "" where it can. `k`: number of the last keyframe, -1 before 0.
+    `broken`: why it cannot go on, "" where it can. `k`: number of the last keyframe, -1 before 0. `over`: no step
+    follows.
     """
 
     def __init__(self, graph: Graph, asked: RequestedOutputs) -> None:
@@ -62,7 +63,7 @@ class Run:
         self.graph = graph
         self.broken = ""
         self.k = -1
-        self.over = False
+        self.over = self._finished = False
         self.last: Step | None = None
         self._asked = asked
         self._said: list[tuple[str, str, str]] = []
@@ -95,7 +96,8 @@ class Run:
 
     def _begin(self) -> None:
         """Stands before keyframe 0."""
-        self.k, self.over = -1, False
+        self.k = -1
+        self.over = self._finished = False
         self.history = History()
         self._controls = np.tile(self.graph.start, (self.envs, 1))
         self._episodes = np.zeros(self.envs, np.int32)
@@ -215,13 +217,13 @@ class Run:
         """Ends the run; gives what the nodes had held back."""
         with self._guarded():
             self._executor.finish()
-            self.over = True
+            self.over = self._finished = True
             return self._taken()
 
     def close(self) -> None:
         """Ends the run unless it is broken, and releases everything."""
         try:
-            if not self.broken and self.k >= 0 and not self.over:
+            if not self.broken and self.k >= 0 and not self._finished:
                 self._executor.finish()
         finally:
             self._release()

@@ -48,7 +48,7 @@ class Simulation:
         /,
         *,
         outputs: Sequence[str] = ("events",),
-        seed: int = 0,
+        seed: int | None = None,
         each: Sequence[Mapping[str, Any]] | None = None,
         **arguments: Any,
     ) -> None:
@@ -60,7 +60,8 @@ class Simulation:
             outputs: what steps are to have: events, frames, keyframe, depth, ids, motion, normal, labels, imu, state,
                 of all cameras, or of one (`cam1.events`), or one kind of label (`labels.flow`); what `finish` is to
                 have: physics_error.
-            seed: of what is random; environment k has seed + k.
+            seed: of what is random; environment k has seed + k. None = that of the launch file, 0 unless it says
+                another, and of a replay that of the recorded run.
             each: arguments that parallel environments have for themselves, a mapping for each of them: of the scene,
                 as far as they change values and not what there is, of the event sensor, and `seed`. None = they
                 have all in common.
@@ -75,11 +76,12 @@ class Simulation:
         self._seeds: dict[int, int] = {}
         """Environment -> the seed that it was reset with, where that is not the run's and its number."""
         self._asked = parse(outputs)
-        self._own_seed = self._seed = seed
         self._planner = Planner(str(scene_or_launch), self._asked, arguments, each)
         with without_garbage_collection():
-            self._graphs = {seed: self._planner.plan(seed)}
-            self._run = Run(self._graphs[seed], self._asked)
+            graph = self._planner.plan(seed)
+            self._own_seed = self._seed = graph.seed if seed is None else seed
+            self._graphs = {self._own_seed: graph}
+            self._run = Run(graph, self._asked)
         self._viewers: dict[str, Viewer] = {}
         self._closed = False
         self._run.warn()

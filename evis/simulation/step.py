@@ -79,7 +79,7 @@ class Step(CameraOutputs):
     """Holds the outputs of a step: those of the first camera as attributes, those of all in `cameras`.
 
     stamp_ns: the simulated time [ns] that it ends at. episodes: int32 [E], number of the reset that each environment is
-    in. over: the graph has ended, and no step follows.
+    in. over: no step follows, as behind the end of a bag; `finish` brings what nodes still hold back.
     """
 
     state: WorldState | None

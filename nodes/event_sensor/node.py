@@ -38,7 +38,8 @@ class EventSensorNode(Node):
     One packet per message, with the message's stamp B. Its events lie in (t0_ns, B]. With crossing monotone or cubic a
     step needs the frame after it, and its last step is held back: the packet at B covers (t0_ns, the stamp of the last
     frame but one], t0_ns being where the packet before ended, and when the input ends a further packet with the stamp
-    of the last one brings the rest. Packets in a row always make up the events of one call on the whole sequence.
+    of the last one brings the rest, as it does what the readout still holds, whose events are later. Packets in a row
+    always make up the events of one call on the whole sequence.
     """
 
     PARAMS = {
@@ -121,6 +122,7 @@ class EventSensorNode(Node):
         from evis.gpu.devices import device_named
 
         self._resolved = resolve_with_scene(self.name, self.params)
+        resolve_each(self.name, self.params, self.params["envs"])  # says what is wrong before anything runs
         self._source = source_of(self.params["source"], lambda: self._resolved)
         for text in _unused_samples(self.params["source"], self._resolved):
             self.warn(text)

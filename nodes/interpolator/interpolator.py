@@ -59,6 +59,7 @@ class Interpolator:
         paths: PathOptions | None = None,
         tolerance: float | None = None,
         time_tolerance: float = 0.0,
+        sampled: bool = True,
     ) -> None:
         """method: a key of METHODS. upsampling: K. colour: frames are linear RGB instead of luminance.
 
@@ -67,7 +68,7 @@ class Interpolator:
         else looks as in `scene`. tolerance: error of log radiance that `rigid` looks for, to shade anew;
         0.1 unless given, and with `time_tolerance` as refine.method.tolerance_of has it.
         time_tolerance: of the time at which what a pixel shows crosses a threshold [s], for which `rigid` takes
-        `further` samples of single pixels; 0 = none.
+        `further` samples of single pixels; 0 = none. sampled: whether they are wanted; the frames are the same.
         """
         if method not in METHODS:
             raise ValueError(f"there is no interpolation method '{method}'; {nearest(method, METHODS)}")
@@ -80,7 +81,7 @@ class Interpolator:
         self._light: dict[str, Any] = {"light_samples": light_samples, "paths": paths, "tolerance": tolerance}
         self.upsampling = 1 if method == "none" else upsampling
         self._reads = METHODS[method].reads
-        self._time_tolerance_ns = time_tolerance * 1e9
+        self._time_tolerance_ns, self._sampled = time_tolerance * 1e9, sampled
         self._colour = colour
         self._device = device_named(device)
         self._threads = threads
@@ -338,7 +339,7 @@ class Interpolator:
         gap = Gap(
             height, width, envs, self.upsampling, margin, 3 if self._colour else 1, str(self._device), self._threads,
             self._scene, camera, self._light, self._worlds,
-            self._time_tolerance_ns, in_a_row, self.late, self._samples,
+            self._time_tolerance_ns, self._sampled, in_a_row, self.late, self._samples,
         )  # fmt: skip
         return METHODS[self._name].make(gap)
 

@@ -31,6 +31,7 @@ class Gap:
         light: options of a method that shades: light_samples, paths, tolerance; what is None is as it is by default.
         worlds: the scene of each environment where they move differently, and look alike.
         time_tolerance_ns: of the time of a crossing, by further samples of single pixels; 0 = frames only.
+        sampled: whether somebody reads these samples; the frames are the same.
         in_a_row: the environments are gaps of one, each of which begins where the one before ends; for `rigid`.
         late: the report of a gap may come with the next one.
         fineness: sub-pixels per pixel and axis, which are averaged when they are there; the keyframes are of these.
@@ -49,6 +50,7 @@ class Gap:
     light: Mapping[str, Any] = field(default_factory=dict)
     worlds: Sequence[Scene] = ()
     time_tolerance_ns: float = 0.0
+    sampled: bool = True
     in_a_row: bool = False
     late: bool = False
     fineness: int = 1
@@ -90,6 +92,7 @@ def _rigid(gap: Gap) -> Method:
     rigid = Rigid(gap.scene, gap.camera, *gap.bodies, options, worlds=gap.worlds, in_a_row=gap.in_a_row)
     rigid.begin_build()
     refined = Refined(rigid, gap.time_tolerance_ns, gap.threads, options.light_samples, gap.fineness)
+    refined.sampled = gap.sampled
     refined.begin_build()
     return refined
 

@@ -140,7 +140,7 @@ class InterpolatorNode(Node):
 
         p = self.params
         self._method = method = usable(p)
-        # Nobody would read what lies between the frames.
+        # Nobody would read what lies between the frames, which are the same bytes for whoever reads them.
         self._sampled = p["time_tolerance"] > 0 and self.wants("samples")
         if self.wants("samples") and not self._sampled:
             raise ValueError(
@@ -234,7 +234,8 @@ class InterpolatorNode(Node):
         closely single pixels are looked at in time, which depends on how glossy things may move."""
         from nodes.interpolator.refine.light.highlights import tolerance_for
 
-        return appearance(scene), tolerance_for(scene, 1e9 * self.params["time_tolerance"]) if self._sampled else 0.0
+        tolerance = self.params["time_tolerance"]
+        return appearance(scene), tolerance_for(scene, 1e9 * tolerance) if tolerance else 0.0
 
     def _each(self, worlds: Worlds, groups: Sequence[Group]) -> list[Callable[[], Interpolator]]:
         return [partial(self._interpolator, scene, worlds.apart(envs)) for scene, envs in groups]
@@ -244,8 +245,8 @@ class InterpolatorNode(Node):
 
         p = self.params
         light = parameters.light_options(p if scene else {})
-        how = {key: p[key] for key in ("colour", "device", "tolerance")}
-        how["time_tolerance"] = p["time_tolerance"] if self._sampled else 0.0
+        how = {key: p[key] for key in ("colour", "device", "tolerance", "time_tolerance")}
+        how["sampled"] = self._sampled
         camera = camera_of(scene, p["camera"]) if scene else None
         height, width = self._expected or (0, 0)
         how["threads"] = threads_for(p["threads"], p["envs"] * height * width)
@@ -256,7 +257,8 @@ class InterpolatorNode(Node):
             return ManyGaps(self._method, p["upsampling"], self._gaps, **how)
         made = Interpolator(self._method, p["upsampling"], **how)
         # Where nobody reads what a gap counts, nobody waits for it.
-        made.late = self._device.is_cuda and self.may_lag and not self._sampled and not self._counts_are_read()
+        frames_alone = p["time_tolerance"] == 0
+        made.late = self._device.is_cuda and self.may_lag and frames_alone and not self._counts_are_read()
         return made
 
     def _separate(self, parts: Parts[Interpolator]) -> SeparateInterpolators:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from msgs.camera import CameraInfo, Keyframe
 from msgs.header import Message
 
 if TYPE_CHECKING:
@@ -31,6 +32,24 @@ def description_at(reader: BagReader, topic: str, start: int, episode: int) -> M
             break
         last = info
     return next(reader.messages([topic]), (topic, None))[1] if last is None else last
+
+
+def check_pixels(reader: BagReader, described: Mapping[str, Message]) -> None:
+    """Checks that the keyframes of cameras are of whole pixels, with described: topic -> CameraInfo.
+
+    Raises ValueError where a keyframe holds the samples of each pixel apart.
+    """
+    for topic, info in described.items():
+        camera = topic.rpartition("/")[0]
+        of_keyframes = f"{camera}/keyframe"
+        if of_keyframes not in reader.topics or not isinstance(info, CameraInfo):
+            continue
+        _, key = next(reader.messages([of_keyframes]), ("", None))
+        if isinstance(key, Keyframe) and (n := (key.image.shape[1] - 2 * key.margin) // info.height) > 1:
+            raise ValueError(
+                f"{of_keyframes} of {reader.path} has {n}x{n} samples of each pixel apart, which interpolator rigid "
+                "alone takes; leave out interpolator:= and upsampling:=, or record a run that has these"
+            )
 
 
 class Descriptions:

@@ -13,7 +13,7 @@ from evis.config.params import Param, ParamError, resolve
 from evis.runtime.node import Node, Output
 from evis.runtime.pacing import FAST, Pacer, parse_pace
 from msgs.header import Header, Message
-from nodes.replayer.descriptions import Descriptions, description_at
+from nodes.replayer.descriptions import Descriptions, check_pixels, description_at
 
 if TYPE_CHECKING:
     from evis.bag.reader import BagReader
@@ -25,6 +25,7 @@ PARAMS = {
     "regenerate": Param(
         bool, False, "leave out what the graph makes again from keyframes: frames, samples, events, labels"
     ),
+    "samples_apart": Param(bool, True, "keyframes may hold the samples of supersampled pixels apart, for rigid"),
     "pace": Param(str, "fast", "fast, realtime, or a speed such as 0.5, half as fast as recorded"),
     "start": Param(float, 0.0, "where in the bag to begin, after its first stamp", "s", minimum=0.0),
     "duration": Param(float, None, "seconds to replay", "s", minimum=0.0, optional=True),
@@ -47,6 +48,11 @@ class ReplayerNode(Node):
     PARAMS: ClassVar[Mapping[str, Param]] = PARAMS
     SOURCE: ClassVar[bool] = True
     REMEDY: ClassVar[str] = "a bag has it where it was recorded with `--record-topics {topic}`"
+
+    @classmethod
+    def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
+        """Names what concerns keyframes alone of which frames are made, where none are."""
+        return {} if params["regenerate"] else {"samples_apart": "no frames are made anew (regenerate:=true)"}
 
     @classmethod
     def dynamic_outputs(cls, params: Mapping[str, Any]) -> dict[str, Output]:
@@ -100,6 +106,8 @@ class ReplayerNode(Node):
         found = {topic: description_at(self.reader, topic, start, episode) for topic in cameras}
         known = {topic: info for topic, info in found.items() if info is not None}
         self._warn_of_separate_clocks(known)
+        if self.params["regenerate"] and not self.params["samples_apart"]:
+            check_pixels(self.reader, known)
         self.descriptions = Descriptions(known)
         self.outdated: list[str] = []
         """Topics whose description must be published again as the round begins."""

@@ -165,6 +165,7 @@ def test_environments_of_one_seed_after_the_other_can_be_taken_apart_too() -> No
         ([{"keyframe_rate": 30}, {"keyframe_rate": 60}], "environments have keyframe_rate of physics in common"),
         ([{"width": 40}, {"width": 50}], "environments have width of .* in common; environment 0 has 40"),
         ([{"omega": 20}, {"omga": 30}], "omga"),
+        ([{}, {}, {"crossing": "cubic"}], "crossing is cubic in environment 2 and linear .* need the same$"),
         ([], "each is \\[\\]; it must be a list with a mapping for each environment"),
         ((), "each is \\(\\); it must be a list"),
     ],

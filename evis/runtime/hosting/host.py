@@ -50,6 +50,8 @@ class Host:
     """It takes several stamps at once, by `update_all`."""
     active: bool = False
     ended: bool = False
+    spent: bool = False
+    """A source that has given all that it has."""
     pacer: Pacer | None = None
     outside: OutsideInputs | None = None
     """Where programs outside the graph give what nobody in it does."""
@@ -175,7 +177,7 @@ class Host:
         self.join.clear()
         self._devices.clear()  # a node in its place may be on another one
         self.open_unjoined = set(self.unjoined_topics)
-        self.ended, self.pacer = False, None
+        self.ended, self.spent, self.pacer = False, False, None
 
     def release_delayed(self, inputs: Mapping[str, Message]) -> None:
         """Releases the messages that `delayed_inputs` returned, after the step that used them."""

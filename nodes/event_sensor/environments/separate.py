@@ -70,6 +70,11 @@ class SeparateSensors:
         """Tells whether any of its sensors takes further samples between the frames."""
         return any(getattr(sensor, "takes_further", False) for sensor in self._sensors)
 
+    def takes_at_once(self, _t: np.ndarray, further: bool = False) -> bool:
+        """Tells that the frames of several messages never come in one call, as EventSensor.takes_at_once tells:
+        messages of several environments are taken one by one."""
+        return False
+
     @property
     def begins_again(self) -> bool:
         """Tells whether its environments may begin anew together, as EventSensor.begins_again tells."""

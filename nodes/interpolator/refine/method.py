@@ -28,8 +28,9 @@ def tolerance_of(time_tolerance_s: float) -> float:
 class Refined:
     """Makes the frames of `Rigid`, and samples of single pixels between them where what they show changes.
 
-    further: the samples of the gap made last, None without any. following: the gap after the one that is made next,
-    where it is known, to be prepared while a GPU works on that. meanwhile: what else is done then.
+    sampled: whether there are such samples; without, the frames are the same bytes. further: the samples of the gap
+    made last, None without any. following: the gap after the one that is made next, where it is known, to be prepared
+    while a GPU works on that. meanwhile: what else is done then.
     """
 
     def __init__(
@@ -39,6 +40,7 @@ class Refined:
         are sub-pixels, of which so many per axis make a pixel; `further` is then of their means."""
         self.rigid, self.refinement = rigid, Refinement(rigid, tolerance_ns, threads, light_samples, fineness)
         rigid.looks_at = self.refinement.stamps
+        self.sampled = True
         self.further: Further | None = None
         self.following: Span | None = None
         self.meanwhile: Callable[[], None] | None = None
@@ -46,7 +48,11 @@ class Refined:
 
     def begin_build(self) -> None:
         """Has its kernels compiled, while the caller does something else, for the first gap."""
-        begin_building(self.rigid.visibility.device, self.refinement.kernels())
+        begin_building(self.rigid.visibility.device, self._own_kernels())
+
+    def _own_kernels(self) -> list[tuple[wp.Kernel, int]]:
+        """Those that it launches besides those of `rigid`."""
+        return self.refinement.kernels() if self.sampled else []
 
     @property
     def remembers(self) -> bool:
@@ -74,12 +80,12 @@ class Refined:
     ) -> Report:
         """Implements `Method.between`. out: None on a GPU where `hand_over` is to write the frames later."""
         if not self._built:
-            build_together(self.rigid.visibility.device, [*self.rigid.kernels(), *self.refinement.kernels()])
+            build_together(self.rigid.visibility.device, [*self.rigid.kernels(), *self._own_kernels()])
             self._built = True
         held = np.asarray(held, bool)
         told = self.rigid.begin(a, b, held, out)
         following, self.following = self.following, None
-        if self.rigid.rested:
+        if self.rigid.rested or not self.sampled:
             self.further = None
             return told()
         meanwhile = self.meanwhile or (lambda: None)
