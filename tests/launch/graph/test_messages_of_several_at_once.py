@@ -125,6 +125,20 @@ def test_environments_are_each_as_by_itself(device: str, scene: str, given: dict
         assert counts[node] == sum((Counter(own[node]) for _, own in alone), Counter())
 
 
+def test_environments_of_drawn_sensors_are_each_as_by_itself(tmp_path: Path) -> None:
+    """They are sensed one by one in a process in which all else may come several at once."""
+    scene = tmp_path / "drawn.yaml"
+    scene.write_text(f"{MAINS}sensor: {{threshold: {{from: 0.15, to: 0.3}}}}\n")
+    given = {"seed": 5, "upsampling": 2, "interpolator": "splat"}
+    together = published(str(scene), envs=2, **given)
+    alone = [published(str(scene), **{**given, "seed": 5 + env}) for env in range(2)]
+    for env, one in enumerate(alone):
+        events = of_environment(one, 0)
+        assert len(events) > 1000
+        assert np.array_equal(of_environment(together, env), events)
+    assert len(of_environment(alone[0], 0)) != len(of_environment(alone[1], 0))
+
+
 @pytest.mark.parametrize("tolerance", [0, 0.0005])
 def test_a_reset_amid_a_batch_is_followed(tolerance: float) -> None:
     """After the states that are made at once, numbers 4 to 7; from there on keyframes are made one by one."""
