@@ -34,6 +34,14 @@ def together(plans: Sequence[Plan]) -> Plan:
     for env, plan in enumerate(plans):
         if list(plan.nodes) != list(first.nodes):
             raise SimulationError(f"environment {env} needs other nodes than environment 0; simulate it by itself")
+        for name, node in plan.nodes.items():
+            # A sensor that takes frames alone stands beside none that takes the samples between them.
+            mine, others = (" and ".join(sorted(one.inputs)) for one in (node, first.nodes[name]))
+            if mine != others:
+                raise SimulationError(
+                    f"{name} reads {mine} in environment {env} and {others} in environment 0; simulate them apart, or "
+                    "give what makes the difference (defocus, crossing, model) to all"
+                )
     for name, node in first.nodes.items():
         rows = [plan.nodes[name].params for plan in plans]
         own = [key for key in rows[0] if any(row[key] != rows[0][key] for row in rows)]

@@ -176,6 +176,17 @@ def test_what_environments_have_in_common_is_named(each: list[dict[str, Any]], w
     assert "\n" not in str(told.value)
 
 
+@pytest.mark.parametrize("values", [(0.8, 0.0), (0.0, 0.8)])
+def test_sensors_of_frames_and_of_samples_are_not_mixed(values: tuple[float, float]) -> None:
+    """Each would have other events than by itself: both would read what environment 0 reads."""
+    each = [{"defocus": value} for value in values]
+    words = "event_sensor reads (frames|samples) in environment 1 and (frames|samples) in environment 0; simulate them"
+    with pytest.raises(evis.SimulationError, match=words):
+        evis.Simulation("spinning_disk", each=each, time_tolerance=0.0005, **SIZE)
+    with evis.Simulation("spinning_disk", each=each, **SIZE) as sim:
+        assert sim.envs == 2
+
+
 RESET_ALONE: dict[str, tuple[str, dict[str, Any], list[dict[str, Any]]]] = {
     "motion": ("spinning_disk", {}, [{"omega": 20.0}, {"omega": 40.0}]),
     "sensor and seeds": ("falling_objects", {"shot_rate": 9.0}, [{"seed": 9}, {"threshold": 0.3, "seed": 5}]),
