@@ -326,7 +326,7 @@ class EventSensorNode(Node):
         out: dict[str, Any] = {name: np.zeros(0, dtype) for name, dtype in types.items()}
         if len(events):
             out = self._packets.memory(types, len(events), self._device)
-            events.read(out)
+            self._sensor.read_call(events, out)
         self._count(self._sensor)
         if len(finished.messages) == 1:
             self._packets.publish_loaned(finished.messages[0].header, out, events.env_offsets, events.t_base)

@@ -384,7 +384,7 @@ class EventSensor:
         if self._readout is None:
             return len(self._event_list)
         out: dict[str, np.ndarray] = {n: np.empty(len(self._event_list), d) for n, d in self.columns().items()}
-        self._read_event_list(out)
+        self.read_call(self._event_list, out)
         self._host_events = self._readout.apply_batch(out, self._event_list.env_offsets(), batch, begins, self._settled)
         return len(self._host_events[0]["t"])
 
@@ -429,18 +429,19 @@ class EventSensor:
         Of numpy or, where they are `on_gpu`, Warp's there.
         """
         if self._host_events is None:
-            self._read_event_list(out)
+            self.read_call(self._event_list, out)
         else:
             for name, column in self._host_events[0].items():
                 out[name][:] = column
 
-    def _read_event_list(self, out: Any) -> None:
-        """Writes the sorted events to columns; where nothing but light makes any, all of them are signal."""
+    def read_call(self, events: Any, out: Any) -> None:
+        """Writes the events of a call, which `process_async` has begun, to arrays of `columns()`, as `read` does; where
+        nothing but light makes any, all of them are signal."""
         if self.marked and not self._layout.marked:
             signal: Any = out["signal"]
             signal.fill(1) if isinstance(signal, np.ndarray) else signal.fill_(1)
             out = {name: column for name, column in out.items() if name != "signal"}
-        self._event_list.read(out)
+        events.read(out)
 
     def env_offsets(self) -> np.ndarray:
         """Returns int64 [E + 1] of the last `advance` or `finish`."""

@@ -18,7 +18,7 @@ CALLS = 4
 
 class DeviceEvents:
     """Holds the sorted events of one call: Warp arrays t int64 [ns], x, y uint16, p uint8, c uint8 or None, all
-    [count].
+    [count], and `signal` as of Events where keys say what noise made.
 
     env_offsets: int64 [E + 1], on the host. t_base, stamp: the events lie in (t_base, stamp]. The arrays belong to the
     sensor, which writes others into them CALLS calls later; reading them through this object then raises ValueError.
@@ -44,7 +44,8 @@ class DeviceEvents:
     @staticmethod
     def of(events: Events, device: Any, span: tuple[int, int]) -> DeviceEvents:
         """Returns the events of the host on a device; on a CPU the arrays are shared."""
-        host = {n: getattr(events, n) for n in ("t", "x", "y", "p", "c") if getattr(events, n) is not None}
+        names = ("t", "x", "y", "p", "c", "signal")
+        host = {n: getattr(events, n) for n in names if getattr(events, n) is not None}
         columns: dict[str, wp.array] = {n: wp.array(a, device=device, copy=False) for n, a in host.items()}
         return DeviceEvents(columns, len(events.t), events.env_offsets, span)
 
@@ -117,7 +118,7 @@ class DeviceEvents:
         """Copies the events to the host."""
         out = {n: np.empty(self.count, wp.dtype_to_numpy(a.dtype)) for n, a in self._columns.items()}
         self.read(out)
-        return Events(out["t"], out["x"], out["y"], out["p"], out.get("c"), self.env_offsets)
+        return Events(out["t"], out["x"], out["y"], out["p"], out.get("c"), self.env_offsets, out.get("signal"))
 
 
 class Pending:

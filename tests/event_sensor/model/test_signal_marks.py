@@ -63,6 +63,18 @@ def test_in_constant_light_everything_is_noise_and_without_noise_everything_is_s
         assert 0.5 < moved.mean() < 1.0
 
 
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_call_that_is_begun_has_the_marks_of_one_that_is_done(name):
+    frames, t, none = video(), np.arange(1, 25) * MS, np.zeros(2, np.int32)
+    sensors = [EventSensor(10, 13, 2, seed=3, marked=True, **FAULTS[name]) for _ in range(2)]
+    done, begun = sensors[0].process(frames, t, none), sensors[1].process_async(frames, t, none).result()
+    out = {column: np.full(len(begun), 7, dtype) for column, dtype in sensors[1].columns().items()}
+    sensors[1].read_call(begun, out)
+    assert len(begun) > 100
+    for column, values in out.items():
+        assert np.array_equal(values, getattr(done, column))
+
+
 @pytest.mark.parametrize("crossing", ["linear", "frame"])
 @pytest.mark.parametrize(("slope", "signal"), [(4.0, 1), (-9.0, 1), (0.5, 0), (1.9, 0), (2.1, 1)])
 def test_a_crossing_belongs_to_what_moves_the_pixel_faster(crossing, slope, signal):

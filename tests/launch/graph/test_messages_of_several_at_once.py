@@ -91,6 +91,17 @@ def test_every_message_of_supersampled_pixels_is_the_same_on_a_gpu() -> None:
     assert published("spinning_disk", batch=4, **given) == want
 
 
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
+@pytest.mark.parametrize("noise", [{}, {"shot_rate": 100.0}])
+def test_every_event_has_its_mark(device: str, noise: dict[str, float]) -> None:
+    """A GPU's sensor has several calls in flight, and keys without a bit for noise where there is none."""
+    records = published("spinning_disk", device=device, labels=["events"], **noise)
+    events = sum(len(arrays["p"]) for port, _, arrays in records if port == "events")
+    marks = b"".join(arrays["signal"] for port, _, arrays in records if port == "signal")
+    assert len(marks) == events > 1000
+    assert set(marks) == ({0, 1} if noise else {1})
+
+
 def of_environment(records: list[Record], env: int) -> np.ndarray:
     """Events of one environment, a row each of t, x, y, p."""
     found = []
