@@ -14,6 +14,10 @@ CELLS = wp.constant(0.5)
 TURNS = wp.constant(2.0)
 """How often the numbers go round within a cell's neighbourhood, which makes them nearly uniform over a surface."""
 
+SPLIT = wp.constant(-0.74)
+"""Height of a normal in its instance's frame below which the frame of directions about it is another one. At 0, where it
+often is set, lie the sides of boxes and cylinders: rounding chose between two frames, and their light flickered."""
+
 EMITTER = wp.constant(1)
 LIGHT_PROXY = wp.constant(2)
 """An instance whose emission is light of its own; one that only shows a light, whose light is counted there."""
@@ -128,7 +132,7 @@ def cosine_direction(n: wp.vec3, rotation: wp.mat33, u: wp.vec2):
     The frame about n is made in the instance's frame and so turns with it (Duff et al., JCGT 6(1), 2017).
     """
     m = wp.transpose(rotation) * n
-    sign = wp.where(m[2] >= 0.0, 1.0, -1.0)
+    sign = wp.where(m[2] >= SPLIT, 1.0, -1.0)
     a = -1.0 / (sign + m[2])
     b = m[0] * m[1] * a
     t = rotation * wp.vec3(1.0 + sign * m[0] * m[0] * a, sign * b, -sign * m[0])
