@@ -50,6 +50,28 @@ def test_every_camera_sees_something(scenes, name, t_ns):
 
 
 @pytest.mark.parametrize("name", names("scenes"))
+@pytest.mark.parametrize("t_ns", [0, 350_000_000])
+def test_no_two_surfaces_lie_in_each_other(name, t_ns):
+    """Which of them a pixel shows would hang on rounding. A camera that is 1 um aside sees the same things, but where
+    an edge happens to pass a pixel's centre; it is turned a little, so that no edge runs along a row of these."""
+    from evis.geometry import se3
+    from nodes.renderer.raster.visibility import Visibility
+
+    scene = load_scene(name, {"width": 311, "height": 233}, textures=False)
+    poses = states(scene, t_ns)
+    turned = se3.normalize(np.array([0.013, 0.007, 0.021, 1.0]))
+    for camera in scene.cameras:
+        visibility, seen = Visibility(scene, camera), []
+        body = visibility.camera_body
+        for place in 1e-6 * np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, 0, 1]]):
+            moved = poses.copy()
+            moved[body] = se3.compose(poses[body], np.array([*place, *turned]))
+            visibility.update(moved[None])
+            seen.append(visibility.hits()["instance"])
+        assert max(np.sum(there != seen[0]) for there in seen[1:]) <= 8, camera.name
+
+
+@pytest.mark.parametrize("name", names("scenes"))
 def test_something_moves(scenes, name):
     """A scene in which nothing moves makes no events."""
     scene = scenes[name]
