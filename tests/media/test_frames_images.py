@@ -213,7 +213,10 @@ def test_bad_exr(tmp_path):
             assert len(next(blocks).t) == 2
             with pytest.raises(FramesError, match=r"2\.exr: "):
                 next(blocks)
-    for stamp, text in ((1, "its time 1 ns does not come after 1 ns"), ("soon", "must be whole nanoseconds")):
+    for stamp, text in (
+        (1, "1 ns does not come after 1 ns of .*; --fps"),
+        ("soon", "must be whole nanoseconds"),
+    ):
         write_exr(tmp_path / "2.exr", image, stamp)
         with pytest.raises(FramesError, match=text):
             frames_of(tmp_path)

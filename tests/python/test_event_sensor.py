@@ -284,8 +284,25 @@ BAD: list[tuple[str, Any]] = [
     (r"shape \[1, 1, 13, 6, 8\]", lambda: evis.EventSensor(6, 8, 3)(np.ones((1, 1, 13, 6, 8), "f4"), stamps())),
     (r"uint8; they must be .*linear_from_srgb\(codes / 255\)", lambda: evis.EventSensor(6, 8)(CODES, stamps())),
     ("float64; they must be .* convert", lambda: evis.EventSensor(6, 8)(wp.ones((13, 6, 8), wp.float64), stamps())),
-    ("whole nanoseconds", lambda: evis.EventSensor(6, 8)(video(), stamps() * 1e-9)),
-    ("13 stamps|12 stamps", lambda: evis.EventSensor(6, 8)(video(), stamps()[:12])),
+    (
+        r"alpha$",
+        lambda: evis.EventSensor(6, 8, colour=True)(np.ones((13, 6, 8, 4), "f4"), stamps()),
+    ),
+    (r"leaves out the last axis$", lambda: evis.EventSensor(6, 8)(np.ones((13, 6, 8, 1), "f4"), stamps())),
+    (r"np\.moveaxis", lambda: evis.EventSensor(6, 8, colour=True)(np.ones((13, 3, 6, 8), "f4"), stamps())),
+    (r"whole nanoseconds.*np\.rint\(1e9 \* t\)", lambda: evis.EventSensor(6, 8)(video(), stamps() * 1e-9)),
+    (
+        r"frames are \[1, 13, 6, 8\] with 12 stamps; .* a stamp for each",
+        lambda: evis.EventSensor(6, 8)(video(), stamps()[:12]),
+    ),
+    (
+        r"frame 12 is at 0 ns after \d+ ns",
+        lambda: evis.EventSensor(6, 8)(video(), np.append(stamps()[:12], 0)),
+    ),
+    (
+        "t reaches 9223372036854775820, more than int64",
+        lambda: evis.EventSensor(6, 8)(video(), stamps().astype(np.uint64) // 10**9 * 0 + np.uint64(2**63 + 12)),
+    ),
     ("height is 0; it must be a whole number, 1 to 65536", lambda: evis.EventSensor(0, 8)),
     ("height is 70000; it must be a whole number, 1 to 65536", lambda: evis.EventSensor(70_000, 2)),
     ("width is 65537; it must be a whole number, 1 to 65536", lambda: evis.EventSensor(2, 65537)),

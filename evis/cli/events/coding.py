@@ -22,7 +22,7 @@ class Coding:
     A step of the code is coarse where ln I changes by more than a threshold, the dark level included.
     """
 
-    def __init__(self, tone: Tone, threshold: float, dark_level: float) -> None:
+    def __init__(self, tone: Tone | None, threshold: float, dark_level: float) -> None:
         self._tone, self._threshold, self._dark = tone, threshold, dark_level
         self._pixels = self._black = self._full = self._coarse = self._samples = self._frames = 0
         self._level: float | None = None
@@ -34,23 +34,23 @@ class Coding:
         if not self._frames:
             self._first_ns = int(block.t[0])
         self._frames, self._last_ns = self._frames + len(block.t), int(block.t[-1])
-        if block.ends is None or bits is None:
+        if block.ends is None or bits is None or self._tone is None:
             return
         for name, n in zip(("_pixels", "_black", "_full"), end_counts(block.ends)):
             setattr(self, name, getattr(self, name) + n)
         if self._level is None:
-            self._code, self._level = self._coarse_below(bits)
+            self._code, self._level = self._coarse_below(self._tone, bits)
         self._samples += block.image.size
         self._coarse += int(np.count_nonzero(block.image < self._level))
 
-    def _coarse_below(self, bits: int) -> tuple[int, float]:
+    def _coarse_below(self, tone: Tone, bits: int) -> tuple[int, float]:
         """The first code above which no step is coarse, and its radiance."""
         codes = np.arange(1 << bits) / ((1 << bits) - 1)
         with np.errstate(divide="ignore"):
-            steps = np.diff(np.log(self._tone.decode(codes) + self._dark))
+            steps = np.diff(np.log(tone.decode(codes) + self._dark))
         coarse = np.flatnonzero(steps > self._threshold)
         code = int(coarse[-1]) + 1 if len(coarse) else 0
-        return code, float(self._tone.decode(codes[code]))
+        return code, float(tone.decode(codes[code]))
 
     def report(self) -> dict[str, Any]:
         """Reports the shares of pixels that were black, at full scale or coarsely coded, for a summary."""

@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     options = FrameOptions(args.colour, args.crossing == "hermite", args.fps, args.tone, args.white, ends=True)
     try:
         options.check()
-        tone = options.make_tone()
+        options.make_tone()
     except ValueError as error:
         raise UsageError(f"--{error}") from None
     device_named(args.device)  # before any work, as a device may not be there
@@ -72,10 +72,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     hermite = known["crossing"] == "hermite"
     if hermite and upsampler is not None:
         raise UsageError("--crossing hermite needs dlog_dt, which sub-frames do not have; take cubic")
-    coding = Coding(tone, min(thresholds_of(known)), known["dark_level"])
     with _part(args.source, options, chosen) as source, _finish_on_signal() as asked:
         if hermite and not source.has_slopes:
             raise ValueError(f"{args.source}: no dlog_dt, which --crossing hermite needs; take cubic")
+        coding = Coding(source.tone, min(thresholds_of(known)), known["dark_level"])
         with open_writer(args.out, source.width, source.height, args.encoding) as writer:
             tally = _Tally(args.out, coding, upsampler)
             with counted(source.count, "simulating") as step:
@@ -218,7 +218,7 @@ class _Tally:
         if self._upsampler is not None:
             warnings += self._upsampler.warnings()
         if counts.get("nonfinite") and not simulation.parameters["dark_level"]:
-            level = f" {0.01 * source.about['white']:g}" if "white" in source.about else ""
+            level = "" if source.tone is None else f" {source.tone.dark_level:g}"
             which = "black samples have" if level else "samples that are 0, negative or not finite have"
             warnings.append(f"{which} no logarithm and were skipped; try --dark-level{level}")
         return result | ({"warnings": warnings} if warnings else {})

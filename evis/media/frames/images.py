@@ -26,6 +26,7 @@ class ImageFrames(FolderFrames):
     def __init__(self, path: Path, names: list[str], options: FrameOptions, form: str) -> None:
         """form: one of KINDS, that of all files."""
         self._tone, self._form, self.kind = options.make_tone(), form, form.lower()
+        self.tone = self._tone
         self._ends = options.ends
         super().__init__(path, names, options)
         self.about |= {"tone": self._tone.name, "white": self._tone.white}

@@ -52,6 +52,10 @@ def _open(path: Path, options: FrameOptions) -> FrameSource:
         raise FramesError(
             f"{path}: one image makes no events; give the folder of all of them, or a pattern as 'f*.png'"
         )
+    if path.suffix.lower() == ".npy":
+        raise FramesError(
+            f"{path}: an array alone has no times; save it by np.savez(FILE, luminance=images, t=times_in_ns)"
+        )
     return VideoFrames(path, options)
 
 

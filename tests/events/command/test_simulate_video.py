@@ -142,6 +142,22 @@ def test_the_ends_of_the_code_are_counted(capsys, tmp_path):
     assert dark["coarse_share"] == 0
 
 
+def test_codes_of_10_bits_are_coarse_where_their_own_steps_are(capsys, tmp_path):
+    """A step from code 3 of 1,023 is 0.29 of ln I, far more than that of 16 bits in which a video's frames are kept."""
+    av = pytest.importorskip("av", reason="PyAV is not installed (pip install 'evis[video]')")
+    with av.open(str(tmp_path / "v.mkv"), "w") as file:
+        track = file.add_stream("ffv1", rate=1000)
+        track.width, track.height, track.pix_fmt = W, H, "gray10le"
+        for i in range(2):
+            codes = np.repeat([3, 500], H // 2)[:, None].repeat(W, 1).astype("<u2")
+            frame = av.VideoFrame.from_ndarray(codes, "gray10le")
+            frame.pts, frame.time_base = i, Fraction(1, 1000)
+            file.mux(track.encode(frame))
+        file.mux(track.encode())
+    made = call(capsys, tmp_path / "v.mkv", tmp_path / "e.npz")
+    assert (made["bits"], made["coarse_share"]) == (10, 0.5)
+
+
 @pytest.mark.parametrize(
     ("options", "text"),
     [
