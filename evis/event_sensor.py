@@ -150,14 +150,17 @@ class EventSensor:
         return self._given(self._read(count), self._sensor.env_offsets(), kind, device)
 
     def flush(self) -> SensorEvents:
-        """Returns the events that look-ahead and readout hold back, at the end of a stream, as numpy arrays."""
+        """Returns the events that look-ahead and readout hold back, at the end of a stream, as numpy arrays.
+
+        Those of the readout may be later than the last frame; `end_ns` then is the time of the last of them.
+        """
         if self._sensor is None:
             raise ValueError(f"{_OWNER}: there is nothing to flush; it has had no frame")
         if self._is_peer:
             made = self._sensor.flush()
             return self._given(_columns(made), made.env_offsets, NUMPY, None)
         columns = self._read(self._sensor.finish())
-        self._until = self._sensor.stamp
+        self._until = int(host_array(columns["t"]).max(initial=self._sensor.stamp))
         return self._given(columns, self._sensor.env_offsets(), NUMPY, None)
 
     def reset(self, seed: int | None = None, envs: Iterable[int] | None = None) -> None:

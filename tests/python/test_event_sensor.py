@@ -211,6 +211,18 @@ def test_a_flush_has_the_axes_of_the_frames(axis: bool) -> None:
         assert rest.env_offsets.tolist() == [0, len(rest)] and len(rest) > 0
 
 
+@pytest.mark.parametrize("crossing", ["linear", "cubic"])
+def test_events_that_left_late_lie_in_the_interval_of_the_flush(crossing: str) -> None:
+    """At 1000 events a second the last ones leave long after the last frame; all calls together cover time once."""
+    sensor = evis.EventSensor(6, 8, readout_rate=1000.0, crossing=crossing)
+    first = -40 * MS
+    calls = [sensor(video()[0], stamps(first=first)), sensor.flush()]
+    assert len(calls[1]) and calls[1].t[-1] > stamps(first=first)[-1]
+    assert calls[0].end_ns == calls[1].start_ns and calls[1].end_ns == calls[1].t[-1]
+    for events in calls:
+        assert ((events.t > events.start_ns) & (events.t <= events.end_ns)).all()
+
+
 def test_look_ahead_is_flushed() -> None:
     frames, t = video(), stamps()
     sensor = evis.EventSensor(6, 8, crossing="cubic")
