@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from evis.cli.events.repeats import Repeats
 from evis.media.frames.selection import end_counts
 from evis.media.frames.source import FrameBlock
 from evis.media.frames.tone import Tone
@@ -28,6 +29,7 @@ class Coding:
         self._level: float | None = None
         self._code = 0
         self._first_ns = self._last_ns = 0
+        self._repeats = Repeats()
 
     def add(self, block: FrameBlock, bits: int | None) -> None:
         """Counts a block of frames. bits: of a code, None where frames are not coded."""
@@ -36,6 +38,7 @@ class Coding:
         self._frames, self._last_ns = self._frames + len(block.t), int(block.t[-1])
         if block.ends is None or bits is None or self._tone is None:
             return
+        self._repeats.add(block.image)
         for name, n in zip(("_pixels", "_black", "_full"), end_counts(block.ends)):
             setattr(self, name, getattr(self, name) + n)
         if self._level is None:
@@ -57,7 +60,11 @@ class Coding:
         if not self._pixels:
             return {}
         black, full, coarse = self._shares()
-        return {"black_share": round(black, 6), "full_scale_share": round(full, 6), "coarse_share": round(coarse, 6)}
+        return {
+            "black_share": round(black, 6),
+            "full_scale_share": round(full, 6),
+            "coarse_share": round(coarse, 6),
+        } | self._repeats.report()
 
     def _shares(self) -> tuple[float, float, float]:
         pixels = max(self._pixels, 1)
@@ -84,4 +91,4 @@ class Coding:
                 f"frames are {apart / 1e6:.3g} ms apart, and ln I goes straight from one to the next; --upsample auto "
                 "makes frames between them along optical flow"
             )
-        return said
+        return said + self._repeats.warnings()

@@ -142,6 +142,26 @@ def test_the_ends_of_the_code_are_counted(capsys, tmp_path):
     assert dark["coarse_share"] == 0
 
 
+@pytest.mark.parametrize(
+    ("shown", "repeated"),
+    [
+        (range(40), 0),
+        ([i // 2 for i in range(40)], 18),  # of 30 Hz at 60; the first and the last pair have no change before, after
+        ([i * 2 // 5 for i in range(40)], 21),  # of 24 Hz at 60: rows of 3 and 2, the first and the last left out
+        ([*range(12), *[12] * 20, *range(12, 20)], 0),  # at rest for a while
+    ],
+)
+def test_repeated_frames_are_counted(shown, repeated, capsys, tmp_path):
+    """Across blocks of 32 frames, too."""
+    (tmp_path / "f").mkdir()
+    for i, place in enumerate(shown):
+        Image.fromarray(np.roll(film()[0], 3 * place, 1)).save(tmp_path / "f" / f"{i}.png")
+    made = call(capsys, tmp_path / "f", tmp_path / "e.npz", "--fps", 1000)
+    assert made.get("repeated_frames", 0) == repeated
+    text = " ".join(made.get("warnings", []))
+    assert (f"{repeated} of 40 frames repeat the one before" in text) == bool(repeated)
+
+
 def test_codes_of_10_bits_are_coarse_where_their_own_steps_are(capsys, tmp_path):
     """A step from code 3 of 1,023 is 0.29 of ln I, far more than that of 16 bits in which a video's frames are kept."""
     av = pytest.importorskip("av", reason="PyAV is not installed (pip install 'evis[video]')")
