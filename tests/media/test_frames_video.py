@@ -174,6 +174,15 @@ def test_a_last_frame_that_stays_is_no_truncation(times, name, codec, pixels, av
     assert frames_of(tmp_path / name)[0].tolist() == [time * 10_000_000 for time in times]
 
 
+def test_a_late_first_frame_is_no_truncation(av, tmp_path):
+    """The header of Matroska counts from 0: 50.03 s for three frames from 50 s on. What is cut still is."""
+    write(av, tmp_path / "v.mkv", noise(30), times=range(5000, 5030))
+    assert frames_of(tmp_path / "v.mkv")[0].tolist() == [i * 10_000_000 for i in range(30)]
+    (tmp_path / "c.mkv").write_bytes((tmp_path / "v.mkv").read_bytes()[: (tmp_path / "v.mkv").stat().st_size // 2])
+    with pytest.raises(FramesError, match=r"c\.mkv: truncated"):
+        frames_of(tmp_path / "c.mkv")
+
+
 def test_a_lossless_video_is_its_frames(av, tmp_path):
     """FFV1 in RGB: every code, at the times of the file, counted from its first frame."""
     frames = noise(40)

@@ -1,4 +1,4 @@
-"""Counts what coded frames (video, PNG, JPEG, TIFF) cannot tell the sensor while they pass, and says it at the end."""
+"""Counts what coded frames (of videos and images) cannot tell the sensor while they pass, and says it at the end."""
 
 from __future__ import annotations
 

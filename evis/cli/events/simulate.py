@@ -31,7 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "source",
         metavar="FRAMES",
         help="an .npz of luminance (float32 [T,H,W], linear) and t (int64 [T], ns), optionally dlog_dt, or rgb in "
-        "place of luminance; a folder, or a pattern in quotes, of EXR (linear), PNG, JPEG or TIFF; or a video",
+        "place of luminance; a folder, or a pattern in quotes, of EXR (linear), PNG, JPEG, TIFF, BMP "
+        "or PGM; or a video",
     )
     add_output(parser)
     parser.add_argument("--rebase", action="store_true", help="let the times count from the first frame")
@@ -214,6 +215,11 @@ class _Tally:
         if (stretched := getattr(source, "stretched", 1.0)) != 1.0:
             warnings.append(
                 f"the picture is {stretched:.2f} times as wide as it was; --crop a part of OUT's proportions"
+            )
+        if fields := source.about.get("interlaced_frames"):
+            warnings.append(
+                f"{fields} frames are interlaced: every other row was seen at another time, and edges that move fire "
+                "in combs; make frames of the fields: ffmpeg -i IN -vf bwdif=send_field OUT"
             )
         if self._upsampler is not None:
             warnings += self._upsampler.warnings()

@@ -57,7 +57,7 @@ class FrameOptions:
     """Describes how frames are to be read.
 
     colour: RGB instead of luminance. slopes: read dlog_dt where there is one. fps: frames per second in place of the
-    times that the files tell. tone, white: inverse tone curve of PNG, JPEG, TIFF and video, and the radiance of full
+    times that the files tell. tone, white: inverse tone curve of images of codes and of video, and the radiance of full
     scale. ends: flag the pixels at the ends of the code.
     """
 
@@ -80,7 +80,7 @@ class FrameOptions:
     def refuse_tone(self, path: Path, what: str) -> None:
         """Raises where a tone curve is given for frames that are linear already."""
         if self.tone is not None or self.white is not None:
-            raise FramesError(f"{path}: {what} is linear; a tone curve and white are for PNG, JPEG, TIFF and video")
+            raise FramesError(f"{path}: {what} is linear; a tone curve and white are for images of codes, and video")
 
     def stamp(self, index: int) -> int:
         """Returns the time of a frame at `fps` [ns], rounded once, so that it does not drift."""

@@ -105,6 +105,8 @@ class VideoFrames(ImageSource):
             at = Fraction(frame.pts or 0) * (frame.time_base or 0)
             first = at if first is None else first
             end, shown = at - first, Fraction(frame.duration or 0) * (frame.time_base or 0)
+            if frame.interlaced_frame:
+                self.about["interlaced_frames"] = self.about.get("interlaced_frames", 0) + 1
             t = self._options.stamp(index) if self._options.fps else round(end * 1_000_000_000)
             with faults_as(FramesError, name):
                 codes = self._codes(frame)
@@ -163,7 +165,8 @@ class VideoFrames(ImageSource):
         if track.duration is not None and track.time_base is not None:
             return Fraction(track.duration) * track.time_base
         if self._file.duration is not None and len(self._file.streams) == 1:
-            return Fraction(self._file.duration, 1_000_000)
+            # that of Matroska counts from 0, not from the first frame
+            return Fraction(self._file.duration - max(self._file.start_time or 0, 0), 1_000_000)
         return None
 
     def _codes(self, frame: Any) -> np.ndarray:

@@ -162,6 +162,21 @@ def test_repeated_frames_are_counted(shown, repeated, capsys, tmp_path):
     assert (f"{repeated} of 40 frames repeat the one before" in text) == bool(repeated)
 
 
+def test_interlaced_frames_are_told_of(capsys, tmp_path):
+    """Of MPEG-4, whose frames say whether they are two fields."""
+    av = pytest.importorskip("av", reason="PyAV is not installed (pip install 'evis[video]')")
+    for name, options, told in (("i.mp4", {"flags": "+ildct+ilme"}, 3), ("p.mp4", {}, 0)):
+        with av.open(str(tmp_path / name), "w") as file:
+            track = file.add_stream("mpeg4", rate=25, options=options)
+            track.width, track.height, track.pix_fmt = W, H, "yuv420p"
+            for image in film()[:3]:
+                file.mux(track.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
+            file.mux(track.encode())
+        made = call(capsys, tmp_path / name, tmp_path / "e.npz")
+        assert made.get("interlaced_frames", 0) == told
+        assert ("3 frames are interlaced" in " ".join(made["warnings"])) == bool(told)
+
+
 def test_codes_of_10_bits_are_coarse_where_their_own_steps_are(capsys, tmp_path):
     """A step from code 3 of 1,023 is 0.29 of ln I, far more than that of 16 bits in which a video's frames are kept."""
     av = pytest.importorskip("av", reason="PyAV is not installed (pip install 'evis[video]')")
