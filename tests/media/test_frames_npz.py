@@ -169,7 +169,9 @@ def test_paths(tmp_path):
     with pytest.raises(FramesError, match=r"frames\.npy: an array alone has no times; save it by np\.savez"):
         open_frames(tmp_path / "frames.npy")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(FramesError, match=r"no \.exr, \.png, \.jpg, \.tif, \.bmp or \.pgm files in the folder; it has nothing"):
+    with pytest.raises(
+        FramesError, match=r"no \.exr, \.png, \.jpg, \.tif, \.bmp or \.pgm files in the folder; it has nothing"
+    ):
         open_frames(tmp_path / "empty")
     np.savez(tmp_path / "e.npz", t=np.arange(3), x=np.arange(3), y=np.arange(3), p=np.ones(3, int))
     with pytest.raises(FramesError, match="it holds events"):

@@ -13,6 +13,8 @@ from evis.media.frames.tone import Tone
 
 FAR_NS = 5_000_000
 """Frames further apart are said to be far."""
+NEAR_NS = 50_000
+"""Frames nearer than this are said to be near: those of 20 Hz and more are so if their times are in us."""
 WORTH = 0.001
 """Shares of pixels below this are reported but not warned of."""
 
@@ -20,16 +22,17 @@ WORTH = 0.001
 class Coding:
     """Counts pixels at the ends of the code and in its coarse part.
 
-    A step of the code is coarse where ln I changes by more than a threshold, the dark level included.
+    A step of the code is coarse where ln I changes by more than a threshold, the dark level included. as_stored: times
+    are those of the files, and may be in another unit.
     """
 
-    def __init__(self, tone: Tone | None, threshold: float, dark_level: float) -> None:
+    def __init__(self, tone: Tone | None, threshold: float, dark_level: float, as_stored: bool) -> None:
         self._tone, self._threshold, self._dark = tone, threshold, dark_level
         self._pixels = self._black = self._full = self._coarse = self._samples = self._frames = 0
         self._level: float | None = None
         self._code = 0
         self._first_ns = self._last_ns = 0
-        self._repeats = Repeats()
+        self._repeats, self._as_stored = Repeats(), as_stored
 
     def add(self, block: FrameBlock, bits: int | None) -> None:
         """Counts a block of frames. bits: of a code, None where frames are not coded."""
@@ -90,5 +93,10 @@ class Coding:
             said.append(
                 f"frames are {apart / 1e6:.3g} ms apart, and ln I goes straight from one to the next; --upsample auto "
                 "makes frames between them along optical flow"
+            )
+        if self._as_stored and self._frames > 1 and apart < NEAR_NS:
+            said.append(
+                f"frames are {apart / 1000:.3g} us apart, {1e9 / apart:,.0f} a second; times must be in ns: those in us "
+                "are to be multiplied by 1000"
             )
         return said + self._repeats.warnings()

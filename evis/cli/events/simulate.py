@@ -76,7 +76,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     with _part(args.source, options, chosen) as source, _finish_on_signal() as asked:
         if hermite and not source.has_slopes:
             raise ValueError(f"{args.source}: no dlog_dt, which --crossing hermite needs; take cubic")
-        coding = Coding(source.tone, min(thresholds_of(known)), known["dark_level"])
+        coding = Coding(
+            source.tone, min(thresholds_of(known)), known["dark_level"], args.fps is None and args.slow_motion == 1
+        )
         with open_writer(args.out, source.width, source.height, args.encoding) as writer:
             tally = _Tally(args.out, coding, upsampler)
             with counted(source.count, "simulating") as step:
