@@ -98,6 +98,36 @@ def test_white_of_more_than_8_bits_is_full_scale(pixels, full_range, black, grey
     assert [int(ends[9, 9]) for ends in block.ends] == [BLACK, 0, FULL]
 
 
+@pytest.mark.parametrize("pixels", ["yuv420p", "yuv422p", "yuv444p"])
+@pytest.mark.parametrize(("full_range", "black", "white"), [(False, 16, 235), (True, 0, 255)])
+def test_every_code_of_luma_has_its_light(pixels, full_range, black, white, av, tmp_path):
+    """Rec. 601 and 709 have 219 steps from black to white, which are no whole codes of 255."""
+    from fractions import Fraction
+
+    luma = np.arange(black, white + 1)
+    with av.open(str(tmp_path / "v.mkv"), "w") as file:
+        stream = file.add_stream("ffv1", rate=10)
+        stream.height, stream.width, stream.pix_fmt = 32, 256, pixels
+        for i in range(2):
+            frame = av.VideoFrame(256, 32, pixels)
+            for plane, value in zip(frame.planes, (0, 128, 128)):
+                plane.update(np.full(plane.buffer_size, value, np.uint8).tobytes())
+            rows = np.zeros((32, frame.planes[0].line_size), np.uint8)
+            rows[:, : len(luma)], rows[:, len(luma) : 256] = luma, black
+            frame.planes[0].update(rows.tobytes())
+            frame.pts, frame.time_base, frame.color_range = i, Fraction(1, 10), 2 if full_range else 1
+            stream.codec_context.color_range = frame.color_range
+            file.mux(stream.encode(frame))
+        file.mux(stream.encode())
+    with open_frames(tmp_path / "v.mkv", FrameOptions(tone="linear", ends=True)) as source:
+        (block,) = source.blocks()
+    assert source.about["bits"] == 8
+    light = block.image[1, 16, : len(luma)]
+    np.testing.assert_allclose(light, (luma - black) / (white - black), rtol=0, atol=4 / 65535)
+    ends = block.ends[1, 16, : len(luma)]
+    assert (ends[0], ends[-1]) == (BLACK, FULL) and not ends[1:-1].any()
+
+
 @pytest.mark.parametrize(
     ("number", "tone", "light"),
     [(18, "hlg", 0.25 / 3), (16, "pq", 0.0092246), (8, "linear", 0.5), (1, "srgb", 0.21404)],

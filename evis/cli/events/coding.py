@@ -96,7 +96,7 @@ class Coding:
             )
         if self._as_stored and self._frames > 1 and apart < NEAR_NS:
             said.append(
-                f"frames are {apart / 1000:.3g} us apart, {1e9 / apart:,.0f} a second; times must be in ns: multiply by "
-                "1000 those that are in us"
+                f"frames are {apart / 1000:.3g} us apart, {1e9 / apart:,.0f} a second; times must be in ns: multiply "
+                "by 1000 those that are in us"
             )
         return said + self._repeats.warnings()

@@ -170,15 +170,18 @@ class VideoFrames(ImageSource):
         return None
 
     def _codes(self, frame: Any) -> np.ndarray:
-        bits = max(component.bits for component in frame.format.components)
-        deep = bits > 8
+        components = frame.format.components
+        bits = max(component.bits for component in components)
+        has_chroma = len(components) > 2 and not frame.format.is_rgb
+        # FFmpeg's ways from luma and chroma of 8 bits to packed RGB cut off up to a code, of 8 bits or of 16
+        way = "gbrp16le" if has_chroma else "rgb48le" if bits > 8 else "rgb24"
         # what the file leaves open is Rec. 709 in HD and Rec. 601 below, as players take it
         space = int(frame.colorspace)
         source = (_BT709 if frame.height >= _HD else _BT601) if space == _UNKNOWN else None
         self.about["bits"] = min(bits, 16)
-        codes: np.ndarray = frame.to_ndarray(format="rgb48le" if deep else "rgb24", src_colorspace=source)
+        codes: np.ndarray = frame.to_ndarray(format=way, src_colorspace=source)
         codes = np.ascontiguousarray(np.rot90(codes, self._turns)) if self._turns else codes
-        white = _deep_white(frame) if deep else 0
+        white = 0 if way == "rgb24" else _deep_white(frame)
         return codes if white in (0, 0xFFFF) else self._stretched(codes, white)
 
     def _stretched(self, codes: np.ndarray, white: int) -> np.ndarray:
@@ -196,7 +199,7 @@ def _text(error: BaseException) -> str:
 
 
 def _deep_white(frame: Any) -> int:
-    """The code that FFmpeg's conversion to RGB of 16 bits gives what is white in a frame of more than 8 bits.
+    """The code that FFmpeg's conversion to RGB of 16 bits gives what is white in a frame.
 
     Luma of a limited range becomes 255 of 256 parts. What has the full range, as grey has, is shifted up to 16 bits.
     """
