@@ -61,7 +61,7 @@ class Tone:
             raise ValueError(f"white is {white:g}, must be the radiance of full scale, above 0")
         self.name, self.white = name, white
         self._kind, self._weights = kind, weights
-        self._tables: dict[int, np.ndarray] = {}
+        self._tables: dict[tuple[int, int], np.ndarray] = {}
 
     @property
     def dark_level(self) -> float:
@@ -73,29 +73,33 @@ class Tone:
         curve = CURVES.get(self._kind)
         return self.white * (np.power(code, self._gamma) if curve is None else curve(code))
 
-    def _table(self, dtype: np.dtype) -> np.ndarray:
+    def _table(self, dtype: np.dtype, white: int | None) -> np.ndarray:
         """float32 [4, codes]: radiance of every code, and its shares of luminance as R, G and B."""
-        codes = np.iinfo(dtype).max + 1
-        if codes not in self._tables:
-            radiance = self.decode(np.arange(codes) / (codes - 1))
-            self._tables[codes] = np.outer((1.0, *self._weights), radiance).astype(np.float32)
-        return self._tables[codes]
+        most = int(np.iinfo(dtype).max)
+        key = most, most if white is None else white
+        if key not in self._tables:
+            # what is brighter than white is cut off there
+            radiance = self.decode(np.minimum(np.arange(most + 1) / key[1], 1))
+            self._tables[key] = np.outer((1.0, *self._weights), radiance).astype(np.float32)
+        return self._tables[key]
 
-    def radiance(self, image: np.ndarray) -> np.ndarray:
-        """Converts codes, uint8 or uint16 [...], to linear light, float32 of the same shape."""
-        return self._table(image.dtype)[0][image]
+    def radiance(self, image: np.ndarray, white: int | None = None) -> np.ndarray:
+        """Converts codes, uint8 or uint16 [...], to linear light, float32 of the same shape. white: the code of full
+        scale, None = the largest one."""
+        return self._table(image.dtype, white)[0][image]
 
-    def luminance(self, image: np.ndarray) -> np.ndarray:
-        """Converts codes, uint8 or uint16 [H, W] or [H, W, 3], to linear luminance, float32 [H, W]."""
+    def luminance(self, image: np.ndarray, white: int | None = None) -> np.ndarray:
+        """Converts codes, uint8 or uint16 [H, W] or [H, W, 3], to linear luminance, float32 [H, W]. white: as of
+        `radiance`."""
         if image.ndim == 2:
-            return self.radiance(image)
-        _, r, g, b = self._table(image.dtype)
+            return self.radiance(image, white)
+        _, r, g, b = self._table(image.dtype, white)
         return r[image[..., 0]] + g[image[..., 1]] + b[image[..., 2]]
 
 
-def shaped(image: np.ndarray, tone: Tone, colour: bool) -> np.ndarray:
-    """Converts codes [H, W] or [H, W, 3] as linear luminance [H, W] or RGB [H, W, 3]."""
+def shaped(image: np.ndarray, tone: Tone, colour: bool, white: int | None = None) -> np.ndarray:
+    """Converts codes [H, W] or [H, W, 3] as linear luminance [H, W] or RGB [H, W, 3]. white: as of Tone.radiance."""
     if not colour:
-        return tone.luminance(image)
-    radiance = tone.radiance(image)
+        return tone.luminance(image, white)
+    radiance = tone.radiance(image, white)
     return np.repeat(radiance[..., None], 3, axis=2) if radiance.ndim == 2 else radiance

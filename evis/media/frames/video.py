@@ -45,7 +45,6 @@ class VideoFrames(ImageSource):
             ) from None
         self._path, self._options = path, options
         self._error = av.error.FFmpegError
-        self._tables: dict[int, np.ndarray] = {}
         try:
             self._file = av.open(address(path))
         except (av.error.FFmpegError, OSError, ValueError) as error:
@@ -109,9 +108,9 @@ class VideoFrames(ImageSource):
                 self.about["interlaced_frames"] = self.about.get("interlaced_frames", 0) + 1
             t = self._options.stamp(index) if self._options.fps else round(end * 1_000_000_000)
             with faults_as(FramesError, name):
-                codes = self._codes(frame)
-                image = shaped(codes, self._tone, self.channels == 3)
-                ends = ends_of(codes) if self._options.ends else None
+                codes, white = self._codes(frame)
+                image = shaped(codes, self._tone, self.channels == 3, white)
+                ends = ends_of(codes, white) if self._options.ends else None
             yield NamedImage(name, t, image, ends)
             index += 1
         self._check_end(index, end, shown)
@@ -169,7 +168,8 @@ class VideoFrames(ImageSource):
             return Fraction(self._file.duration - max(self._file.start_time or 0, 0), 1_000_000)
         return None
 
-    def _codes(self, frame: Any) -> np.ndarray:
+    def _codes(self, frame: Any) -> tuple[np.ndarray, int | None]:
+        """Codes of R, G and B [H, W, 3], turned, and that of white; None = the largest one."""
         components = frame.format.components
         bits = max(component.bits for component in components)
         has_chroma = len(components) > 2 and not frame.format.is_rgb
@@ -181,14 +181,7 @@ class VideoFrames(ImageSource):
         self.about["bits"] = min(bits, 16)
         codes: np.ndarray = frame.to_ndarray(format=way, src_colorspace=source)
         codes = np.ascontiguousarray(np.rot90(codes, self._turns)) if self._turns else codes
-        white = 0 if way == "rgb24" else _deep_white(frame)
-        return codes if white in (0, 0xFFFF) else self._stretched(codes, white)
-
-    def _stretched(self, codes: np.ndarray, white: int) -> np.ndarray:
-        """Codes of 16 bits of which `white` is full scale, as if 65535 was; what is brighter is cut off there."""
-        if white not in self._tables:
-            self._tables[white] = np.minimum(np.rint(np.arange(0x10000) * (0xFFFF / white)), 0xFFFF).astype(np.uint16)
-        return self._tables[white][codes]
+        return codes, None if way == "rgb24" else _deep_white(frame)
 
     def close(self) -> None:
         self._file.close()
