@@ -125,6 +125,8 @@ class EventSensor:
             Events of the frames' kind, on their device: a tensor gives tensors. Raises ValueError.
         """
         kind, images, self._batched = self._taken(frames, "frames")
+        if dlog_dt is not None and self.parameters["crossing"] != "hermite":
+            raise ValueError("dlog_dt has no effect: crossing is not hermite; leave it out, or take crossing=hermite")
         slopes = None if dlog_dt is None else self._taken(dlog_dt, "dlog_dt")[1]
         device = images.device if isinstance(images, wp.array) else None
         if self._sensor is None:

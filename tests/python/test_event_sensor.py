@@ -301,6 +301,7 @@ BAD: list[tuple[str, Any]] = [
         lambda: evis.EventSensor(6, 8, colour=True)(np.ones((13, 6, 8, 4), "f4"), stamps()),
     ),
     (r"leaves out the last axis$", lambda: evis.EventSensor(6, 8)(np.ones((13, 6, 8, 1), "f4"), stamps())),
+    ("dlog_dt has no effect", lambda: evis.EventSensor(6, 8)(video(), stamps(), video())),
     (r"np\.moveaxis", lambda: evis.EventSensor(6, 8, colour=True)(np.ones((13, 3, 6, 8), "f4"), stamps())),
     (r"whole nanoseconds.*np\.rint\(1e9 \* t\)", lambda: evis.EventSensor(6, 8)(video(), stamps() * 1e-9)),
     (
