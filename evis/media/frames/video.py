@@ -26,7 +26,7 @@ LISTS = frozenset(("hls", "applehttp", "dash", "concat", "sdp", "rtsp", "imf", "
 _BT2020 = 9
 """Number of these primaries in ITU-T H.273."""
 _TOLD_TONES = {8: "linear", 16: "pq", 18: "hlg"}
-"""Transfer characteristics of ITU-T H.273 -> tone curve. Others are display curves, of which `srgb` is the mean."""
+"""Transfer characteristics of ITU-T H.273 -> tone curve. Others are near to `srgb`, and taken for it."""
 _FULL_RANGE = 2
 """Number of the range of codes in which luma goes from 0 to the largest one, in ffmpeg."""
 
