@@ -14,6 +14,7 @@ import warp as wp
 from evis.config.suggestions import environments_there
 from evis.gpu.exchange import NUMPY, as_kind, as_warp, kind_of
 from evis.gpu.host_copies import host_array
+from evis.media.frames.source import OF_SECONDS
 from nodes.event_sensor.effects import check_given
 from nodes.event_sensor.input.further import Further
 from nodes.event_sensor.make import make_sensor
@@ -125,14 +126,17 @@ class EventSensor:
             Events of the frames' kind, on their device: a tensor gives tensors. Raises ValueError.
         """
         kind, images, self._batched = self._taken(frames, "frames")
+        if dlog_dt is not None and self.parameters["crossing"] != "hermite":
+            raise ValueError("dlog_dt has no effect: crossing is not hermite; leave it out, or take crossing=hermite")
         slopes = None if dlog_dt is None else self._taken(dlog_dt, "dlog_dt")[1]
         device = images.device if isinstance(images, wp.array) else None
         if self._sensor is None:
             self._sensor = self._made("cpu" if device is None else str(device))
         stamps = _stamps(t)
-        if not len(stamps):
+        if not len(stamps) or len(stamps) != images.shape[1]:
             raise ValueError(
-                f"frames are {list(frames.shape)} with {len(stamps)} stamps; a call takes one frame or more"
+                f"frames are {list(np.shape(frames))} with {len(stamps)} stamps; a call takes one frame or more, and a "
+                "stamp for each"
             )
         more: dict[str, Any] = {} if slopes is None else {"dlog_dt": slopes}
         if further is not None:
@@ -149,14 +153,17 @@ class EventSensor:
         return self._given(self._read(count), self._sensor.env_offsets(), kind, device)
 
     def flush(self) -> SensorEvents:
-        """Returns the events that look-ahead and readout hold back, at the end of a stream, as numpy arrays."""
+        """Returns the events that look-ahead and readout hold back, at the end of a stream, as numpy arrays.
+
+        Those of the readout may be later than the last frame; `end_ns` then is the time of the last of them.
+        """
         if self._sensor is None:
             raise ValueError(f"{_OWNER}: there is nothing to flush; it has had no frame")
         if self._is_peer:
             made = self._sensor.flush()
             return self._given(_columns(made), made.env_offsets, NUMPY, None)
         columns = self._read(self._sensor.finish())
-        self._until = self._sensor.stamp
+        self._until = int(host_array(columns["t"]).max(initial=self._sensor.stamp))
         return self._given(columns, self._sensor.env_offsets(), NUMPY, None)
 
     def reset(self, seed: int | None = None, envs: Iterable[int] | None = None) -> None:
@@ -234,8 +241,16 @@ class EventSensor:
         """What the shape must be, and what else could be meant by the one that is given."""
         size = f"T, {self.height}, {self.width}{', 3' if self.colour else ''}"
         ways = [f"[{self.envs}, {size}]"] + ([f"[{size}]"] if self.envs == 1 else [])
-        seen = shape[-3:] == (self.height, self.width, 3) and not self.colour
-        return " or ".join(ways) + (", or in R, G and B with colour=True" if seen else "")
+        sides, hint = (self.height, self.width), ""
+        if shape[-3:] == (*sides, 3) and not self.colour:
+            hint = ", or in R, G and B with colour=True"
+        elif shape[-3:] == (*sides, 4):
+            hint = "; frames[..., :3] leaves out alpha"
+        elif shape[-3:] == (*sides, 1):
+            hint = "; frames[..., 0] leaves out the last axis"
+        elif len(shape) > 3 and shape[-3:] == (3, *sides):
+            hint = "; np.moveaxis(frames, -3, -1) puts colours last"
+        return " or ".join(ways) + hint
 
     def _read(self, count: int) -> dict[str, Any]:
         """The sensor's last events, where it has them."""
@@ -295,7 +310,8 @@ def _check_type(frames: Any, kind: str, name: str) -> None:
     told = own.__name__ if isinstance(frames, wp.array) else str(own).rpartition(".")[2]
     if told in ("float32", "vec3f") or (kind == NUMPY and own.kind == "f"):
         return
-    remedy = "convert them" if "float" in told else "evis.media.colour.linear_from_srgb(codes / 255) makes it of 8 bits"
+    coded = told.startswith(("uint", "int"))
+    remedy = "evis.media.colour.linear_from_srgb(codes / 255) makes it of 8 bits" if coded else "convert them"
     raise ValueError(f"{name} are {told}; they must be linear luminance in float32: {remedy}")
 
 
@@ -307,7 +323,10 @@ def _is_colour(frames: Any) -> bool:
 def _stamps(t: Any) -> np.ndarray:
     stamps = np.asarray(t) if kind_of(t) == NUMPY else as_warp(t).numpy()
     if stamps.dtype.kind not in "iu" or stamps.ndim != 1:
-        raise ValueError(f"t is {stamps.dtype} {list(stamps.shape)}; it must be whole nanoseconds, int64 [T]")
+        how = f"; {OF_SECONDS}" if stamps.dtype.kind == "f" else ""
+        raise ValueError(f"t is {stamps.dtype} {list(stamps.shape)}; it must be whole nanoseconds, int64 [T]{how}")
+    if len(stamps) and stamps.max() > np.iinfo(np.int64).max:
+        raise ValueError(f"t reaches {stamps.max()}, more than int64 nanoseconds can hold")
     return stamps.astype(np.int64, copy=False)
 
 

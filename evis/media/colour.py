@@ -24,5 +24,14 @@ def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
 
 
 def luminance_of(rgb: np.ndarray) -> np.ndarray:
-    """Computes the luminance of linear RGB [..., 3] as float32 [...]."""
-    return rgb.astype(np.float32, copy=False) @ np.array(REC709, np.float32)
+    """Computes the luminance of linear RGB [..., 3] as float32 [...], each product and sum rounded once.
+
+    So do the kernels of a graph. A product of matrices would sum as a processor, and a pixel's place in the array, have
+    it: the same picture, cut into other blocks or mirrored, would have other bits.
+    """
+    rgb = rgb.astype(np.float32, copy=False)
+    red, green, blue = (np.float32(weight) for weight in REC709)
+    luminance: np.ndarray = rgb[..., 0] * red
+    luminance += rgb[..., 1] * green
+    luminance += rgb[..., 2] * blue
+    return luminance

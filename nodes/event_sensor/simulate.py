@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from evis.media.frames.source import FrameBlock
+from evis.media.frames.source import OF_SECONDS, FrameBlock
 from nodes.event_sensor.effects import check_given
 from nodes.event_sensor.make import make_sensor
 from nodes.event_sensor.parameters import resolve_sensor
@@ -144,7 +144,7 @@ def _item(item: tuple[Any, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray | N
         raise ValueError("frames must be tuples (t, image) or (t, image, dlog_dt)")
     t, image, dlog_dt = np.asarray(item[0]), np.asarray(item[1]), item[2] if len(item) == 3 else None
     if t.dtype.kind not in "iu":
-        raise ValueError(f"t is {t.dtype}, must be whole nanoseconds (int64)")
+        raise ValueError(f"t is {t.dtype}, must be whole nanoseconds (int64); {OF_SECONDS}")
     if image.dtype.kind != "f":
         raise ValueError(f"a frame of {image.dtype}, must be float32 and linear")
     if t.ndim == 0:

@@ -76,6 +76,29 @@ def test_png_values(dtype, channels, tmp_path):
         np.testing.assert_allclose(rgb, radiance, rtol=4e-7, atol=1e-12)
 
 
+@pytest.mark.parametrize(("largest", "bits"), [(255, 8), (1023, 10), (4095, 12), (65535, 16)])
+def test_white_of_a_pgm_is_its_largest_code(largest, bits, tmp_path):
+    """By the PGM specification of Netpbm: of two bytes, the high one first, where that is above 255."""
+    codes = np.array([[0, 1, largest // 3], [largest // 2, largest - 1, largest]])
+    for i in range(2):
+        head = b"P5\n# of a camera\n3 2\n%d\n" % largest
+        (tmp_path / f"{i}.pgm").write_bytes(head + codes.astype(">u2" if largest > 255 else np.uint8).tobytes())
+    with open_frames(tmp_path, FrameOptions(fps=10, tone="linear")) as source:
+        (block,) = source.blocks()
+    assert source.about["bits"] == bits
+    np.testing.assert_allclose(block.image, [codes / largest] * 2, rtol=0, atol=0.5 / 65535)
+
+
+def test_bmp_values(tmp_path):
+    """24 bits a pixel by its header: rows from below, blue first, padded to four bytes."""
+    image = np.random.default_rng(5).integers(0, 256, (5, 7, 3)).astype(np.uint8)
+    rows = b"".join(row.tobytes() + b"\0" * 3 for row in image[::-1, :, ::-1])
+    head = struct.pack("<2sIIIIiiHHIIiiII", b"BM", 54 + len(rows), 0, 54, 40, 7, 5, 1, 24, 0, len(rows), 0, 0, 0, 0)
+    for i in range(2):
+        (tmp_path / f"{i}.bmp").write_bytes(head + rows)
+    np.testing.assert_allclose(frames_of(tmp_path, fps=1, tone="linear", colour=True)[1][1], image / 255, rtol=1e-6)
+
+
 def test_palette_and_bilevel_png(tmp_path):
     """As Pillow writes them."""
     from PIL import Image
@@ -213,7 +236,10 @@ def test_bad_exr(tmp_path):
             assert len(next(blocks).t) == 2
             with pytest.raises(FramesError, match=r"2\.exr: "):
                 next(blocks)
-    for stamp, text in ((1, "its time 1 ns does not come after 1 ns"), ("soon", "must be whole nanoseconds")):
+    for stamp, text in (
+        (1, "1 ns does not come after 1 ns of .*; --fps"),
+        ("soon", "must be whole nanoseconds"),
+    ):
         write_exr(tmp_path / "2.exr", image, stamp)
         with pytest.raises(FramesError, match=text):
             frames_of(tmp_path)

@@ -89,10 +89,11 @@ GOOD = {"luminance": np.ones((3, 2, 2), np.float32), "t": np.arange(3)}
         ({"luminance": np.ones((3, 2, 2), np.uint8)}, {}, r"uint8 \[3, 2, 2\], must be float32 \[T, H, W\].*PNG"),
         ({"luminance": np.ones((3, 2, 2), object)}, {}, "luminance is object"),
         ({"luminance": np.ones((3, 2), np.float32)}, {}, r"must be float32 \[T, H, W\]"),
-        ({"luminance": np.ones((0, 2, 2), np.float32)}, {}, "must be float32"),
+        ({"luminance": np.ones((0, 2, 2), np.float32)}, {}, r"\[0, 2, 2\]: it holds no frames"),
+        ({"luminance": None, "t": None, "frames": np.ones((3, 2, 2))}, {}, "it has frames; save it by np.savez"),
         ({"luminance": np.asfortranarray(np.ones((3, 2, 2), np.float32))}, {}, "ascontiguousarray"),
         ({"luminance": np.ones((3, 1, 70000), np.float16)}, {}, "70000x1, the most is 65536"),
-        ({"t": np.arange(3) * 0.1}, {}, "t is float64"),
+        ({"t": np.arange(3) * 0.1}, {}, r"t is float64.* seconds become that by np\.rint\(1e9 \* t\)\.astype"),
         ({"t": np.arange(4)}, {}, r"t is int64 \[4\], must be int64 \[3\]"),
         ({"t": np.array([0, 5, 4])}, {}, "frame 2 is at 4 ns after 5 ns"),
         ({"t": np.array([0, 5, 5])}, {}, "must go up"),
@@ -101,7 +102,7 @@ GOOD = {"luminance": np.ones((3, 2, 2), np.float32), "t": np.arange(3)}
         ({"rgb": np.ones((3, 2, 2, 4), np.float32)}, {"colour": True}, r"\[T, H, W, 3\]"),
         ({"dlog_dt": np.ones((3, 2, 1), np.float32)}, {"slopes": True}, r"dlog_dt is float32 \[3, 2, 1\]"),
         ({}, {"tone": "srgb"}, "is linear; a tone curve"),
-        ({}, {"tone": "rec"}, "must be srgb, linear or gamma"),
+        ({}, {"tone": "rec"}, "must be srgb, linear, gamma:G, pq or hlg"),
         ({}, {"tone": "gamma:x"}, "after gamma: comes a number"),
         ({}, {"white": -1.0}, "white is -1"),
         ({}, {"fps": 0.0}, "fps is 0"),
@@ -164,8 +165,13 @@ def test_paths(tmp_path):
     np.savez(tmp_path / "frames.npz", **GOOD)
     with pytest.raises(FramesError, match=r"did you mean 'frames\.npz"):
         open_frames(tmp_path / "frame.npz")
+    np.save(tmp_path / "frames.npy", GOOD["luminance"])
+    with pytest.raises(FramesError, match=r"frames\.npy: an array alone has no times; save it by np\.savez"):
+        open_frames(tmp_path / "frames.npy")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(FramesError, match=r"no \.exr, \.png, \.jpg or \.tif files in the folder; it has nothing"):
+    with pytest.raises(
+        FramesError, match=r"no \.exr, \.png, \.jpg, \.tif, \.bmp or \.pgm files in the folder; it has nothing"
+    ):
         open_frames(tmp_path / "empty")
     np.savez(tmp_path / "e.npz", t=np.arange(3), x=np.arange(3), y=np.arange(3), p=np.ones(3, int))
     with pytest.raises(FramesError, match="it holds events"):

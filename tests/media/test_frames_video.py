@@ -57,19 +57,23 @@ def frames_of(path, **options):
     return np.concatenate([b.t for b in blocks]), np.concatenate([b.image for b in blocks])
 
 
-def write_planes(av, path, pixels, values, color_range=0):
-    """A lossless video of frames of one colour, values uint16 [T][plane]."""
+def write_planes(av, path, pixels, values, color_range=0, **told):
+    """A lossless video of frames of one colour, values uint16 [T][plane]. told: what the file says of its codes."""
     from fractions import Fraction
 
     with av.open(str(path), "w") as file:
         stream = file.add_stream("ffv1", rate=10)
         stream.height, stream.width, stream.pix_fmt = 32, 32, pixels
-        stream.codec_context.color_range = color_range
+        told["color_range"] = color_range
+        for name, value in told.items():
+            setattr(stream.codec_context, name, value)
         for i, planes in enumerate(values):
             frame = av.VideoFrame(32, 32, pixels)
             for plane, value in zip(frame.planes, planes):
                 plane.update(np.full(plane.buffer_size // 2, value, np.uint16).tobytes())
-            frame.pts, frame.time_base, frame.color_range = i, Fraction(1, 10), color_range
+            frame.pts, frame.time_base = i, Fraction(1, 10)
+            for name, value in told.items():
+                setattr(frame, name, value)
             file.mux(stream.encode(frame))
         file.mux(stream.encode())
 
@@ -92,6 +96,58 @@ def test_white_of_more_than_8_bits_is_full_scale(pixels, full_range, black, grey
     share = (grey[0] - black[0]) / (white[0] - black[0])
     np.testing.assert_allclose(block.image[:, 9, 9], [0, share, 1], atol=4 / 65535, rtol=0)
     assert [int(ends[9, 9]) for ends in block.ends] == [BLACK, 0, FULL]
+
+
+@pytest.mark.parametrize("pixels", ["yuv420p", "yuv422p", "yuv444p"])
+@pytest.mark.parametrize(("full_range", "black", "white"), [(False, 16, 235), (True, 0, 255)])
+def test_every_code_of_luma_has_its_light(pixels, full_range, black, white, av, tmp_path):
+    """Rec. 601 and 709 have 219 steps from black to white, which are no whole codes of 255."""
+    from fractions import Fraction
+
+    luma = np.arange(black, white + 1)
+    with av.open(str(tmp_path / "v.mkv"), "w") as file:
+        stream = file.add_stream("ffv1", rate=10)
+        stream.height, stream.width, stream.pix_fmt = 32, 256, pixels
+        for i in range(2):
+            frame = av.VideoFrame(256, 32, pixels)
+            for plane, value in zip(frame.planes, (0, 128, 128)):
+                plane.update(np.full(plane.buffer_size, value, np.uint8).tobytes())
+            rows = np.zeros((32, frame.planes[0].line_size), np.uint8)
+            rows[:, : len(luma)], rows[:, len(luma) : 256] = luma, black
+            frame.planes[0].update(rows.tobytes())
+            frame.pts, frame.time_base, frame.color_range = i, Fraction(1, 10), 2 if full_range else 1
+            stream.codec_context.color_range = frame.color_range
+            file.mux(stream.encode(frame))
+        file.mux(stream.encode())
+    with open_frames(tmp_path / "v.mkv", FrameOptions(tone="linear", ends=True)) as source:
+        (block,) = source.blocks()
+    assert source.about["bits"] == 8
+    light = block.image[1, 16, : len(luma)]
+    np.testing.assert_allclose(light, (luma - black) / (white - black), rtol=0, atol=4 / 65535)
+    ends = block.ends[1, 16, : len(luma)]
+    assert (ends[0], ends[-1]) == (BLACK, FULL) and not ends[1:-1].any()
+
+
+@pytest.mark.parametrize(
+    ("number", "tone", "light"),
+    [(18, "hlg", 0.25 / 3), (16, "pq", 0.0092246), (8, "linear", 0.5), (1, "srgb", 0.21404)],
+)
+def test_the_curve_is_that_of_which_the_file_tells(number, tone, light, av, tmp_path):
+    """Numbers of transfer characteristics in ITU-T H.273, on a code of half of the range; --tone goes before it."""
+    path, half = tmp_path / "v.mkv", (64 + 438, 512, 512)
+    write_planes(av, path, "yuv420p10le", [half, half], 1, color_trc=number, color_primaries=9, colorspace=9)
+    with open_frames(path) as source:
+        (block,) = source.blocks()
+    assert (source.about["tone"], source.about["bits"]) == (tone, 10)
+    np.testing.assert_allclose(block.image, light, rtol=1e-3)
+    np.testing.assert_allclose(frames_of(path, tone="gamma:2")[1], 0.25, rtol=1e-3)
+
+
+@pytest.mark.parametrize(("primaries", "red"), [(1, 0.2126), (9, 0.2627)])
+def test_luminance_has_the_weights_of_the_primaries(primaries, red, av, tmp_path):
+    """Of ITU-R BT.709 and BT.2020, for red that is a half of full scale."""
+    write_planes(av, tmp_path / "v.mkv", "gbrp10le", [(0, 0, 512)] * 2, color_trc=8, color_primaries=primaries)
+    np.testing.assert_allclose(frames_of(tmp_path / "v.mkv")[1], red * 512 / 1023, rtol=1e-4)
 
 
 def test_a_track_of_no_known_codec_or_size_is_named(av, tmp_path):
@@ -146,6 +202,15 @@ def test_a_last_frame_that_stays_is_no_truncation(times, name, codec, pixels, av
         packets[-1].duration = 500
         file.mux(packets)
     assert frames_of(tmp_path / name)[0].tolist() == [time * 10_000_000 for time in times]
+
+
+def test_a_late_first_frame_is_no_truncation(av, tmp_path):
+    """The header of Matroska counts from 0: 50.03 s for three frames from 50 s on. What is cut still is."""
+    write(av, tmp_path / "v.mkv", noise(30), times=range(5000, 5030))
+    assert frames_of(tmp_path / "v.mkv")[0].tolist() == [i * 10_000_000 for i in range(30)]
+    (tmp_path / "c.mkv").write_bytes((tmp_path / "v.mkv").read_bytes()[: (tmp_path / "v.mkv").stat().st_size // 2])
+    with pytest.raises(FramesError, match=r"c\.mkv: truncated"):
+        frames_of(tmp_path / "c.mkv")
 
 
 def test_a_lossless_video_is_its_frames(av, tmp_path):

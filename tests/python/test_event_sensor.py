@@ -211,6 +211,18 @@ def test_a_flush_has_the_axes_of_the_frames(axis: bool) -> None:
         assert rest.env_offsets.tolist() == [0, len(rest)] and len(rest) > 0
 
 
+@pytest.mark.parametrize("crossing", ["linear", "cubic"])
+def test_events_that_left_late_lie_in_the_interval_of_the_flush(crossing: str) -> None:
+    """At 1000 events a second the last ones leave long after the last frame; all calls together cover time once."""
+    sensor = evis.EventSensor(6, 8, readout_rate=1000.0, crossing=crossing)
+    first = -40 * MS
+    calls = [sensor(video()[0], stamps(first=first)), sensor.flush()]
+    assert len(calls[1]) and calls[1].t[-1] > stamps(first=first)[-1]
+    assert calls[0].end_ns == calls[1].start_ns and calls[1].end_ns == calls[1].t[-1]
+    for events in calls:
+        assert ((events.t > events.start_ns) & (events.t <= events.end_ns)).all()
+
+
 def test_look_ahead_is_flushed() -> None:
     frames, t = video(), stamps()
     sensor = evis.EventSensor(6, 8, crossing="cubic")
@@ -284,8 +296,26 @@ BAD: list[tuple[str, Any]] = [
     (r"shape \[1, 1, 13, 6, 8\]", lambda: evis.EventSensor(6, 8, 3)(np.ones((1, 1, 13, 6, 8), "f4"), stamps())),
     (r"uint8; they must be .*linear_from_srgb\(codes / 255\)", lambda: evis.EventSensor(6, 8)(CODES, stamps())),
     ("float64; they must be .* convert", lambda: evis.EventSensor(6, 8)(wp.ones((13, 6, 8), wp.float64), stamps())),
-    ("whole nanoseconds", lambda: evis.EventSensor(6, 8)(video(), stamps() * 1e-9)),
-    ("13 stamps|12 stamps", lambda: evis.EventSensor(6, 8)(video(), stamps()[:12])),
+    (
+        r"alpha$",
+        lambda: evis.EventSensor(6, 8, colour=True)(np.ones((13, 6, 8, 4), "f4"), stamps()),
+    ),
+    (r"leaves out the last axis$", lambda: evis.EventSensor(6, 8)(np.ones((13, 6, 8, 1), "f4"), stamps())),
+    ("dlog_dt has no effect", lambda: evis.EventSensor(6, 8)(video(), stamps(), video())),
+    (r"np\.moveaxis", lambda: evis.EventSensor(6, 8, colour=True)(np.ones((13, 3, 6, 8), "f4"), stamps())),
+    (r"whole nanoseconds.*np\.rint\(1e9 \* t\)", lambda: evis.EventSensor(6, 8)(video(), stamps() * 1e-9)),
+    (
+        r"frames are \[1, 13, 6, 8\] with 12 stamps; .* a stamp for each",
+        lambda: evis.EventSensor(6, 8)(video(), stamps()[:12]),
+    ),
+    (
+        r"frame 12 is at 0 ns after \d+ ns",
+        lambda: evis.EventSensor(6, 8)(video(), np.append(stamps()[:12], 0)),
+    ),
+    (
+        "t reaches 9223372036854775820, more than int64",
+        lambda: evis.EventSensor(6, 8)(video(), stamps().astype(np.uint64) // 10**9 * 0 + np.uint64(2**63 + 12)),
+    ),
     ("height is 0; it must be a whole number, 1 to 65536", lambda: evis.EventSensor(0, 8)),
     ("height is 70000; it must be a whole number, 1 to 65536", lambda: evis.EventSensor(70_000, 2)),
     ("width is 65537; it must be a whole number, 1 to 65536", lambda: evis.EventSensor(2, 65537)),

@@ -47,7 +47,8 @@ def add_frame_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--height", type=int, metavar="PX", help="likewise")
     group.add_argument(
         "--tone", metavar="CURVE",
-        help="how PNG, JPEG, TIFF and video code radiance: srgb (IEC 61966-2-1), linear or gamma:G (srgb)",
+        help="how images and video (EXR is linear) code radiance: srgb (IEC 61966-2-1), linear, gamma:G, or pq and hlg "
+        "(ITU-R BT.2100); unless given, that of which a video tells, or srgb",
     )  # fmt: skip
     group.add_argument("--white", type=float, metavar="I", help="radiance of full scale in them (1)")
     group.add_argument(

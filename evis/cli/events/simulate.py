@@ -31,7 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "source",
         metavar="FRAMES",
         help="an .npz of luminance (float32 [T,H,W], linear) and t (int64 [T], ns), optionally dlog_dt, or rgb in "
-        "place of luminance; a folder, or a pattern in quotes, of EXR (linear), PNG, JPEG or TIFF; or a video",
+        "place of luminance; a folder, or a pattern in quotes, of EXR (linear), PNG, JPEG, TIFF, BMP "
+        "or PGM; or a video",
     )
     add_output(parser)
     parser.add_argument("--rebase", action="store_true", help="let the times count from the first frame")
@@ -57,7 +58,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     options = FrameOptions(args.colour, args.crossing == "hermite", args.fps, args.tone, args.white, ends=True)
     try:
         options.check()
-        tone = options.make_tone()
+        options.make_tone()
     except ValueError as error:
         raise UsageError(f"--{error}") from None
     device_named(args.device)  # before any work, as a device may not be there
@@ -72,10 +73,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     hermite = known["crossing"] == "hermite"
     if hermite and upsampler is not None:
         raise UsageError("--crossing hermite needs dlog_dt, which sub-frames do not have; take cubic")
-    coding = Coding(tone, min(thresholds_of(known)), known["dark_level"])
     with _part(args.source, options, chosen) as source, _finish_on_signal() as asked:
         if hermite and not source.has_slopes:
             raise ValueError(f"{args.source}: no dlog_dt, which --crossing hermite needs; take cubic")
+        coding = Coding(
+            source.tone, min(thresholds_of(known)), known["dark_level"], args.fps is None and args.slow_motion == 1
+        )
         with open_writer(args.out, source.width, source.height, args.encoding) as writer:
             tally = _Tally(args.out, coding, upsampler)
             with counted(source.count, "simulating") as step:
@@ -215,10 +218,15 @@ class _Tally:
             warnings.append(
                 f"the picture is {stretched:.2f} times as wide as it was; --crop a part of OUT's proportions"
             )
+        if fields := source.about.get("interlaced_frames"):
+            warnings.append(
+                f"{fields} frames are interlaced: every other row was seen at another time, and edges that move fire "
+                "in combs; make frames of the fields: ffmpeg -i IN -vf bwdif=send_field OUT"
+            )
         if self._upsampler is not None:
             warnings += self._upsampler.warnings()
         if counts.get("nonfinite") and not simulation.parameters["dark_level"]:
-            level = f" {0.01 * source.about['white']:g}" if "white" in source.about else ""
+            level = "" if source.tone is None else f" {source.tone.dark_level:g}"
             which = "black samples have" if level else "samples that are 0, negative or not finite have"
             warnings.append(f"{which} no logarithm and were skipped; try --dark-level{level}")
         return result | ({"warnings": warnings} if warnings else {})

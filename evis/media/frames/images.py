@@ -1,8 +1,9 @@
-"""Reads frames as a folder of PNG, JPEG or TIFF files, 8 or 16 bit, made linear by an inverse tone curve."""
+"""Reads frames as a folder of PNG, JPEG, TIFF, BMP or PGM files, 8 to 16 bit, made linear by an inverse tone curve."""
 
 from __future__ import annotations
 
 import io
+import re
 import warnings
 from pathlib import Path
 
@@ -16,26 +17,33 @@ from evis.media.frames.folder import FolderFrames
 from evis.media.frames.source import PIXEL_BYTES, FrameOptions, FramesError
 from evis.media.frames.tone import shaped
 
-KINDS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".tif": "TIFF", ".tiff": "TIFF"}
+KINDS = {
+    ".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".tif": "TIFF", ".tiff": "TIFF", ".bmp": "BMP", ".pgm": "PPM"
+}  # fmt: skip
 """Formats by the end of a file's name, as Pillow calls them."""
+_LARGEST_CODE = re.compile(rb"P[25]\s(?:\s*#[^\n]*\n)*\s*\d+\s+\d+\s+(\d+)")
+"""The header of a PGM, in which cameras of 10 and 12 bits say so."""
 
 
 class ImageFrames(FolderFrames):
-    """Reads a folder of PNG, JPEG or TIFF files, grey, RGB or palette; alpha is left out."""
+    """Reads a folder of PNG, JPEG, TIFF, BMP or PGM files, grey, RGB or palette; alpha is left out."""
 
     def __init__(self, path: Path, names: list[str], options: FrameOptions, form: str) -> None:
         """form: one of KINDS, that of all files."""
         self._tone, self._form, self.kind = options.make_tone(), form, form.lower()
+        self.tone = self._tone
         self._ends = options.ends
         super().__init__(path, names, options)
         self.about |= {"tone": self._tone.name, "white": self._tone.white}
 
     def _read(self, path: Path) -> tuple[np.ndarray, int | None, np.ndarray | None]:
         try:
-            read = codes(path.read_bytes(), self._form)
+            file = path.read_bytes()
+            read = codes(file, self._form)
         except Exception as error:  # Pillow raises OSError, SyntaxError, ValueError and others for damaged files
             raise FramesError(f"{path}: cannot be read as {self._form}: {error_text(error, 150)}") from None
-        self.about["bits"] = 8 * read.itemsize
+        header = _LARGEST_CODE.match(file)
+        self.about["bits"] = 8 * read.itemsize if header is None else int(header[1]).bit_length()
         return shaped(read, self._tone, self.channels == 3), None, ends_of(read) if self._ends else None
 
 

@@ -19,7 +19,7 @@ from evis.files.allowance import Allowance
 from evis.files.damage import faults_as
 from evis.files.zip_faults import UNREADABLE, ZIP_FAULTS
 from evis.media.colour import luminance_of
-from evis.media.frames.source import INT64_MAX, FrameBlock, FrameOptions, FramesError, FrameSource
+from evis.media.frames.source import INT64_MAX, OF_SECONDS, FrameBlock, FrameOptions, FramesError, FrameSource
 
 _DAMAGE = (*ZIP_FAULTS, ValueError)
 
@@ -51,9 +51,12 @@ class NpzFrames(FrameSource):
             hint = "; it holds events: use `evis events convert`" if {"x", "y", "p"} <= names else ""
             hint += "; grey frames are taken without --colour" if "rgb" in missing and "luminance" in names else ""
             there = ", ".join(sorted(names)) or "none"
+            hint = hint or "; save it by np.savez(FILE, luminance=images, t=times_in_ns)"
             raise FramesError(f"{self._path}: no array {', '.join(missing)}; it has {there}{hint}")
         self._image = _Array(self._path, self._zip, wanted)
         shape = self._image.shape
+        if shape[:1] == (0,):
+            raise FramesError(f"{self._path}: {wanted} is {list(shape)}: it holds no frames")
         if wanted == "rgb":
             self._image.check(len(shape) == 4 and shape[3] == 3 and 0 not in shape, "[T, H, W, 3]")
         else:
@@ -75,7 +78,10 @@ class NpzFrames(FrameSource):
         array = _Array(self._path, self._zip, "t")
         if array.dtype.kind not in "iu" or array.shape != (count,):
             shape = list(array.shape)
-            raise FramesError(f"{self._path}: t is {array.dtype} {shape}, must be int64 [{count}], in ns")
+            raise FramesError(
+                f"{self._path}: t is {array.dtype} {shape}, must be int64 [{count}], in ns"
+                f"{f'; {OF_SECONDS}' if array.dtype.kind == 'f' else ''}"
+            )
         t = array.read(count)
         if len(t) and t.max() > INT64_MAX:
             raise FramesError(f"{self._path}: t reaches {t.max()}, more than int64 nanoseconds can hold")

@@ -17,7 +17,7 @@ from evis.media.frames.video import VideoFrames
 
 
 def open_frames(path: str | os.PathLike[str], options: FrameOptions | None = None) -> FrameSource:
-    """Opens frames: an .npz, a folder or a pattern of EXR, PNG, JPEG or TIFF files, or a video.
+    """Opens frames: an .npz, a folder or a pattern of EXR, PNG, JPEG, TIFF, BMP or PGM files, or a video.
 
     Raises FramesError with one line naming the file.
     """
@@ -52,6 +52,10 @@ def _open(path: Path, options: FrameOptions) -> FrameSource:
         raise FramesError(
             f"{path}: one image makes no events; give the folder of all of them, or a pattern as 'f*.png'"
         )
+    if path.suffix.lower() == ".npy":
+        raise FramesError(
+            f"{path}: an array alone has no times; save it by np.savez(FILE, luminance=images, t=times_in_ns)"
+        )
     return VideoFrames(path, options)
 
 
@@ -79,4 +83,4 @@ def _open_images(folder: Path, names: list[str], options: FrameOptions, given: s
     for kind, images in kinds.items():
         return ExrFrames(folder, images, options) if kind == "EXR" else ImageFrames(folder, images, options, kind)
     there = ", ".join(sorted({Path(n).suffix or n for n in names})[:5]) or "nothing"
-    raise FramesError(f"{given}: no .exr, .png, .jpg or .tif files in the folder; it has {there}")
+    raise FramesError(f"{given}: no .exr, .png, .jpg, .tif, .bmp or .pgm files in the folder; it has {there}")

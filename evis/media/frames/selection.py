@@ -62,7 +62,7 @@ class SelectedFrames(FrameSource):
         selection.check()
         self._source, self._selection = source, selection
         self.kind, self.channels, self.about = source.kind, source.channels, source.about
-        self.has_slopes = source.has_slopes
+        self.has_slopes, self.tone = source.has_slopes, source.tone
         self._whole_time = not selection.start_ns and selection.stop_ns is None
         self.count = source.count if self._whole_time else None
         x, y, width, height = selection.crop or (0, 0, source.width, source.height)

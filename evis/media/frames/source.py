@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from evis.media.colour import REC709
 from evis.media.frames.tone import Tone
 
 BLOCK_BYTES = 8_000_000
@@ -20,6 +21,8 @@ BLOCK_FRAMES = 32
 PIXEL_BYTES = 12
 """What a pixel of an image takes in memory at least: linear R, G and B as float32."""
 INT64_MAX = np.iinfo(np.int64).max
+OF_SECONDS = "seconds become that by np.rint(1e9 * t).astype(np.int64)"
+"""What to do with times that are not whole nanoseconds."""
 
 
 class FramesError(ValueError):
@@ -54,7 +57,7 @@ class FrameOptions:
     """Describes how frames are to be read.
 
     colour: RGB instead of luminance. slopes: read dlog_dt where there is one. fps: frames per second in place of the
-    times that the files tell. tone, white: inverse tone curve of PNG, JPEG, TIFF and video, and the radiance of full
+    times that the files tell. tone, white: inverse tone curve of images of codes and of video, and the radiance of full
     scale. ends: flag the pixels at the ends of the code.
     """
 
@@ -70,14 +73,14 @@ class FrameOptions:
         if self.fps is not None and not 1e-6 <= self.fps <= 1e9:
             raise FramesError(f"fps is {self.fps:g}, must be 1e-6 to 1e9 frames per second")
 
-    def make_tone(self) -> Tone:
-        """Makes the inverse tone curve, sRGB unless given."""
-        return Tone(self.tone or "srgb", 1.0 if self.white is None else self.white)
+    def make_tone(self, told: str = "srgb", weights: tuple[float, float, float] = REC709) -> Tone:
+        """Makes the inverse tone curve: the one given, or else that of which the file tells. weights: as of Tone."""
+        return Tone(self.tone or told, 1.0 if self.white is None else self.white, weights)
 
     def refuse_tone(self, path: Path, what: str) -> None:
         """Raises where a tone curve is given for frames that are linear already."""
         if self.tone is not None or self.white is not None:
-            raise FramesError(f"{path}: {what} is linear; a tone curve and white are for PNG, JPEG, TIFF and video")
+            raise FramesError(f"{path}: {what} is linear; a tone curve and white are for images of codes, and video")
 
     def stamp(self, index: int) -> int:
         """Returns the time of a frame at `fps` [ns], rounded once, so that it does not drift."""
@@ -95,6 +98,8 @@ class FrameSource(abc.ABC):
     count: int | None
     """Frames in all, None where the file does not tell."""
     has_slopes: bool = False
+    tone: Tone | None = None
+    """Curve that made linear light of codes, None where frames are not coded."""
     about: dict[str, Any]
     """What a report should tell: the tone curve, files left out."""
 
@@ -165,6 +170,8 @@ class ImageSource(FrameSource):
             if abs(t) > INT64_MAX:
                 raise FramesError(f"{name}: its time {t} ns does not fit int64")
             if last is not None and t <= last:
-                raise FramesError(f"{name}: its time {t} ns does not come after {last} ns of the frame before")
+                raise FramesError(
+                    f"{name}: its time {t} ns does not come after {last} ns of the frame before; --fps sets others"
+                )
             last = t
             yield named

@@ -12,16 +12,21 @@ import numpy as np
 
 from evis.files.allowance import Allowance
 from evis.files.damage import faults_as
+from evis.media.colour import REC709
 from evis.media.ffmpeg import address
 from evis.media.frames.ends import ends_of
 from evis.media.frames.source import PIXEL_BYTES, FrameOptions, FramesError, ImageSource, NamedImage
-from evis.media.frames.tone import shaped
+from evis.media.frames.tone import REC2020, Tone, shaped
 
 _BT709, _BT601, _UNKNOWN = 1, 5, 2
 """Numbers of colour spaces in ITU-T H.273, which video files and ffmpeg use."""
 _HD = 720
 LISTS = frozenset(("hls", "applehttp", "dash", "concat", "sdp", "rtsp", "imf", "mlv"))
 """Formats of FFmpeg's that lead to other files, whatever the name of the one that says so ends in."""
+_BT2020 = 9
+"""Number of these primaries in ITU-T H.273."""
+_TOLD_TONES = {8: "linear", 16: "pq", 18: "hlg"}
+"""Transfer characteristics of ITU-T H.273 -> tone curve. Others are near to `srgb`, and taken for it."""
 _FULL_RANGE = 2
 """Number of the range of codes in which luma goes from 0 to the largest one, in ffmpeg."""
 
@@ -38,9 +43,8 @@ class VideoFrames(ImageSource):
             raise FramesError(
                 f"{path}: reading videos needs PyAV: pip install 'evis[video]', or give a folder of PNG and --fps"
             ) from None
-        self._path, self._options, self._tone = path, options, options.make_tone()
+        self._path, self._options = path, options
         self._error = av.error.FFmpegError
-        self._tables: dict[int, np.ndarray] = {}
         try:
             self._file = av.open(address(path))
         except (av.error.FFmpegError, OSError, ValueError) as error:
@@ -64,23 +68,30 @@ class VideoFrames(ImageSource):
         self._track.thread_type = "NONE"
         self.width, self.height = self._track.width, self._track.height
         Allowance(path.stat().st_size).check(self.width * self.height * PIXEL_BYTES)
-        self._turns = self._quarter_turns(av)
+        first = self._first_frame(av)
+        # By how many quarters of a turn, counter-clockwise, players turn the picture: telephones held upright say so.
+        self._turns = 0 if first is None else round(first.rotation / 90) % 4
+        self._tone = self.tone = self._told_tone(first)
         if self._turns % 2:
             self.width, self.height = self.height, self.width
         self.channels, self.count = 3 if options.colour else 1, self._track.frames or None
         self.about = {"tone": self._tone.name, "white": self._tone.white}
 
-    def _quarter_turns(self, av: Any) -> int:
-        """By how many quarters of a turn, counter-clockwise, players turn the picture: telephones held upright say so.
-
-        Only a decoded frame tells it, which a second reading of the file gives; what cannot be decoded is not turned.
-        """
+    def _first_frame(self, av: Any) -> Any:
+        """The first frame of a second reading of the file, None where it cannot be decoded: only a decoded frame tells
+        how the picture is turned, and of codes all that the file says of them."""
         try:
             with av.open(address(self._path)) as file:
-                frame = next(file.decode(video=0), None)
+                return next(file.decode(video=0), None)
         except (self._error, OSError, ValueError):
-            return 0
-        return 0 if frame is None else round(frame.rotation / 90) % 4
+            return None
+
+    def _told_tone(self, first: Any) -> Tone:
+        """The curve that is asked for, or else that of which the first frame tells."""
+        if first is None:
+            return self._options.make_tone()
+        weights = REC2020 if int(first.color_primaries) == _BT2020 else REC709
+        return self._options.make_tone(_TOLD_TONES.get(int(first.color_trc), "srgb"), weights)
 
     def _images(self) -> Iterator[NamedImage]:
         first: Fraction | None = None
@@ -93,11 +104,13 @@ class VideoFrames(ImageSource):
             at = Fraction(frame.pts or 0) * (frame.time_base or 0)
             first = at if first is None else first
             end, shown = at - first, Fraction(frame.duration or 0) * (frame.time_base or 0)
+            if frame.interlaced_frame:
+                self.about["interlaced_frames"] = self.about.get("interlaced_frames", 0) + 1
             t = self._options.stamp(index) if self._options.fps else round(end * 1_000_000_000)
             with faults_as(FramesError, name):
-                codes = self._codes(frame)
-                image = shaped(codes, self._tone, self.channels == 3)
-                ends = ends_of(codes) if self._options.ends else None
+                codes, white = self._codes(frame)
+                image = shaped(codes, self._tone, self.channels == 3, white)
+                ends = ends_of(codes, white) if self._options.ends else None
             yield NamedImage(name, t, image, ends)
             index += 1
         self._check_end(index, end, shown)
@@ -151,25 +164,24 @@ class VideoFrames(ImageSource):
         if track.duration is not None and track.time_base is not None:
             return Fraction(track.duration) * track.time_base
         if self._file.duration is not None and len(self._file.streams) == 1:
-            return Fraction(self._file.duration, 1_000_000)
+            # that of Matroska counts from 0, not from the first frame
+            return Fraction(self._file.duration - max(self._file.start_time or 0, 0), 1_000_000)
         return None
 
-    def _codes(self, frame: Any) -> np.ndarray:
-        deep = max(component.bits for component in frame.format.components) > 8
+    def _codes(self, frame: Any) -> tuple[np.ndarray, int | None]:
+        """Codes of R, G and B [H, W, 3], turned, and that of white; None = the largest one."""
+        components = frame.format.components
+        bits = max(component.bits for component in components)
+        has_chroma = len(components) > 2 and not frame.format.is_rgb
+        # FFmpeg's ways from luma and chroma of 8 bits to packed RGB cut off up to a code, of 8 bits or of 16
+        way = "gbrp16le" if has_chroma else "rgb48le" if bits > 8 else "rgb24"
         # what the file leaves open is Rec. 709 in HD and Rec. 601 below, as players take it
         space = int(frame.colorspace)
         source = (_BT709 if frame.height >= _HD else _BT601) if space == _UNKNOWN else None
-        self.about["bits"] = 16 if deep else 8
-        codes: np.ndarray = frame.to_ndarray(format="rgb48le" if deep else "rgb24", src_colorspace=source)
+        self.about["bits"] = min(bits, 16)
+        codes: np.ndarray = frame.to_ndarray(format=way, src_colorspace=source)
         codes = np.ascontiguousarray(np.rot90(codes, self._turns)) if self._turns else codes
-        white = _deep_white(frame) if deep else 0
-        return codes if white in (0, 0xFFFF) else self._stretched(codes, white)
-
-    def _stretched(self, codes: np.ndarray, white: int) -> np.ndarray:
-        """Codes of 16 bits of which `white` is full scale, as if 65535 was; what is brighter is cut off there."""
-        if white not in self._tables:
-            self._tables[white] = np.minimum(np.rint(np.arange(0x10000) * (0xFFFF / white)), 0xFFFF).astype(np.uint16)
-        return self._tables[white][codes]
+        return codes, None if way == "rgb24" else _deep_white(frame)
 
     def close(self) -> None:
         self._file.close()
@@ -180,7 +192,7 @@ def _text(error: BaseException) -> str:
 
 
 def _deep_white(frame: Any) -> int:
-    """The code that FFmpeg's conversion to RGB of 16 bits gives what is white in a frame of more than 8 bits.
+    """The code that FFmpeg's conversion to RGB of 16 bits gives what is white in a frame.
 
     Luma of a limited range becomes 255 of 256 parts. What has the full range, as grey has, is shifted up to 16 bits.
     """

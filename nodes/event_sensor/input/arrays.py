@@ -28,7 +28,8 @@ def on_device(values: Any, device: Any) -> wp.array:
         return there if there.dtype is wp.float32 else _view(there.ptr, (3 * there.size,), there)
     interface = getattr(values, "__cuda_array_interface__", None)
     if interface is None or not device.is_cuda:
-        flat = np.ascontiguousarray(np.reshape(values, -1), dtype=np.float32)
+        with np.errstate(over="ignore"):  # what does not fit becomes infinite, which the sensor counts
+            flat = np.ascontiguousarray(np.reshape(values, -1), dtype=np.float32)
         return wp.array(flat, dtype=wp.float32, device=device, copy=False)
     shape, kind = tuple(interface["shape"]), interface["typestr"]
     if kind != "<f4":

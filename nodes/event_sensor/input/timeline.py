@@ -43,7 +43,10 @@ class Timeline:
         if episodes.shape != (size.envs,):
             raise ValueError(f"event sensor got episodes of shape {episodes.shape}, expected ({size.envs},)")
         if len(t) > 1 and (t[1:] <= t[:-1]).any():
-            raise ValueError("event sensor got stamps that do not ascend")
+            i = int(np.argmax(t[1:] <= t[:-1])) + 1
+            raise ValueError(
+                f"event sensor got stamps that do not ascend: frame {i} is at {t[i]} ns after {t[i - 1]} ns"
+            )
         if not (-LATEST <= t[0] and t[-1] <= LATEST):
             raise ValueError(f"event sensor got stamps from {t[0]} to {t[-1]} ns; they must lie within +-{LATEST} ns")
         if self.episodes is None:

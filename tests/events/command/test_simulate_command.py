@@ -160,6 +160,18 @@ def test_one_frame_makes_no_events_and_it_is_said(capsys, tmp_path):
     assert "warnings" not in call(capsys, tmp_path / "f.npz", tmp_path / "e.npz")
 
 
+@pytest.mark.parametrize(
+    ("step", "options", "told"), [(33_333, (), True), (100_000, (), False), (33_333, ("--slow-motion", 1), True),
+    (33_333, ("--fps", 30_000), False), (33_333_000, ("--slow-motion", 1000), False)],
+)  # fmt: skip
+def test_times_that_may_be_in_us_are_told_of(step, options, told, capsys, tmp_path):
+    """30 Hz in us, and 10 kHz in ns; who gives a rate means it."""
+    np.savez(tmp_path / "f.npz", luminance=np.ones((3, 4, 5), np.float32), t=np.arange(3) * step)
+    made = call(capsys, tmp_path / "f.npz", tmp_path / "e.npz", *options)
+    text = " ".join(made.get("warnings", []))
+    assert ("frames are 33.3 us apart, 30,000 a second; times must be in ns" in text) == told
+
+
 def test_rebase_for_times_that_count_from_1970(capsys, tmp_path):
     """RAW counts from 0: refused with the remedy, then done."""
     luminance, t = ramp()

@@ -143,6 +143,57 @@ def test_the_ends_of_the_code_are_counted(capsys, tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("shown", "repeated"),
+    [
+        (range(40), 0),
+        ([i // 2 for i in range(40)], 18),  # of 30 Hz at 60; the first and the last pair have no change before, after
+        ([i * 2 // 5 for i in range(40)], 21),  # of 24 Hz at 60: rows of 3 and 2, the first and the last left out
+        ([*range(12), *[12] * 20, *range(12, 20)], 0),  # at rest for a while
+    ],
+)
+def test_repeated_frames_are_counted(shown, repeated, capsys, tmp_path):
+    """Across blocks of 32 frames, too."""
+    (tmp_path / "f").mkdir()
+    for i, place in enumerate(shown):
+        Image.fromarray(np.roll(film()[0], 3 * place, 1)).save(tmp_path / "f" / f"{i}.png")
+    made = call(capsys, tmp_path / "f", tmp_path / "e.npz", "--fps", 1000)
+    assert made.get("repeated_frames", 0) == repeated
+    text = " ".join(made.get("warnings", []))
+    assert (f"{repeated} of 40 frames repeat the one before" in text) == bool(repeated)
+
+
+def test_interlaced_frames_are_told_of(capsys, tmp_path):
+    """Of MPEG-4, whose frames say whether they are two fields."""
+    av = pytest.importorskip("av", reason="PyAV is not installed (pip install 'evis[video]')")
+    for name, options, told in (("i.mp4", {"flags": "+ildct+ilme"}, 3), ("p.mp4", {}, 0)):
+        with av.open(str(tmp_path / name), "w") as file:
+            track = file.add_stream("mpeg4", rate=25, options=options)
+            track.width, track.height, track.pix_fmt = W, H, "yuv420p"
+            for image in film()[:3]:
+                file.mux(track.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
+            file.mux(track.encode())
+        made = call(capsys, tmp_path / name, tmp_path / "e.npz")
+        assert made.get("interlaced_frames", 0) == told
+        assert ("3 frames are interlaced" in " ".join(made["warnings"])) == bool(told)
+
+
+def test_codes_of_10_bits_are_coarse_where_their_own_steps_are(capsys, tmp_path):
+    """A step from code 3 of 1,023 is 0.29 of ln I, far more than that of 16 bits in which a video's frames are kept."""
+    av = pytest.importorskip("av", reason="PyAV is not installed (pip install 'evis[video]')")
+    with av.open(str(tmp_path / "v.mkv"), "w") as file:
+        track = file.add_stream("ffv1", rate=1000)
+        track.width, track.height, track.pix_fmt = W, H, "gray10le"
+        for i in range(2):
+            codes = np.repeat([3, 500], H // 2)[:, None].repeat(W, 1).astype("<u2")
+            frame = av.VideoFrame.from_ndarray(codes, "gray10le")
+            frame.pts, frame.time_base = i, Fraction(1, 1000)
+            file.mux(track.encode(frame))
+        file.mux(track.encode())
+    made = call(capsys, tmp_path / "v.mkv", tmp_path / "e.npz")
+    assert (made["bits"], made["coarse_share"]) == (10, 0.5)
+
+
+@pytest.mark.parametrize(
     ("options", "text"),
     [
         (["--from", 2, "--to", 1], "--from 2 to 1 s: the end must be later than the start"),
