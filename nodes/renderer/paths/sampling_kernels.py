@@ -15,8 +15,8 @@ TURNS = wp.constant(2.0)
 """How often the numbers go round within a cell's neighbourhood, which makes them nearly uniform over a surface."""
 
 SPLIT = wp.constant(-0.74)
-"""Height of a normal in its instance's frame below which the frame of directions about it is another one. At 0, where it
-often is set, lie the sides of boxes and cylinders: rounding chose between two frames, and their light flickered."""
+"""Height of a normal in its instance's frame below which the frame of directions about it is another one. At 0, where
+it often is set, lie the sides of boxes and cylinders: rounding chose between two frames, and their light flickered."""
 
 EMITTER = wp.constant(1)
 LIGHT_PROXY = wp.constant(2)
