@@ -13,7 +13,18 @@ LAYERS: tuple[tuple[str, str, tuple[tuple[str, ...], ...]], ...] = (
     (
         "what users start",
         "#fdf3e3",
-        (("evis/cli", "evis/simulation", "evis/env", "evis/dataset", "evis/client", "evis/demo", "bench"),),
+        (
+            (
+                "evis/cli",
+                "evis/simulation",
+                "evis/env",
+                "evis/dataset",
+                "evis/client",
+                "evis/remote",
+                "evis/demo",
+                "bench",
+            ),
+        ),
     ),
     (
         "nodes: the data's way, left to right",
@@ -74,6 +85,7 @@ TELLS = {
     "evis/dataset": "labelled sequences",
     "evis/demo": "make demo, gallery",
     "evis/client": "a running graph",
+    "evis/remote": "topics elsewhere",
     "evis/shares": "parts of messages",
     "nodes/physics": "/state",
     "nodes/recorder": "a bag",

@@ -25,6 +25,7 @@ COMMANDS = {
     "bag": ("graph.bag", "record, play, describe, repair and export bags"),
     "events": ("events", "describe, convert, simulate, measure and draw event recordings"),
     "dataset": ("dataset", "make data sets from a recipe, describe, check and show them"),
+    "remote": ("graph.remote", "bring topics of a running graph to another host"),
     "camera": ("machine.camera", "find and try USB event cameras"),
     "view": ("graph.view", "open the web visualizer"),
     "bench": ("machine.bench", "measure error against run time, stability, throughput"),
@@ -36,8 +37,8 @@ HELP = ("-h", "--help", "help")
 
 STATUSES = (
     "exit status: 0 success, 1 failure, 2 wrong usage, 130 interrupted by Ctrl-C, 143 by SIGTERM (a graph whose\n"
-    "processes have been started and `bag record` end in order, with 0), 141 the work is done but who was to read\n"
-    "standard output had gone before all was said (to `topic echo` and `camera stream` that is the end, and 0)."
+    "processes have been started, `bag record` and `remote` end in order, with 0), 141 the work is done but who was\n"
+    "to read standard output had gone before all was said (to `topic echo` and `camera stream` that is the end, and 0)."
 )
 
 

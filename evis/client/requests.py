@@ -30,6 +30,11 @@ def taker(plan: Plan, topic: str) -> str:
 
     Raises ConnectionRefusedError saying, in one line, why none does.
     """
+    if plan.remote:
+        raise ConnectionRefusedError(
+            f"{plan.name} takes no {topic} from here: it runs on another host ({plan.remote}), and only programs there "
+            "can act on it"
+        )
     for node in plan.nodes.values():
         if topic in node.outside.values():
             return node.name

@@ -70,6 +70,8 @@ def check_topic(plan: Plan, topic: str) -> str:
     if topic not in known and any(topic in node.outside.values() for node in plan.nodes.values()):
         raise ValueError(f"{topic} is taken from outside the graph; no node of it publishes it, so nobody can read it")
     why = next((item.why for item in plan.left_out if item.what == topic), "")
+    if topic not in known and why and plan.remote:
+        raise ValueError(f"{topic} stays on its host: {why}")
     if topic not in known and why:
         raise ValueError(f"the graph does not make {topic}: {why}; a launch that records it makes it")
     if topic not in known:

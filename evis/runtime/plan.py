@@ -127,6 +127,8 @@ class Plan:
     """Nodes whose code was not loaded (`--no-import`): what the launch file says of them."""
     secrets: list[str] = field(default_factory=list)
     """Values of secret parameters and arguments; what others may read is made of `redacted`."""
+    remote: str = ""
+    """Address of the host that the graph runs on, where its topics are followed from another; "" on its own."""
 
     @property
     def closed(self) -> bool:
@@ -159,13 +161,22 @@ class Plan:
     def save(self, path: Path) -> None:
         """Writes the plan as JSON, complete before it appears, for those who look for running graphs at that moment."""
         part = path.with_suffix(".part")
-        part.write_text(json.dumps(dataclasses.asdict(self), indent=1))
+        part.write_text(self.as_json())
         part.replace(path)
 
     @staticmethod
     def load(path: Path) -> Plan:
         """Reads a plan from the file that `save` wrote."""
-        raw = json.loads(path.read_text())
+        return Plan.of_json(path.read_text())
+
+    def as_json(self) -> str:
+        """Writes the plan as JSON."""
+        return json.dumps(dataclasses.asdict(self), indent=1)
+
+    @staticmethod
+    def of_json(text: str) -> Plan:
+        """Reads a plan from what `as_json` wrote."""
+        raw = json.loads(text)
         nodes = {k: NodePlan(**v) for k, v in raw.pop("nodes").items()}
         topics = {k: TopicPlan(**{**v, "edges": [Edge(**e) for e in v["edges"]]}) for k, v in raw.pop("topics").items()}
         left_out = [LeftOut(**v) for v in raw.pop("left_out")]

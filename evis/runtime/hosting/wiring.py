@@ -22,6 +22,11 @@ EVENT_TAP_HZ = 250.0
 a second."""
 
 
+def tap_hz(topic: str) -> float:
+    """Returns how many messages a second a tap gets of a topic that a node publishes, unless it wants every one."""
+    return EVENT_TAP_HZ if find_topic(topic).type is EventPacket else TAP_HZ
+
+
 def load_class(target: str) -> type[Node]:
     """Imports the class of a dotted target `package.module:Class`."""
     module, _, name = target.partition(":")
@@ -77,7 +82,7 @@ class Wiring:
                 message_type=row.type,
                 window=self.plan.window,
                 latched=row.latched,
-                tap_hz=EVENT_TAP_HZ if row.type is EventPacket else TAP_HZ,
+                tap_hz=tap_hz(topic),
             )
 
     def _inputs(self, host: Host) -> None:
