@@ -96,8 +96,8 @@ class Hello:
         return msgpack.packb(body, unicode_errors="surrogateescape")
 
     def _told(self) -> Plan:
-        """The plan without what is of no use to another host."""
-        return dataclasses.replace(self.plan, directory="")
+        """The plan without its secrets, and without what is of no use to another host."""
+        return dataclasses.replace(self.plan.redacted(), directory="")
 
     @staticmethod
     def unpack(frame: bytes) -> Hello:

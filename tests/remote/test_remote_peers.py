@@ -17,6 +17,7 @@ import zmq
 from two_hosts import EVENTS, HERE, Hosts, packet, pair
 
 from evis.bus import BusError
+from evis.config.secret import HIDDEN
 from evis.remote import follower as follower_module
 from evis.remote.keys import KeyPair
 from evis.remote.protocol import Hello, ProtocolError, check_address, message_key, pack_mark
@@ -212,6 +213,15 @@ def liar(hosts: Hosts) -> Iterator[FalseServer]:
 
 def hello_of(hosts: Hosts) -> dict[str, object]:
     return msgpack.unpackb(Hello(b"12345678", hosts.graph.plan).pack())
+
+
+def test_no_secret_of_the_graph_is_told(hosts: Hosts) -> None:
+    """Whoever makes the server: what finds a running graph takes them out as well."""
+    password = "correct horse battery"
+    given = {"args": {"password": password}, "launch_text": f"to: http://{password}@cam", "secrets": [password]}
+    plan = dataclasses.replace(hosts.graph.plan, **given)
+    told = Hello(b"12345678", plan).pack()
+    assert password.encode() not in told and Hello.unpack(told).plan.args == {"password": HIDDEN}
 
 
 @pytest.mark.parametrize(

@@ -36,15 +36,23 @@ def refined(scene, upsampling, tolerance_ns, threads=1, held=False, margin=0, de
     return out[0], (pixels, found.offset.numpy(), found.value.numpy())
 
 
-def parts_of(scene, upsampling=4, tolerance_ns=20_000, envs=1):
-    """Parts of a coarse interval of one gap, and whether something is too fast for them."""
-    view = scene.cameras[0]
-    renderer = Renderer(scene, view, envs)
+def keyframes_of_gap(scene, envs=1, paths=()):
+    """Both keyframes of a gap of all environments; paths: of the last body, by environment."""
+    renderer = Renderer(scene, scene.cameras[0], envs)
     keys = []
     for t in (np.array([START - GAP, START]), np.linspace(START, START + GAP, 11).round().astype(np.int64)):
         states = closed_form(scene, t)
         states.pose, states.twist = (np.repeat(a, envs, 0) for a in (states.pose, states.twist))
+        for env, path in enumerate(paths):
+            states.pose[env, :, 1], states.twist[env, :, 1] = path.pose(t), path.twist(t)
         keys.append(keyframe(renderer, states, None, int(t[-1])))
+    return keys
+
+
+def parts_of(scene, upsampling=4, tolerance_ns=20_000, envs=1):
+    """Parts of a coarse interval of one gap, and whether something is too fast for them."""
+    view = scene.cameras[0]
+    keys = keyframes_of_gap(scene, envs)
     rigid = Rigid(scene, view, envs, upsampling, options=RigidOptions(single=True))
     method, parts = Refined(rigid, tolerance_ns), []
     run = Rounds.run

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from rigid_rig import FOCAL, GAP, START, closed_form, keyframe, luminance, painted, plain, pose, quad, world
+from refine_rig import keyframes_of_gap
+from rigid_rig import FOCAL, GAP, START, closed_form, luminance, painted, plain, pose, quad, world
 
 from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Material, Mesh
@@ -36,14 +37,7 @@ def passing(width_px, speed_px, background=None):
 def gap_of(scene, envs=1, paths=None, threads=1):
     """`Refined`, with 4 frames and a tolerance of 0.1 ms, after one gap; paths: of the last body, by environment."""
     view = scene.cameras[0]
-    renderer = Renderer(scene, view, envs)
-    keys = []
-    for t in (np.array([START - GAP, START]), np.linspace(START, START + GAP, 11).round().astype(np.int64)):
-        states = closed_form(scene, t)
-        states.pose, states.twist = (np.repeat(a, envs, 0) for a in (states.pose, states.twist))
-        for env, path in enumerate(paths or ()):
-            states.pose[env, :, 1], states.twist[env, :, 1] = path.pose(t), path.twist(t)
-        keys.append(keyframe(renderer, states, None, int(t[-1])))
+    keys = keyframes_of_gap(scene, envs, paths or ())
     rigid = Rigid(scene, view, envs, K, threads=threads, options=RigidOptions(single=True))
     method = Refined(rigid, 50_000, threads)
     method.between(*keys, np.zeros(envs, bool), np.empty((envs, K, view.height, view.width), np.float32))
