@@ -88,8 +88,8 @@ class LabelerNode(Node):
         self.kinds = kinds_of(self.params["labels"])
         self.info: CameraInfo | None = None
         self.box_ids: np.ndarray | None = None
-        self.flow_fields: dict[str, list[image_labels.FlowField]] = {}
-        """By the device that images are on: of another process they may come on the host, while a viewer reads them."""
+        self.flow_fields: list[image_labels.FlowField] = []
+        """One for all environments, or one for each where their cameras differ; none before the first flow."""
         self.pairing: Any = None
         self.mesh_labels: Any = None
         if OF_MESHES & set(self.kinds):
@@ -134,7 +134,7 @@ class LabelerNode(Node):
                 array = getattr(message, name)
                 setattr(self.info, name, None if array is None else np.array(array))
             if before is None or not _same_view(before, self.info):
-                self.flow_fields = {}
+                self.flow_fields = []
             self.box_ids = None
 
     def update(self, inputs: Mapping[str, Message]) -> None:
@@ -165,7 +165,7 @@ class LabelerNode(Node):
 
     def finish(self) -> None:
         """Publishes the labels of what the sensor held back. Raises ValueError for ids of the last images."""
-        for field in (field for fields in self.flow_fields.values() for field in fields):
+        for field in self.flow_fields:
             field.settle()
         if self.pairing is not None:
             self._publish_paired(ended=True)
@@ -186,11 +186,22 @@ class LabelerNode(Node):
             self.publish("labels", out)
 
     def _image(self, image: Any, margin: int) -> Any:
-        """The image of a message without its margin: on the labeler's GPU where it is there and may stay there."""
-        on_gpu = not isinstance(image, np.ndarray)
-        if on_gpu and self.pairing is not None:  # it waits for events, which are labelled on the host
-            image, on_gpu = image.numpy(), False
-        return self.image_labels.crop(image if on_gpu else np.asarray(image), margin)
+        """The image of a message without its margin: where it came, but for flow on the device that flow is of.
+
+        Of another process images come on the host while anybody reads them there, and flow has other roundings there.
+        """
+        if self._flow_device() == "cpu":
+            # Labels of events wait for these, which are labelled on the host.
+            image = host_array(image) if self.pairing is not None else image
+        elif isinstance(image, np.ndarray) and "flow" in self.kinds:
+            import warp as wp
+
+            image = wp.array(image, device=self._flow_device())
+        return self.image_labels.crop(image, margin)
+
+    def _flow_device(self) -> str:
+        """The device that flow is computed on: the labeler's, but the host where labels wait for events."""
+        return "cpu" if self.pairing is not None else str(self.params["device"])
 
     def _label_images(self, out: Labels, state: WorldState | None, depth: Any, ids: Any) -> None:
         wanted: dict[str, tuple[tuple[int, ...], Any]] = {}
@@ -215,7 +226,7 @@ class LabelerNode(Node):
         if "semantic" in arrays:
             np.take(self._semantic_ids(), ids, out=arrays["semantic"])
         if "flow" in arrays and state is not None and ids is not None:
-            fields, twist = self._flow_fields(state, str(on_gpu or "cpu")), state.end_twist()
+            fields, twist = self._flow_fields(state), state.end_twist()
             share = len(depth) // len(fields)
             for k, field in enumerate(fields):
                 own = slice(k * share, (k + 1) * share)
@@ -251,9 +262,9 @@ class LabelerNode(Node):
             raise ValueError(f"{self.name}: /{self.params['camera']}/info has no semantic ids; leave semantic out")
         return self.info.semantic
 
-    def _flow_fields(self, state: WorldState, device: str) -> list[Any]:
-        """One for all environments, or one for each where their cameras differ."""
-        if device not in self.flow_fields:
+    def _flow_fields(self, state: WorldState) -> list[Any]:
+        """Looks at the lenses once, for every environment whose camera differs."""
+        if not self.flow_fields:
             info = self.info
             if info is None:
                 raise ValueError(f"{self.name} has no CameraInfo of {self.params['camera']}, which flow needs")
@@ -266,11 +277,11 @@ class LabelerNode(Node):
             lenses = [(info.k, info.distortion)]
             if info.env_k is not None and info.env_distortion is not None:
                 lenses = list(zip(info.env_k, info.env_distortion))
-            fields = self.flow_fields[device] = []
             for k, distortion in lenses:
                 lens = self.image_labels.lens_of(info.distortion_model, distortion)
-                fields.append(self.image_labels.FlowField(k, size, bodies, camera, lens, device))
-        return self.flow_fields[device]
+                field = self.image_labels.FlowField(k, size, bodies, camera, lens, self._flow_device())
+                self.flow_fields.append(field)
+        return self.flow_fields
 
     def _label_meshes(self, out: Labels, state: WorldState) -> None:
         """Labels where meshes are at this stamp, and how their points move within its interval."""

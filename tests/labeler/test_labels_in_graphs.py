@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import io
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -147,3 +149,17 @@ def test_labels_of_a_gpu_are_those_of_a_cpu(run, scene, envs):
     assert known.mean() > 0.05
     close = np.isclose(there["flow"][known], here["flow"][known], rtol=1e-3, atol=0.05)
     assert close.mean() > 0.99
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("scene", ["falling_objects", "pong"])
+def test_flow_has_the_same_bits_wherever_images_come_from(tmp_path, scene):
+    """Recorded, they come to a process of its own on the host, where products and sums are rounded otherwise."""
+    command = [sys.executable, "-m", "evis", "launch", scene, "device:=cuda", "width:=33", "height:=50", "audit:=0"]
+    command += ["--duration", "0.2", "--no-view", "--record-topics", "*"]
+    flows = []
+    for how in ("--compose", "--split"):
+        bag = tmp_path / f"{how}.mcap"
+        subprocess.run([*command, how, "--record", bag], check=True, timeout=300)
+        flows.append([message.flow.tobytes() for message in packets(bag, "/cam0/labels")])
+    assert flows[0] == flows[1] and len(flows[0]) > 3
