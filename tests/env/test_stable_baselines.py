@@ -10,6 +10,7 @@ import pytest
 
 import evis.env
 
+pytest.importorskip("stable_baselines3", reason="Stable-Baselines3 is not installed: make test-extras")
 pytestmark = pytest.mark.extras
 
 
