@@ -87,7 +87,7 @@ def _begin(device: Any, kernels: Iterable[tuple[wp.Kernel, int]]) -> dict[Key, F
 
 
 def _is_kept(module: Any) -> bool:
-    """Whether Warp's cache has a module as a CPU runs it, with one thread to a block."""
+    """Tells whether Warp's cache has a module as a CPU runs it, with one thread to a block."""
     return os.path.isdir(os.path.join(str(wp.config.kernel_cache_dir), module.get_module_identifier(1)))
 
 

@@ -33,7 +33,7 @@ class HostCopies:
     """Copies an array to the host behind what was launched so far, to be read later."""
 
     def __init__(self, array: wp.array, most: int = 3) -> None:
-        """most: copies that are kept; the next one takes the place of the first."""
+        """Takes the device's array. most: copies that are kept; the next one takes the place of the first."""
         import warp as wp
 
         device: Any = array.device

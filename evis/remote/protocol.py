@@ -96,7 +96,7 @@ class Hello:
         return msgpack.packb(body, unicode_errors="surrogateescape")
 
     def _told(self) -> Plan:
-        """The plan without its secrets, and without what is of no use to another host."""
+        """Makes the plan without its secrets, and without what is of no use to another host."""
         return dataclasses.replace(self.plan.redacted(), directory="")
 
     @staticmethod

@@ -100,7 +100,7 @@ def _part(name: str, value: Any, env: int, info: CameraInfo | None) -> Any:
 
 
 def _image(image: Image) -> Image:
-    """The image of an environment that is by itself."""
+    """Gives the image of an environment that is by itself."""
     whole: Any = image
     alone: Image = dataclasses.replace(whole, env=0, envs=1)
     return alone

@@ -222,7 +222,7 @@ class PhysicsNode(Node):
         return made
 
     def _say_end(self, last: int) -> None:
-        """Warn where the run's last keyframe, of number `last`, comes before its end: the rest is not simulated."""
+        """Warns where the run's last keyframe, of number `last`, comes before its end: the rest is not simulated."""
         duration, rate = self.params["duration"], self.params["keyframe_rate"]
         if last == 0:
             self.warn(
@@ -337,7 +337,8 @@ class PhysicsNode(Node):
         self.environments.restart(envs, seeds, numbers, k, self._other_engines(envs, seeds))
 
     def _faults(self, interval: Interval, stamp: int) -> None:
-        """An environment that diverged begins its next episode at this stamp; with only one, so does the run."""
+        """Begins the next episode of each environment that diverged, at this stamp; where there is only one, the run
+        ends."""
         if interval.again:
             self.count("stepped_again_by_mujoco", interval.again)
         for envs, text in told_together(interval.warnings):
@@ -396,7 +397,7 @@ class PhysicsNode(Node):
 
 
 def _given(envs: list[int], seeds: list[int]) -> tuple[list[int], list[int]]:
-    """Those environments that are given a seed, and their seeds."""
+    """Selects those environments that are given a seed, and their seeds."""
     pairs = [(env, seed) for env, seed in zip(envs, seeds) if seed != CONFIGURED]
     return [env for env, _ in pairs], [seed for _, seed in pairs]
 

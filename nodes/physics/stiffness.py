@@ -74,7 +74,7 @@ class Mode:
         return low
 
     def _step(self, dt: float) -> np.ndarray:
-        """The step's matrix [2, 2] on (x, x')."""
+        """Computes the matrix [2, 2] of a step, on (x, x')."""
         k, c = dt * self.stiffness, dt * self.explicit
         if self.integrator == "RK4":
             a = np.array([[0.0, dt], [-k, -c - dt * self.implicit]])

@@ -18,10 +18,17 @@ VERB = re.compile(r"[A-Z][a-z]+s\b")
 WHOLE = [
     "evis/bag",
     "evis/bus",
+    "evis/env",
     "evis/events",
+    "evis/gpu",
+    "evis/remote",
     "evis/runtime",
+    "evis/simulation",
     "evis/supervisor",
     "nodes/camera",
+    "nodes/event_sensor",
+    "nodes/interpolator",
+    "nodes/physics",
     "nodes/recorder",
     "nodes/replayer",
 ]

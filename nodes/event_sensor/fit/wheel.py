@@ -106,7 +106,7 @@ def find_wheel(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> Wh
 
 
 def _motion(found: Bursts) -> tuple[int, int]:
-    """First and last time [ns] of the longest stretch in which bursts keep beginning."""
+    """Finds the first and last time [ns] of the longest stretch in which bursts keep beginning."""
     if len(found.start) < 200:
         raise NoWheel(f"only {len(found.start)} bursts of events: nothing moves long enough")
     first = int(found.start.min())
@@ -124,7 +124,8 @@ def _motion(found: Bursts) -> tuple[int, int]:
 def _angles(
     x: np.ndarray, y: np.ndarray, window: np.ndarray, shift: np.ndarray, hub: tuple[float, float]
 ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-    """Agreement over all, and per window the mean angle, its resultant length and the number of beginnings."""
+    """Computes the agreement over all, and per window the mean angle, its resultant length and the number of
+    beginnings."""
     dx, dy = x - hub[0], y - hub[1]
     far = np.hypot(dx, dy) > NEAREST_PX
     unit = np.exp(1j * (np.arctan2(dy, dx)[far] + shift[far]))
@@ -138,7 +139,7 @@ def _angles(
 def _hub(
     x: np.ndarray, y: np.ndarray, window: np.ndarray, shift: np.ndarray, box: tuple[int, int, int, int]
 ) -> tuple[float, float]:
-    """The point about which angles gather best: a search on ever finer grids; it may lie outside of the box."""
+    """Searches for the point about which angles gather best, on ever finer grids; it may lie outside of the box."""
     step = max(box[2], box[3]) / 10
     best, at = -1.0, (box[0] + box[2] / 2, box[1] + box[3] / 2)
     reach = 7
@@ -155,7 +156,8 @@ def _hub(
 
 
 def _smooth(at: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """A parabola through each SMOOTH neighbours, at the middle one; ends as the last parabola has them."""
+    """Fits a parabola through each SMOOTH neighbours, and gives it at the middle one; ends as the last parabola has
+    them."""
     out, half = angle.copy(), SMOOTH // 2
     for k in range(len(at)):
         first = min(max(k - half, 0), len(at) - SMOOTH)
@@ -174,7 +176,8 @@ def _to_the_ends(at: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _filled(passed: np.ndarray) -> np.ndarray:
-    """A pixel belongs to the wheel if most of the nine about it were passed; hot and dead ones change nothing."""
+    """Tells which pixels belong to the wheel: those where most of the nine about them were passed; hot and dead ones
+    change nothing."""
     padded = np.pad(passed.astype(np.int64), 1, mode="edge")
     height, width = passed.shape
     near = sum(padded[j : j + height, i : i + width] for j in range(3) for i in range(3))

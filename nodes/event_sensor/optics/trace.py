@@ -18,7 +18,7 @@ class Tracer:
     """Traces the output of a photoreceptor; see Photoreceptor.trace."""
 
     def __init__(self, poles: int, law: int, receptor: Receptor, chord: float, device: Any) -> None:
-        """chord: largest deviation of a line between samples [ln I]."""
+        """Makes the kernel and its buffers. chord: largest deviation of a line between samples [ln I]."""
         self._receptor, self._chord, self._device = receptor, chord, device
         self._kernel = (kernels.make_trace_or_count if device.is_cuda else kernels.make_trace_bent)(poles, law)
         self._output: Any = kernels.Output()

@@ -96,7 +96,8 @@ class Search:
     """Finds candidates, one method and keyframe rate after another."""
 
     def __init__(self, setting: Setting, grid: Grid, full: FullSize, windows: Windows, moving: float, say: Say) -> None:
-        """moving: the physics engine's seconds per simulated second, of all environments."""
+        """Takes what is searched, and by which measurements. moving: the physics engine's seconds per simulated second,
+        of all environments."""
         self._setting, self._grid, self._full, self._windows, self._say = setting, grid, full, windows, say
         self._moving = moving
         self._looked_at: dict[tuple[str, float], float] = {}

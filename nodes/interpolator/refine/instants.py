@@ -97,7 +97,7 @@ def wanted_slots(gap_ns: int, coarse: int, tolerance_ns: float) -> int:
 
 
 def _halvings(gap_ns: int, coarse: int, tolerance_ns: float, looks: int) -> int:
-    """How often a coarse interval is to be halved, 0 where it is within the tolerance by itself."""
+    """Computes how often a coarse interval is to be halved, 0 where it is within the tolerance by itself."""
     # The same for all gaps of one rate, whose ends are rounded.
     wanted = max(0, math.ceil(math.log2(max(gap_ns / coarse / (2 * tolerance_ns), 1e-9)) - ROUNDED))
     return max(wanted, looks.bit_length() - 1) if wanted else 0

@@ -72,8 +72,8 @@ class Refinement:
     """Finds further samples of single pixels between the frames that a `Rigid` made last."""
 
     def __init__(self, rigid: Rigid, tolerance_ns: float, threads: int, light_samples: int, fineness: int = 1) -> None:
-        """tolerance_ns: greatest error wanted in the time of a threshold crossing [ns]. fineness: sub-pixels per pixel
-        and axis, whose mean the pixel is."""
+        """Takes what makes the frames. tolerance_ns: greatest error wanted in the time of a threshold crossing [ns].
+        fineness: sub-pixels per pixel and axis, whose mean the pixel is."""
         self._rigid = rigid
         self._threads, self._light_samples = threads, light_samples
         layout = rigid.layout
@@ -190,7 +190,7 @@ class Refinement:
         return gap.stamps(self._instants(gap).count)
 
     def _instants(self, gap: Span) -> Instants:
-        """The instants at which pixels may be looked at in a gap."""
+        """Chooses the instants at which pixels may be looked at in a gap."""
         coarse, length = self._rigid.layout.upsampling, max(gap.longest, self.as_long_as_ns)
         looks = max(self._looks, 1 << (-(-self._flicker.instants(length) // coarse) - 1).bit_length())
         return instants_of(length, coarse, self._tolerance_ns, self._pixels, looks, self._device.is_cpu)

@@ -46,7 +46,7 @@ class LightChange:
     def __init__(
         self, shading: Shading, envs: int, movers: np.ndarray, features: LightChanges, tolerance: float
     ) -> None:
-        """movers: bodies that may move, int64 [M]. tolerance: of ln I."""
+        """Takes the shading of the keyframes. movers: bodies that may move, int64 [M]. tolerance: of ln I."""
         v = self._v = shading.visibility
         scene: Scene = shading.scene
         self.features, self._envs, self._movers, self._scene = features, envs, movers, scene
@@ -222,7 +222,8 @@ class LightChange:
         return vectors
 
     def _origin_of(self) -> np.ndarray:
-        """The point that sweeps are told about, float64 [3] m: where lights and things that stand still are not far."""
+        """Chooses the point that sweeps are told about, float64 [3] m: where lights and things that stand still are not
+        far."""
         if self._origin is None:
             places = self._still_lamps()[self._positional]
             self._origin = places.mean(0) if len(places) else np.zeros(3)
@@ -246,7 +247,7 @@ class LightChange:
         return swept
 
     def _casters_then(self, now: Any, rows: int) -> Any:
-        """The casters with places of their own, for the keyframes."""
+        """Makes the struct of casters with places of their own, for the keyframes."""
         then, count = Casters(), len(self._v.geometry.body)
         for name in ("mesh", "radius", "shell", "box", "outer", "core", "order", "still", "is_still"):
             setattr(then, name, getattr(now, name))

@@ -39,7 +39,8 @@ class KeyframePair:
         textured: bool = False,
         in_a_row: bool = False,
     ) -> None:
-        """shape: E, H, W. waveform_count: as of `log_type`. in_a_row: the E are gaps in a row."""
+        """Allocates both keyframes. shape: E, H, W. waveform_count: as of `log_type`. in_a_row: the E are gaps in a
+        row."""
         envs, rows = shape[0], 2 * slots * shape[0]
         self._in_a_row = in_a_row
         both = (envs + 1 if in_a_row else 2 * envs, *shape[1:])

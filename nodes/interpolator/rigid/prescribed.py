@@ -12,7 +12,8 @@ from evis.scene.spline import Spline
 
 
 def _product_table() -> np.ndarray:
-    """float64 [16, 4]: what each product of two components, x y z w, adds to those of the product."""
+    """Tabulates what each product of two components, x y z w, adds to those of the quaternions' product: float64 [16,
+    4]."""
     units = np.eye(4)
     return se3.multiply(units[:, None], units[None]).reshape(16, 4)
 
@@ -108,7 +109,7 @@ def _joined(
 
 
 def _angle_of(turn: object) -> tuple[float, float, float, float]:
-    """(rate, amplitude, pace, phase) of a turn, all 0 for a spline."""
+    """Gives (rate, amplitude, pace, phase) of a turn, all 0 for a spline."""
     if isinstance(turn, Spin):
         return turn.rate, 0.0, 0.0, 0.0
     if isinstance(turn, Swing):

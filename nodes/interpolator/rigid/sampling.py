@@ -72,8 +72,9 @@ class Sampling:
         pool: ThreadPoolExecutor | None,
         change: LightChange | None = None,
     ) -> None:
-        """visibility: of the layout's environments x slots. pieces: body and patch of each triangle. pool: as many
-        threads as share the visibility's rows. change: tells where light changes, if it can."""
+        """Takes who is seen, and who works on it. visibility: of the layout's environments x slots. pieces: body and
+        patch of each triangle. pool: as many threads as share the visibility's rows. change: tells where light changes,
+        if it can."""
         self._change: Any = change.kernel if change else Change()
         v = self._v = visibility
         envs, slots, step = layout.envs, layout.slots, layout.step
@@ -194,7 +195,7 @@ class Sampling:
         launch_in_threads(self._pool, launches)
 
     def _join(self, pieces: wp.array, counts: wp.array, at: int, starts: list[int]) -> wp.array:
-        """What the bands have listed from their `starts` on as one list."""
+        """Joins what the bands have listed from their `starts` on."""
         lengths = counts.numpy()[at : at + self.bands].tolist()
         if self.bands == 1:
             return pieces[: lengths[0]]
@@ -207,7 +208,8 @@ class Sampling:
         return Todo(todo, self._split(todo.size), at)
 
     def _changed(self, part: SubframeRange, b: PreparedKeyframe, unchanged: wp.array, frames: wp.array) -> wp.array:
-        """On a CPU: B in all frames, and the pixels int32 [n] of [E, h, w] where that is not what is always seen."""
+        """Writes B into all frames, on a CPU, and lists the pixels int32 [n] of [E, h, w] where that is not what is
+        always seen."""
         v, m, (height, width) = self._v, self._v.margin, self._size
         inner = (..., slice(m, m + height), slice(m, m + width))
         by_env = frames.numpy().reshape(self._envs, self._upsampling, height, width, -1)

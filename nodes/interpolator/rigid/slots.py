@@ -43,7 +43,7 @@ class Slots:
     `place` each portion."""
 
     def __init__(self, scene: Scene, visibility: Visibility, placement: Placement, slots: int) -> None:
-        """visibility: of E x slots environments."""
+        """Takes what places the bodies. visibility: of E x slots environments."""
         self._v, self._placement, self._slots = visibility, placement, slots
         self._envs, bodies = visibility.envs // slots, len(scene.bodies)
         self._movers = placement.movers

@@ -40,8 +40,8 @@ class Flicker:
     def __init__(
         self, waveforms: Iterable[Waveform | None], bend: float, device: Any, added: Sequence[Waveform] = ()
     ) -> None:
-        """bend: how far ln of a strength may be off a straight line. added: the waveforms whose lights' radiance is
-        added up, see `log_type`."""
+        """Takes the waveforms of a scene's lights. bend: how far ln of a strength may be off a straight line. added:
+        the waveforms whose lights' radiance is added up, see `log_type`."""
         given = {w for w in waveforms if w is not None}
         self._any = bool(given)
         self._added = added
@@ -107,7 +107,7 @@ class Flicker:
         return [w for w in self._waveforms if w.frequency * gap_ns * 1e-9 <= FOLLOWED * (1 + ROUNDED)]
 
     def _of(self, t: np.ndarray, coarse: int, each: int) -> list[dict[int, int]]:
-        """The marks within each coarse interval, and how much later they are, for instants t [n + 1]."""
+        """Computes the marks within each coarse interval, and how much later they are, for instants t [n + 1]."""
         found: list[dict[int, int]] = [{} for _ in range(coarse)]
         for waveform in self._slow(int(t[-1] - t[0])):
             for k, marks in enumerate(found):

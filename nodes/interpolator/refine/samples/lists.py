@@ -30,7 +30,7 @@ class GrowingList:
     """
 
     def __init__(self, struct: Any, pixel: Any, bands: int, device: Any) -> None:
-        """pixel: the type of ln I."""
+        """Makes an empty list of a struct's fields. pixel: the type of ln I."""
         self.kernel: Any = struct()
         self._types = {
             name: pixel if name in VALUES else wp.uint64 if name in ENTRIES else wp.int32 for name in struct.vars
@@ -65,7 +65,8 @@ class Samples:
     """Holds the samples of a gap on a device, as a struct SampleList for kernels: `kernel`."""
 
     def __init__(self, channels: int, made: wp.array, device: Any) -> None:
-        """channels: 1 (luminance) or 3 (RGB). made: samples before each list of pixels of a window."""
+        """Makes an empty list. channels: 1 (luminance) or 3 (RGB). made: samples before each list of pixels of a
+        window."""
         self._device = device
         self.kernel: Any = make_sample_list(channels)()
         self.kernel.made = made

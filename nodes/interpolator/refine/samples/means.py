@@ -20,7 +20,8 @@ class Means:
     """Merges the samples of the sub-pixels, of which each pixel is the mean, into those of pixels."""
 
     def __init__(self, rigid: Rigid, fineness: int, tolerance_ns: float) -> None:
-        """rigid: of the sub-pixels. fineness: how many of these a pixel has per axis. tolerance_ns: as of `Refined`."""
+        """Takes the sub-pixels' frames. rigid: of the sub-pixels. fineness: how many of these a pixel has per axis.
+        tolerance_ns: as of `Refined`."""
         layout, (height, width) = rigid.layout, rigid.size
         division: Any = Division()
         division.fineness, division.coarse = fineness, layout.upsampling
