@@ -14,6 +14,7 @@ import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
 from evis.runtime.workers import Workers
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.keyframe import KeyframeView, Span
 from nodes.interpolator.refine.evaluation.evaluator import Evaluator, make_look_up_kernels
 from nodes.interpolator.refine.instants import Instants, instants_of, least_parts
@@ -89,7 +90,7 @@ class Refinement:
         self._looks = least_parts(layout.upsampling)
         channels = layout.channels
         self._gain = pixels_per_radian(v) if v.view.distorted else max(v.view.fx, v.view.fy)
-        self._pixel: Any = wp.float32 if channels == 1 else wp.vec3
+        self._pixel = pixel_type(channels)
         waveforms = (light.waveform for light in v.scene.lights)
         self._flicker = Flicker(waveforms, FLICKERING * layout.tolerance, v.device, layout.waveforms)
         self._sort_each, self._rank = make_sort(channels)

@@ -13,6 +13,7 @@ import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.cuda_graph import CudaGraphs
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.refine.evaluation.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.evaluation.trace_kernels import trace_pixels
 from nodes.interpolator.refine.halving.check_kernels import make_check
@@ -129,7 +130,7 @@ class Rounds:
         self._rigid, self.evaluator, self._kernels, self._light_visibility = rigid, evaluator, kernels, light_visibility
         v, layout, bands = rigid.visibility, rigid.layout, evaluator.bands
         channels, device = layout.channels, v.device
-        pixel: Any = wp.float32 if channels == 1 else wp.vec3
+        pixel = pixel_type(channels)
         self.reads_counts = device.is_cpu
         """Whether the host reads counts while a window is done."""
         self._find_transitions = make_find_transitions(evaluator.shading.occluders.trees)

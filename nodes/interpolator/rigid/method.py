@@ -24,7 +24,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 import warp as wp
@@ -34,6 +33,7 @@ from evis.gpu.cuda_graph import Branch, CudaGraphs
 from evis.runtime.workers import Workers
 from evis.scene.model import Camera, Scene
 from nodes.interpolator.displacement_kernels import displace
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.keyframe import KeyframeView, Report, Span
 from nodes.interpolator.relight.change import make_light_change
 from nodes.interpolator.relight.sweep_kernels import sweep
@@ -412,7 +412,7 @@ class Rigid:
 
     def _target(self, out: np.ndarray | wp.array | None) -> wp.array:
         """Gives the output on a CPU, a buffer in its place on a GPU, as [E K, h, w] pixels."""
-        pixel: Any = wp.float32 if self.layout.channels == 1 else wp.vec3
+        pixel = pixel_type(self.layout.channels)
         shape = (self.layout.envs * self.layout.upsampling, *self.size)
         if self._device.is_cpu:
             given = out.numpy() if isinstance(out, wp.array) else np.asarray(out)

@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 
 from evis.gpu.cuda_graph import CudaGraphs
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.keyframe import KeyframeView, Report
 from nodes.interpolator.splat import cuda_kernels, cuda_source_kernels
 
@@ -84,7 +85,7 @@ class SplatCuda:
         rows = max(1, min(subs, SCRATCH_BYTES // (padded * PER_PIXEL)))
         self._portions = [(start, min(rows, subs - start)) for start in range(0, subs, rows)]
         with wp.ScopedDevice(self._device):
-            pixel: Any = wp.float32 if channels == 1 else wp.vec3
+            pixel = pixel_type(channels)
             frames: wp.array = wp.empty((envs, upsampling, height, width), dtype=pixel)
             self._a, self._b = (Keyframe(self._shape, frames) for _ in "AB")
             self._chains = [_chains(rows, pixels, padded) for _ in "AB"]

@@ -76,7 +76,7 @@ class Probes:
     """Draws z-buffers at instants of one gap after another.
 
     packed uint64 [rows, H, W]: at the middle of each coarse interval, then at its quarters, at its odd eighths, and so
-    on, all coarse intervals of a kind after each other; see window_kernels.entry_at. each int32 [E]: how many there are
+    on, all coarse intervals of a kind after each other; see `probe_image`. each int32 [E]: how many there are
     per coarse interval, itself included, that an environment goes by; most: of all environments.
     """
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import warp as wp
 
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.refine.samples.list_kernels import ListPart, make_sample_list
 
 SPARE = 1.5
@@ -73,7 +74,7 @@ class Samples:
         kinds: dict[str, Any] = {
             "pixel": wp.int32,
             "instant": wp.int32,
-            "value": wp.float32 if channels == 1 else wp.vec3,
+            "value": pixel_type(channels),
         }
         for name, kind in kinds.items():
             setattr(self.kernel, name, wp.empty(0, dtype=kind, device=device))
