@@ -34,7 +34,7 @@ _compiled: dict[Key, Future[None]] = {}
 
 @cache
 def _helpers() -> ThreadPoolExecutor:
-    """Threads that stay, for what they have read does; one less than there are cores, for who waits builds too."""
+    """Starts threads that stay, for what they have read does; one less than there are cores: who waits builds too."""
     return ThreadPoolExecutor(min(MOST_AT_ONCE, len(os.sched_getaffinity(0))) - 1, "build")
 
 

@@ -122,7 +122,7 @@ def _signal(told: EventSignal, env: int) -> EventSignal:
 
 
 def _message(message: Message, env: int) -> Message:
-    """Arrays that lead with E are cut; of tables the rows of the environment are taken."""
+    """Cuts an environment out of a message: of arrays that lead with E its own part, of tables its rows."""
     found: dict[str, Any] = {}
     specs = array_specs(type(message))
     for name, array in message.arrays().items():

@@ -204,7 +204,7 @@ class PhysicsNode(Node):
         return True
 
     def _other_engines(self, envs: list[int], seeds: list[int]) -> list[tuple[list[int], Engine]]:
-        """Engines of those environments that move otherwise with the seeds that they are given."""
+        """Makes engines of those environments that move otherwise with the seeds that they are given."""
         worlds = self.worlds.with_seeds(*_given(envs, seeds))
         groups = worlds.groups(motion, worlds.changed(self.worlds, motion))
         self.worlds = worlds
@@ -328,7 +328,7 @@ class PhysicsNode(Node):
         self._publish(keyframe_stamp(self.k - 1, self.params["keyframe_rate"]), interval)
 
     def _begin_anew(self, envs: list[int], seeds: list[int], k: int) -> None:
-        """Environments begin anew at keyframe k, in time of their own."""
+        """Begins environments anew at keyframe k, in time of their own."""
         if self.k:
             self.episodes[envs] += 1
         given = np.array(seeds) != CONFIGURED
@@ -403,5 +403,5 @@ def _given(envs: list[int], seeds: list[int]) -> tuple[list[int], list[int]]:
 
 
 def _range(numbers: Sequence[int]) -> str:
-    """Numbers in order as words: `3`, `3 to 5`."""
+    """Puts numbers in order into words: `3`, `3 to 5`."""
     return f"{numbers[0]}" if len(numbers) == 1 else f"{numbers[0]} to {numbers[-1]}"

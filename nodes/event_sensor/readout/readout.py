@@ -208,7 +208,7 @@ class Readout:
         self._base = t_base
 
     def _serve(self, columns: dict[str, np.ndarray], offsets: np.ndarray, t_base: int) -> np.ndarray:
-        """Stamps of the new events, TURNED_AWAY for those that the full queue turned away."""
+        """Computes the stamps of the new events, TURNED_AWAY for those that the full queue turned away."""
         stamps = np.array(columns["t"], np.int64)
         if not len(stamps):
             return stamps

@@ -193,7 +193,7 @@ class LightChange:
             wp.launch(swept_kernels.find_open, found.shape, given, [found], device=v.device)
 
     def _flags_of(self, gone: np.ndarray) -> np.ndarray:
-        """Flags int32 [E, N + 1] of bodies and the world; gone: see Poses."""
+        """Computes the flags int32 [E, N + 1] of bodies and the world; gone: see Poses."""
         relative = np.zeros((self._envs, self._bodies + 1), bool)
         relative[:, self._movers] = gone[..., self._columns].any(-1)
         # A camera that moves changes no light.
@@ -256,7 +256,7 @@ class LightChange:
 
 
 def _extent(light: Light) -> float:
-    """Radius of a ball about an area light's middle that holds it [m], 0 of other lights."""
+    """Computes the radius of a ball about an area light's middle that holds it [m], 0 of other lights."""
     if light.kind != "area" or light.half_u is None or light.half_v is None:
         return 0.0
     return float(np.linalg.norm(light.half_u) + np.linalg.norm(light.half_v))

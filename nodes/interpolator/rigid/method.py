@@ -284,7 +284,7 @@ class Rigid:
         return Report(samples=envs * (k - 1) * height * width)
 
     def _begun(self, a: KeyframeView, held: np.ndarray) -> np.ndarray:
-        """Environments whose episode begins with keyframe a, bool [E]."""
+        """Tells which environments' episodes begin with keyframe a, bool [E]."""
         if self._at_b is not a and (a.replaces is None or a.replaces is not self._at_b):
             return np.ones(len(held), bool)
         return self._held if a.begun is None else self._held | a.begun
@@ -377,7 +377,7 @@ class Rigid:
         return Report(nonfinite=int(count[-1]), reshaded=int(count[:-1].sum()), samples=samples, sampled=looked_up)
 
     def _find_unchanged(self) -> None:
-        """Pixels that do not change unless something comes before them."""
+        """Finds the pixels that do not change unless something comes before them."""
         v, a, b = self.visibility, self.pair.a, self.pair.b
         given = [v.span, a.packed, v.packed[: self.layout.envs], a.image, b.image, self.pieces, self._still]
         dim = (self.layout.envs, v.shape[1], v.shape[2] // v.span)

@@ -69,7 +69,7 @@ class Placement:
         return known
 
     def _known(self, stamps: np.ndarray) -> np.ndarray:
-        """Poses in closed form float64 [1 or E, bodies, K, 7] at stamps int64 [K] ns."""
+        """Computes the poses in closed form float64 [1 or E, bodies, K, 7] at stamps int64 [K] ns."""
         return np.stack([poses.at(stamps) for poses in self._prescribed])
 
     def at(self, stamps: np.ndarray, states: States) -> np.ndarray:
@@ -178,7 +178,7 @@ def _next_gaps(start: int, length: int, count: int) -> list[tuple[int, int]]:
 
 
 def _sub_frames(gaps: list[tuple[int, int]], count: int) -> np.ndarray:
-    """Stamps of the sub-frames of gaps without those at their ends, int64 [gaps, count - 1]."""
+    """Gives the stamps of the sub-frames of gaps without those at their ends, int64 [gaps, count - 1]."""
     ends = np.array(gaps, np.int64)
     return subframe_stamps(ends[:, :1], ends[:, 1:], count)[:, :-1]
 

@@ -1,4 +1,4 @@
-"""Samples in proportion to a pixel's displacement: it chooses which sub-frames are looked up, and which lie between two
+"""Chooses in proportion to a pixel's displacement which sub-frames are looked up, and which lie between two
 that are.
 
 This is for a CPU; a GPU looks up all. See plan_kernels. After the first samples every span whose ends differ by too

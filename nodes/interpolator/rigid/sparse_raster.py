@@ -150,7 +150,7 @@ class SparseRaster:
         v.row_tiles.launch(self._raster, lambda row0, row1: ((envs, count), [v.view, row0, row1, *shared]), v.device)
 
     def _lately(self, env: int) -> list[Any]:
-        """Blocks of triangles that were seen lately or move, and those of their vertices."""
+        """Selects the blocks of triangles that were seen lately or move, and those of their vertices."""
         triangles = np.flatnonzero(self._seen[env] >= self._full[env] - LATELY)
         shown = np.zeros(len(self._v.geometry.body), bool)
         shown[self._triangles["instance"][triangles]] = True

@@ -71,7 +71,7 @@ class Upsampler:
         return FrameBlock(subframe_stamps(t_a, t_b, count), np.concatenate([made, b[None]]))
 
     def _count(self, flow: Flow | None, image: np.ndarray) -> int:
-        """Frames of a gap; notes what is known of its flow."""
+        """Counts the frames of a gap, and notes what is known of its flow."""
         most = max(1, GAP_BYTES // image.nbytes)
         if flow is None:
             assert self._frames is not None

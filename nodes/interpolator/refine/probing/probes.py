@@ -270,7 +270,7 @@ class Probes:
     def _shortly_before(
         self, which: list[int], stamps: np.ndarray, poses: Poses, gap: Span
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Poses of all bodies at some instants, counted from 0, and shortly before each, float64 [n E, N, 7]."""
+        """Finds all bodies' poses at some instants, counted from 0, and shortly before each, float64 [n E, N, 7]."""
         movers, ascending = self._rigid.placement.movers, np.argsort(which)
         at = (stamps[..., which] - SHORT_NS)[..., ascending]
         then, now = (np.repeat(poses.rest[None], len(which), axis=0) for _ in range(2))
