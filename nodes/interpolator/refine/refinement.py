@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
-from evis.runtime.workers import Workers
+from evis.runtime.workers import Workers, edges_of
 from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.keyframe import KeyframeView, Span
 from nodes.interpolator.refine.evaluation.evaluator import Evaluator, make_look_up_kernels
@@ -281,7 +281,7 @@ class Refinement:
             if device.is_cpu:
                 given = [height * width, first, instants, values, since, order, offset, value]
                 sampling = self._rigid.sampling
-                edges = [count * k // sampling.bands for k in range(sampling.bands + 1)]
+                edges = edges_of(count, sampling.bands)
                 sampling.launch([(self._sort_each, e - s, [s, *given]) for s, e in pairwise(edges)])
             else:
                 given = [height * width, first, pixels, instants, values, since, order]

@@ -13,6 +13,7 @@ import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.cuda_graph import CudaGraphs
+from evis.runtime.workers import edges_of
 from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.refine.evaluation.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.evaluation.trace_kernels import trace_pixels
@@ -258,7 +259,7 @@ class Rounds:
         rigid, evaluator, params, tally = self._rigid, self.evaluator, window.params, self._tally
         kernels, view, bands = self._kernels, evaluator.visibility.view, evaluator.bands
         cpu, images = evaluator.visibility.device.is_cpu, window.intervals * params.envs
-        edges = [params.height * k // bands for k in range(bands + 1)]
+        edges = edges_of(params.height, bands)
         span, listers, searchers = (params.width, 1, 1) if cpu else (1, LIST_WORKERS, SEARCHERS)
         requests, transitions, changing = self._requests.kernel, self._transitions.kernel, self._changing
         scene, seen = window.scene, [rigid.pair.kernel(), window.scene, window.coarse, window.marks, evaluator.change]

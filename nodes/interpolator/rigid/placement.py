@@ -16,7 +16,7 @@ from evis.geometry.interpolate import step_before
 from evis.geometry.interpolate_kernels import place_between
 from evis.gpu.exchange import cpu_array
 from evis.runtime.clock import NS, keyframe_stamp, subframe_stamps
-from evis.runtime.workers import Workers
+from evis.runtime.workers import Workers, edges_of
 from evis.scene.model import Scene, Trajectory
 from evis.scene.motion import Prescribed
 from nodes.interpolator.keyframe import States
@@ -159,7 +159,7 @@ class Placement:
             wp.launch(place_between, ends[1] - ends[0], [ends[0], *arrays], device="cpu")
 
         parts = min(self._parts, poses.shape[1])
-        edges = [poses.shape[1] * k // parts for k in range(parts + 1)]
+        edges = edges_of(poses.shape[1], parts)
         for _done in (map if self._pool is None else self._pool.map)(work, pairwise(edges)):
             pass
 

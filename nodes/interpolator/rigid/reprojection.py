@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
+from evis.runtime.workers import edges_of
 from evis.scene.model import Waveform
 from nodes.interpolator.relight.change import LightChange
 from nodes.interpolator.relight.change_kernels import Change
@@ -56,7 +57,7 @@ class Reprojection:
         self._inner = envs * (v.shape[1] - 2 * v.margin) * (v.shape[2] - 2 * v.margin)
         whole = envs * v.shape[1] * v.shape[2] if waveform_count else 0
         # B's own slot is the first: the pixels of its environments are the first of all.
-        starts = [whole * k // sampling.bands for k in range(sampling.bands + 1)]
+        starts = edges_of(whole, sampling.bands)
         with wp.ScopedDevice(v.device):
             self._radiance = wp.empty(v.shape, dtype=wp.vec3)
             self._pixels = wp.empty(slots * self._inner, dtype=wp.int32)

@@ -17,6 +17,7 @@ import numpy as np
 import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
+from evis.runtime.workers import edges_of
 from nodes.interpolator.relight.change import LightChange
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
@@ -143,7 +144,7 @@ class Sampling:
         how += [self._codes, self._lists, frames]
         self._planned, self._lists.spans = planned, self._spans[0]
         at = self._at()
-        starts = self._split(active.size)
+        starts = edges_of(active.size, self.bands)
         launches = []
         for k, (first, last) in enumerate(pairwise(starts)):
             band = part_of(first, last, at + k, first * count, first * (count // 2 + 1))
@@ -170,7 +171,7 @@ class Sampling:
         spans = self._joined
         if not spans.size:
             return None
-        starts = self._split(spans.size)
+        starts = edges_of(spans.size, self.bands)
         launches = []
         for k, (first, last) in enumerate(pairwise(starts)):
             band = part_of(first, last, at + k, (SHORT - 1) * first, 2 * first)
@@ -182,9 +183,6 @@ class Sampling:
 
     def _at(self) -> int:
         return (self._part.number * self.rounds + self._round) * self.bands
-
-    def _split(self, count: int) -> list[int]:
-        return [count * k // self.bands for k in range(self.bands + 1)]
 
     def launch(self, launches: list[tuple[wp.Kernel, Any, list[Any]]], block: int = LAUNCH_BLOCK) -> None:
         """Launches kernels, for each band: (kernel, threads, arguments). block: threads of one on a GPU."""
@@ -205,7 +203,7 @@ class Sampling:
 
     def _listed(self, at: int, starts: list[int]) -> Todo:
         todo = self._join(self._todo, self.counts, at, starts)
-        return Todo(todo, self._split(todo.size), at)
+        return Todo(todo, edges_of(todo.size, self.bands), at)
 
     def _changed(self, part: SubframeRange, b: PreparedKeyframe, unchanged: wp.array, frames: wp.array) -> wp.array:
         """Writes B into all frames, on a CPU, and lists the pixels int32 [n] of [E, h, w] where that is not what is

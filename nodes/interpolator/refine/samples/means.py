@@ -8,6 +8,7 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
+from evis.runtime.workers import edges_of
 from nodes.interpolator.refine.samples.mean_kernels import Division, make_merge, make_subpixel_light
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.samples import Further
@@ -71,5 +72,5 @@ class Means:
 
     def _launch(self, writes: int, given: list[Any]) -> None:
         """Counts the samples, or writes them: the same kernel, so that both find the same."""
-        edges = [self._pixels * k // self._sampling.bands for k in range(self._sampling.bands + 1)]
+        edges = edges_of(self._pixels, self._sampling.bands)
         self._sampling.launch([(self._merge, e - s, [s, self._division, writes, *given]) for s, e in pairwise(edges)])
