@@ -19,7 +19,8 @@ class Actions:
     """Converts actions [E, nu] to controls. normalise: -1 to 1 stands for the whole range of each actuator."""
 
     def __init__(self, actuators: Sequence[Any], normalise: bool) -> None:
-        """actuators: with name, low, high. Raises ValueError for a model that has none, or none with a range."""
+        """Takes the actuators of a model. actuators: with name, low, high. Raises ValueError for a model that has none,
+        or none with a range."""
         check_flag("normalise", normalise)
         if not actuators:
             raise ValueError(f"the scene {NO_ACTUATORS}, so that there is nothing to act on")

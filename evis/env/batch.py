@@ -195,7 +195,8 @@ class Batch:
         return Outcome(observed, reward, terminated, truncated, info)
 
     def _of_each(self, name: str, values: Any) -> np.ndarray:
-        """What a task says of every environment [E]. Raises ValueError for another shape, which numpy would spread."""
+        """Checks what a task says of every environment [E]. Raises ValueError for another shape, which numpy would
+        spread."""
         found = np.asarray(values)
         if found.dtype.kind not in "biuf":
             raise ValueError(f"{name} of the task is {values!r:.60}; it must be numbers [{self.envs}], one for each")
@@ -206,7 +207,8 @@ class Batch:
         return found
 
     def _told(self, name: str, value: Any) -> np.ndarray:
-        """What a task tells of every environment [E, ...]; a single value is that of each. Raises ValueError."""
+        """Spreads what a task tells over all environments [E, ...]; a single value is that of each. Raises
+        ValueError."""
         found = np.asarray(value)
         if not found.ndim:
             return np.repeat(found, self.envs)
@@ -250,7 +252,7 @@ class Batch:
 
 
 def _by_name(observation: Any) -> dict[str, Observation]:
-    """The parts of an observation by name, one alone by none. Raises ValueError for what is no observation."""
+    """Names the parts of an observation; one alone has the name ''. Raises ValueError for what is no observation."""
     if isinstance(observation, Observation):
         return {"": observation}
     if not isinstance(observation, Mapping) or not all(
@@ -263,7 +265,7 @@ def _by_name(observation: Any) -> dict[str, Observation]:
 
 
 def _of_events(part: Observation) -> bool:
-    """Whether an observation is made of events."""
+    """Tells whether an observation is made of events."""
     return part.OUTPUT == "events"
 
 

@@ -103,7 +103,8 @@ def _sides(block: Block) -> tuple[int, int]:
 
 
 def _pooled_size(block: Block, setting: Setting) -> tuple[int, int]:
-    """Height and width of what is left. Raises ValueError for blocks that do not fill the image."""
+    """Computes height and width of what is left when blocks are pooled. Raises ValueError for blocks that do not fill
+    the image."""
     rows, columns = _sides(block)
     if min(rows, columns) < 1 or setting.height % rows or setting.width % columns:
         raise ValueError(f"pool={block} does not divide an image of {setting.width} x {setting.height}")

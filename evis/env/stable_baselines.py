@@ -21,7 +21,8 @@ class StableBaselinesEnv(VecEnv):
     """Presents an EventVectorEnv as a VecEnv of Stable-Baselines3; all environments stay in one simulation."""
 
     def __init__(self, env: EventVectorEnv) -> None:
-        """env: with autoreset_mode=SAME_STEP, which Stable-Baselines3 works by. Raises ValueError for another."""
+        """Wraps an environment. env: with autoreset_mode=SAME_STEP, which Stable-Baselines3 works by. Raises ValueError
+        for another."""
         if env.autoreset_mode is not AutoresetMode.SAME_STEP:
             raise ValueError(f"autoreset_mode is {env.autoreset_mode.value}; Stable-Baselines3 needs SameStep")
         self.env = env

@@ -16,7 +16,7 @@ class State:
     """
 
     def __init__(self, message: WorldState, seconds: np.ndarray, controls: np.ndarray) -> None:
-        """message: the state over the interval of the step."""
+        """Takes what is known at the end of a step. message: the state over the interval of the step."""
         self.message, self.seconds, self.controls = message, seconds, controls
 
     def _body(self, name: str) -> int:

@@ -35,7 +35,8 @@ class Task:
         arguments: Mapping[str, Any] | None = None,
         seconds: float = 0.0,
     ) -> None:
-        """Without `reward` nothing is rewarded, without `terminated` nothing ends an episode but its time."""
+        """Describes a task. Without `reward` nothing is rewarded, without `terminated` nothing ends an episode but its
+        time."""
         self.scene, self.observation, self.seconds = scene, observation, seconds
         self.arguments = dict(arguments or {})
         self._reward, self._terminated = reward, terminated

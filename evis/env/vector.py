@@ -90,7 +90,7 @@ class EventVectorEnv(VectorEnv):
         return np.flatnonzero(mask)
 
     def _seeds(self, seed: int | Sequence[int | None] | None, chosen: np.ndarray) -> np.ndarray | None:
-        """One for each environment that is reset, before anything has happened."""
+        """Gives a seed for each environment that is reset; raises ValueError before anything has happened."""
         if seed is None:
             return None
         if _is_single(seed):
@@ -151,5 +151,5 @@ class EventVectorEnv(VectorEnv):
 
 
 def _is_single(seed: Any) -> bool:
-    """Whether a seed is one for all; what is no number is judged as one."""
+    """Tells whether a seed is one for all; what is no number is judged as one."""
     return np.ndim(seed) == 0

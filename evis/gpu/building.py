@@ -34,7 +34,7 @@ _compiled: dict[Key, Future[None]] = {}
 
 @cache
 def _helpers() -> ThreadPoolExecutor:
-    """Threads that stay, for what they have read does; one less than there are cores, for who waits builds too."""
+    """Starts threads that stay, for what they have read does; one less than there are cores: who waits builds too."""
     return ThreadPoolExecutor(min(MOST_AT_ONCE, len(os.sched_getaffinity(0))) - 1, "build")
 
 
@@ -87,7 +87,7 @@ def _begin(device: Any, kernels: Iterable[tuple[wp.Kernel, int]]) -> dict[Key, F
 
 
 def _is_kept(module: Any) -> bool:
-    """Whether Warp's cache has a module as a CPU runs it, with one thread to a block."""
+    """Tells whether Warp's cache has a module as a CPU runs it, with one thread to a block."""
     return os.path.isdir(os.path.join(str(wp.config.kernel_cache_dir), module.get_module_identifier(1)))
 
 

@@ -34,7 +34,7 @@ class Compiler:
     """Holds the process that compiles for one thread, which `close` ends."""
 
     def __init__(self, library: str) -> None:
-        """library: path of Warp's native part."""
+        """Starts the process. library: path of Warp's native part."""
         beside = str(Path(__file__).with_name("compiler_process.py"))
         self.owner = os.getpid()
         self._process = subprocess.Popen(

@@ -55,7 +55,7 @@ def cpu_array(values: np.ndarray, dtype: Any = None) -> wp.array:
 
 @functools.cache
 def _start() -> None:
-    """Once: it redirects stderr for a moment."""
+    """Starts Warp, once: it redirects stderr for a moment."""
     start_warp()
 
 

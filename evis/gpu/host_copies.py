@@ -15,6 +15,9 @@ import numpy as np
 if TYPE_CHECKING:
     import warp as wp
 
+MOST = 3
+"""Copies of an array that are kept; the next one takes the place of the first."""
+
 
 def host_array(array: Any) -> np.ndarray:
     """Gives numpy's array of the same values, in the same memory where that is the host's; waits for a GPU."""
@@ -32,8 +35,8 @@ def copying_stream(alias: str) -> wp.Stream:
 class HostCopies:
     """Copies an array to the host behind what was launched so far, to be read later."""
 
-    def __init__(self, array: wp.array, most: int = 3) -> None:
-        """most: copies that are kept; the next one takes the place of the first."""
+    def __init__(self, array: wp.array) -> None:
+        """Takes the device's array."""
         import warp as wp
 
         device: Any = array.device
@@ -44,7 +47,7 @@ class HostCopies:
                 wp.empty(array.shape, dtype=array.dtype, device="cpu", pinned=cuda),
                 wp.Event(self._device) if cuda else None,
             )
-            for _ in range(most)
+            for _ in range(MOST)
         )
 
     def take(self) -> Callable[[], np.ndarray]:

@@ -82,7 +82,7 @@ _ANEW: dict[str, Any] = {
 
 
 def _owner(array: Any) -> Any:
-    """The object whose memory an array is part of."""
+    """Finds the object whose memory an array is part of."""
     names = ("base",) if isinstance(array, np.ndarray) else ("owner_of_memory", "_ref")
     parent = next((found for name in names if (found := getattr(array, name, None)) is not None), None)
     return array if parent is None else _owner(parent)

@@ -25,7 +25,8 @@ class RepeatedLaunch:
     """Launches one kernel, whose first parameter is the number of its first thread, with the same arrays each time."""
 
     def __init__(self, kernel: wp.Kernel, given: Sequence[Any]) -> None:
-        """given: arguments after the first, as `wp.launch` takes them, which are held."""
+        """Takes a kernel and what does not change from launch to launch. given: arguments after the first, as
+        `wp.launch` takes them, which are held."""
         self._kernel, self._given = kernel, list(given)
         self._kept: tuple[int, wp.Launch] | None = None
         """The last whole launch, and its number of threads."""

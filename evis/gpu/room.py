@@ -47,6 +47,6 @@ def _left_in_container() -> Iterator[int]:
 
 
 def _inactive(stat: Path) -> int:
-    """Bytes of files that the system keeps in memory until it is needed."""
+    """Counts the bytes of files that the system keeps in memory until it is needed."""
     rows = (line.split() for line in stat.read_text().splitlines())
     return next((int(value) for name, value in rows if name in ("inactive_file", "total_inactive_file")), 0)

@@ -30,6 +30,8 @@ _LONGEST = 1 << 30
 _FAILURES = 3
 """Handshakes that fail in a row before a first one succeeds: of a server without keys, the first says nothing."""
 _LOOK_MS = 50
+_AGAIN_MS, _AGAIN_AT_LAST_MS = 100, 2000
+"""Time after which a connection is tried again, at first, and at most as it doubles with each failure."""
 _EVENT = struct.Struct("=Hi")
 _EVENTS = (
     zmq.EVENT_CONNECTED | zmq.EVENT_DISCONNECTED | zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_HANDSHAKE_FAILED_AUTH
@@ -62,14 +64,11 @@ class Follower:
         self._answered = False
         self._context = zmq.Context()
         sock = wire.open_socket(self._context, zmq.SUB, _RECEIVED)
-        sock.setsockopt(zmq.HEARTBEAT_IVL, protocol.HEARTBEAT_MS)
-        sock.setsockopt(zmq.HEARTBEAT_TIMEOUT, protocol.HEARTBEAT_TIMEOUT_MS)
-        sock.setsockopt(zmq.RECONNECT_IVL, 100)
-        sock.setsockopt(zmq.RECONNECT_IVL_MAX, 2000)
+        protocol.prepare(sock, address, key)
+        sock.setsockopt(zmq.RECONNECT_IVL, _AGAIN_MS)
+        sock.setsockopt(zmq.RECONNECT_IVL_MAX, _AGAIN_AT_LAST_MS)
         sock.setsockopt(zmq.MAXMSGSIZE, _LONGEST)
-        sock.setsockopt(zmq.IPV6, "[" in address)
         sock.curve_serverkey = server
-        sock.curve_publickey, sock.curve_secretkey = key.public, key.secret
         self._greeting = protocol.GREETING + os.urandom(8).hex().encode()
         self._socket, self._monitor = sock, sock.get_monitor_socket(_EVENTS)
         sock.setsockopt(zmq.SUBSCRIBE, protocol.END)

@@ -19,8 +19,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import msgpack
+import zmq
 
 from evis.bus.wire import type_name
+from evis.remote.keys import KeyPair
 from evis.runtime.hosting.wiring import system_topic
 from evis.runtime.plan import Plan
 from msgs.topics import SYSTEM_TOPICS, find_topic
@@ -52,6 +54,14 @@ def check_address(address: str, bound: bool) -> str:
     if not bound and int(found[2]) == 0:
         raise ValueError(f"{address}: a follower must know the port; `evis remote serve` prints it")
     return address
+
+
+def prepare(sock: zmq.Socket, address: str, key: KeyPair) -> None:
+    """Sets what the sockets of both sides have alike: their own keys, heartbeats, and the family of the address."""
+    sock.setsockopt(zmq.HEARTBEAT_IVL, HEARTBEAT_MS)
+    sock.setsockopt(zmq.HEARTBEAT_TIMEOUT, HEARTBEAT_TIMEOUT_MS)
+    sock.setsockopt(zmq.IPV6, "[" in address)
+    sock.curve_publickey, sock.curve_secretkey = key.public, key.secret
 
 
 def message_key(epoch: bytes, name: str) -> bytes:
@@ -96,7 +106,7 @@ class Hello:
         return msgpack.packb(body, unicode_errors="surrogateescape")
 
     def _told(self) -> Plan:
-        """The plan without its secrets, and without what is of no use to another host."""
+        """Makes the plan without its secrets, and without what is of no use to another host."""
         return dataclasses.replace(self.plan.redacted(), directory="")
 
     @staticmethod

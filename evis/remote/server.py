@@ -31,6 +31,10 @@ _END_WAIT_S = 1.0
 _LINGER_MS = 2000
 _MOST_TOLD = 10
 """Refused peers that a line is written of; the others are counted, for whoever knocks may knock without end."""
+_MOST_AT_ONCE = 1000
+"""Peers that may come between two looks; of more, lines are written of the last alone."""
+_AGAIN_S = 0.005
+"""Wait before a full queue is tried again [s]."""
 
 
 class _Followers:
@@ -38,13 +42,17 @@ class _Followers:
 
     def __init__(self, allowed: Mapping[bytes, str]) -> None:
         self._allowed = allowed
-        self.came: deque[tuple[str, bool]] = deque(maxlen=1000)
+        self.counts: Counter[str] = Counter(admitted=0, refused=0)
+        """Peers so far; written by the authenticator's thread alone."""
+        self.came: deque[tuple[str, bool]] = deque(maxlen=_MOST_AT_ONCE)
         """Name of each peer that came and was not told of yet, and whether it was admitted."""
 
     def callback(self, domain: str, key: bytes) -> bool:
         """Tells whether the owner of a public key may connect."""
-        self.came.append((self._allowed.get(key, key.decode()), key in self._allowed))
-        return key in self._allowed
+        admitted = key in self._allowed
+        self.counts["admitted" if admitted else "refused"] += 1
+        self.came.append((self._allowed.get(key, key.decode()), admitted))
+        return admitted
 
 
 class Server:
@@ -61,6 +69,7 @@ class Server:
         self._epoch = os.urandom(4).hex().encode()
         self._hello = protocol.Hello(self._epoch, plan).pack()
         self._followers = _Followers(allowed)
+        self._refusals_told = 0
         self._taps: dict[str, Subscriber] = {}
         self._numbers: Counter[str] = Counter()
         self._wanted: Counter[str] = Counter()
@@ -84,12 +93,9 @@ class Server:
 
     def _bound(self, address: str, key: KeyPair) -> zmq.Socket:
         sock = wire.open_socket(self._context, zmq.XPUB, QUEUE)
-        sock.setsockopt(zmq.HEARTBEAT_IVL, protocol.HEARTBEAT_MS)
-        sock.setsockopt(zmq.HEARTBEAT_TIMEOUT, protocol.HEARTBEAT_TIMEOUT_MS)
+        protocol.prepare(sock, address, key)
         sock.setsockopt(zmq.MAXMSGSIZE, max(_LONGEST_ASKED, 2 * max(map(len, self._every_keys), default=0)))
-        sock.setsockopt(zmq.IPV6, "[" in address)
         sock.curve_server = True
-        sock.curve_publickey, sock.curve_secretkey = key.public, key.secret
         try:
             sock.bind(address)
         except zmq.ZMQError as error:
@@ -109,11 +115,12 @@ class Server:
             self.serve(_LOOK_MS)
             while self._followers.came:
                 name, admitted = self._followers.came.popleft()
-                self.counters["admitted" if admitted else "refused"] += 1
                 if admitted:
                     say(f"{name} has connected")
-                elif self.counters["refused"] <= _MOST_TOLD:
+                elif self._refusals_told < _MOST_TOLD:
+                    self._refusals_told += 1
                     say(f"refused a peer: no --allow has its public key, {name}")
+            self.counters.update({name: n - self.counters[name] for name, n in self._followers.counts.items()})
         self.serve(0)
 
     def serve(self, timeout_ms: int) -> None:
@@ -200,7 +207,7 @@ class Server:
                 if time.monotonic() > deadline:
                     self._socket.setsockopt(zmq.XPUB_NODROP, 0)
                 else:
-                    time.sleep(0.005)
+                    time.sleep(_AGAIN_S)
 
     def close(self) -> None:
         """Ends all reading, and the connections once what is under way has been sent."""

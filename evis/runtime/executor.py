@@ -359,7 +359,7 @@ class Executor(Outputs):
             self._wakeup.hear(outside, outside.sockets())
         self._serve_all_at = 0.0  # who wakes it up is heard
         with self.profile.inside("idle"):
-            self._wakeup.wait(int(timeout + 0.999))
+            self._wakeup.wait(math.ceil(timeout))
 
     def _sockets_to_poll(self, s: Subscription) -> Sequence[zmq.Socket | int]:
         """Returns the sockets that `_receive` would read now; one left readable would turn the wait into a busy
@@ -374,7 +374,8 @@ class Executor(Outputs):
 
     def _housekeeping(self, commands: Commands | None) -> None:
         now = time.monotonic()
-        if now - self._last_idle < IDLE_MS / 2e3:
+        # By half of it: a wait of IDLE_MS that ends a little early must not pass a look over.
+        if 1e3 * (now - self._last_idle) < IDLE_MS / 2:
             return
         self._last_idle = now
         for host in self._hosts.values():

@@ -1,4 +1,5 @@
-"""Runs threads that compute for a node, and charges their CPU time to the thread that gives them work."""
+"""Runs threads that compute for a node, charges their CPU time to the thread that gives them work, and cuts that into
+shares."""
 
 from __future__ import annotations
 
@@ -42,6 +43,12 @@ class Workers(ThreadPoolExecutor):
                 fresh.append(time.thread_time() - before)
 
         return super().submit(timed)
+
+
+def edges_of(count: int, parts: int) -> list[int]:
+    """Gives where each of `parts` shares of `count` things begins, and the end of the last: sizes differ by one at
+    most."""
+    return [count * k // parts for k in range(parts + 1)]
 
 
 def spent_by_workers() -> float:

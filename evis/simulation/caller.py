@@ -139,14 +139,14 @@ def owned(message: Message) -> Message:
 
 
 def _with(message: Message, arrays: Mapping[str, Any]) -> Message:
-    """The message with these arrays in place of its own."""
+    """Makes the message with these arrays in place of its own."""
     whole: Any = message
     changed: Message = replace(whole, **arrays)
     return changed
 
 
 def _copied(array: Any) -> Any:
-    """A copy on the array's own device."""
+    """Makes a copy on the array's own device."""
     if isinstance(array, np.ndarray):
         return array.copy()
     import warp as wp

@@ -100,7 +100,7 @@ def _part(name: str, value: Any, env: int, info: CameraInfo | None) -> Any:
 
 
 def _image(image: Image) -> Image:
-    """The image of an environment that is by itself."""
+    """Gives the image of an environment that is by itself."""
     whole: Any = image
     alone: Image = dataclasses.replace(whole, env=0, envs=1)
     return alone
@@ -122,7 +122,7 @@ def _signal(told: EventSignal, env: int) -> EventSignal:
 
 
 def _message(message: Message, env: int) -> Message:
-    """Arrays that lead with E are cut; of tables the rows of the environment are taken."""
+    """Cuts an environment out of a message: of arrays that lead with E its own part, of tables its rows."""
     found: dict[str, Any] = {}
     specs = array_specs(type(message))
     for name, array in message.arrays().items():

@@ -104,7 +104,7 @@ class Planner:
         return self._plan(seed, None, self._arguments_of(env)).plan
 
     def _arguments_of(self, env: int) -> Mapping[str, Any]:
-        """Those of an environment, and those that it shares with the others."""
+        """Gives the arguments of an environment, and those that it shares with the others."""
         if not self._each:
             return self._arguments
         own = {name: value for name, value in self._each[env].items() if name != "seed"}

@@ -63,7 +63,7 @@ class Viewer:
     """Draws the light that a camera sees, with a renderer of its own, made when a picture is first asked for."""
 
     def __init__(self, scene: Any, params: Mapping[str, Any]) -> None:
-        """params: of the graph's renderer node of that camera."""
+        """Makes what draws a camera's pictures. params: of the graph's renderer node of that camera."""
         from nodes.renderer.parameters import light_options
         from nodes.renderer.renderer import Renderer
 

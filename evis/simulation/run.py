@@ -196,7 +196,7 @@ class Run:
         return step
 
     def _set_back(self, envs: Sequence[int]) -> None:
-        """Environments are at their start, with the controls of the start."""
+        """Notes that environments are at their start, with the controls of the start."""
         self._controls = self._controls.copy()
         self._controls[list(envs)] = self.graph.start
         assert self.last is not None

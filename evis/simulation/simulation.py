@@ -175,7 +175,7 @@ class Simulation:
     def _named(
         self, envs: Sequence[int] | None, seed: int | Sequence[int] | None
     ) -> tuple[np.ndarray, list[int] | None]:
-        """The environments of a reset, int64 [R], and the seeds that it gives them, before anything has happened."""
+        """Checks which environments a reset is of, int64 [R], and their seeds, before anything has happened."""
         try:
             chosen = np.arange(self.envs) if envs is None else environments_of(envs)
             seeds = None if seed is None else seeds_of(seed, chosen.tolist())
@@ -370,7 +370,7 @@ class Simulation:
 
 
 def _is_duration(seconds: Any) -> bool:
-    """Whether it is a number of seconds that can be simulated."""
+    """Tells whether it is a number of seconds that can be simulated."""
     try:
         return bool(0 < seconds < math.inf)
     except (TypeError, ValueError):

@@ -95,7 +95,8 @@ class Step(CameraOutputs):
         others: Mapping[str, Any],
         over: bool,
     ) -> None:
-        """cameras: camera -> output -> value, the first one first. others: outputs of no camera."""
+        """Takes what one step has made. cameras: camera -> output -> value, the first one first. others: outputs of no
+        camera."""
         self.stamp_ns = stamp_ns
         self.episodes = episodes
         self.over = over

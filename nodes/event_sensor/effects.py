@@ -97,7 +97,7 @@ def _of_thresholds(resolved: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _of_model(model: str, resolved: Mapping[str, Any]) -> dict[str, str]:
-    """Of another published event model: what it does not have."""
+    """Tells what another published event model does not have."""
     from nodes.event_sensor.peers import MODELS
     from nodes.event_sensor.peers.model import THRESHOLDS
 

@@ -175,7 +175,8 @@ class EventSensorNode(Node):
             sensor.advance(warm, np.array([20]), episodes, further=Further(first, np.array([5]), values))
 
     def _make_sensors(self, height: int, width: int, span: slice, seed: int | None = None, number: int = 0) -> Any:
-        """The sensor of some environments, or one for each where they have, or the scene draws, different parameters.
+        """Makes the sensor of some environments, or one for each where they have, or the scene draws, different
+        parameters.
 
         span: the environments. seed: of the first of them, None = as the node has it. number: of the reset at which
         their time begins.
@@ -193,7 +194,7 @@ class EventSensorNode(Node):
         return SeparateSensors([self._make_sensor(height, width, 1, p, own, number) for p, own in single])
 
     def _params_of(self, span: slice, seed: int | None) -> dict[str, Any]:
-        """The node's parameters, as those environments have them; arguments as of `_make_sensors`."""
+        """Gives the node's parameters, as those environments have them; arguments as of `_make_sensors`."""
         if EACH not in self.params:
             return {**self.params, "seed": self.params["seed"] + span.start if seed is None else seed}
         each = self.params[EACH][span]
@@ -279,7 +280,7 @@ class EventSensorNode(Node):
             self._packets.publish_run(run, columns, ends, self._sensor.t_base)
 
     def _further(self, run: Sequence[Any]) -> Further | None:
-        """The samples between the frames of messages that are sensed in one call; None where they have none."""
+        """Joins the samples between the frames of messages that are sensed in one call; None where they have none."""
         from nodes.event_sensor.input.further import Further
 
         if not isinstance(run[0], Samples) or not self._sensor.takes_further:

@@ -79,7 +79,7 @@ OF_MODEL: dict[str, Mapping[str, Param]] = {
 
 
 def _of_preset(name: str, param: Param) -> Param:
-    """The parameter as a node has it: not given means the preset's value."""
+    """Makes the parameter as a node has it: not given means the preset's value."""
     ideal = "" if param.default in (None, 0, 0.0) else f"; ideal: {describe_value(param.default)}"
     choices = tuple(c for c in param.choices if c not in NEED_SLOPES) if name == "crossing" else param.choices
     return replace(param, default=None, optional=True, help=param.help + ideal, choices=choices)
@@ -147,7 +147,7 @@ def preset_values(owner: str, preset: str, model: Any = None) -> dict[str, Any]:
 
 
 def _declared(model: Any) -> Mapping[str, Param]:
-    """SENSOR and what the event model has besides, if it is one of the other published ones."""
+    """Gives SENSOR and what the event model has besides, if it is one of the other published ones."""
     return {**SENSOR, **OF_MODEL.get(model, {})} if isinstance(model, str) else SENSOR
 
 

@@ -43,7 +43,7 @@ from nodes.event_sensor.input.further import Further as Further
 from nodes.event_sensor.input.look_ahead import LookAhead
 from nodes.event_sensor.input.sample_lists import SampleInput
 from nodes.event_sensor.input.timeline import Timeline
-from nodes.event_sensor.messages.limit import check_background_rate
+from nodes.event_sensor.messages.limit import MOST_NUMBERED, check_background_rate
 from nodes.event_sensor.model.features import background_rate, marks
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS
@@ -187,7 +187,9 @@ class EventSensor:
         """Tells whether the next frames, at times int64 [K] ns of the episode, may come in one call although they are
         of several messages: the events of each are then those of (stamp before, stamp]. further: with samples between
         them."""
-        if self._looks_ahead or self._readout is not None or self.envs > 1 or len(t) * self._pixels >= 1 << 31:
+        if self._looks_ahead or self._readout is not None or self.envs > 1:
+            return False
+        if len(t) * self._pixels > MOST_NUMBERED:
             return False
         if (self.marked and self._device.is_cuda) or (further and t[-1] - self._settled > LONGEST):
             return False
@@ -407,16 +409,6 @@ class EventSensor:
     def longest_delay_ns(self) -> int:
         """Returns the longest time that an event has waited for the readout so far [ns]; 0 without one."""
         return 0 if self._readout is None else int(self._readout.longest_ns)
-
-    @property
-    def nonfinite(self) -> int:
-        """Returns counts()["nonfinite"]."""
-        return int(self._counters[COUNTERS.index("nonfinite")])
-
-    @property
-    def clipped(self) -> int:
-        """Returns counts()["clipped"]."""
-        return int(self._counters[COUNTERS.index("clipped")])
 
     @property
     def on_gpu(self) -> Any:

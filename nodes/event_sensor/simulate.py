@@ -137,7 +137,7 @@ def simulate_frames(
 
 
 def _item(item: tuple[Any, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """(t [K], image [K, H, W(, 3)] float32, dlog_dt of that shape or None) of one item. Raises ValueError."""
+    """Unpacks one item: t [K], image [K, H, W(, 3)] float32, dlog_dt of that shape or None. Raises ValueError."""
     if isinstance(item, FrameBlock):
         item = item[:3]
     if not (isinstance(item, tuple) and len(item) in (2, 3)):

@@ -1,4 +1,4 @@
-"""Computes luminance and the mean of samples on whole images, which every method shares."""
+"""Computes luminance and means of samples on whole images, and tells a pixel's type, as every method needs them."""
 
 from typing import Any
 
@@ -7,6 +7,11 @@ import warp as wp
 from nodes.renderer.shading.radiance_kernels import luminance as luminance_of_colour
 
 wp.set_module_options({"enable_backward": False})
+
+
+def pixel_type(channels: int) -> Any:
+    """Gives the type of a pixel's light, or of its logarithm. channels: 1 (luminance) or 3 (RGB)."""
+    return wp.float32 if channels == 1 else wp.vec3
 
 
 @wp.kernel

@@ -61,14 +61,16 @@ class Interpolator:
         time_tolerance: float = 0.0,
         sampled: bool = True,
     ) -> None:
-        """method: a key of METHODS. upsampling: K. colour: frames are linear RGB instead of luminance.
+        """Makes the method for a camera's keyframes.
+
+        method: a key of METHODS. upsampling: K. colour: frames are linear RGB instead of luminance.
 
         scene, camera, light_samples, paths: those of the renderer, for methods that use the bodies' states. Raises
         ValueError where these have none. worlds: the scene of each environment, where bodies move differently and all
-        else looks as in `scene`. tolerance: error of log radiance that `rigid` looks for, to shade anew;
-        0.1 unless given, and with `time_tolerance` as refine.method.tolerance_of has it.
-        time_tolerance: of the time at which what a pixel shows crosses a threshold [s], for which `rigid` takes
-        `further` samples of single pixels; 0 = none. sampled: whether they are wanted; the frames are the same.
+        else looks as in `scene`. tolerance: error of log radiance that `rigid` looks for, to shade anew; 0.1 unless
+        given, and with `time_tolerance` as refine.method.tolerance_of has it. time_tolerance: of the time at which what
+        a pixel shows crosses a threshold [s], for which `rigid` takes `further` samples of single pixels; 0 = none.
+        sampled: whether they are wanted; the frames are the same.
         """
         if method not in METHODS:
             raise ValueError(f"there is no interpolation method '{method}'; {nearest(method, METHODS)}")

@@ -38,7 +38,7 @@ def as_frame(image: np.ndarray | wp.array, margin: int, colour: bool, device: An
 
 
 def _single(pixels: wp.array) -> wp.array:
-    """The same in float32; a copy only where it is not."""
+    """Converts pixels to float32; copies only where they are not."""
     if pixels.dtype is wp.float32:
         return pixels
     single: wp.array = wp.empty(pixels.shape, dtype=wp.float32, device=pixels.device)

@@ -84,7 +84,7 @@ class ManyGaps(Interpolator):
     """
 
     def __init__(self, method: str, upsampling: int, gaps: int, **how: Any) -> None:
-        """how: as of Interpolator."""
+        """Makes an interpolator for several gaps at once. how: as of Interpolator."""
         super().__init__(method, upsampling, **how)
         self.gaps = gaps
         self._rigid: tuple[Any, Rigid | Refined] | None = None

@@ -52,7 +52,7 @@ def _field(colour: bool) -> str:
 
 
 def _header(key: Keyframe) -> Header:
-    """The header of what is made of a keyframe, to be numbered anew."""
+    """Makes the header of what is made of a keyframe, to be numbered anew."""
     return Header(key.header.stamp_ns, clock=key.header.clock, episode=key.header.episode)
 
 

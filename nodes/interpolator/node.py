@@ -184,7 +184,7 @@ class InterpolatorNode(Node):
         self._warm(self.interpolator, self.params["envs"])
 
     def _at_once(self, pixels: int) -> int:
-        """How many gaps are made at once. Raises ValueError where they do not fit.
+        """Computes how many gaps are made at once. Raises ValueError where they do not fit.
 
         Only `rigid` makes more than one; none does for a reader of what single gaps count.
         """
@@ -411,7 +411,7 @@ class InterpolatorNode(Node):
 
     @property
     def _port(self) -> str:
-        """The output whose memory frames are written into."""
+        """Names the output whose memory frames are written into."""
         return "samples" if self._sampled else "frames"
 
     def _release(self) -> None:

@@ -28,8 +28,8 @@ class SeparateInterpolators:
     """
 
     def __init__(self, parts: Parts[Interpolator], upsampling: int, device: str) -> None:
-        """parts: interpolators for all of them, one that has seen keyframes, or new ones. upsampling: K, which does not
-        adapt to the motion."""
+        """Takes the interpolators. parts: interpolators for all of them, one that has seen keyframes, or new ones.
+        upsampling: K, which does not adapt to the motion."""
         self._parts = parts
         self._upsampling, self._device = upsampling, device_named(device)
         self._stamp, self._episodes = parts.all[0].last
@@ -122,12 +122,12 @@ class SeparateInterpolators:
 
 
 def _channels(frames: Any) -> tuple[int, ...]:
-    """What the shape of frames ends in where they are in colour."""
+    """Gives what the shape of frames ends in: (3,) where they are in colour, else nothing."""
     return (3,) if frames.ndim == 5 or getattr(frames, "dtype", None) is wp.vec3 else ()
 
 
 def _of(array: Any, envs: np.ndarray) -> Any:
-    """The rows of some environments."""
+    """Selects the rows of some environments."""
     if array is None:
         return None
     if isinstance(array, np.ndarray):

@@ -41,7 +41,7 @@ class Environments:
     """Moves E environments of a scene from keyframe to keyframe."""
 
     def __init__(self, engine: Engine, envs: int, keyframe_rate: float) -> None:
-        """engine: of E environments, at their start. keyframe_rate [Hz]."""
+        """Begins with all environments in one group. engine: of E environments, at their start. keyframe_rate [Hz]."""
         self._envs, self._rate = envs, keyframe_rate
         self._actuators = engine.actuators
         self._groups = [Group(np.arange(envs), engine, 0, np.ones(envs, bool))]
@@ -154,7 +154,7 @@ class Environments:
         return rows
 
     def _joined(self, previous: int) -> Interval:
-        """The intervals of all groups as one, from the stamp `previous` [ns]."""
+        """Joins the intervals of all groups, from the stamp `previous` [ns]."""
         parts = [(group, group.interval) for group in self._groups if group.interval is not None]
         if self.together:
             return parts[0][1]
@@ -200,7 +200,7 @@ class Environments:
         return result
 
     def _shared(self, parts: list[tuple[Group, Interval]], steps: int, previous: int) -> np.ndarray:
-        """Sub-step times [ns] of a group that has them all, on the clock of the stamps."""
+        """Gives the sub-step times [ns] of a group that has them all, on the clock of the stamps."""
         t = next(interval.t for _, interval in parts if len(interval.t) == steps)
         t = t - t[-1] + keyframe_stamp(self._now, self._rate)
         if steps > 1:

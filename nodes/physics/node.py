@@ -204,7 +204,7 @@ class PhysicsNode(Node):
         return True
 
     def _other_engines(self, envs: list[int], seeds: list[int]) -> list[tuple[list[int], Engine]]:
-        """Engines of those environments that move otherwise with the seeds that they are given."""
+        """Makes engines of those environments that move otherwise with the seeds that they are given."""
         worlds = self.worlds.with_seeds(*_given(envs, seeds))
         groups = worlds.groups(motion, worlds.changed(self.worlds, motion))
         self.worlds = worlds
@@ -222,7 +222,7 @@ class PhysicsNode(Node):
         return made
 
     def _say_end(self, last: int) -> None:
-        """Warn where the run's last keyframe, of number `last`, comes before its end: the rest is not simulated."""
+        """Warns where the run's last keyframe, of number `last`, comes before its end: the rest is not simulated."""
         duration, rate = self.params["duration"], self.params["keyframe_rate"]
         if last == 0:
             self.warn(
@@ -328,7 +328,7 @@ class PhysicsNode(Node):
         self._publish(keyframe_stamp(self.k - 1, self.params["keyframe_rate"]), interval)
 
     def _begin_anew(self, envs: list[int], seeds: list[int], k: int) -> None:
-        """Environments begin anew at keyframe k, in time of their own."""
+        """Begins environments anew at keyframe k, in time of their own."""
         if self.k:
             self.episodes[envs] += 1
         given = np.array(seeds) != CONFIGURED
@@ -337,7 +337,8 @@ class PhysicsNode(Node):
         self.environments.restart(envs, seeds, numbers, k, self._other_engines(envs, seeds))
 
     def _faults(self, interval: Interval, stamp: int) -> None:
-        """An environment that diverged begins its next episode at this stamp; with only one, so does the run."""
+        """Begins the next episode of each environment that diverged, at this stamp; where there is only one, the run
+        ends."""
         if interval.again:
             self.count("stepped_again_by_mujoco", interval.again)
         for envs, text in told_together(interval.warnings):
@@ -396,11 +397,11 @@ class PhysicsNode(Node):
 
 
 def _given(envs: list[int], seeds: list[int]) -> tuple[list[int], list[int]]:
-    """Those environments that are given a seed, and their seeds."""
+    """Selects those environments that are given a seed, and their seeds."""
     pairs = [(env, seed) for env, seed in zip(envs, seeds) if seed != CONFIGURED]
     return [env for env, _ in pairs], [seed for _, seed in pairs]
 
 
 def _range(numbers: Sequence[int]) -> str:
-    """Numbers in order as words: `3`, `3 to 5`."""
+    """Puts numbers in order into words: `3`, `3 to 5`."""
     return f"{numbers[0]}" if len(numbers) == 1 else f"{numbers[0]} to {numbers[-1]}"

@@ -30,9 +30,9 @@ class PrescribedEngine:
         beside: int = 1,
         inside: Callable[[], bool] = lambda: True,
     ) -> None:
-        """accelerations: whether intervals have them. keyframe_rate: of the stamps that will be asked for [Hz], so that
-        many are computed at once; None = any. beside: environments of all engines that share the memory for that.
-        inside: tells whether anybody looks at the sub-steps between two stamps now."""
+        """Makes the engine of a scene. accelerations: whether intervals have them. keyframe_rate: of the stamps that
+        will be asked for [Hz], so that many are computed at once; None = any. beside: environments of all engines that
+        share the memory for that. inside: tells whether anybody looks at the sub-steps between two stamps now."""
         self.scene = scene
         self._accelerations = accelerations
         self._states = PrescribedStates(scene)

@@ -74,7 +74,7 @@ class Mode:
         return low
 
     def _step(self, dt: float) -> np.ndarray:
-        """The step's matrix [2, 2] on (x, x')."""
+        """Computes the matrix [2, 2] of a step, on (x, x')."""
         k, c = dt * self.stiffness, dt * self.explicit
         if self.integrator == "RK4":
             a = np.array([[0.0, dt], [-k, -c - dt * self.implicit]])
@@ -144,7 +144,7 @@ def _tendons(model: Any) -> Iterator[Mode]:
 
 
 def _servos(model: Any, transmission: mujoco.mjtTrn) -> dict[int, tuple[float, float]]:
-    """Stiffness and damping that actuators with an affine bias give what they move, by its number."""
+    """Finds the stiffness and damping that actuators with an affine bias give what they move, by its number."""
     found: dict[int, tuple[float, float]] = {}
     for actuator in np.flatnonzero(model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE).tolist():
         if model.actuator_trntype[actuator] == transmission:
@@ -157,8 +157,8 @@ def _servos(model: Any, transmission: mujoco.mjtTrn) -> dict[int, tuple[float, f
 
 
 def _direct(model: Any) -> Iterator[Mode]:
-    """Constraints whose solref = (-stiffness, -damping): their reference acceleration is -damping v - stiffness r, of
-    the step's start."""
+    """Yields the modes of constraints whose solref = (-stiffness, -damping): their reference acceleration is -damping v
+    - stiffness r, of the step's start."""
     found: list[tuple[str, np.ndarray, bool]] = [
         (geom_name(model, geom), model.geom_solref[geom], True) for geom in range(model.ngeom)
     ]
@@ -174,7 +174,8 @@ def _direct(model: Any) -> Iterator[Mode]:
 
 
 def _filters(model: Any) -> Iterator[Mode]:
-    """Actuators whose activation follows the control with a time constant: act' = (control - act) / dynprm[0].
+    """Yields the modes of actuators whose activation follows the control with a time constant: act' = (control - act) /
+    dynprm[0].
 
     `filterexact` is a step's exponential, which nothing makes grow; but RK4 takes it of the mean of its four rates,
     which grows as they do.

@@ -26,7 +26,8 @@ class Limits:
     """Holds what states of a model are measured by."""
 
     def __init__(self, model: Any, speed_limit: float, finest: float) -> None:
-        """speed_limit: of a body [m/s]. finest: shortest step that the engine may take [s]."""
+        """Computes the limits of a model. speed_limit: of a body [m/s]. finest: shortest step that the engine may take
+        [s]."""
         self.model, self.speed_limit, self.finest = model, speed_limit, finest
         self.tolerant = finest < model.opt.timestep
         """Whether steps are taken in parts already, so that a tolerance is nothing to advise."""
@@ -62,8 +63,8 @@ class Watchdog:
     """Checks one environment after every step: finite, within the speed limit, in time, no warning counter rising."""
 
     def __init__(self, limits: Limits, counts: np.ndarray, spins: np.ndarray) -> None:
-        """counts: int [len(BAD)], spins: float64 [nbody], which the watchdog writes: how often MjData has warned of
-        BAD, and how fast bodies turned when all was well [rad/s], the last, or the first that was too fast."""
+        """Takes the arrays to write to. counts: int [len(BAD)], how often MjData has warned of BAD. spins: float64
+        [nbody], how fast bodies turned when all was well [rad/s], the last, or the first that was too fast."""
         self.model, self._limits = limits.model, limits
         self.keep_in(counts, spins)
         self._time = -1.0
@@ -120,7 +121,7 @@ class Watchdog:
         self._time = time
 
     def _sign(self, data: Any, twist: np.ndarray) -> tuple[int, str] | None:
-        """The body that shows it, and how."""
+        """Finds the body that shows that the state has diverged, and how."""
         # A sum is finite only if everything in it is, but for overflow, which is no better.
         if not np.isfinite(data.qpos.sum() + data.qvel.sum() + twist.sum()):
             bad = ~np.isfinite(data.qvel)
@@ -175,7 +176,7 @@ class Watchdog:
         return mujoco.mj_id2name(self.model, mujoco.mjtObj.mjOBJ_BODY, body) or f"body{body}"
 
     def _deep(self, data: Any, pose: np.ndarray, twist: np.ndarray) -> str | None:
-        """A contact so deep that what touches may come out on the other side."""
+        """Finds a contact so deep that what touches may come out on the other side."""
         contact = data.contact
         if not data.ncon or (distance := contact.dist).min() > -0.5 * self._limits.thickness:
             return None
@@ -201,7 +202,7 @@ class Watchdog:
         )
 
     def _cause(self, body: int) -> str:
-        """The stiffest thing of the model against what the integrator can follow."""
+        """Compares the stiffest thing of the model with what the integrator can follow."""
         dt, name, tolerant = self._limits.finest, integrator_of(self.model), self._limits.tolerant
         found = modes(self.model)
         growing = [mode for mode in found if mode.grows(dt)]
@@ -254,7 +255,7 @@ def _growth(mode: Mode, dt: float) -> str:
 
 
 def _remedy(mode: Mode, dt: float, tolerant: bool) -> str:
-    """What follows the motion, what keeps it stable, and what that costs. tolerant: a tolerance is there already."""
+    """Tells what follows the motion, what keeps it stable, and what that costs. tolerant: as of `Limits`."""
     followed = not tolerant and not mode.grows(dt / 2**FINEST)
     exact = "use physics_tolerance:=0.001,0.001, which follows it; " if followed else ""
     if mode.contact:  # a bounce of few steps gains or loses energy, however stable they are
@@ -269,7 +270,7 @@ def _remedy(mode: Mode, dt: float, tolerant: bool) -> str:
 
 
 def _between_steps(turn: float) -> float:
-    """How far, of its amplitude, the cubic through both ends of a step of `turn` rad may be from x = cos.
+    """Computes how far, of its amplitude, the cubic through both ends of a step of `turn` rad may be from x = cos.
 
     In its middle it is at (x0 + x1) / 2 + dt (v0 - v1) / 8, the truth at a peak there at 1.
     """
@@ -277,18 +278,18 @@ def _between_steps(turn: float) -> float:
 
 
 def _rounded_down(value: float) -> float:
-    """Two digits of a bound above 0: rounded up it would be none, at worst the step that is too long."""
+    """Rounds a bound above 0 down to two digits: rounded up it would be none, at worst the step that is too long."""
     unit = 10.0 ** (np.floor(np.log10(max(value, 1e-300))) - 1)
     return float(f"{np.floor(value / unit + 1e-6) * unit:.1e}")
 
 
 def _time_constant(solref: np.ndarray, dt: float) -> float:
-    """The time [s] in which a contact gives way and comes back; MuJoCo makes it two steps at least."""
+    """Gives the time [s] in which a contact gives way and comes back; MuJoCo makes it two steps at least."""
     return max(float(solref[0]), 2 * dt) if solref[0] > 0 else float(1 / np.sqrt(max(-solref[0], 1e-300)))
 
 
 def _firmer(constant: float, dt: float) -> str:
-    """What makes contacts stop things within their thickness. MuJoCo takes no time constant below two steps."""
+    """Tells what makes contacts stop things within their thickness. MuJoCo takes no time constant below two steps."""
     constant = float(f"{constant:.1e}")
     shorter = f"a timestep below {0.5 * constant:.2g} s and " if 0.5 * constant <= dt else ""
     return f'use {shorter}solref="{constant:.2g} 1" solimp="0.99 0.999 0.001" for both geoms'

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_full_disk import on_a_small_disk
+from small_disk import on_a_small_disk
 
 from evis.bag import BagError
 from evis.bag.writer import BagWriter

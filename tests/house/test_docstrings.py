@@ -15,13 +15,26 @@ from import_graph import ROOT
 VERB = re.compile(r"[A-Z][a-z]+s\b")
 """A verb in the third person, as far as its ending tells: plural nouns pass too, which a reviewer has to see."""
 
+NOUNS = frozenset(
+    "Actuators Arrays Bytes Columns Constraints Engines Environments Events Instants Keyframes Messages Pixels Poses "
+    "Products Radius Splines Stiffness Threads Triangles".split()
+)
+"""Some that such sentences began with, and that are no verbs."""
+
 WHOLE = [
     "evis/bag",
     "evis/bus",
+    "evis/env",
     "evis/events",
+    "evis/gpu",
+    "evis/remote",
     "evis/runtime",
+    "evis/simulation",
     "evis/supervisor",
     "nodes/camera",
+    "nodes/event_sensor",
+    "nodes/interpolator",
+    "nodes/physics",
     "nodes/recorder",
     "nodes/replayer",
 ]
@@ -39,13 +52,18 @@ def openings(node: ast.Module | Definition, name: str, private: bool = False) ->
                 yield from openings(inner, f"{name}.{inner.name}", private)
 
 
+def begins_with_a_verb(docstring: str) -> bool:
+    first = VERB.match(docstring)
+    return first is not None and first[0] not in NOUNS
+
+
 @pytest.mark.parametrize("package", ["msgs", "evis", "nodes", "bench", "examples"])
 def test_docstrings_begin_with_a_verb(package: str) -> None:
     files = sorted((ROOT / package).rglob("*.py"))
     assert files
     for path in files:
         for name, docstring in openings(ast.parse(path.read_text()), path.relative_to(ROOT).as_posix()):
-            assert VERB.match(docstring), f"{name}: {docstring.splitlines()[0]}"
+            assert begins_with_a_verb(docstring), f"{name}: {docstring.splitlines()[0]}"
 
 
 @pytest.mark.parametrize("room", WHOLE)
@@ -54,4 +72,4 @@ def test_private_docstrings_begin_with_a_verb(room: str) -> None:
     assert files
     for path in files:
         for name, docstring in openings(ast.parse(path.read_text()), path.relative_to(ROOT).as_posix(), private=True):
-            assert VERB.match(docstring), f"{name}: {docstring.splitlines()[0]}"
+            assert begins_with_a_verb(docstring), f"{name}: {docstring.splitlines()[0]}"

@@ -40,6 +40,19 @@ def test_a_module_is_imported_by_one_name() -> None:
     assert named == []
 
 
+def test_no_module_imports_one_of_tests() -> None:
+    """What several share is a module beside them, or a fixture in conftest.py: pytest would collect an imported test
+    in each module again, and an imported fixture has to be named to stay."""
+    named = [
+        f"{path.relative_to(ROOT)}:{node.lineno}"
+        for path in TESTS
+        for node in ast.walk(ast.parse(path.read_text()))
+        if (isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[-1].startswith("test_"))
+        or (isinstance(node, ast.Import) and any(alias.name.split(".")[-1].startswith("test_") for alias in node.names))
+    ]
+    assert named == []
+
+
 @pytest.mark.parametrize("variable", ["COMPUTE", "WAIT"])
 def test_what_the_makefile_runs_is_there(variable: str) -> None:
     """pytest stops at a path that is not there; one that is only left out by --ignore is passed over in silence."""

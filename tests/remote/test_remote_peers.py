@@ -95,6 +95,18 @@ def test_an_eavesdropper_gets_nothing(hosts: Hosts) -> None:
             sock.close()
 
 
+def test_all_who_knock_at_once_are_counted(hosts: Hosts) -> None:
+    """Also more than lines are kept of; of each that is let in, and of ten others, there is a line."""
+    told: list[str] = []
+    strangers = 3000
+    for k in range(strangers):
+        assert not hosts.server._followers.callback("", b"%040d" % k)
+    again = iter([True, False])
+    hosts.server.run(lambda: next(again), told.append)
+    assert hosts.server.counters["refused"] == strangers and hosts.server.counters["admitted"] == 0
+    assert len(told) == 10
+
+
 def failure(hosts: Hosts, **changed: object) -> str:
     """What a follower is told that cannot connect; the server goes on in a thread."""
     done = threading.Event()

@@ -1,13 +1,14 @@
-"""CPU time that threads spend for a node counts as that node's."""
+"""CPU time that threads spend for a node counts as that node's; shares of work are whole."""
 
 import threading
 import time
 
+import numpy as np
 import pytest
 
 from evis.runtime import workers as module
 from evis.runtime.profile import Profile
-from evis.runtime.workers import Workers, spent_by_workers
+from evis.runtime.workers import Workers, edges_of, spent_by_workers
 
 EACH_S = 0.05
 
@@ -16,6 +17,14 @@ def busy(seconds: float) -> None:
     began = time.thread_time()
     while time.thread_time() - began < seconds:
         pass
+
+
+@pytest.mark.parametrize(("count", "parts"), [(0, 3), (2, 5), (7, 7), (260, 16), (1 << 31, 3)])
+def test_shares_are_equal_and_leave_nothing_out(count: int, parts: int) -> None:
+    edges = edges_of(count, parts)
+    sizes = np.diff(edges)
+    assert len(sizes) == parts and edges[0] == 0 and edges[-1] == count
+    assert sizes.min() >= 0 and sizes.max() - sizes.min() <= 1
 
 
 def test_the_node_that_gives_work_is_charged_for_it() -> None:

@@ -1,9 +1,12 @@
-"""Fixtures: a visualizer on a made-up graph, and a client that speaks the page's protocol."""
+"""Fixtures: a visualizer on a made-up graph, a client that speaks the page's protocol, and a browser that shows it."""
 
 from __future__ import annotations
 
 import json
+import os
+import shutil
 import struct
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,10 +14,16 @@ from typing import Any
 
 import aiohttp
 import pytest
+from browser_panels import LIMIT_S
+from page_show import Show
 from synthetic_graph import make_node, make_plan
 
-LIMIT_S = 60.0
-"""For all that is waited for: far more than a loaded machine needs."""
+from evis.runtime.plan import Plan
+
+FLAGS = (
+    "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
+    "--disable-component-update --disable-sync"
+).split()
 
 
 class PageClient:
@@ -89,3 +98,45 @@ def url(node: Any, tmp_path: Path) -> str:
 def client(url: str) -> Callable[[], PageClient]:
     """Makes clients of the node's page."""
     return lambda: PageClient(url)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Chromium with an empty profile; skipped where there is none."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    playwright.expect.set_options(timeout=1000 * LIMIT_S)
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        assert not os.environ.get("EVIS_REQUIRE_BROWSER"), "EVIS_REQUIRE_BROWSER is set and there is no chromium"
+        pytest.skip("chromium is not installed (apt-get install chromium)")
+    with tempfile.TemporaryDirectory() as profile, playwright.sync_playwright() as driver:
+        context = driver.chromium.launch_persistent_context(
+            profile, executable_path=chromium, headless=True, args=FLAGS, viewport={"width": 1280, "height": 900},
+            timeout=2000 * LIMIT_S,
+        )  # fmt: skip
+        context.set_default_timeout(1000 * LIMIT_S)
+        yield context
+        context.close()
+
+
+@pytest.fixture
+def show(browser: Any) -> Iterator[Callable[..., Show]]:
+    """Opens pages: show(plan, width, height)."""
+    opened: list[Show] = []
+
+    def make(plan: Plan, width: int = 1280, height: int = 800) -> Show:
+        opened.append(Show(browser, plan, width, height))
+        return opened[-1]
+
+    yield make
+    for one in opened:
+        one.close()
+
+
+@pytest.fixture
+def private_runs(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Run directories of this test alone, in a folder with a short path, as sockets need it."""
+    with tempfile.TemporaryDirectory(prefix="ev", dir="/tmp", ignore_cleanup_errors=True) as folder:
+        monkeypatch.setenv("XDG_RUNTIME_DIR", folder)
+        monkeypatch.delenv("EVIS_NO_VIEW", raising=False)
+        yield Path(folder)

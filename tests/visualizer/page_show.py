@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
+from browser_panels import until
 from synthetic_graph import make_node
-from test_browser_page import until
 
 from evis.runtime.plan import Edge, NodePlan, Plan, TopicPlan
 from msgs.camera import CameraInfo, EventPacket, Labels
@@ -93,20 +92,6 @@ class Show:
         self.tab.close()
         self.node.close()
         assert self.problems == []
-
-
-@pytest.fixture
-def show(browser: Any) -> Iterator[Callable[..., Show]]:
-    """Opens pages: show(plan, width, height)."""
-    opened: list[Show] = []
-
-    def make(plan: Plan, width: int = 1280, height: int = 800) -> Show:
-        opened.append(Show(browser, plan, width, height))
-        return opened[-1]
-
-    yield make
-    for one in opened:
-        one.close()
 
 
 def events(k: int, episode: int = 0, turns: float = 0.0, n: int = 4000, period_ms: int = 33) -> EventPacket:

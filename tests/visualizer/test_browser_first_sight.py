@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from browser_panels import pixels, wait_for_picture
 from page_show import (
     HEIGHT,
     MS,
@@ -19,12 +20,10 @@ from page_show import (
     events,
     graph,
     labelled,
-    show,
     warehouse,
     with_topics,
     world,
 )
-from test_browser_page import browser, pixels, playwright, wait_for_picture
 
 from evis.bag.writer import BagWriter
 from evis.runtime.plan import NodePlan
@@ -33,7 +32,7 @@ from msgs.diagnostics import Diagnostics
 from msgs.header import Header, Message
 from msgs.world import Clock
 
-__all__ = ["browser", "show"]  # fixtures
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
 
 def file_without_frames(k: int) -> dict[str, Message]:

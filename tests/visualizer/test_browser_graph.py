@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import signal
 import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,39 +12,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_browser_page import LIMIT_S, browser, pixels, playwright, until, wait_for_picture
+from browser_panels import LIMIT_S, pixels, until, wait_for_picture
+from run_with_page import EVIS, START_S, start, stop, viewer_url
 
-__all__ = ["browser"]  # a fixture
-
-EVIS = [sys.executable, "-m", "evis"]
-START_S = 180
-"""The first run on a machine compiles the kernels."""
-
-
-@pytest.fixture
-def private_runs(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """Run directories of this test alone, in a folder with a short path, as sockets need it."""
-    with tempfile.TemporaryDirectory(prefix="ev", dir="/tmp", ignore_cleanup_errors=True) as folder:
-        monkeypatch.setenv("XDG_RUNTIME_DIR", folder)
-        monkeypatch.delenv("EVIS_NO_VIEW", raising=False)
-        yield Path(folder)
-
-
-def start(*words: str) -> subprocess.Popen[str]:
-    """A command in a session of its own."""
-    return subprocess.Popen(
-        [*EVIS, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ.copy()
-    )
-
-
-def stop(process: subprocess.Popen[str]) -> tuple[str, str]:
-    """Ctrl-C, and what was written."""
-    if process.poll() is None:
-        process.send_signal(signal.SIGINT)
-    try:
-        return process.communicate(timeout=LIMIT_S)
-    finally:
-        process.kill()
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
 
 @pytest.fixture
@@ -58,17 +25,6 @@ def graph(private_runs: Path) -> Iterator[subprocess.Popen[str]]:
     yield process
     _, errors = stop(process)
     assert process.returncode == 0, errors
-
-
-def viewer_url(runs: Path, process: subprocess.Popen[str]) -> str:
-    """The address out of the run's viewer.json, once it is there."""
-    deadline = time.monotonic() + START_S
-    while time.monotonic() < deadline:
-        assert process.poll() is None, process.communicate()
-        for file in runs.glob("evis/*/viewer.json"):
-            return json.loads(file.read_text())["url"]
-        time.sleep(0.1)
-    raise AssertionError(f"no viewer.json after {START_S} s")
 
 
 def assert_moves(tab: Any, topic: str) -> None:

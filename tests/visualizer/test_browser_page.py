@@ -2,48 +2,17 @@
 
 from __future__ import annotations
 
-import base64
-import io
 import json
-import os
-import shutil
-import tempfile
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
+from browser_panels import pixels, until, wait_for_picture
 from synthetic_graph import HEIGHT, WIDTH, Player, make_node, make_plan
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-LIMIT_S = 60.0
-"""For all that the browser is waited for: far more than a loaded machine needs, only a page that hangs takes it."""
-playwright.expect.set_options(timeout=1000 * LIMIT_S)
-
-FLAGS = (
-    "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
-    "--disable-component-update --disable-sync"
-).split()
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    """Chromium with an empty profile; skipped where there is none."""
-    chromium = shutil.which("chromium")
-    if chromium is None:
-        assert not os.environ.get("EVIS_REQUIRE_BROWSER"), "EVIS_REQUIRE_BROWSER is set and there is no chromium"
-        pytest.skip("chromium is not installed (apt-get install chromium)")
-    with tempfile.TemporaryDirectory() as profile, playwright.sync_playwright() as driver:
-        context = driver.chromium.launch_persistent_context(
-            profile, executable_path=chromium, headless=True, args=FLAGS, viewport={"width": 1280, "height": 900},
-            timeout=2000 * LIMIT_S,
-        )  # fmt: skip
-        context.set_default_timeout(1000 * LIMIT_S)
-        yield context
-        context.close()
 
 
 @pytest.fixture
@@ -64,28 +33,6 @@ def page(browser: Any, tmp_path: Path) -> Iterator[Any]:
     player.close()
     known = ["blob:"] + ["WebSocket connection to"] * tab.ended  # a page looks whether the node is back
     assert [p for p in problems if not p.startswith(tuple(known))] == []
-
-
-def pixels(tab: Any, topic: str) -> np.ndarray:
-    """The canvas of a panel as it is now, [H, W, 3]."""
-    data = tab.locator(f'[data-panel="{topic}"] canvas').first.evaluate("c => c.toDataURL('image/png').split(',')[1]")
-    return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")).astype(int)
-
-
-def wait_for_picture(tab: Any, topic: str) -> None:
-    """Until a panel is there and has drawn something."""
-    waiting = tab.locator(f'[data-panel="{topic}"] .waiting')
-    waiting.wait_for(state="attached")  # "hidden" is also what is not there yet
-    waiting.wait_for(state="hidden")
-
-
-def until(tab: Any, condition: Callable[[], Any], what: str) -> Any:
-    """Wait for `condition`, and give what it gave. A page draws when it can: no single picture is due at any time."""
-    deadline = time.monotonic() + LIMIT_S
-    while not (value := condition()):
-        assert time.monotonic() < deadline, f"not in {LIMIT_S:g} s: {what}"
-        tab.wait_for_timeout(50)
-    return value
 
 
 def test_image_and_events_move(page: Any, tmp_path: Path) -> None:

@@ -10,15 +10,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from page_show import MS, Show, camera_info, events, graph, labelled, show, warehouse, world
-from test_browser_graph import START_S, private_runs, start, stop, viewer_url
-from test_browser_page import browser, playwright, wait_for_picture
+import pytest
+from browser_panels import wait_for_picture
+from page_show import MS, Show, camera_info, events, graph, labelled, warehouse, world
+from run_with_page import START_S, start, stop, viewer_url
 
 from msgs.camera import EventPacket, Trigger
 from msgs.diagnostics import Diagnostics
 from msgs.header import Header, Message
 
-__all__ = ["browser", "private_runs", "show"]  # fixtures
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
 SEGMENTATION = '[data-panel="/cam0/labels segmentation"]'
 

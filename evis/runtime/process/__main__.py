@@ -104,7 +104,7 @@ def _run(executor: Executor, control: ControlClient, termination: Termination, t
     executor.wait_connected(BARRIER_S, commands)
     if not executor.stopping:
         control.ready()
-        if not control.wait_go(meanwhile=termination.check):
+        if not control.wait_go(termination.check):
             executor.stop()
     gc.freeze()  # what setup made stays: the collector need not look through it again and again
     before = time.process_time()

@@ -21,6 +21,10 @@ HEARTBEAT_S = 0.5
 """Interval of the heartbeats [s]."""
 BYE_S = 2.0
 """Longest wait of a process that ends for the supervisor's answer [s]."""
+GO_S, LOOK_S = 0.05, 0.1
+"""Time between two looks of a process that waits for the graph's start, and for the supervisor's answer [s]."""
+LINGER_MS, SERVER_LINGER_MS = 1000, 200
+"""Longest time for which a report, and a command, is still under way when its socket is closed."""
 
 
 def control_address(directory: str) -> str:
@@ -35,7 +39,7 @@ class ControlServer:
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.ROUTER)
         self._socket.setsockopt(zmq.ROUTER_HANDOVER, 1)  # a respawned process comes back under its old name
-        self._socket.setsockopt(zmq.LINGER, 200)
+        self._socket.setsockopt(zmq.LINGER, SERVER_LINGER_MS)
         self._socket.bind(address)
 
     def poll(self, timeout_s: float) -> list[tuple[str, dict[str, Any]]]:
@@ -76,7 +80,7 @@ class ControlClient:
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.DEALER)
         self._socket.setsockopt(zmq.IDENTITY, process.encode())
-        self._socket.setsockopt(zmq.LINGER, 1000)
+        self._socket.setsockopt(zmq.LINGER, LINGER_MS)
         self._socket.connect(address)
         self._lock = threading.Lock()  # a socket may change threads, but only behind a fence
         self._stats: dict[str, Any] = {}
@@ -103,28 +107,25 @@ class ControlClient:
         """Reports that every node of this process is set up and connected."""
         self._send({"ready": self.process})
 
-    def wait_go(self, timeout: float | None = None, meanwhile: Callable[[], None] | None = None) -> bool:
-        """Waits until all processes are ready. False when the graph is stopped instead, or after `timeout` [s].
+    def wait_go(self, meanwhile: Callable[[], None]) -> bool:
+        """Waits until all processes are ready. False when the graph is stopped instead.
 
         meanwhile: called again and again.
         """
-        end = None if timeout is None else time.monotonic() + timeout
-        while end is None or time.monotonic() < end:
+        while True:
             self._alive_at = time.monotonic()
-            if meanwhile is not None:
-                meanwhile()
-            for message in self.poll(0.05):
+            meanwhile()
+            for message in self.poll(GO_S):
                 if "go" in message:
                     return True
                 if "stop" in message:
                     return False
-        return False
 
-    def poll(self, timeout: float = 0.0) -> list[dict[str, Any]]:
-        """Returns the commands that have come: {"go": 1}, {"stop": 1}."""
+    def poll(self, timeout_s: float = 0.0) -> list[dict[str, Any]]:
+        """Returns the commands that have come: {"go": 1}, {"stop": 1}; waits for the first, `timeout_s` at most."""
         commands = []
         with self._lock:
-            wait = int(timeout * 1000)
+            wait = int(timeout_s * 1000)
             while self._socket.poll(wait):
                 commands.append(msgpack.unpackb(self._socket.recv(zmq.NOBLOCK), raw=False))
                 wait = 0
@@ -162,7 +163,7 @@ class ControlClient:
         self._thread.join()
         end = time.monotonic() + BYE_S
         while self._final and time.monotonic() < end:
-            if any("bye" in message for message in self.poll(0.1)):
+            if any("bye" in message for message in self.poll(LOOK_S)):
                 break
         self._socket.close()
         self._context.term()
@@ -172,7 +173,7 @@ def ask_for(directory: str, topic: str) -> None:
     """Asks the supervisor, from outside the graph, to start the dormant node that publishes `topic`."""
     context = zmq.Context()
     socket = context.socket(zmq.DEALER)
-    socket.setsockopt(zmq.LINGER, 1000)
+    socket.setsockopt(zmq.LINGER, LINGER_MS)
     socket.connect(control_address(directory))
     socket.send(msgpack.packb({"want": topic}))
     socket.close()

@@ -20,7 +20,7 @@ class FurtherPixels:
     """Senses pixels with further samples; `keys` are those of their events in the last message, in order."""
 
     def __init__(self, layout: KeyLayout) -> None:
-        """layout: of the keys."""
+        """Makes empty lists. layout: of the keys."""
         self._layout = layout
         self._grow(FIRST_ROOM)
         self.keys: np.ndarray = self._list.numpy()[:0]

@@ -69,8 +69,8 @@ class IdealEngine:
     """Its keys come in order."""
 
     def __init__(self, total: int, frame: bool, layout: KeyLayout) -> None:
-        """total: pixels and channels of all environments. frame: events carry the stamp of their frame. layout: of
-        their keys."""
+        """Makes the buffers. total: pixels and channels of all environments. frame: events carry the stamp of their
+        frame. layout: of their keys."""
         self._kernel, self._frame, self._layout = make_sense_ideal(frame), frame, layout
         self._none: wp.array = wp.zeros(0, dtype=wp.int32, device="cpu")
         self._further: Any = None

@@ -8,6 +8,7 @@ import warp as wp
 
 from nodes.event_sensor.model.curve_kernels import slope_of
 from nodes.event_sensor.model.features import Features
+from nodes.event_sensor.model.inactive_kernels import THIRD_NS
 from nodes.event_sensor.model.sensor_kernels import Sensor
 from nodes.event_sensor.model.state_kernels import RUN, FrequentState, Run
 
@@ -90,7 +91,7 @@ def make_run_margins(features: Features) -> Any:
             below = 4.0 * wp.cw_mul(a, a) - wp.cw_mul(reach, low)
             # A product of two negative numbers must not pass for a margin.
             return wp.min(wp.min(above, below), wp.min(early, least)) + finite
-        third = steepest * (longest * 3.4e-10)
+        third = steepest * (longest * THIRD_NS)
         over = Run(1.0) + third + wp.cw_mul(third, third)
         margins = wp.min(high - wp.cw_mul(b, over), a - wp.cw_mul(low, over))
         return wp.min(margins, Run(0.999) - third) + finite + (early - early)

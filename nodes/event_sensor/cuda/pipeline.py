@@ -20,6 +20,8 @@ from nodes.event_sensor.readout.device_events import DeviceEvents, Pending
 
 FIRST_CAPACITY = 1 << 20
 """Most events for which there is room before a call has needed more."""
+LEAST_ROOM = 4096
+"""Events for which there is room at first, and more room each time, at least."""
 GRAPHS = 16
 """Different numbers of frames a call for which graphs are kept."""
 
@@ -153,7 +155,7 @@ class Pipeline:
         self._aside: Any = None
         if self.records:
             self._aside, self._fork, self._join = wp.Stream(device), wp.Event(device), wp.Event(device)
-        self.grow(min(max(2 * total, 4096), FIRST_CAPACITY))
+        self.grow(min(max(2 * total, LEAST_ROOM), FIRST_CAPACITY))
 
     def _slot(self, number: int) -> Slot:
         host = self._pinned(call_kernels.OFFSETS + self._envs + 1)
@@ -367,7 +369,7 @@ class Pipeline:
         # A call after it, in doing nothing, may have written over the counters themselves.
         counters, keys = slot.view[: call_kernels.COUNTS].copy(), slot.keys
         wanted, kept = int(counters[0]), min(int(counters[call_kernels.FULL_FROM]), keys.size)
-        self.grow(wanted + max(wanted // 4, 4096))
+        self.grow(wanted + max(wanted // 4, LEAST_ROOM))
         if self._source.repeats:
             counters, kept = fresh_counters(), 0
         wp.copy(slot.keys, keys, count=kept)

@@ -52,8 +52,8 @@ class ResetGroups:
     """Senses E environments, some of which were reset by themselves, by a sensor for each group reset together."""
 
     def __init__(self, make: Make, seed: int, own_model: bool) -> None:
-        """make: makes the sensor of a group. seed: the configured one, of environment 0. own_model: whether sensors
-        have the methods of EventSensor; those of another model have `process` alone."""
+        """Takes what makes sensors. make: makes the sensor of a group. seed: the configured one, of environment 0.
+        own_model: whether sensors have the methods of EventSensor; those of another model have `process` alone."""
         self._make, self._seed, self._own_model = make, seed, own_model
         self._groups: list[ResetGroup] = []
         self._rows: np.ndarray | None = None

@@ -17,7 +17,7 @@ class SeparateSensors:
     """Senses environment k by sensor k, a sensor of one environment, with the methods of EventSensor and of Model."""
 
     def __init__(self, sensors: Sequence[Any]) -> None:
-        """sensors: of one environment each, all of one size and device."""
+        """Takes the sensors. sensors: of one environment each, all of one size and device."""
         self._sensors = list(sensors)
         self._counts = np.zeros(len(self._sensors), np.int64)
         self._episodes: np.ndarray | None = None

@@ -152,7 +152,7 @@ def _compared(clip: Clip, light: Light, blur: float, values: dict[str, Any], fit
 
 
 def _still_rate(clip: Clip, light: Light, blur: float, values: dict[str, Any]) -> float:
-    """Rate [Hz] of a simulated pixel where nothing moves, over as long as the recording has."""
+    """Computes the rate [Hz] of a simulated pixel where nothing moves, over as long as the recording has."""
     start, end, at = still_part(clip)
     x, y = clip.pixels
     times = np.arange(at, at + (end - start), STILL_STEP_NS, dtype=np.int64)

@@ -39,7 +39,7 @@ def draw(fit: Fit, light: Light, path: str) -> None:
 
 
 def _events(one: Compared, fit: Fit, light: Light) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """(t, pixel, p) of the same pixels, recorded and simulated."""
+    """Gives (t, pixel, p) of the same pixels, recorded and simulated."""
     clip, wheel = one.clip, one.clip.wheel
     x, y = some_pixels(clip, SOME)
     start, end = wheel.start_ns - BEFORE_NS, wheel.end_ns

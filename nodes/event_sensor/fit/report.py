@@ -42,7 +42,8 @@ def report(fit: Fit, light: Light, contrast_deviation: float, contrast_source: s
 
 
 def _deviations(fit: Fit, contrast: float) -> dict[str, float]:
-    """Of each fitted value, in its unit: of the fit, and with thresholds that of the assumed contrast too."""
+    """Computes the standard deviation of each fitted value, in its unit: that of the fit, and with thresholds that of
+    the assumed contrast too."""
     out = {}
     for name, relative in fit.motion.deviation.items():
         if name == "bandwidth_exponent":

@@ -93,15 +93,15 @@ def fit_noise(clips: Sequence[Clip], light: Light) -> NoiseFit:
 
 
 def _shot_rate(sensor: dict[str, float], sides: tuple[Side, Side]) -> float:
-    """The shot noise with which all pixels, those at the border too, have as many events as were recorded."""
+    """Finds the shot noise with which all pixels, those at the border too, have as many events as were recorded."""
     seen = sum(side.on + side.off - sensor["leak_rate"] * side.seconds for side in sides)
     expected = sum(side.seconds * max(1 - side.light / sensor["shot_white"], 0.0) for side in sides)
     return max(seen, 0.0) / max(expected, 1e-12)
 
 
 def _observed(clip: Clip) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """OFF and ON events [2, H, W] and time [H, W, s] of each pixel while all around it was quiet, and its distance
-    from the border [H, W, px]."""
+    """Counts OFF and ON events [2, H, W] and time [H, W, s] of each pixel while all around it was quiet, and its
+    distance from the border [H, W, px]."""
     start, end, at = still_part(clip)
     left, top, width, height = clip.wheel.box
     noise = Noise(width, height)

@@ -16,13 +16,24 @@ from evis.events.measure.bursts import Bursts, bursts_of
 
 WINDOW_NS = 4_000_000
 """One angle is found for each; at 60 rad/s the border turns by 14 degrees in it."""
+LEAST_EVENTS, LEAST_BURSTS = 1000, 200
+"""Events and bursts that a recording needs: about those of 2 SMOOTH windows of LEAST_BEGINNINGS, five events each."""
+BUSY, BUSIEST = 0.04, 95
+"""Share of the bursts in a busy window, that of this percentile, from which on a window belongs to a motion."""
+PAUSE = 5
+"""Windows without that, after which a motion is another one."""
 LEAST_BEGINNINGS = 12
 """Beginnings of bursts that a window needs for an angle."""
+LEAST_RESULTANT = 0.5
+"""Mean resultant length of these beginnings (1: all at one angle) that it needs."""
 LEAST_GATHERED = 0.75
 """Mean resultant length (1: all beginnings at one angle) below which this is no such wheel."""
 NEAREST_PX = 8.0
 """Closer to the hub than this an angle says little."""
 LEAST_TURNS = 0.25
+"""Turns of the border that are needed: with fewer, hub and angle could make up for each other."""
+FIRST_STEPS, FINER, HUB_PX = 10, 2.5, 0.05
+"""Steps of the first grid for the hub over the box, how much finer the next ones are, and the finest step."""
 SMOOTH = 7
 """Windows of the parabola that smooths the angle."""
 
@@ -78,7 +89,7 @@ class Wheel:
 
 def find_wheel(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> Wheel:
     """Estimates the scene of a recording: t int64 [n, ns] ascending, x, y [n, px], p [n], 1 = ON. Raises NoWheel."""
-    if len(t) < 1000:
+    if len(t) < LEAST_EVENTS:
         raise NoWheel(f"{len(t)} events are too few for a turning wheel")
     box = (int(x.min()), int(y.min()), int(np.ptp(x)) + 1, int(np.ptp(y)) + 1)
     column, row = x.astype(np.int64) - box[0], y.astype(np.int64) - box[1]
@@ -90,7 +101,7 @@ def find_wheel(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> Wh
     shift = np.pi * (found.p[inside] == 0)
     hub = _hub(bx, by, window, shift, box)
     gathered, middle, resultant, counts = _angles(bx, by, window, shift, hub)
-    good = (counts >= LEAST_BEGINNINGS) & (resultant > 0.5)
+    good = (counts >= LEAST_BEGINNINGS) & (resultant > LEAST_RESULTANT)
     if gathered < LEAST_GATHERED or good.sum() < 2 * SMOOTH:
         raise NoWheel(
             f"bursts begin at no common angle about any point (they agree to {gathered:.2f}, {LEAST_GATHERED} is "
@@ -106,16 +117,18 @@ def find_wheel(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> Wh
 
 
 def _motion(found: Bursts) -> tuple[int, int]:
-    """First and last time [ns] of the longest stretch in which bursts keep beginning."""
-    if len(found.start) < 200:
+    """Finds the first and last time [ns] of the longest stretch in which bursts keep beginning."""
+    if len(found.start) < LEAST_BURSTS:
         raise NoWheel(f"only {len(found.start)} bursts of events: nothing moves long enough")
     first = int(found.start.min())
     rate = np.bincount((found.start - first) // WINDOW_NS)
-    busy = np.convolve(rate, np.ones(3) / 3, "same") >= max(0.04 * np.percentile(rate[rate > 0], 95), LEAST_BEGINNINGS)
+    busy = np.convolve(rate, np.ones(3) / 3, "same") >= max(
+        BUSY * np.percentile(rate[rate > 0], BUSIEST), LEAST_BEGINNINGS
+    )
     edges = np.flatnonzero(np.diff(np.concatenate([[0], busy.astype(int), [0]])))
     begins, ends = edges[::2], edges[1::2]
     for i in range(len(begins) - 1, 0, -1):  # what pauses for a moment is one motion
-        if begins[i] - ends[i - 1] <= 5:
+        if begins[i] - ends[i - 1] <= PAUSE:
             begins, ends = np.delete(begins, i), np.delete(ends, i - 1)
     longest = int(np.argmax([rate[b:e].sum() for b, e in zip(begins, ends)]))
     return first + int(begins[longest]) * WINDOW_NS, first + int(ends[longest]) * WINDOW_NS
@@ -124,7 +137,8 @@ def _motion(found: Bursts) -> tuple[int, int]:
 def _angles(
     x: np.ndarray, y: np.ndarray, window: np.ndarray, shift: np.ndarray, hub: tuple[float, float]
 ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-    """Agreement over all, and per window the mean angle, its resultant length and the number of beginnings."""
+    """Computes the agreement over all, and per window the mean angle, its resultant length and the number of
+    beginnings."""
     dx, dy = x - hub[0], y - hub[1]
     far = np.hypot(dx, dy) > NEAREST_PX
     unit = np.exp(1j * (np.arctan2(dy, dx)[far] + shift[far]))
@@ -138,11 +152,11 @@ def _angles(
 def _hub(
     x: np.ndarray, y: np.ndarray, window: np.ndarray, shift: np.ndarray, box: tuple[int, int, int, int]
 ) -> tuple[float, float]:
-    """The point about which angles gather best: a search on ever finer grids; it may lie outside of the box."""
-    step = max(box[2], box[3]) / 10
+    """Searches for the point about which angles gather best, on ever finer grids; it may lie outside of the box."""
+    step = max(box[2], box[3]) / FIRST_STEPS
     best, at = -1.0, (box[0] + box[2] / 2, box[1] + box[3] / 2)
-    reach = 7
-    while step > 0.05:
+    reach = FIRST_STEPS // 2 + 2  # beyond the box too
+    while step > HUB_PX:
         around = at
         for j in range(-reach, reach + 1):
             for i in range(-reach, reach + 1):
@@ -150,12 +164,13 @@ def _hub(
                 found = _angles(x, y, window, shift, hub)[0]
                 if found > best:
                     best, at = found, hub
-        step, reach = step / 2.5, 2
+        step, reach = step / FINER, 2  # as far as the best of the coarser grid may be off
     return at
 
 
 def _smooth(at: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """A parabola through each SMOOTH neighbours, at the middle one; ends as the last parabola has them."""
+    """Fits a parabola through each SMOOTH neighbours, and gives it at the middle one; ends as the last parabola has
+    them."""
     out, half = angle.copy(), SMOOTH // 2
     for k in range(len(at)):
         first = min(max(k - half, 0), len(at) - SMOOTH)
@@ -174,7 +189,8 @@ def _to_the_ends(at: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _filled(passed: np.ndarray) -> np.ndarray:
-    """A pixel belongs to the wheel if most of the nine about it were passed; hot and dead ones change nothing."""
+    """Tells which pixels belong to the wheel: those where most of the nine about them were passed; hot and dead ones
+    change nothing."""
     padded = np.pad(passed.astype(np.int64), 1, mode="edge")
     height, width = passed.shape
     near = sum(padded[j : j + height, i : i + width] for j in range(3) for i in range(3))

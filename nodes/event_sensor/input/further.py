@@ -14,9 +14,10 @@ import warp as wp
 
 from nodes.event_sensor.input.arrays import on_device
 from nodes.event_sensor.input.batch import SampleLists, Size
+from nodes.event_sensor.messages.limit import MOST_NUMBERED
 
-MOST = LONGEST = (1 << 31) - 1
-"""Most samples of one message, and the longest time that it may cover [ns]."""
+LONGEST = (1 << 31) - 1
+"""Longest time that a message with further samples may cover [ns]: their offsets are int32."""
 
 
 @dataclass
@@ -55,9 +56,11 @@ class Further:
         times = given[3]
         if len(value) != times.size:
             raise ValueError(f"further samples have {times.size} offsets and {len(value)} values; each has one")
-        if times.size and not -MOST <= times.min() <= times.max() <= MOST:
+        if times.size and not -LONGEST <= times.min() <= times.max() <= LONGEST:
             far = max(times.min(), times.max(), key=abs)
-            raise ValueError(f"further samples have an offset of {far} ns; give frames in between, {MOST} is the most")
+            raise ValueError(
+                f"further samples have an offset of {far} ns; give frames in between, {LONGEST} is the most"
+            )
         for name, at, length in zip(("environment", "y", "x"), given, size):
             if at.size and not 0 <= at.min() <= at.max() < length:
                 raise ValueError(f"further samples have {name} {at.min()} to {at.max()}; there are 0 to {length - 1}")
@@ -141,7 +144,7 @@ class Further:
             raise ValueError(
                 f"further samples have {offset.size} offsets and {value.size} values, expected {offset.size * shared}"
             )
-        if value.size > MOST:
+        if value.size > MOST_NUMBERED:
             raise ValueError(f"event sensor got {value.size} further samples in one message, 2^31 are too many")
         return SampleLists(first, offset, value, shared)
 
@@ -194,6 +197,6 @@ def _whole(values: Any, name: str, device: Any) -> wp.array:
     whole = np.asarray(values)
     if whole.dtype.kind not in "iu" or whole.ndim != 1:
         raise ValueError(f"further samples have {name} of {whole.dtype} {whole.shape}, expected int32 in one row")
-    if whole.size and (whole.min() < -MOST or whole.max() > MOST):
+    if whole.size and (whole.min() < -MOST_NUMBERED or whole.max() > MOST_NUMBERED):
         raise ValueError(f"further samples have {name} up to {whole.max()}, expected int32")
     return wp.array(np.ascontiguousarray(whole, np.int32), dtype=wp.int32, device=device, copy=False)

@@ -60,7 +60,7 @@ class LookAhead:
 
 
 def _copy(to: wp.array, source: wp.array) -> None:
-    """Copy between arrays of one device, which may be slices; numpy moves whole rows where it can."""
+    """Copies between arrays of one device, which may be slices; numpy moves whole rows where it can."""
     if wp.get_device(to.device).is_cuda:
         wp.copy(to, source)
     else:

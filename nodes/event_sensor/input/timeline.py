@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from nodes.event_sensor.input.batch import Size
+from nodes.event_sensor.messages.limit import MOST_NUMBERED
 
 LATEST = 5 * 10**18
 """Stamps lie within this of 0 [ns], 158 years, so that waiting times can be added to them."""
@@ -38,7 +39,7 @@ class Timeline:
         expected = (size.envs, len(t), size.height, size.width) + ((3,) if size.channels == 3 else ())
         if shape != expected or len(t) == 0:
             raise ValueError(f"event sensor got luminance {tuple(shape)} with {len(t)} stamps, expected {expected}")
-        if math.prod(shape) >= 1 << 31:
+        if math.prod(shape) > MOST_NUMBERED:
             raise ValueError(f"event sensor got {tuple(shape)} samples in one message, 2^31 are too many")
         if episodes.shape != (size.envs,):
             raise ValueError(f"event sensor got episodes of shape {episodes.shape}, expected ({size.envs},)")

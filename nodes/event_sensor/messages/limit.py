@@ -10,10 +10,13 @@ MOST_BACKGROUND = 1 << 27
 """Events of leak and noise that a message may have on average: with 29 bytes each while they are sorted, 4 GB."""
 REMEDY = "put frames between the two, cut the sequence there"
 
+MOST_NUMBERED = (1 << 31) - 1
+"""Samples or events of a message, at most: kernels and sorting number them by int32."""
+
 
 def check_events(count: int) -> None:
     """Raises ValueError where a message has more events than their sorting can number."""
-    if count >= 1 << 31:
+    if count > MOST_NUMBERED:
         raise ValueError(f"{count} events in one message; raise the contrast threshold or keyframe_rate")
 
 

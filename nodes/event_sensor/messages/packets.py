@@ -24,7 +24,7 @@ class PacketPublisher:
     """
 
     def __init__(self, node: Node, device: Any) -> None:
-        """device: of the sensor, a Warp device."""
+        """Takes the node that publishes. device: of the sensor, a Warp device."""
         self._node, self._device = node, device
         self.size = (0, 0)
 

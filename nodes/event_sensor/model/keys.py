@@ -15,6 +15,8 @@ import numpy as np
 from nodes.event_sensor.messages.limit import REMEDY, longest_step
 
 KEY_BITS = 63
+LEAST_TIME_BITS = 28
+"""Bits for time below which a sensor is refused: 268 ms, eight gaps of 30 keyframes per second."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class KeyLayout:
         y = x + (width - 1).bit_length()
         t = y + (height - 1).bit_length()
         env = KEY_BITS - (envs - 1).bit_length()
-        if env - t < 28:
+        if env - t < LEAST_TIME_BITS:
             raise ValueError(f"{envs} environments of {width}x{height} pixels are too many for one event sensor")
         return KeyLayout(x, y, t, env)
 

@@ -59,7 +59,7 @@ class Defocus:
         self._device = wp.get_device(device)
 
     def __call__(self, images: wp.array) -> wp.array:
-        """float32 [N, H, W, C] -> the same, blurred, in a buffer that the next call overwrites."""
+        """Blurs images float32 [N, H, W, C], in a buffer that the next call overwrites."""
         count, height, width, channels = images.shape
         row = width * channels
         ring = 2 * len(self._weights) - 1

@@ -82,8 +82,9 @@ def make_step_block(poles: int, law: int, bends: bool = False) -> Any:
         second_pole: wp.array(dtype=wp.float64), filtered: wp.array(dtype=wp.float32), place: wp.array(dtype=wp.int32),
         chord: wp.float64, bent: wp.array(dtype=wp.uint8),
     ) -> wp.int32:  # fmt: skip
-        """at, index: of the block's first pixel, in the frame and in the state. ahead: how far on the next frame is.
+        """Filters a block of pixels.
 
+        at, index: of the block's first pixel, in the frame and in the state. ahead: how far on the next frame is.
         half: rate * seconds / 2 / 2^halvings, not above REACH. constant_d, constant_f: where the corner is constant.
         """
         ...

@@ -7,6 +7,7 @@ from typing import Any
 import warp as wp
 
 from nodes.event_sensor.input.batch import SampleLists
+from nodes.event_sensor.messages.limit import MOST_NUMBERED
 from nodes.event_sensor.model.step_kernels import between
 from nodes.event_sensor.optics import trace_kernels as kernels
 from nodes.event_sensor.optics.photoreceptor_simd_kernels import Receptor
@@ -18,7 +19,7 @@ class Tracer:
     """Traces the output of a photoreceptor; see Photoreceptor.trace."""
 
     def __init__(self, poles: int, law: int, receptor: Receptor, chord: float, device: Any) -> None:
-        """chord: largest deviation of a line between samples [ln I]."""
+        """Makes the kernel and its buffers. chord: largest deviation of a line between samples [ln I]."""
         self._receptor, self._chord, self._device = receptor, chord, device
         self._kernel = (kernels.make_trace_or_count if device.is_cuda else kernels.make_trace_bent)(poles, law)
         self._output: Any = kernels.Output()
@@ -30,7 +31,7 @@ class Tracer:
         self._grow(FIRST_ROOM)
 
     def _grow(self, room: int) -> None:
-        if room >= 1 << 31:
+        if room > MOST_NUMBERED:
             raise ValueError(f"the photoreceptor makes {room} samples in one message; give it shorter ones")
         self._output.room = room
         self._output.offset = wp.empty(room, dtype=wp.int32, device=self._device)

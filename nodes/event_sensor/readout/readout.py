@@ -174,7 +174,7 @@ class Readout:
     def _left_by(
         self, events: dict[str, np.ndarray], offsets: np.ndarray, stamp: int
     ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-        """Sorted events up to `stamp`; later ones are held."""
+        """Gives the sorted events up to `stamp`, and holds later ones."""
         ends = [
             offsets[e] + np.searchsorted(events["t"][offsets[e] : offsets[e + 1]], stamp, "right")
             for e in range(self._envs)
@@ -196,19 +196,19 @@ class Readout:
         return {n: getattr(self, n) for n in ("delayed", "delay_ns", "dropped", "cut")}
 
     def _environments(self, counts: np.ndarray) -> np.ndarray:
-        """int32: which environment each event belongs to, counts[e] of environment e."""
+        """Tells which environment each event belongs to, int32; counts[e] of them are of environment e."""
         if self._envs == 1:
             return np.zeros(int(counts[0]), np.int32)
         return np.repeat(np.arange(self._envs, dtype=np.int32), counts)
 
     def _start(self, t_base: int) -> None:
-        """Bring the clocks to `t_base`."""
+        """Brings the clocks to `t_base`."""
         passed = min(max(t_base - self._base, 0), 1 << (SPAN_BITS - self._fraction)) << self._fraction
         self._free = np.maximum(self._free - passed, 0)
         self._base = t_base
 
     def _serve(self, columns: dict[str, np.ndarray], offsets: np.ndarray, t_base: int) -> np.ndarray:
-        """Stamps of the new events, TURNED_AWAY for those that the full queue turned away."""
+        """Computes the stamps of the new events, TURNED_AWAY for those that the full queue turned away."""
         stamps = np.array(columns["t"], np.int64)
         if not len(stamps):
             return stamps
@@ -226,7 +226,7 @@ class Readout:
         return stamps
 
     def _sorted(self, events: dict[str, np.ndarray], t_base: int) -> tuple[dict[str, np.ndarray], np.ndarray]:
-        """By environment, t, y, x, channel, polarity; offsets of the environments."""
+        """Sorts events by environment, t, y, x, channel, polarity; gives the offsets of the environments too."""
         env, t = events.pop("env"), events["t"]
         counts = np.bincount(env, minlength=self._envs) if self._envs > 1 else np.array([t.size])
         offsets = np.append(0, np.cumsum(counts)).astype(np.int64)
@@ -254,5 +254,5 @@ class Readout:
 
 
 def _seed_of(seed: int, episode: int) -> int:
-    """The seed of an environment's jitter in an episode, whose times may be those of an earlier one."""
+    """Computes the seed of an environment's jitter in an episode, whose times may be those of an earlier one."""
     return seed_of_time(seed, episode % 2**64) % 2**64

@@ -42,7 +42,7 @@ class Chain:
     """
 
     def __init__(self, setting: Setting, world: World | None = None) -> None:
-        """world: the scene's motion, if it is known already."""
+        """Makes the nodes of a chain. world: the scene's motion, if it is known already."""
         self._setting = setting
         self._envs = setting.envs if setting.on_gpu else 1
         self._world = world

@@ -28,6 +28,8 @@ in 182, 221 and 317 ms."""
 LOOSE_S = 2e-4
 """Error of time from which on half as many will do [s]: with 0.3 ms, x 4 and x 8, at 173x130, the warehouse has 0.066
 and 0.061 in 269 and 319 ms."""
+ONE_RATE = 1.001
+"""Frames per second within this factor of each other are one rate: keyframe rates are rounded."""
 EVEN = 1.02
 """Errors and costs within this factor of each other are the same: measurements do not tell them apart."""
 
@@ -120,13 +122,13 @@ def choose(
 
 
 def _by_slack(candidates: Sequence[Candidate]) -> Choice:
-    base = [c for c in candidates if c.frame_rate <= 1.001 * BASE_RATE] or list(candidates)
+    base = [c for c in candidates if c.frame_rate <= ONE_RATE * BASE_RATE] or list(candidates)
     least = min(c.error for c in base)
     best = _least([c for c in candidates if c.error <= SLACK * least], _cost, _error)
     if not least:
         return Choice(best, "the cheapest without error")
     rates = [c.frame_rate for c in base]
-    limit = "" if max(rates) < 1.001 * min(rates) else "up to "
+    limit = "" if max(rates) < ONE_RATE * min(rates) else "up to "
     return Choice(
         best,
         f"the cheapest with an error of at most {SLACK:g} times {least:.3g}, "

@@ -29,8 +29,8 @@ class Window:
     """
 
     def __init__(self, s: Setting, world: World, start: int, cut: tuple[int, int, int, int]) -> None:
-        """s: with bodies that are placed by their states alone (Setting.shifted). start [ns]; cut: left, top, width,
-        height [px]."""
+        """Cuts a window out of a setting. s: with bodies that are placed by their states alone (Setting.shifted). start
+        [ns]; cut: left, top, width, height [px]."""
         left, top, width, height = cut
         k = np.array(s.camera.k, np.float64)
         k[0, 2] -= left
@@ -83,7 +83,7 @@ class Windows:
     """Holds all windows at once: one sensor sees their images below each other."""
 
     def __init__(self, s: Setting, world: World, starts: list[int], cuts: list[tuple[int, int, int, int]]) -> None:
-        """starts and cuts: of each window; cuts are of one size."""
+        """Takes the windows' places. starts and cuts: of each window; cuts are of one size."""
         self._setting, shifted = s, s.shifted()
         self._windows = [Window(shifted, world, start, cut) for start, cut in zip(starts, cuts, strict=True)]
         self._size = cuts[0][2:]
@@ -121,7 +121,7 @@ class Windows:
         return [victor_purpura(self._events(frames, stride), self._truth, 1.0) for stride in strides]
 
     def _events(self, frames: dict[int, np.ndarray], stride: int) -> EventStream:
-        """What the sensors make of every stride-th frame."""
+        """Senses every stride-th frame."""
         steps = range(0, self._grid.gap + 1, stride)
         images = np.stack([frames[step] for step in steps], 1)
         t = np.array([self._grid.stamp(ORIGIN, step) for step in steps])

@@ -88,7 +88,7 @@ def replace_auto(
 
 
 def _described(choice: Choice, found: Measured, values: Mapping[str, Any], cached: bool) -> dict[str, Any]:
-    """What is told of a choice beside the arguments: why, what to expect, and out of how many candidates."""
+    """Describes what is told of a choice beside the arguments: why, what to expect, and out of how many candidates."""
     best = choice.candidate
     expectation = {
         "expected_error": best.error,
@@ -104,14 +104,14 @@ def _described(choice: Choice, found: Measured, values: Mapping[str, Any], cache
 
 
 def _by_frames_alone(node: NodeSpec) -> bool:
-    """Whether the pixels of an interpolator's camera take no samples between frames."""
+    """Tells whether the pixels of an interpolator's camera take no samples between frames."""
     p = node.params
     camera = camera_of(scene_of("interpolator", p), p.get("camera") or "cam0")
     return bool(by_frames_alone(camera, p))
 
 
 def _senses_frames_alone(node: NodeSpec) -> bool:
-    """Whether a node is a sensor that takes no samples between frames."""
+    """Tells whether a node is a sensor that takes no samples between frames."""
     if node.type != "event_sensor":
         return False
     return bool(frames_only(resolve_with_scene("event sensor", node.params)))

@@ -41,6 +41,8 @@ ORDER = (
     ("rigid", 125.0), ("rigid", 250.0),
 )  # fmt: skip
 """Methods and keyframe rates [Hz], the most promising first; others, which users give, come as they are."""
+MORE = 1.5
+"""Ratio of frames per second from which on they are more than others: between those of two powers of two."""
 FIRST = {"splat": BASE_RATE, "rigid": 2 * BASE_RATE}
 """Frames per second, about, up to which a method is looked at before more are: they rarely help splat."""
 Say = Callable[[str], None]
@@ -96,7 +98,8 @@ class Search:
     """Finds candidates, one method and keyframe rate after another."""
 
     def __init__(self, setting: Setting, grid: Grid, full: FullSize, windows: Windows, moving: float, say: Say) -> None:
-        """moving: the physics engine's seconds per simulated second, of all environments."""
+        """Takes what is searched, and by which measurements. moving: the physics engine's seconds per simulated second,
+        of all environments."""
         self._setting, self._grid, self._full, self._windows, self._say = setting, grid, full, windows, say
         self._moving = moving
         self._looked_at: dict[tuple[str, float], float] = {}
@@ -118,7 +121,7 @@ class Search:
                     continue
                 own = [way for way in self._grid.ways if way[:2] == (method, rate)]
                 began = self._setting.clock()
-                self._look_at([way for way in own if (way[1] * way[2] > 1.5 * FIRST.get(method, BASE_RATE)) == high])
+                self._look_at([way for way in own if (way[1] * way[2] > MORE * FIRST.get(method, BASE_RATE)) == high])
                 left -= 0.0 if first else self._setting.clock() - began
 
     def extrapolate(self) -> None:
@@ -127,7 +130,7 @@ class Search:
         The error of dense rendering goes on falling as it did last, that of a warp stays above it by as much.
         """
         dense = sorted((c.frame_rate, c.error) for c in self.found if c.method == "none")
-        if len(dense) < 2 or dense[-1][0] > 1.5 * BASE_RATE:
+        if len(dense) < 2 or dense[-1][0] > MORE * BASE_RATE:
             return
         (_, before), (top, last) = dense[-2:]
         falls_to = float(np.clip(last / max(before, 1e-9), 0.25, 1))

@@ -158,7 +158,7 @@ class Renderers:
     """Makes the renderers before methods when they are first asked for, and keeps them."""
 
     def __init__(self, s: Setting, camera: Camera, **how: Any) -> None:
-        """how: further arguments of Renderer."""
+        """Takes a setting and a camera. how: further arguments of Renderer."""
         self._setting, self._camera, self._how = s, camera, how
         self._made: dict[bool, Renderer | SupersampledRenderer] = {}
 

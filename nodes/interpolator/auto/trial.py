@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from nodes.interpolator.auto.chain import Chain
-from nodes.interpolator.auto.choice import Candidate, Choice, choose
+from nodes.interpolator.auto.choice import ONE_RATE, Candidate, Choice, choose
 from nodes.interpolator.auto.setting import Setting, Way
 
 ALLOWED_S = 2.5
@@ -69,7 +69,7 @@ def way_of(given: Candidate | Trial) -> Way:
 def near(a: Way, b: Way) -> bool:
     """Tells whether a trial of one candidate predicts the cost of the other to a few percent."""
     more = max(a[1] * a[2], b[1] * b[2]) / min(a[1] * a[2], b[1] * b[2])
-    return a[0] == b[0] and (a[0] == "none" or a[1] == b[1]) and more <= NEAR * 1.001
+    return a[0] == b[0] and (a[0] == "none" or a[1] == b[1]) and more <= NEAR * ONE_RATE
 
 
 def believed(

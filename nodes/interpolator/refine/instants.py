@@ -25,7 +25,8 @@ LOOKS, LEAST_LOOKS = 32, 4
 class Instants:
     """Describes how finely a gap is divided.
 
-    coarse: K coarse intervals, each divided into 2^depth by the instants inside it. per_window: coarse intervals that
+    coarse: K coarse intervals, each divided into 2^depth by the instants inside it, at least LEAST_LOOKS where it is
+    divided at all. per_window: coarse intervals that
     are worked on at once. reached: whether the instants are as close as the tolerance of time asks for.
     """
 
@@ -97,7 +98,7 @@ def wanted_slots(gap_ns: int, coarse: int, tolerance_ns: float) -> int:
 
 
 def _halvings(gap_ns: int, coarse: int, tolerance_ns: float, looks: int) -> int:
-    """How often a coarse interval is to be halved, 0 where it is within the tolerance by itself."""
+    """Computes how often a coarse interval is to be halved, 0 where it is within the tolerance by itself."""
     # The same for all gaps of one rate, whose ends are rounded.
     wanted = max(0, math.ceil(math.log2(max(gap_ns / coarse / (2 * tolerance_ns), 1e-9)) - ROUNDED))
     return max(wanted, looks.bit_length() - 1) if wanted else 0

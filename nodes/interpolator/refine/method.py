@@ -36,8 +36,9 @@ class Refined:
     def __init__(
         self, rigid: Rigid, tolerance_ns: float, threads: int = 1, light_samples: int = 16, fineness: int = 1
     ) -> None:
-        """tolerance_ns: greatest error wanted in the time of a threshold crossing [ns]. fineness: the pixels of `rigid`
-        are sub-pixels, of which so many per axis make a pixel; `further` is then of their means."""
+        """Takes what makes the frames. tolerance_ns: greatest error wanted in the time of a threshold crossing [ns].
+        fineness: the pixels of `rigid` are sub-pixels, of which so many per axis make a pixel; `further` is then of
+        their means."""
         self.rigid, self.refinement = rigid, Refinement(rigid, tolerance_ns, threads, light_samples, fineness)
         rigid.looks_at = self.refinement.stamps
         self.sampled = True
@@ -51,7 +52,7 @@ class Refined:
         begin_building(self.rigid.visibility.device, self._own_kernels())
 
     def _own_kernels(self) -> list[tuple[wp.Kernel, int]]:
-        """Those that it launches besides those of `rigid`."""
+        """Lists the kernels that it launches besides those of `rigid`."""
         return self.refinement.kernels() if self.sampled else []
 
     @property

@@ -13,7 +13,8 @@ import numpy as np
 import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
-from evis.runtime.workers import Workers
+from evis.runtime.workers import Workers, edges_of
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.keyframe import KeyframeView, Span
 from nodes.interpolator.refine.evaluation.evaluator import Evaluator, make_look_up_kernels
 from nodes.interpolator.refine.instants import Instants, instants_of, least_parts
@@ -72,8 +73,8 @@ class Refinement:
     """Finds further samples of single pixels between the frames that a `Rigid` made last."""
 
     def __init__(self, rigid: Rigid, tolerance_ns: float, threads: int, light_samples: int, fineness: int = 1) -> None:
-        """tolerance_ns: greatest error wanted in the time of a threshold crossing [ns]. fineness: sub-pixels per pixel
-        and axis, whose mean the pixel is."""
+        """Takes what makes the frames. tolerance_ns: greatest error wanted in the time of a threshold crossing [ns].
+        fineness: sub-pixels per pixel and axis, whose mean the pixel is."""
         self._rigid = rigid
         self._threads, self._light_samples = threads, light_samples
         layout = rigid.layout
@@ -89,7 +90,7 @@ class Refinement:
         self._looks = least_parts(layout.upsampling)
         channels = layout.channels
         self._gain = pixels_per_radian(v) if v.view.distorted else max(v.view.fx, v.view.fy)
-        self._pixel: Any = wp.float32 if channels == 1 else wp.vec3
+        self._pixel = pixel_type(channels)
         waveforms = (light.waveform for light in v.scene.lights)
         self._flicker = Flicker(waveforms, FLICKERING * layout.tolerance, v.device, layout.waveforms)
         self._sort_each, self._rank = make_sort(channels)
@@ -190,7 +191,7 @@ class Refinement:
         return gap.stamps(self._instants(gap).count)
 
     def _instants(self, gap: Span) -> Instants:
-        """The instants at which pixels may be looked at in a gap."""
+        """Chooses the instants at which pixels may be looked at in a gap."""
         coarse, length = self._rigid.layout.upsampling, max(gap.longest, self.as_long_as_ns)
         looks = max(self._looks, 1 << (-(-self._flicker.instants(length) // coarse) - 1).bit_length())
         return instants_of(length, coarse, self._tolerance_ns, self._pixels, looks, self._device.is_cpu)
@@ -280,7 +281,7 @@ class Refinement:
             if device.is_cpu:
                 given = [height * width, first, instants, values, since, order, offset, value]
                 sampling = self._rigid.sampling
-                edges = [count * k // sampling.bands for k in range(sampling.bands + 1)]
+                edges = edges_of(count, sampling.bands)
                 sampling.launch([(self._sort_each, e - s, [s, *given]) for s, e in pairwise(edges)])
             else:
                 given = [height * width, first, pixels, instants, values, since, order]

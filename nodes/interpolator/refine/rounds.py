@@ -13,6 +13,8 @@ import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.cuda_graph import CudaGraphs
+from evis.runtime.workers import edges_of
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.refine.evaluation.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.evaluation.trace_kernels import trace_pixels
 from nodes.interpolator.refine.halving.check_kernels import make_check
@@ -129,7 +131,7 @@ class Rounds:
         self._rigid, self.evaluator, self._kernels, self._light_visibility = rigid, evaluator, kernels, light_visibility
         v, layout, bands = rigid.visibility, rigid.layout, evaluator.bands
         channels, device = layout.channels, v.device
-        pixel: Any = wp.float32 if channels == 1 else wp.vec3
+        pixel = pixel_type(channels)
         self.reads_counts = device.is_cpu
         """Whether the host reads counts while a window is done."""
         self._find_transitions = make_find_transitions(evaluator.shading.occluders.trees)
@@ -257,7 +259,7 @@ class Rounds:
         rigid, evaluator, params, tally = self._rigid, self.evaluator, window.params, self._tally
         kernels, view, bands = self._kernels, evaluator.visibility.view, evaluator.bands
         cpu, images = evaluator.visibility.device.is_cpu, window.intervals * params.envs
-        edges = [params.height * k // bands for k in range(bands + 1)]
+        edges = edges_of(params.height, bands)
         span, listers, searchers = (params.width, 1, 1) if cpu else (1, LIST_WORKERS, SEARCHERS)
         requests, transitions, changing = self._requests.kernel, self._transitions.kernel, self._changing
         scene, seen = window.scene, [rigid.pair.kernel(), window.scene, window.coarse, window.marks, evaluator.change]

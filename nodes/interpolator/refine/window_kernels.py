@@ -6,8 +6,10 @@ from typing import Any
 
 import warp as wp
 
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.refine.evaluation.visibility_kernels import Targets
 from nodes.interpolator.refine.frame_kernels import light_at_start
+from nodes.interpolator.refine.probing.probe_kernels import probe_image
 from nodes.interpolator.rigid.plan_kernels import same_surface
 from nodes.renderer.raster.depth_kernels import triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
@@ -122,7 +124,7 @@ def make_coarse_frames(channels: int) -> Any:
 
     image_a: radiance of keyframe A, [E, H, W] with its margin. frames: [E K, h, w], the last one of an environment B.
     """
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
 
     class CoarseFrames:
         image_a: wp.array3d(dtype=pixel)
@@ -239,13 +241,8 @@ def end_entries_of(params: WindowParameters, scene: WindowScene, px: PixelInterv
 @wp.func
 def entry_at(params: WindowParameters, scene: WindowScene, px: PixelInterval, i: int):
     """Reads the z-buffer entry of the probe at instant i of the coarse interval."""
-    half = (params.slots + 1) >> 1
-    odd = i
-    while (odd & 1) == 0:
-        odd = odd >> 1
-        half = half >> 1
-    row = params.coarse * (half - 1) + px.k * half + (odd >> 1)
-    return scene.probed[row * params.envs + px.env, px.y, px.x]
+    image = probe_image(params.coarse, px.k, i, params.slots + 1)
+    return scene.probed[image * params.envs + px.env, px.y, px.x]
 
 
 @wp.func
@@ -254,12 +251,12 @@ def shows_one(params: WindowParameters, scene: WindowScene, px: PixelInterval, b
     t = triangle_of(before)
     alike = triangle_of(after) == t
     probes = scene.probes[px.env]
-    # Mostly it is one triangle; then the order of the probes does not matter.
+    # Mostly it is one triangle; then the order of the probes does not matter: they are gone through as they lie.
     half = wp.int32(1)
     while alike and half < probes:
-        row = params.coarse * (half - 1) + px.k * half
+        first = probe_image(params.coarse, px.k, 1, 2 * half)
         for i in range(half):
-            alike = alike and triangle_of(scene.probed[(row + i) * params.envs + px.env, px.y, px.x]) == t
+            alike = alike and triangle_of(scene.probed[(first + i) * params.envs + px.env, px.y, px.x]) == t
         half = 2 * half
     if alike:
         return True
@@ -287,3 +284,15 @@ def parts_of(scene: WindowScene, env: int):
 def slot_row(params: WindowParameters, env: int, k: int, i: int):
     """Gives the row of instant i of coarse interval k in arrays of all slots, [slots E, ...]."""
     return ((k - params.first) * params.slots + i - 1) * params.envs + env
+
+
+@wp.func
+def rows_of(params: WindowParameters, env: int, k: int, i: int):
+    """Gives the rows from which `weights_then` knows instant i of coarse interval k: its own, and -1; or, at an end of
+    the interval, which has none, those of the next two instants inside."""
+    rows = wp.vec2i(slot_row(params, env, k, wp.clamp(i, 1, params.slots)), -1)
+    if i == 0:
+        rows[1] = slot_row(params, env, k, 2)
+    if i > params.slots:
+        rows[1] = slot_row(params, env, k, params.slots - 1)
+    return rows

@@ -42,6 +42,9 @@ def bit(k: int):
     return wp.uint32(1) << wp.uint32(k % 32)
 
 
+ROUNDED = wp.constant(1.0e-5)
+"""Error of a place, of its distance, that single precision may make, with room to spare."""
+
 LOWEST = """
 #if defined(__CUDA_ARCH__)
     return __ffs(mask) - 1;
@@ -74,7 +77,7 @@ def crossed(swept: Swept, env: int, eye: wp.mat33, row: int, instance: int, posi
     instance that rests, which the camera of a slot's row sees there, at any time of the gap. eye: that camera to
     world."""
     at = eye * position + swept.place[row]
-    pad = (1.0e-5 + swept.blur) * wp.length(position) + 1.0e-5 * wp.length(at)
+    pad = (ROUNDED + swept.blur) * wp.length(position) + ROUNDED * wp.length(at)
     for l in range(swept.lamp.shape[0]):
         mask = swept.masks[env, instance, l]
         if mask != wp.uint32(0):
@@ -153,7 +156,7 @@ def make_cast(f: LightChanges) -> Any:
                     inverse = wp.transpose(rotation_of(casters, row, i))
                     at = inverse * centre
                     # A ray that grazes a face must not be missed for its rounding.
-                    sides = half[i] + (around + 1.0e-5 * (wp.length(centre) + casters.radius[i])) * wp.vec3(
+                    sides = half[i] + (around + ROUNDED * (wp.length(centre) + casters.radius[i])) * wp.vec3(
                         1.0, 1.0, 1.0
                     )
                     if hits_box(at - sides, at + sides, inverse_of(inverse * ray), length):

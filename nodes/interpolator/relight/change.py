@@ -46,7 +46,7 @@ class LightChange:
     def __init__(
         self, shading: Shading, envs: int, movers: np.ndarray, features: LightChanges, tolerance: float
     ) -> None:
-        """movers: bodies that may move, int64 [M]. tolerance: of ln I."""
+        """Takes the shading of the keyframes. movers: bodies that may move, int64 [M]. tolerance: of ln I."""
         v = self._v = shading.visibility
         scene: Scene = shading.scene
         self.features, self._envs, self._movers, self._scene = features, envs, movers, scene
@@ -193,7 +193,7 @@ class LightChange:
             wp.launch(swept_kernels.find_open, found.shape, given, [found], device=v.device)
 
     def _flags_of(self, gone: np.ndarray) -> np.ndarray:
-        """Flags int32 [E, N + 1] of bodies and the world; gone: see Poses."""
+        """Computes the flags int32 [E, N + 1] of bodies and the world; gone: see Poses."""
         relative = np.zeros((self._envs, self._bodies + 1), bool)
         relative[:, self._movers] = gone[..., self._columns].any(-1)
         # A camera that moves changes no light.
@@ -222,7 +222,8 @@ class LightChange:
         return vectors
 
     def _origin_of(self) -> np.ndarray:
-        """The point that sweeps are told about, float64 [3] m: where lights and things that stand still are not far."""
+        """Chooses the point that sweeps are told about, float64 [3] m: where lights and things that stand still are not
+        far."""
         if self._origin is None:
             places = self._still_lamps()[self._positional]
             self._origin = places.mean(0) if len(places) else np.zeros(3)
@@ -246,7 +247,7 @@ class LightChange:
         return swept
 
     def _casters_then(self, now: Any, rows: int) -> Any:
-        """The casters with places of their own, for the keyframes."""
+        """Makes the struct of casters with places of their own, for the keyframes."""
         then, count = Casters(), len(self._v.geometry.body)
         for name in ("mesh", "radius", "shell", "box", "outer", "core", "order", "still", "is_still"):
             setattr(then, name, getattr(now, name))
@@ -255,7 +256,7 @@ class LightChange:
 
 
 def _extent(light: Light) -> float:
-    """Radius of a ball about an area light's middle that holds it [m], 0 of other lights."""
+    """Computes the radius of a ball about an area light's middle that holds it [m], 0 of other lights."""
     if light.kind != "area" or light.half_u is None or light.half_v is None:
         return 0.0
     return float(np.linalg.norm(light.half_u) + np.linalg.norm(light.half_v))

@@ -22,7 +22,8 @@ class Sweep:
     """
 
     def __init__(self, visibility: Visibility, envs: int, movers: np.ndarray, half: np.ndarray) -> None:
-        """movers: bodies that may move, int64 [M], ascending. half: half the sides of the instances' boxes [I, 3] m."""
+        """Takes the boxes about the instances. movers: bodies that may move, int64 [M], ascending. half: half the sides
+        of the instances' boxes [I, 3] m."""
         v, geometry = visibility, visibility.geometry
         which = np.flatnonzero(np.isin(geometry.body, movers))
         which = which[np.argsort(geometry.body[which], kind="stable")]
@@ -65,7 +66,7 @@ class Sweep:
             self._device.stream.record_event(sent)
 
     def _find(self, buffer: wp.array, origin: wp.vec3d) -> None:
-        """The boxes, of the poses in a buffer: launches only."""
+        """Finds the boxes of what sweeps through space, of the poses in a buffer: launches only."""
         if self._device.is_cuda:
             wp.copy(self._poses, buffer)
         given = [self._poses, origin, self._first, *self._rest, self._half]
@@ -74,7 +75,8 @@ class Sweep:
         wp.launch(sweep_kernels.enclose, self._envs, [], boxes, device=self._device)
 
     def _made(self, shape: tuple[int, ...]) -> list[tuple[int, np.ndarray, wp.array, wp.Event | None]]:
-        """What poses are written into: on a GPU pinned memory that is copied, after an event; else where they are."""
+        """Allocates what poses are written into: on a GPU pinned memory that is copied, after an event; else where they
+        are read."""
         if self._device.is_cpu:
             return [(0, self._poses.numpy(), self._poses, None)]
         made: list[tuple[int, np.ndarray, wp.array, wp.Event | None]] = []

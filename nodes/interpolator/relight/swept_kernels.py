@@ -11,6 +11,9 @@ from nodes.renderer.shadows.ray_kernels import hits_box, inverse_of
 
 wp.set_module_options({"enable_backward": False})
 
+ROUNDED_TWICE = wp.constant(1.0e-4)
+"""Error of a place, of its distance, here and at the points, whose tests add ROUNDED themselves."""
+
 
 @wp.kernel
 def place_cameras(
@@ -54,7 +57,7 @@ def find_shaded(
     middle = eye * seen + swept.place[env]
     sides = sides_of(eye * change.casters.rotation[env, i], change.half[i])
     # For what is rounded in single precision here and at the points.
-    pad = 1.0e-4 * (wp.length(seen) + wp.length(middle) + wp.length(sides))
+    pad = ROUNDED_TWICE * (wp.length(seen) + wp.length(middle) + wp.length(sides))
     pad += swept.blur * (wp.length(seen) + wp.length(sides))
     for l in range(swept.lamp.shape[0]):
         mask = wp.uint32(0)
@@ -104,7 +107,7 @@ def find_open(
         to_other = wp.length(middle - change.place_then[envs + env])
         away = wp.max(to_one, to_other) + wp.length(sides)
         # As far beside a point as `relit` looks at most, in either keyframe.
-        pad = 1.0e-4 * (away + wp.length(middle)) + change.blur / LEAST_COSINE * away
+        pad = ROUNDED_TWICE * (away + wp.length(middle)) + change.blur / LEAST_COSINE * away
         for l in range(swept.lamp.shape[0]):
             way, length = way_to(swept, l, middle)
             wide = sides + (pad + swept.radius[l]) * wp.vec3(1.0, 1.0, 1.0)

@@ -11,6 +11,7 @@ from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.cuda_graph import CudaGraphs
 from evis.scene.model import Waveform
 from nodes.interpolator.displacement_kernels import displace
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.rigid import keyframe_kernels
 from nodes.interpolator.rigid.look_up.log_kernels import log_type
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
@@ -39,11 +40,12 @@ class KeyframePair:
         textured: bool = False,
         in_a_row: bool = False,
     ) -> None:
-        """shape: E, H, W. waveform_count: as of `log_type`. in_a_row: the E are gaps in a row."""
+        """Allocates both keyframes. shape: E, H, W. waveform_count: as of `log_type`. in_a_row: the E are gaps in a
+        row."""
         envs, rows = shape[0], 2 * slots * shape[0]
         self._in_a_row = in_a_row
         both = (envs + 1 if in_a_row else 2 * envs, *shape[1:])
-        pixel: Any = wp.float32 if channels == 1 else wp.vec3
+        pixel = pixel_type(channels)
         with wp.ScopedDevice(device):
             self.logs = wp.empty(both, dtype=log_type(channels, waveform_count))
             self.demodulated = wp.zeros(both if textured else (0, 0, 0), dtype=wp.float32)

@@ -24,7 +24,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 import warp as wp
@@ -34,6 +33,7 @@ from evis.gpu.cuda_graph import Branch, CudaGraphs
 from evis.runtime.workers import Workers
 from evis.scene.model import Camera, Scene
 from nodes.interpolator.displacement_kernels import displace
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.keyframe import KeyframeView, Report, Span
 from nodes.interpolator.relight.change import make_light_change
 from nodes.interpolator.relight.sweep_kernels import sweep
@@ -72,11 +72,14 @@ class Rigid:
         in_a_row: bool = False,
         late: bool = False,
     ) -> None:
-        """scene, camera: those of the renderer. upsampling: K. margin: pixels beyond the image on every side. channels:
-        1 or 3. threads: of a CPU. worlds: see Placement. in_a_row: the environments are gaps of one environment, each
-        of which begins where the one before ends: views have times of their `own`, and the last one's B is the first
-        one's A of the next call; not where it `remembers`. late: `between` gives the report of the gap before, so that
-        nobody waits for a GPU, as it does of gaps in a row; see `last_report`."""
+        """Takes a scene and the shape of what is made.
+
+        scene, camera: those of the renderer. upsampling: K. margin: pixels beyond the image on every side. channels: 1
+        or 3. threads: of a CPU. worlds: see Placement. in_a_row: the environments are gaps of one environment, each of
+        which begins where the one before ends: views have times of their `own`, and the last one's B is the first one's
+        A of the next call; not where it `remembers`. late: `between` gives the report of the gap before, so that nobody
+        waits for a GPU, as it does of gaps in a row; see `last_report`.
+        """
         asked, cpu = options or RigidOptions(), wp.get_device(device).is_cpu
         self.layout = layout_of(scene, camera, envs, upsampling, margin, channels, cpu, asked)
         slots, step = self.layout.slots, self.layout.step
@@ -253,13 +256,13 @@ class Rigid:
         return Report() if unread is None else self._report(unread)
 
     def _knows(self, a: KeyframeView) -> bool:
-        """Whether keyframe a, of gaps in a row the first one, was B of the last call."""
+        """Tells whether keyframe a, of gaps in a row the first one, was B of the last call."""
         before = a.after if self.in_a_row else a
         return before is not None and self._at_b is before
 
     def _rests(self, gap: Span, a: KeyframeView, b: KeyframeView, begun: np.ndarray) -> bool:
-        """Whether nothing moves or changes from a to b, as a CPU can tell at once; begun: bool [E], environments that
-        began an episode."""
+        """Tells whether nothing moves or changes from a to b, as a CPU can tell at once; begun: bool [E], environments
+        that began an episode."""
         poses, begins = self._places.poses, gap.held | begun
         if self._device.is_cuda or self.in_a_row or self.layout.flicker or self._at_b is not a or begins.any():
             return False
@@ -272,7 +275,7 @@ class Rigid:
         return looks_at is None or not self._places.find(looks_at(gap), gap.a, gap.b, gap.held).changed.any()
 
     def _rest(self, b: KeyframeView, out: np.ndarray | wp.array | None) -> Report:
-        """All frames as b, which is as a: what is known of a is known of b."""
+        """Makes all frames as b, which is as a: what is known of a is known of b."""
         self._at_b = b
         envs, k, (height, width), m = self.layout.envs, self.layout.upsampling, self.size, self.visibility.margin
         image = self.pair.b.image.numpy()[:, m : m + height, m : m + width]
@@ -281,13 +284,13 @@ class Rigid:
         return Report(samples=envs * (k - 1) * height * width)
 
     def _begun(self, a: KeyframeView, held: np.ndarray) -> np.ndarray:
-        """Environments whose episode begins with keyframe a, bool [E]."""
+        """Tells which environments' episodes begin with keyframe a, bool [E]."""
         if self._at_b is not a and (a.replaces is None or a.replaces is not self._at_b):
             return np.ones(len(held), bool)
         return self._held if a.begun is None else self._held | a.begun
 
     def _may_move(self, patch: np.ndarray, count: int) -> np.ndarray:
-        """Whether each of the patches may ever move against the camera, bool [count]."""
+        """Tells whether each of the patches may ever move against the camera, bool [count]."""
         v = self.visibility
         if not is_static(v.scene, v.camera_body):
             return np.ones(count, bool)
@@ -298,7 +301,7 @@ class Rigid:
         return moving
 
     def _take(self, b: KeyframeView, held: np.ndarray) -> None:
-        """What does not depend on the sub-frames: the later keyframe, and what stands still before it."""
+        """Prepares what does not depend on the sub-frames: the later keyframe, and what stands still before it."""
         self.pair.b.take(b.image)
         flags = self._places.still(self.layout.flicker, held)
         if self.change is not None:
@@ -308,8 +311,8 @@ class Rigid:
         self._flags = flags
 
     def _draw(self, portion: int) -> None:
-        """Who is seen in a portion of the sub-frames, for what is placed; the first one begins with B itself, the last
-        one ends with it. Launches only, which a GPU may have recorded."""
+        """Draws who is seen in a portion of the sub-frames, for what is placed; the first one begins with B itself, the
+        last one ends with it. Launches only, which a GPU may have recorded."""
         v, part = self.visibility, self.layout.portions[portion]
         first, closed = int(portion == 0), portion == len(self.layout.portions) - 1
         v.arrive()
@@ -321,7 +324,7 @@ class Rigid:
         self._beside.join()
 
     def _reproject(self, portion: int, frames: wp.array) -> None:
-        """The frames of a portion that is drawn. Launches only."""
+        """Computes the frames of a portion that is drawn: launches only."""
         v, part = self.visibility, self.layout.portions[portion]
         first, closed = int(portion == 0), portion == len(self.layout.portions) - 1
         count = len(part) - first
@@ -355,7 +358,7 @@ class Rigid:
                 wp.copy(told, counted)
 
     def _launch_beside(self, portion: int) -> None:
-        """What needs the placed instances but not who is seen: beside the raster on a GPU."""
+        """Launches what needs the placed instances but not who is seen: beside the raster on a GPU."""
         with self._beside.aside():
             if portion == 0:
                 self._reprojection.clear()
@@ -374,14 +377,14 @@ class Rigid:
         return Report(nonfinite=int(count[-1]), reshaded=int(count[:-1].sum()), samples=samples, sampled=looked_up)
 
     def _find_unchanged(self) -> None:
-        """Pixels that do not change unless something comes before them."""
+        """Finds the pixels that do not change unless something comes before them."""
         v, a, b = self.visibility, self.pair.a, self.pair.b
         given = [v.span, a.packed, v.packed[: self.layout.envs], a.image, b.image, self.pieces, self._still]
         dim = (self.layout.envs, v.shape[1], v.shape[2] // v.span)
         wp.launch(keyframe_kernels.find_unchanged, dim, given, [self.unchanged], device=self._device)
 
     def _prepare(self, view: KeyframeView) -> None:
-        """A keyframe whose z-buffer is not there from the gap before."""
+        """Prepares a keyframe whose z-buffer is not there from the gap before."""
         v = self.visibility
         placed = self._places.place_before()
         if self._sparse is not None:
@@ -402,14 +405,14 @@ class Rigid:
         self._reprojection.demodulate(a)
 
     def _take_poses(self) -> None:
-        """Where bodies, lights and casters are at keyframe B: launches only."""
+        """Reads where bodies, lights and casters are at keyframe B: launches only."""
         self.pair.b.take_poses(self.visibility, self.layout.envs)
         if self.change is not None:
             self.change.take(*self.pair.fresh)
 
     def _target(self, out: np.ndarray | wp.array | None) -> wp.array:
-        """The output on a CPU, a buffer in its place on a GPU, as [E K, h, w] pixels."""
-        pixel: Any = wp.float32 if self.layout.channels == 1 else wp.vec3
+        """Gives the output on a CPU, a buffer in its place on a GPU, as [E K, h, w] pixels."""
+        pixel = pixel_type(self.layout.channels)
         shape = (self.layout.envs * self.layout.upsampling, *self.size)
         if self._device.is_cpu:
             given = out.numpy() if isinstance(out, wp.array) else np.asarray(out)

@@ -16,7 +16,7 @@ from evis.geometry.interpolate import step_before
 from evis.geometry.interpolate_kernels import place_between
 from evis.gpu.exchange import cpu_array
 from evis.runtime.clock import NS, keyframe_stamp, subframe_stamps
-from evis.runtime.workers import Workers
+from evis.runtime.workers import Workers, edges_of
 from evis.scene.model import Scene, Trajectory
 from evis.scene.motion import Prescribed
 from nodes.interpolator.keyframe import States
@@ -36,8 +36,8 @@ class Placement:
     anything."""
 
     def __init__(self, scene: Scene, worlds: Sequence[Scene] = (), envs: int = 1, threads: int = 1) -> None:
-        """worlds: the scene of each environment, where bodies do not move alike in all; the same ones move in all.
-        threads: that share the `envs` environments, where physics moves the bodies."""
+        """Finds which bodies move, and how. worlds: the scene of each environment, where bodies do not move alike in
+        all; the same ones move in all. threads: that share the `envs` environments, where physics moves the bodies."""
         self.worlds = worlds
         paths = [body.trajectory for body in scene.bodies]
         self.movers = np.array([n for n, path in enumerate(paths) if path is None or not path.is_static()], np.int64)
@@ -60,7 +60,8 @@ class Placement:
         self._pool = Workers(self._parts, "placement") if self._parts > 1 else None
 
     def _paths(self, world: Scene, which: list[int]) -> list[Prescribed]:
-        """Of the movers, those of these numbers. Raises ValueError where one is not in closed form in this world."""
+        """Makes the paths of the movers of these numbers. Raises ValueError where one is not in closed form in this
+        world."""
         paths = [world.bodies[self.movers[m]].trajectory for m in which]
         known = [path for path in paths if isinstance(path, Prescribed)]
         if len(known) < len(paths):
@@ -68,7 +69,7 @@ class Placement:
         return known
 
     def _known(self, stamps: np.ndarray) -> np.ndarray:
-        """Poses in closed form float64 [1 or E, bodies, K, 7] at stamps int64 [K] ns."""
+        """Computes the poses in closed form float64 [1 or E, bodies, K, 7] at stamps int64 [K] ns."""
         return np.stack([poses.at(stamps) for poses in self._prescribed])
 
     def at(self, stamps: np.ndarray, states: States) -> np.ndarray:
@@ -141,7 +142,8 @@ class Placement:
             self._ahead[stamps.shape[1]] = {t[:-1].tobytes(): part for t, part in zip(stamps, parts)}
 
     def _drive(self, stamps: np.ndarray, states: States, poses: np.ndarray) -> None:
-        """Those that physics moves in this interval, between the sub-steps about the stamps; poses [.., E, M, 7]."""
+        """Writes the poses of those that physics moves in this interval, between the sub-steps about the stamps; poses
+        [.., E, M, 7]."""
         place = states.places(self.movers[self._driven])
         columns, place = self._driven[place >= 0], place[place >= 0]
         before = step_before(stamps, states.t)
@@ -157,13 +159,13 @@ class Placement:
             wp.launch(place_between, ends[1] - ends[0], [ends[0], *arrays], device="cpu")
 
         parts = min(self._parts, poses.shape[1])
-        edges = [poses.shape[1] * k // parts for k in range(parts + 1)]
+        edges = edges_of(poses.shape[1], parts)
         for _done in (map if self._pool is None else self._pool.map)(work, pairwise(edges)):
             pass
 
 
 def _next_gaps(start: int, length: int, count: int) -> list[tuple[int, int]]:
-    """First and last stamp of `count` gaps that may come after one of this length [ns] that ends at `start`.
+    """Predicts first and last stamp of `count` gaps that may come after one of this length [ns] that ends at `start`.
 
     Where its rate cannot be told, of the next one alone, a nanosecond shorter and longer, for stamps are rounded.
     """
@@ -176,12 +178,12 @@ def _next_gaps(start: int, length: int, count: int) -> list[tuple[int, int]]:
 
 
 def _sub_frames(gaps: list[tuple[int, int]], count: int) -> np.ndarray:
-    """Stamps of the sub-frames of gaps without those at their ends, int64 [gaps, count - 1]."""
+    """Gives the stamps of the sub-frames of gaps without those at their ends, int64 [gaps, count - 1]."""
     ends = np.array(gaps, np.int64)
     return subframe_stamps(ends[:, :1], ends[:, 1:], count)[:, :-1]
 
 
 @lru_cache
 def _rate(length: int) -> float:
-    """The simplest rate [Hz] of gaps of a length [ns]; 0 of very long ones."""
+    """Finds the simplest rate [Hz] of gaps of a length [ns]; 0 of very long ones."""
     return float(Fraction(NS, length).limit_denominator(1000))

@@ -7,11 +7,11 @@ has turned and gone, so that a body which shakes, bounces or turns several times
 """
 
 from functools import cache
-from typing import Any
 
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.relight.line_kernels import LightState, make_light_state
@@ -133,7 +133,7 @@ def add_span(lists: PlanLists, part: PlanPart, pixel: int, start: int, length: i
 def make_plan(channels: int, changes: LightChanges) -> wp.Kernel:
     """Makes the kernel that plans at which sub-frames pixels are sampled. channels: 1 (luminance) or 3 (RGB). changes:
     of light in the scene."""
-    pixel = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
     light_state_at, light_state_at_end = make_light_state(changes) if changes.any else (None, None)
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -285,7 +285,7 @@ def alike(a: wp.vec3, b: wp.vec3, ratio: float):  # noqa: F811 - overloaded by i
 @cache
 def make_refine_plan(channels: int) -> wp.Kernel:
     """Makes the kernel that refines the plan where samples differ. channels: 1 (luminance) or 3 (RGB)."""
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
 
     @wp.kernel(module="unique", enable_backward=False)
     def refine_plan(

@@ -12,7 +12,8 @@ from evis.scene.spline import Spline
 
 
 def _product_table() -> np.ndarray:
-    """float64 [16, 4]: what each product of two components, x y z w, adds to those of the product."""
+    """Tabulates what each product of two components, x y z w, adds to those of the quaternions' product: float64 [16,
+    4]."""
     units = np.eye(4)
     return se3.multiply(units[:, None], units[None]).reshape(16, 4)
 
@@ -22,7 +23,7 @@ CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Products of quaternions [M, K, 4] as se3.multiply gives them, with fewer and larger steps."""
+    """Multiplies quaternions [M, K, 4] as se3.multiply gives them, with fewer and larger steps."""
     return (a[..., :, None] * b[..., None, :]).reshape(*a.shape[:-1], 16) @ PRODUCT
 
 
@@ -93,7 +94,7 @@ class PrescribedPoses:
 def _joined(
     curves: Iterable[tuple[bool, int, Spline]],
 ) -> list[tuple[Spline, list[tuple[bool, int, int]]]]:
-    """Splines with the same times as one, with where each of them goes and its first column."""
+    """Joins splines with the same times; gives where each of them goes and its first column."""
     groups: dict[tuple[bool, bytes], list[tuple[bool, int, Spline]]] = {}
     for curve in curves:
         groups.setdefault((curve[2].loop, curve[2].times.tobytes()), []).append(curve)
@@ -108,7 +109,7 @@ def _joined(
 
 
 def _angle_of(turn: object) -> tuple[float, float, float, float]:
-    """(rate, amplitude, pace, phase) of a turn, all 0 for a spline."""
+    """Gives (rate, amplitude, pace, phase) of a turn, all 0 for a spline."""
     if isinstance(turn, Spin):
         return turn.rate, 0.0, 0.0, 0.0
     if isinstance(turn, Swing):
@@ -117,11 +118,11 @@ def _angle_of(turn: object) -> tuple[float, float, float, float]:
 
 
 def _columns(rows: list[tuple[float, ...]], width: int) -> tuple[np.ndarray, ...]:
-    """Columns [R, 1] of rows of numbers."""
+    """Makes columns [R, 1] of rows of numbers."""
     return tuple(np.array(rows, np.float64).reshape(-1, width).T[..., None])
 
 
 def _pairs(pairs: Iterable[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of numbers as two arrays."""
+    """Splits pairs of numbers into two arrays."""
     both = np.array(list(pairs), np.int64).reshape(-1, 2)
     return both[:, 0], both[:, 1]

@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
+from evis.runtime.workers import edges_of
 from evis.scene.model import Waveform
 from nodes.interpolator.relight.change import LightChange
 from nodes.interpolator.relight.change_kernels import Change
@@ -40,8 +41,8 @@ class Reprojection:
     def __init__(
         self, shading: Shading, sampling: Sampling, pieces: wp.array, layout: Layout, change: LightChange | None
     ) -> None:
-        """pieces: body and patch of each triangle. `strength` tells how lights are that flicker. change: tells
-        where light changes, if it can."""
+        """Takes what is looked up and shaded. pieces: body and patch of each triangle. `strength` tells how lights are
+        that flicker. change: tells where light changes, if it can."""
         self._change: Any = change.kernel if change else Change()
         changes = change.features if change else LightChanges()
         v = self._v = shading.visibility
@@ -56,7 +57,7 @@ class Reprojection:
         self._inner = envs * (v.shape[1] - 2 * v.margin) * (v.shape[2] - 2 * v.margin)
         whole = envs * v.shape[1] * v.shape[2] if waveform_count else 0
         # B's own slot is the first: the pixels of its environments are the first of all.
-        starts = [whole * k // sampling.bands for k in range(sampling.bands + 1)]
+        starts = edges_of(whole, sampling.bands)
         with wp.ScopedDevice(v.device):
             self._radiance = wp.empty(v.shape, dtype=wp.vec3)
             self._pixels = wp.empty(slots * self._inner, dtype=wp.int32)
@@ -161,7 +162,7 @@ class Reprojection:
             todo = self._sampling.refine(pair.a)
 
     def _portion(self, part: SubframeRange, pair: KeyframePair, unchanged: wp.array) -> Any:
-        """What the gather reads of a portion and of the scene."""
+        """Fills in what the gather reads of a portion and of the scene."""
         portion: Any = Portion()
         portion.slot0, portion.count, portion.envs = part.slot0, part.count, self._envs
         portion.frames = portion.upsampling = self._upsampling
@@ -179,7 +180,7 @@ class Reprojection:
         return portion
 
     def _first_pixels(self, part: SubframeRange, how: list[Any], frames: wp.array) -> Todo:
-        """Look up all pixels of a portion but those that need care, which are listed."""
+        """Looks up all pixels of a portion but those that need care, which are listed."""
         todo = self._sampling.everything(part)
         shared = self._shared(todo, how, frames)
         for look, threads in zip(self._first_looks, (part.count * self._inner, WORKERS)):
@@ -188,13 +189,13 @@ class Reprojection:
         return todo
 
     def _shared(self, todo: Todo, how: list[Any], frames: wp.array) -> list[Any]:
-        """What every look at a portion is given alike."""
+        """Lists what every look at a portion is given alike."""
         lists = self._lists
         lists.todo, lists.todo_count = todo.pixels, self._sampling.counts
         return [*how, lists, frames]
 
     def _look_up(self, todo: Todo, how: list[Any], frames: wp.array) -> list[int]:
-        """Look up what is listed. Gives where the list of each band begins of what no keyframe shows."""
+        """Looks up what is listed. Gives where the list of each band begins of what no keyframe shows."""
         view = self._v.view
         shared = self._shared(todo, how, frames)
         if todo.starts is None:
@@ -209,7 +210,7 @@ class Reprojection:
         return todo.starts[:-1]
 
     def _shade(self, part: SubframeRange, todo: Todo, firsts: list[int], frames: wp.array) -> None:
-        """The listed pixels, anew."""
+        """Shades the listed pixels anew."""
         count = self._count[todo.at : todo.at + self._sampling.bands]
         # The first time also for nothing, so that a warm-up loads all kernels.
         if self._loaded and todo.starts is not None and not count.numpy().any():

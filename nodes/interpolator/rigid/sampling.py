@@ -1,4 +1,4 @@
-"""Samples in proportion to a pixel's displacement: it chooses which sub-frames are looked up, and which lie between two
+"""Chooses in proportion to a pixel's displacement which sub-frames are looked up, and which lie between two
 that are.
 
 This is for a CPU; a GPU looks up all. See plan_kernels. After the first samples every span whose ends differ by too
@@ -17,6 +17,7 @@ import numpy as np
 import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
+from evis.runtime.workers import edges_of
 from nodes.interpolator.relight.change import LightChange
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
@@ -72,8 +73,9 @@ class Sampling:
         pool: ThreadPoolExecutor | None,
         change: LightChange | None = None,
     ) -> None:
-        """visibility: of the layout's environments x slots. pieces: body and patch of each triangle. pool: as many
-        threads as share the visibility's rows. change: tells where light changes, if it can."""
+        """Takes who is seen, and who works on it. visibility: of the layout's environments x slots. pieces: body and
+        patch of each triangle. pool: as many threads as share the visibility's rows. change: tells where light changes,
+        if it can."""
         self._change: Any = change.kernel if change else Change()
         v = self._v = visibility
         envs, slots, step = layout.envs, layout.slots, layout.step
@@ -142,7 +144,7 @@ class Sampling:
         how += [self._codes, self._lists, frames]
         self._planned, self._lists.spans = planned, self._spans[0]
         at = self._at()
-        starts = self._split(active.size)
+        starts = edges_of(active.size, self.bands)
         launches = []
         for k, (first, last) in enumerate(pairwise(starts)):
             band = part_of(first, last, at + k, first * count, first * (count // 2 + 1))
@@ -169,7 +171,7 @@ class Sampling:
         spans = self._joined
         if not spans.size:
             return None
-        starts = self._split(spans.size)
+        starts = edges_of(spans.size, self.bands)
         launches = []
         for k, (first, last) in enumerate(pairwise(starts)):
             band = part_of(first, last, at + k, (SHORT - 1) * first, 2 * first)
@@ -182,9 +184,6 @@ class Sampling:
     def _at(self) -> int:
         return (self._part.number * self.rounds + self._round) * self.bands
 
-    def _split(self, count: int) -> list[int]:
-        return [count * k // self.bands for k in range(self.bands + 1)]
-
     def launch(self, launches: list[tuple[wp.Kernel, Any, list[Any]]], block: int = LAUNCH_BLOCK) -> None:
         """Launches kernels, for each band: (kernel, threads, arguments). block: threads of one on a GPU."""
         if self._pool is None:
@@ -194,7 +193,7 @@ class Sampling:
         launch_in_threads(self._pool, launches)
 
     def _join(self, pieces: wp.array, counts: wp.array, at: int, starts: list[int]) -> wp.array:
-        """What the bands have listed from their `starts` on as one list."""
+        """Joins what the bands have listed from their `starts` on."""
         lengths = counts.numpy()[at : at + self.bands].tolist()
         if self.bands == 1:
             return pieces[: lengths[0]]
@@ -204,10 +203,11 @@ class Sampling:
 
     def _listed(self, at: int, starts: list[int]) -> Todo:
         todo = self._join(self._todo, self.counts, at, starts)
-        return Todo(todo, self._split(todo.size), at)
+        return Todo(todo, edges_of(todo.size, self.bands), at)
 
     def _changed(self, part: SubframeRange, b: PreparedKeyframe, unchanged: wp.array, frames: wp.array) -> wp.array:
-        """On a CPU: B in all frames, and the pixels int32 [n] of [E, h, w] where that is not what is always seen."""
+        """Writes B into all frames, on a CPU, and lists the pixels int32 [n] of [E, h, w] where that is not what is
+        always seen."""
         v, m, (height, width) = self._v, self._v.margin, self._size
         inner = (..., slice(m, m + height), slice(m, m + width))
         by_env = frames.numpy().reshape(self._envs, self._upsampling, height, width, -1)

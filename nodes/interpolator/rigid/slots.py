@@ -43,7 +43,7 @@ class Slots:
     `place` each portion."""
 
     def __init__(self, scene: Scene, visibility: Visibility, placement: Placement, slots: int) -> None:
-        """visibility: of E x slots environments."""
+        """Takes what places the bodies. visibility: of E x slots environments."""
         self._v, self._placement, self._slots = visibility, placement, slots
         self._envs, bodies = visibility.envs // slots, len(scene.bodies)
         self._movers = placement.movers
@@ -82,7 +82,7 @@ class Slots:
         return Poses(moved, a.end_pose, b.end_pose, self._movers)
 
     def _moved_apart(self, stamps: np.ndarray, b: States, held: np.ndarray) -> np.ndarray:
-        """Poses of the movers [K, E, M, 7] in environments whose times differ; b's where they are held."""
+        """Finds the poses of the movers [K, E, M, 7] in environments whose times differ; b's where they are held."""
         last = of_bodies(b.end_pose, self._movers)
         moved = np.repeat(last[None], stamps.shape[1], axis=0)
         times, which = np.unique(stamps, axis=0, return_inverse=True)

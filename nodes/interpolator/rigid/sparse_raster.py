@@ -44,7 +44,8 @@ class SparseRaster:
     """Draws the slots of a visibility, each of `envs` environments."""
 
     def __init__(self, visibility: Visibility, envs: int, step_px: float) -> None:
-        """step_px: path [px] from one sub-frame that is drawn in full to the next."""
+        """Takes the z-buffer that is drawn into. step_px: path [px] from one sub-frame that is drawn in full to the
+        next."""
         v = self._v = visibility
         assert isinstance(v.raster, RowRaster)
         self._blocks, self._raster = v.raster.blocks, make_raster(v.lens)
@@ -137,7 +138,7 @@ class SparseRaster:
                     self._add(slice(start * envs + env, (stop - 1) * envs + env + 1), lately)
 
     def _add(self, part: slice, blocks: list[Any]) -> None:
-        """Add blocks of triangles to some environments of the z-buffer, from the blocks of vertices they need."""
+        """Adds blocks of triangles to some environments of the z-buffer, from the blocks of vertices they need."""
         v, (triangles, points), envs = self._v, blocks, part.stop - part.start
         count, count_points = triangles.first.size, points.first.size
         if not count or envs <= 0:
@@ -149,7 +150,7 @@ class SparseRaster:
         v.row_tiles.launch(self._raster, lambda row0, row1: ((envs, count), [v.view, row0, row1, *shared]), v.device)
 
     def _lately(self, env: int) -> list[Any]:
-        """Blocks of triangles that were seen lately or move, and those of their vertices."""
+        """Selects the blocks of triangles that were seen lately or move, and those of their vertices."""
         triangles = np.flatnonzero(self._seen[env] >= self._full[env] - LATELY)
         shown = np.zeros(len(self._v.geometry.body), bool)
         shown[self._triangles["instance"][triangles]] = True
@@ -158,13 +159,13 @@ class SparseRaster:
 
 
 def _runs(numbers: list[int]) -> list[tuple[int, int]]:
-    """Start and end of runs of ascending numbers that follow each other."""
+    """Finds start and end of the runs of ascending numbers that follow each other."""
     cuts = [0, *(k for k in range(1, len(numbers)) if numbers[k] != numbers[k - 1] + 1), len(numbers)]
     return [(numbers[a], numbers[b - 1] + 1) for a, b in pairwise(cuts)]
 
 
 def _some(blocks: dict[str, np.ndarray], which: np.ndarray) -> Any:
-    """Some blocks as the kernels read them, on a CPU."""
+    """Selects some blocks as the kernels read them, on a CPU."""
     chosen = raster_kernels.Blocks()
     for name, dtype in FIELDS.items():
         setattr(chosen, name, wp.array(blocks[name][which], dtype=dtype, device="cpu"))

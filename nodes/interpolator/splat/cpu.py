@@ -24,7 +24,8 @@ class SplatCpu:
     def __init__(
         self, height: int, width: int, envs: int, upsampling: int, margin: int, channels: int, threads: int = 1
     ) -> None:
-        """height, width: of the keyframe, margin included [px]. upsampling: K. threads: share the K - 1 sub-frames."""
+        """Allocates what a gap needs. height, width: of the keyframe, margin included [px]. upsampling: K. threads:
+        share the K - 1 sub-frames."""
         self._shape = (envs, height, width)
         self._upsampling = upsampling
         self._margin = margin
@@ -106,5 +107,5 @@ class SplatCpu:
         return scratch
 
     def _values(self, array: wp.array, shape: tuple[int, int]) -> wp.array:
-        """The array with a pixel as one value: a float, or a vec3 in colour."""
+        """Views the array with a pixel as one value: a float, or a vec3 in colour."""
         return (array if self._channels == 1 else array.view(wp.vec3)).reshape(shape)

@@ -10,6 +10,7 @@ from typing import Any
 
 import warp as wp
 
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.splat.warp_kernels import (
     EMPTY,
     SUBPIXEL,
@@ -336,7 +337,7 @@ def make_sources(channels: int) -> Any:
     image: values [E, H W]. still, sources, counts: as `collect` writes them. bends: of the paths [E, H W] px, empty
     where they are straight.
     """
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
 
     class KeyframeSources:
         image: wp.array2d(dtype=pixel)
@@ -372,7 +373,7 @@ def make_scratch(channels: int) -> Any:
 @cache
 def make_warp_gap(channels: int) -> wp.Kernel:
     """Makes the kernel `warp_gap`; channels: 1 (luminance) or 3 (RGB)."""
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
     KeyframeSources: Any = make_sources(channels)
     Scratch: Any = make_scratch(channels)
 

@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 
 from evis.gpu.cuda_graph import CudaGraphs
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.keyframe import KeyframeView, Report
 from nodes.interpolator.splat import cuda_kernels, cuda_source_kernels
 
@@ -28,7 +29,8 @@ class Keyframe:
     """Holds one keyframe where the recorded launches read it, and what becomes of its pixels: see Sources."""
 
     def __init__(self, shape: tuple[int, int, int], frames: wp.array) -> None:
-        """frames: of all environments [E, K, H, W] of float32 or vec3; the last of each is this keyframe."""
+        """Allocates what a keyframe has. frames: of all environments [E, K, H, W] of float32 or vec3; the last of each
+        is this keyframe."""
         envs, height, width = shape
         self._pixel: Any = frames.dtype
         channels = 1 if self._pixel is wp.float32 else 3
@@ -73,7 +75,7 @@ class SplatCuda:
     def __init__(
         self, height: int, width: int, envs: int, upsampling: int, margin: int, channels: int, device: str = "cuda"
     ) -> None:
-        """height, width: of the keyframe, margin included [px]. upsampling: K."""
+        """Allocates what a gap needs. height, width: of the keyframe, margin included [px]. upsampling: K."""
         self._shape = (envs, height, width)
         self._upsampling, self._margin = upsampling, margin
         self._device = wp.get_device(device)
@@ -83,7 +85,7 @@ class SplatCuda:
         rows = max(1, min(subs, SCRATCH_BYTES // (padded * PER_PIXEL)))
         self._portions = [(start, min(rows, subs - start)) for start in range(0, subs, rows)]
         with wp.ScopedDevice(self._device):
-            pixel: Any = wp.float32 if channels == 1 else wp.vec3
+            pixel = pixel_type(channels)
             frames: wp.array = wp.empty((envs, upsampling, height, width), dtype=pixel)
             self._a, self._b = (Keyframe(self._shape, frames) for _ in "AB")
             self._chains = [_chains(rows, pixels, padded) for _ in "AB"]
@@ -131,7 +133,7 @@ class SplatCuda:
         return Report(int(filled), int(lost))
 
     def _warp(self, a: Keyframe, b: Keyframe, bends: tuple[wp.array, wp.array]) -> None:
-        """All frames of a gap: launches only, which a GPU may have recorded."""
+        """Makes all frames of a gap: launches only, which a GPU may have recorded."""
         self._counts.zero_()
         b.find_brightest()
         for keyframe, curves in zip((a, b), bends):
@@ -144,7 +146,7 @@ class SplatCuda:
         wp.copy(self._told, self._counts[:2])
 
     def _warp_portion(self, start: int, rows: int, a: Any, b: Any, count: wp.array) -> None:
-        """One portion of sub-frames: B, then A into its holes, then the pixels that neither saw."""
+        """Makes one portion of sub-frames: B, then A into its holes, then the pixels that neither saw."""
         _, height, width = self._shape
         device, dim = self._device, rows * height * width
         place = [start, self._upsampling, width]
@@ -164,7 +166,7 @@ class SplatCuda:
         _launch(cuda_kernels.fill, cuda_kernels.LIST_WORKERS, given, made, device=device)
 
     def _hand_over(self, out: np.ndarray | wp.array) -> None:
-        """Copy the frames, without their margin, to where they are wanted."""
+        """Copies the frames, without their margin, to where they are wanted."""
         inner = self._inner
         if isinstance(out, wp.array):
             wp.copy(out.flatten().view(wp.float32).reshape(inner.shape), inner)
@@ -173,7 +175,7 @@ class SplatCuda:
 
 
 def _chains(rows: int, pixels: int, padded: int) -> Any:
-    """Empty ones for so many sub-frames."""
+    """Makes empty chains for so many sub-frames."""
     chains: Any = cuda_kernels.Chains()
     chains.first = wp.zeros((rows, padded), dtype=wp.int32)
     chains.next = wp.zeros((rows, pixels), dtype=wp.int32)

@@ -15,6 +15,7 @@ from nodes.interpolator.splat.cuda_source_kernels import BROKEN, LOW, LOW_BITS, 
 from nodes.interpolator.splat.warp_kernels import (
     EMPTY,
     SUBPIXEL,
+    SUBPIXEL_BITS,
     Source,
     background,
     bent,
@@ -136,7 +137,7 @@ def tap_of(s: Sources, chains: Chains, row: int, env: int, c: int, index: int, r
         tap.z = wp.cast(wp.uint32(landed), wp.float32)
         if place >= MORE:
             tap.next = chains.next[row, index - 1]
-        tap.weight = bilinear(place & (SUBPIXEL - 1), (place >> 12) & (SUBPIXEL - 1), right, down)
+        tap.weight = bilinear(place & (SUBPIXEL - 1), (place >> SUBPIXEL_BITS) & (SUBPIXEL - 1), right, down)
         if tap.weight == 0:
             tap.z = EMPTY
     return tap

@@ -11,7 +11,7 @@ class GapBefore:
     """Remembers of each gap how long it was, for the next one, which begins where it ends."""
 
     def __init__(self, envs: int) -> None:
-        """envs: E."""
+        """Begins without a gap. envs: E."""
         self._last: KeyframeView | None = None
         self._gap = np.ones(envs, np.int64)
         self._first = np.ones(envs, bool)

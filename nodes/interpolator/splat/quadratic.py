@@ -35,7 +35,7 @@ class Bends:
     """Keeps of one gap for the next the curvature of the paths that led to its end."""
 
     def __init__(self, shape: tuple[int, int, int], device: str) -> None:
-        """shape: E, height and width of the keyframes [px]."""
+        """Allocates the bends. shape: E, height and width of the keyframes [px]."""
         envs, height, width = shape
         self._shape, self._device = shape, device
         with wp.ScopedDevice(device):
@@ -70,7 +70,7 @@ class SplatQuadratic:
         device: str = "cpu",
         threads: int = 1,
     ) -> None:
-        """As make_splat."""
+        """Takes what `make_splat` does."""
         self._splat: Any = make_splat(height, width, envs, upsampling, margin, channels, device, threads)
         self._bends = Bends((envs, height, width), device)
 

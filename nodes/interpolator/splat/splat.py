@@ -50,7 +50,7 @@ class Splat:
     """Warps keyframes between gaps of any lengths."""
 
     def __init__(self, splat: Method, envs: int) -> None:
-        """splat: of `make_splat`, for E environments."""
+        """Takes a method. splat: of `make_splat`, for E environments."""
         self._splat = splat
         self._before = GapBefore(envs)
         self._onward: wp.array | None = None

@@ -7,9 +7,12 @@ The kernels of a device decide only in which order sources are gone through and 
 
 import warp as wp
 
+from nodes.renderer.raster.lens.displacement_kernels import FAR_AWAY
+
 wp.set_module_options({"enable_backward": False})
 
-SUBPIXEL = wp.constant(4096)
+SUBPIXEL_BITS = wp.constant(12)
+SUBPIXEL = wp.constant(1 << SUBPIXEL_BITS)
 """Target positions lie on a grid of 1/4096 px: weights are exact products of two 12-bit numbers, and motion that is a
 whole number of pixels but for rounding stays so."""
 SKY = wp.constant(1.0e30)
@@ -88,8 +91,8 @@ def source_of(
 
 @wp.func
 def can_land(dx: wp.float32, dy: wp.float32):
-    """Tells whether a displacement [px] is one that a source can have: finite, and within what the grid can hold."""
-    return wp.abs(dx) < 1.0e6 and wp.abs(dy) < 1.0e6
+    """Tells whether a displacement [px] is one that a source can have: finite, and not FAR_AWAY."""
+    return wp.abs(dx) < FAR_AWAY and wp.abs(dy) < FAR_AWAY
 
 
 @wp.func
@@ -170,9 +173,9 @@ def target_of(source: Source, a: wp.float32, width: int, height: int):
     if x > -grid and y > -grid and x < grid * float(width) and y < grid * float(height):
         ix = grid_position(x)
         iy = grid_position(y)
-        target.at = ((iy >> 12) + 1) * (width + 2) + (ix >> 12) + 1
-        target.fx = ix & 4095
-        target.fy = iy & 4095
+        target.at = ((iy >> SUBPIXEL_BITS) + 1) * (width + 2) + (ix >> SUBPIXEL_BITS) + 1
+        target.fx = ix & (SUBPIXEL - 1)
+        target.fy = iy & (SUBPIXEL - 1)
         target.right = wp.min(target.fx, 1)
         target.down = wp.min(target.fy, 1) * (width + 2)
     return target

@@ -90,7 +90,8 @@ class DenseFlow:
         return flow
 
     def _agrees(self, there: np.ndarray, back: np.ndarray) -> np.ndarray:
-        """Sundaram, Brox, Keutzer, ECCV 2010, equation (5); false where the pixel leaves the picture."""
+        """Tells where flow there and back agree, by equation (5) of Sundaram, Brox, Keutzer, ECCV 2010; false where the
+        pixel leaves the picture."""
         height, width = there.shape[:2]
         y, x = np.mgrid[:height, :width].astype(np.float32)
         x, y = x + there[..., 0], y + there[..., 1]
@@ -102,7 +103,8 @@ class DenseFlow:
 
 
 def _codes(a: np.ndarray, b: np.ndarray) -> list[np.ndarray]:
-    """Both frames in 8 bits, of one scale, as an eye sees them: flow looks for equal brightness, in the dark too."""
+    """Converts both frames to 8 bits, of one scale, as an eye sees them: flow looks for equal brightness, in the dark
+    too."""
     both = np.nan_to_num(np.stack([a, b]), nan=0.0, posinf=float(np.finfo(np.float32).max), neginf=0.0)
     full = float(np.quantile(both, BRIGHT_QUANTILE)) or float(both.max()) or 1.0
     return list((srgb_from_linear(np.clip(both / np.float32(full), 0, 1)) * 255 + 0.5).astype(np.uint8))

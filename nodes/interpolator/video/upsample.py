@@ -71,7 +71,7 @@ class Upsampler:
         return FrameBlock(subframe_stamps(t_a, t_b, count), np.concatenate([made, b[None]]))
 
     def _count(self, flow: Flow | None, image: np.ndarray) -> int:
-        """Frames of a gap; notes what is known of its flow."""
+        """Counts the frames of a gap, and notes what is known of its flow."""
         most = max(1, GAP_BYTES // image.nbytes)
         if flow is None:
             assert self._frames is not None
@@ -89,7 +89,7 @@ class Upsampler:
         return count
 
     def _enough(self, motion: float) -> int:
-        """The frames of a gap that keep its motion below a pixel each."""
+        """Counts the frames of a gap that keep its motion below a pixel each."""
         if self._own is None and motion <= NEAR_PX:
             return 1
         return next((n for n in LADDER if n >= motion), LADDER[-1])
@@ -143,7 +143,7 @@ class Upsampler:
 
 
 def _fitting(made: Any, shape: tuple[int, ...], owner: object) -> np.ndarray:
-    """What a user's interpolator gave, as float32. Raises ValueError where it is something else."""
+    """Converts what a user's interpolator gave to float32. Raises ValueError where it is something else."""
     array = np.asarray(made)
     if array.shape != shape or array.dtype.kind != "f":
         raise ValueError(

@@ -20,7 +20,7 @@ def actuators_of(model: Any) -> Actuators:
 
 
 def _names(model: Any, actuator: int) -> list[str]:
-    """One for each of its controls, numbered where there are several."""
+    """Names each control of an actuator, numbered where there are several."""
     name, count = _name(model, actuator), int(model.actuator_ctrlnum[actuator])
     return [name] if count == 1 else [f"{name}[{k}]" for k in range(count)]
 

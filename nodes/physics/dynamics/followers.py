@@ -74,7 +74,8 @@ def _tracking(data: Any, velocity: np.ndarray, mode: int, body: int) -> np.ndarr
 def _targeting(
     data: Any, velocity: np.ndarray, mode: int, body: int, target: int, place: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """From a frame at `place` on `body` to its target [m], the derivative of that, and the frame's velocity [m/s]."""
+    """Computes the way from a frame at `place` on `body` to its target [m], the derivative of that, and the frame's
+    velocity [m/s]."""
     v = velocity[body, :3] + np.cross(velocity[body, 3:], place - data.xpos[body])
     if mode == MODE.mjCAMLIGHT_TARGETBODYCOM:
         return data.subtree_com[target] - place, data.subtree_linvel[target] - v, v
@@ -82,7 +83,7 @@ def _targeting(
 
 
 def _unit_rate(vector: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """Derivative of vector / |vector|; 0 for none."""
+    """Computes the derivative of vector / |vector|; 0 for none."""
     square = vector @ vector
     if square < 1e-24:
         return np.zeros(3)
@@ -90,7 +91,7 @@ def _unit_rate(vector: np.ndarray, rate: np.ndarray) -> np.ndarray:
 
 
 def _look_rate(axes: np.ndarray, back: np.ndarray, back_rate: np.ndarray) -> np.ndarray:
-    """Angular velocity of the frame with columns z = back / |back|, x = up x z / |up x z| and y = z x x.
+    """Computes the angular velocity of the frame with columns z = back / |back|, x = up x z / |up x z| and y = z x x.
 
     Straight up or down x is undefined, and MuJoCo takes the world's; there only z counts.
     """
@@ -102,7 +103,8 @@ def _look_rate(axes: np.ndarray, back: np.ndarray, back_rate: np.ndarray) -> np.
 
 
 def _swing(start: np.ndarray, now: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The shortest turn from one unit vector to another, x y z w, and its angular velocity where `now` has `rate`."""
+    """Computes the shortest turn from one unit vector to another, x y z w, and its angular velocity where `now` has
+    `rate`."""
     q = np.append(np.cross(start, now), 1.0 + start @ now)
     length = np.linalg.norm(q)
     if length < 1e-6:  # opposite: half a turn about any axis across

@@ -58,7 +58,7 @@ class Reach:
 
 
 def _ends(model: Any, geom: int) -> tuple[float, float]:
-    """How far a geom's points are from its centre where it tilts, and where it turns about its z axis [m]."""
+    """Computes how far a geom's points are from its centre where it tilts, and where it turns about its z axis [m]."""
     kind, size, bound = model.geom_type[geom], model.geom_size[geom], float(model.geom_rbound[geom])
     if kind == _GEOM.mjGEOM_SPHERE:
         return 0.0, 0.0

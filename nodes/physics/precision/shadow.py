@@ -173,11 +173,11 @@ class Shadow:
         return finite and not data.warning.number[_BAD].any()
 
     def _order(self) -> int:
-        """The order of the steps, which is 1 of every integrator where constraints come and go."""
+        """Gives the order of the steps, which is 1 of every integrator where constraints come and go."""
         return self._smooth_order if self._smooth else 1
 
     def _scale(self) -> float:
-        """The error over the difference to longer steps. Where constraints come and go it is taken whole."""
+        """Gives the error over the difference to longer steps. Where constraints come and go it is taken whole."""
         if not self._smooth:
             return 1.0
         long, short = (length ** self._order() - 1 for length in (self._length, 2))

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.runtime.workers import edges_of
 from nodes.renderer.geometry.pose_kernels import move_bodies
 from nodes.renderer.geometry.poses import POSE_BYTES
 
@@ -156,7 +157,7 @@ class PoseUpload:
         wp.synchronize_event(sent)
         # In pieces, so that one is on its way while the next is written.
         parts = min(len(poses), 1 + poses.nbytes // PIECE)
-        edges = [len(poses) * k // parts for k in range(parts + 1)]
+        edges = edges_of(len(poses), parts)
         for first, last in pairwise(edges):
             view[first:last] = poses[first:last]
             start, count = first * poses.shape[1], (last - first) * poses.shape[1]

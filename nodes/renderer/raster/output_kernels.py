@@ -3,7 +3,7 @@
 import warp as wp
 
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
-from nodes.renderer.raster.lens.displacement_kernels import FAR_AWAY, make_displacement
+from nodes.renderer.raster.lens.displacement_kernels import FAR_AWAY, SKY_NEAR, make_displacement
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
 
 wp.set_module_options({"enable_backward": False})
@@ -77,7 +77,7 @@ def make_outputs(depth: bool, motion: bool, ids: bool, normal: bool, lens: str) 
             if wp.static(motion):
                 d = pixel_ray(view, x, y)
                 p = d
-                near = 1.0e-6
+                near = wp.float32(SKY_NEAR)
                 if t != MISS:
                     p = z * d
                     near = view.near

@@ -10,7 +10,7 @@ from typing import Any
 
 import warp as wp
 
-from evis.runtime.workers import Workers
+from evis.runtime.workers import Workers, edges_of
 
 PARTS = 4
 """Parts of a thread's work where pixels differ in cost: what is left waits for the slowest of many, not of two."""
@@ -25,8 +25,8 @@ class RowTiles:
 
     def __init__(self, height: int, threads: int) -> None:
         count = max(1, min(threads, height))
-        self.rows = _split(height, count)
-        self.parts = _split(height, min(PARTS * count, height)) if count > 1 else self.rows
+        self.rows = list(pairwise(edges_of(height, count)))
+        self.parts = list(pairwise(edges_of(height, min(PARTS * count, height)))) if count > 1 else self.rows
         self._pool = Workers(count) if count > 1 else None
 
     def launch(self, kernel: wp.Kernel, arguments: Any, device: Any, block: int = 256, in_parts: bool = False) -> None:
@@ -56,7 +56,3 @@ def launch_in_threads(pool: ThreadPoolExecutor, launches: Sequence[tuple[wp.Kern
             calls.append(wp.launch(kernel, dim, given, device="cpu", record_cmd=True).launch)
             loaded.add(id(kernel))
     list(pool.map(lambda call: call(), calls))
-
-
-def _split(height: int, count: int) -> list[tuple[int, int]]:
-    return list(pairwise(height * k // count for k in range(count + 1)))

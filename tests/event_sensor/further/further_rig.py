@@ -9,6 +9,23 @@ from nodes.event_sensor.sensor import Events, EventSensor, Further
 
 BAD = np.array([np.nan, -1.0, np.inf, -np.inf, 0.0, 1e-42, 1e-30, 3e38], np.float32)
 
+WRONG = [
+    ([0, 1], [5], [1.0], "have 2 entries in first, 2 pixels take 3"),
+    ([0, 1, 2], [5, 6], [1.0], "have 2 offsets and 1 values, expected 2"),
+    ([0, 2, 1], [5, 6], [1.0, 1.0], "do not ascend: first must go from 0"),
+    ([0, 1, 1], [5, 6], [1.0, 1.0], "do not ascend: first must go from 0"),
+    ([-1, 1, 2], [5, 6], [1.0, 1.0], "do not ascend: first must go from 0"),
+    ([0, 9, 2], [5, 6], [1.0, 1.0], "do not ascend: first must go from 0"),
+    ([0, 2, 2], [6, 6], [1.0, 1.0], "x 0, y 0 of environment 0 do not ascend in time"),
+    ([0, 0, 2], [6, 5], [1.0, 1.0], "x 1, y 0 of environment 0 do not ascend in time"),
+    ([0, 0, 1], [0], [1.0], "x 1, y 0 of environment 0 are at or before the start"),
+    ([0, 0, 1], [10], [1.0], "are at or after the last frame"),
+    ([0, 0, 1], [4], [1.0], "are at the stamp of a frame"),
+    ([0.0, 0.0, 1.0], [4], [1.0], "have first of float64"),
+    ([0, 0, 1 << 40], [4], [1.0], "have first up to 1099511627776, expected int32"),
+]  # fmt: skip
+"""first, offset, value, and what is said of them, of two pixels with frames after 4 and 10 ns."""
+
 
 @dataclass
 class Gap:

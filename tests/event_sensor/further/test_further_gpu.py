@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
-from further_rig import random_gaps, sensed, sensor_for, tell
-from test_further_ideal import WRONG
+from further_rig import WRONG, random_gaps, sensed, sensor_for, tell
 
 from nodes.event_sensor.cuda.event_list import DeviceEventList
 from nodes.event_sensor.cuda.ideal import IdealPasses

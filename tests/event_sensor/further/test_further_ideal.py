@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from further_rig import Gap, in_parts, merged, no_further, random_gaps, sensed, sensed_alone
+from further_rig import WRONG, Gap, in_parts, merged, no_further, random_gaps, sensed, sensed_alone
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -93,24 +93,6 @@ def test_more_events_than_there_is_room_for():
     found, _ = sensed(gaps, threshold=0.005)
     expected, _ = sensed_alone(gaps, threshold=0.005)
     assert len(found) > 50_000 and sorted(found) == sorted(expected)
-
-
-WRONG = [
-    ([0, 1], [5], [1.0], "have 2 entries in first, 2 pixels take 3"),
-    ([0, 1, 2], [5, 6], [1.0], "have 2 offsets and 1 values, expected 2"),
-    ([0, 2, 1], [5, 6], [1.0, 1.0], "do not ascend: first must go from 0"),
-    ([0, 1, 1], [5, 6], [1.0, 1.0], "do not ascend: first must go from 0"),
-    ([-1, 1, 2], [5, 6], [1.0, 1.0], "do not ascend: first must go from 0"),
-    ([0, 9, 2], [5, 6], [1.0, 1.0], "do not ascend: first must go from 0"),
-    ([0, 2, 2], [6, 6], [1.0, 1.0], "x 0, y 0 of environment 0 do not ascend in time"),
-    ([0, 0, 2], [6, 5], [1.0, 1.0], "x 1, y 0 of environment 0 do not ascend in time"),
-    ([0, 0, 1], [0], [1.0], "x 1, y 0 of environment 0 are at or before the start"),
-    ([0, 0, 1], [10], [1.0], "are at or after the last frame"),
-    ([0, 0, 1], [4], [1.0], "are at the stamp of a frame"),
-    ([0.0, 0.0, 1.0], [4], [1.0], "have first of float64"),
-    ([0, 0, 1 << 40], [4], [1.0], "have first up to 1099511627776, expected int32"),
-]  # fmt: skip
-"""first, offset, value, and what is said of them, of two pixels with frames after 4 and 10 ns."""
 
 
 @pytest.mark.parametrize(("first", "offset", "value", "text"), WRONG)

@@ -13,16 +13,16 @@ import atheris
 
 sys.path[:0] = [str(Path(__file__).parents[at]) for at in (3, 1, 0)]
 with atheris.instrument_imports(include=["evis.events"]):
-    import test_fuzz_codec
+    import both_decoders
 
 
 def one_input(data: bytes) -> None:
     """One input: two pieces, both back ends."""
     provider = atheris.FuzzedDataProvider(data)
-    size = test_fuzz_codec.SIZES[provider.ConsumeIntInRange(0, 3)]
+    size = both_decoders.SIZES[provider.ConsumeIntInRange(0, 3)]
     limit, gap = provider.ConsumeIntInRange(-10, 1 << 40), provider.ConsumeIntInRange(0, 3)
     first = provider.ConsumeBytes(provider.ConsumeIntInRange(0, 200))
-    test_fuzz_codec.run(encoding, size, [first, provider.ConsumeBytes(400)], limit, gap)
+    both_decoders.run(encoding, size, [first, provider.ConsumeBytes(400)], limit, gap)
 
 
 encoding = sys.argv.pop(1)

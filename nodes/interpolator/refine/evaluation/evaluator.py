@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.keyframe import Span
 from nodes.interpolator.refine.evaluation.visibility_kernels import Targets
 from nodes.interpolator.refine.paths.albedo_scale import albedo_scale_of
@@ -73,7 +74,7 @@ class Evaluator:
         self._room = 0
         self.size = (v.shape[1] - 2 * v.margin, v.shape[2] - 2 * v.margin)
         self.bands = len(v.row_tiles.parts)
-        self._pixel: Any = wp.float32 if layout.channels == 1 else wp.vec3
+        self._pixel = pixel_type(layout.channels)
         bodies = len(v.names) + 2
         with wp.ScopedDevice(v.device):
             self._radiance = wp.empty(v.shape, dtype=wp.vec3)

@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.refine.halving.interval_kernels import (
     make_add_interval,
     make_interval,
@@ -31,7 +32,7 @@ wp.set_module_options({"enable_backward": False})
 @cache
 def make_check(channels: int, glossy: bool) -> wp.Kernel:
     """Makes the kernel `check`, which follows the first list of samples; arguments as of make_request_intervals."""
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
     Intervals: Any = make_intervals(channels)
     Interval: Any = make_interval(channels)
     Requests: Any = make_requests(channels)

@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.refine.samples.list_kernels import ListPart, take_entry
 from nodes.interpolator.refine.window_kernels import WindowParameters, WindowScene
 from nodes.interpolator.rigid.look_up.log_kernels import apart
@@ -29,7 +30,7 @@ def make_intervals(channels: int) -> Any:
     the instant of its start, counted within the coarse interval, plus that of its end, plus PAINTED_ENDS where it is
     painted, as of Interval. start, end: ln I at its ends. before, after: z-buffer entries there.
     """
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
 
     class Intervals:
         at: wp.array(dtype=int)
@@ -51,7 +52,7 @@ def make_interval(channels: int) -> Any:
     z-buffer entries there. rise: change of ln I looked up in a keyframe, or UNKNOWN or PAINTED. painted: whether it
     is PAINTED.
     """
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
 
     class Interval:
         low: int

@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.refine.halving.interval_kernels import make_interval
 from nodes.interpolator.refine.samples.request_kernels import (
     FRAME_AFTER,
@@ -34,7 +35,7 @@ wp.set_module_options({"enable_backward": False})
 @cache
 def make_is_painted(channels: int, glossy: bool) -> Any:
     """Makes the function `is_painted`; arguments as of make_request_intervals."""
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
 
     @wp.func
     def is_painted(scene: WindowScene, rise: pixel, hit: wp.uint64):
@@ -56,7 +57,7 @@ def make_request_intervals(channels: int, glossy: bool) -> tuple[Any, Any, Any]:
 
     channels: 1 (luminance) or 3 (RGB). glossy: whether highlights may pass over surfaces.
     """
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
     Interval: Any = make_interval(channels)
     Requests: Any = make_requests(channels)
     CoarseFrames: Any = make_coarse_frames(channels)

@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.refine.halving.interval_kernels import (
     LENGTHS,
     PAINTED_ENDS,
@@ -27,7 +28,7 @@ wp.set_module_options({"enable_backward": False})
 @cache
 def make_split(channels: int) -> wp.Kernel:
     """Makes the kernel `split`, which follows later lists; channels: 1 (luminance) or 3 (RGB)."""
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
     Intervals: Any = make_intervals(channels)
     Interval: Any = make_interval(channels)
     SampleList: Any = make_sample_list(channels)

@@ -45,8 +45,9 @@ class Assemblies:
     """
 
     def __init__(self, visibility: Visibility, movers: np.ndarray, which: np.ndarray, worlds: Sequence[Scene]) -> None:
-        """movers: bodies that move. which: instances on them that throw shadows. worlds: the scene of each environment
-        where they stand on each other otherwise; none where the visibility's is that of all."""
+        """Finds what stands on one body and moves as one. movers: bodies that move. which: instances on them that throw
+        shadows. worlds: the scene of each environment where they stand on each other otherwise; none where the
+        visibility's is that of all."""
         geometry, scenes = visibility.geometry, worlds or (visibility.scene,)
         holes: dict[tuple[bytes, bytes], Hole | None] = {}
         owners: dict[tuple[bytes, bytes], list[int]] = {}

@@ -31,8 +31,9 @@ class BoxShadows:
     def __init__(
         self, visibility: Visibility, movers: np.ndarray, boxes: Any, share: np.ndarray, still: np.ndarray | None = None
     ) -> None:
-        """movers: bodies that move. boxes: on them, as of Boxes. share [J]: of the height of an outline at which its
-        width counts. still: bodies that stand still before lamps that move, on which boxes are instead."""
+        """Takes the boxes of what throws shadows. movers: bodies that move. boxes: on them, as of Boxes. share [J]: of
+        the height of an outline at which its width counts. still: bodies that stand still before lamps that move, on
+        which boxes are instead."""
         scene = visibility.scene
         lamps = [n for n, light in enumerate(scene.lights) if light.shadows]
         if still is not None:

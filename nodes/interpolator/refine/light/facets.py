@@ -35,10 +35,11 @@ class Facets:
     """
 
     def __init__(self, visibility: Visibility, movers: np.ndarray, asked: np.ndarray) -> None:
-        """movers: bodies that move. asked: whether an instance may move against a lamp, bool [I]."""
+        """Finds what is shaded round though its facets are flat. movers: bodies that move. asked: whether an instance
+        may move against a lamp, bool [I]."""
         geometry = visibility.geometry
         normal_deviation = np.zeros(len(geometry.triangles), np.float32)
-        entry_across_silhouette = np.zeros(len(geometry.body))
+        grazed = np.zeros(len(geometry.body))
         half = np.zeros((len(geometry.body), 3))
         for instance in np.flatnonzero(asked):
             own = slice(int(geometry.first[instance]), int(geometry.first[instance + 1]))
@@ -49,14 +50,14 @@ class Facets:
                 normal_deviation[own] = np.where(round_, np.sin(np.minimum(TWICE * angle, np.pi / 2)), 0.0)
                 half[instance] = width_of(corners[round_]) / 2
                 # A lamp lies in any direction: within an angle from as many planes as its sine.
-                entry_across_silhouette[instance] = np.average(normal_deviation[own], weights=area)
+                grazed[instance] = np.average(normal_deviation[own], weights=area)
         which = np.flatnonzero((half[:, 0] > 0) & np.isin(geometry.body, movers))
         self._boxes, self._count = boxes_of(visibility, movers, which, half)
         self._mover, self._place = np.searchsorted(movers, geometry.body[which]), geometry.translation[which]
         view = visibility.view
         shown = np.pi * (geometry.radius[which].astype(np.float64) * max(view.fx, view.fy)) ** 2
         # Of the image, at a distance of a metre.
-        self._shown, self._grazed = shown / (view.width * view.height), entry_across_silhouette[which]
+        self._shown, self._grazed = shown / (view.width * view.height), grazed[which]
         self._camera_body = visibility.camera_body
         self.normal_deviation = visibility.put(normal_deviation, wp.float32)
         self.any = bool(len(which))

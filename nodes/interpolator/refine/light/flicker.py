@@ -40,8 +40,8 @@ class Flicker:
     def __init__(
         self, waveforms: Iterable[Waveform | None], bend: float, device: Any, added: Sequence[Waveform] = ()
     ) -> None:
-        """bend: how far ln of a strength may be off a straight line. added: the waveforms whose lights' radiance is
-        added up, see `log_type`."""
+        """Takes the waveforms of a scene's lights. bend: how far ln of a strength may be off a straight line. added:
+        the waveforms whose lights' radiance is added up, see `log_type`."""
         given = {w for w in waveforms if w is not None}
         self._any = bool(given)
         self._added = added
@@ -107,7 +107,7 @@ class Flicker:
         return [w for w in self._waveforms if w.frequency * gap_ns * 1e-9 <= FOLLOWED * (1 + ROUNDED)]
 
     def _of(self, t: np.ndarray, coarse: int, each: int) -> list[dict[int, int]]:
-        """The marks within each coarse interval, and how much later they are, for instants t [n + 1]."""
+        """Computes the marks within each coarse interval, and how much later they are, for instants t [n + 1]."""
         found: list[dict[int, int]] = [{} for _ in range(coarse)]
         for waveform in self._slow(int(t[-1] - t[0])):
             for k, marks in enumerate(found):
@@ -135,14 +135,14 @@ def _more_than(count: float) -> int:
 
 
 def _per_period(waveform: Waveform) -> float:
-    """Instants of a period, so that a square wave is seen before and after each switch."""
+    """Counts the instants of a period, so that a square wave is seen before and after each switch."""
     if waveform.kind == "square":
         return 2.0 / min(waveform.duty, 1.0 - waveform.duty)
     return PER_PERIOD
 
 
 def _switches(waveform: Waveform, t: np.ndarray) -> dict[int, int]:
-    """Marks before and after each switch of a square wave within instants t, whose ends are none."""
+    """Finds the marks before and after each switch of a square wave within instants t, whose ends are none."""
     strength = [waveform_strength(waveform, int(s)) for s in t]
     marks: dict[int, int] = {}
     for i in range(len(t) - 1):
@@ -160,7 +160,7 @@ def _switches(waveform: Waveform, t: np.ndarray) -> dict[int, int]:
 
 
 def _bends(waveform: Waveform, t: np.ndarray, bend: float) -> dict[int, int]:
-    """Marks of a smooth waveform within instants t, between which its logarithm is on a straight line.
+    """Finds the marks of a smooth waveform within instants t, between which its logarithm is on a straight line.
 
     Where it turns there is one in any case: lines that pass below its highest value and above its lowest make the swing
     smaller, and a threshold that is just reached there would not be.

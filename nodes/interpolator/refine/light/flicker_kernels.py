@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.refine.paths.keyframe_path_kernels import STEEPEST, outside
 from nodes.interpolator.refine.samples.list_kernels import ListPart
 from nodes.interpolator.refine.samples.request_kernels import PARTS, PREDICTED, make_request, make_requests
@@ -65,7 +66,7 @@ def entry_near(params: WindowParameters, scene: WindowScene, px: PixelInterval, 
 @cache
 def make_request_marks(channels: int, waveform_count: int) -> Any:
     """Makes the function `request_marks`; arguments as of `log_type`."""
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
     Keyframes: Any = make_keyframes(channels, waveform_count)
     Requests: Any = make_requests(channels)
     request, radiance_of = make_request(channels), make_radiance_of(channels, waveform_count)

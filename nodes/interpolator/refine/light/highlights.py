@@ -43,7 +43,7 @@ class Highlights:
     """Finds the gaps in which something glossy turns so fast that its highlights pass pixels between two instants."""
 
     def __init__(self, scene: Scene, movers: np.ndarray) -> None:
-        """movers: bodies that move, int64 [M]."""
+        """Finds what is glossy and may turn. movers: bodies that move, int64 [M]."""
         sharpest: dict[int, float] = {}
         if scene.lights or scene.environment_map is not None:
             for instance in scene.instances:

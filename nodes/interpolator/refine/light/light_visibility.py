@@ -12,6 +12,7 @@ import warp as wp
 
 from evis.geometry import se3
 from evis.gpu.exchange import cpu_array
+from evis.runtime.workers import edges_of
 from nodes.interpolator.refine.evaluation.evaluator import Evaluator, changes_of
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.light.assemblies import Assemblies, thinnest_between
@@ -155,7 +156,7 @@ class LightVisibility:
     def find(self, intervals: int, params: Any, scene: Any, evaluator: Evaluator) -> None:
         """Finds the bits of a window whose bodies are placed: launches only. intervals: of the window."""
         v, sampling = evaluator.visibility, self._rigid.sampling
-        edges = [params.height * k // evaluator.bands for k in range(evaluator.bands + 1)]
+        edges = edges_of(params.height, evaluator.bands)
         span = params.width if v.device.is_cpu else 1
         launches: list[tuple[wp.Kernel, Any, list[Any]]] = []
         for low, high in pairwise(edges):

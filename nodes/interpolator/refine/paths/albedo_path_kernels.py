@@ -6,7 +6,8 @@ from typing import Any
 
 import warp as wp
 
-from nodes.interpolator.refine.paths.albedo_scale import EVEN
+from nodes.interpolator.image_kernels import pixel_type
+from nodes.interpolator.refine.paths.albedo_scale import ONE_COLOUR
 from nodes.interpolator.refine.paths.motion_kernels import motion_since, stride_of
 from nodes.interpolator.refine.samples.list_kernels import ListPart
 from nodes.interpolator.refine.samples.request_kernels import PAINTED, UNKNOWN, make_request, make_requests
@@ -27,7 +28,6 @@ wp.set_module_options({"enable_backward": False})
 PER_SWING = wp.constant(3.0)
 """Samples for each length over which a texture goes up or down: with 2 a wall whose texels are a pixel wide loses 10 %
 of its events at 2 px a gap and 0.3 ms, with 3 7 %, and scenes take the same time."""
-PLAIN = wp.constant(EVEN)
 TURNED = wp.constant(0.25)
 """Way since the last sample, of that between two, after which there is one where a point turns back: what shakes shows
 there how far it goes."""
@@ -59,7 +59,7 @@ def pixels_along(view: CameraView, px: PixelInterval, away: float, step: wp.vec3
 @cache
 def make_request_albedo_path(channels: int, waveform_count: int) -> Any:
     """Makes the function `request_albedo_path`; arguments as of make_look_up."""
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
     Keyframes: Any = make_keyframes(channels, waveform_count)
     Requests: Any = make_requests(channels)
     request = make_request(channels)
@@ -113,12 +113,12 @@ def make_request_albedo_path(channels: int, waveform_count: int) -> Any:
             # Pixels are long on what is seen obliquely: by that alone tunnel_exit has 0.048 in place of 0.034.
             narrow = wp.min(way / wp.max(wide, 1.0e-30), pixel_width(view, px.x, px.y, depth_of(seen)))
             spacing = wp.max(albedo_scale / PER_SWING, params.spacing * narrow)
-            moved = moved or (albedo_scale < PLAIN and gone + way > TURNED * spacing)
-            if albedo_scale < PLAIN and i > listed and gone > TURNED * spacing and wp.dot(step, heading) < 0.0:
+            moved = moved or (albedo_scale < ONE_COLOUR and gone + way > TURNED * spacing)
+            if albedo_scale < ONE_COLOUR and i > listed and gone > TURNED * spacing and wp.dot(step, heading) < 0.0:
                 last = request(params, requests, px, i, hit, hit, pixel(PAINTED), last, out)
                 listed = i
                 gone = 0.0
-            if albedo_scale < PLAIN and gone + way >= spacing:
+            if albedo_scale < ONE_COLOUR and gone + way >= spacing:
                 to_next = wp.max(spacing - gone, 0.0)
                 pace = float(following - i) / way
                 while to_next < way:

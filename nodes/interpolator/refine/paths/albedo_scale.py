@@ -10,7 +10,7 @@ from evis.media.colour import REC709
 from evis.scene.model import Material, Scene
 from nodes.renderer.geometry.triangles import Geometry
 
-EVEN = 1.0e30
+ONE_COLOUR = 1.0e30
 """Stands for the albedo scale of what is of one colour [m]."""
 DARKEST = 1e-3
 """Albedo below which differences do not matter."""
@@ -44,12 +44,12 @@ def least_spacing(tolerance_ns: float) -> float:
 
 
 def albedo_scale_of(scene: Scene, geometry: Geometry, least: float) -> np.ndarray:
-    """Computes over which length float32 [T] [m] ln albedo goes up or down on each triangle, EVEN without that.
+    """Computes over which length float32 [T] [m] ln albedo goes up or down on each triangle, ONE_COLOUR without that.
 
     It is the swing of a texture, or of a triangle's colours, over the mean of its gradient's magnitude, or how wide
     things on the texture are, if that is less. least: change of ln albedo that matters.
     """
-    albedo_scale = np.full(len(geometry.triangles), EVEN, np.float32)
+    albedo_scale = np.full(len(geometry.triangles), ONE_COLOUR, np.float32)
     corners = geometry.vertices[geometry.triangles].astype(np.float64)
     known: dict[int, tuple[float, float] | None] = {}
     for number, instance in enumerate(scene.instances):
@@ -59,7 +59,7 @@ def albedo_scale_of(scene: Scene, geometry: Geometry, least: float) -> np.ndarra
         fine = known[instance.material]
         if fine is not None and instance.mesh.uv is not None:
             along_u, along_v = _per_unit(corners[own], np.asarray(instance.mesh.uv, np.float64))
-            albedo_scale[own] = np.minimum(np.minimum(along_u * fine[0], along_v * fine[1]), EVEN)
+            albedo_scale[own] = np.minimum(np.minimum(along_u * fine[0], along_v * fine[1]), ONE_COLOUR)
         if instance.mesh.colours is not None:
             albedo_scale[own] = np.minimum(albedo_scale[own], _of_colours(corners[own], instance.mesh.colours, least))
     return albedo_scale
@@ -73,7 +73,7 @@ def _of_texture(material: Material, least: float) -> tuple[float, float] | None:
     step = -(-max(height, width) // MOST_TEXELS)
     log = _log_albedo(material, slice(None, None, step), slice(None, None, step))
     swing = float(log.max() - log.min())
-    scales = [EVEN, EVEN]
+    scales = [ONE_COLOUR, ONE_COLOUR]
     if swing >= least:
         scales = [_swings_over(*_along(lines, least), swing) for lines in (log, log.T)]
     if step > 1:
@@ -84,7 +84,7 @@ def _of_texture(material: Material, least: float) -> tuple[float, float] | None:
             # What repeats every so many texels is even where every n-th is looked at; what is longer is seen there.
             if fine * size < 2 * step:
                 scales[k] = min(scales[k], fine)
-    return None if min(scales) >= EVEN else (scales[0], scales[1])
+    return None if min(scales) >= ONE_COLOUR else (scales[0], scales[1])
 
 
 def _swings_over(steep: float, wide: float, swing: float) -> float:
@@ -165,7 +165,12 @@ def _per_unit(corners: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarr
         over = 1.0 / np.abs(u1 * v2 - u2 * v1)
         along_u = np.linalg.norm(v2[:, None] * first - v1[:, None] * second, axis=1) * over
         along_v = np.linalg.norm(u1[:, None] * second - u2[:, None] * first, axis=1) * over
-    return np.nan_to_num(along_u, nan=EVEN, posinf=EVEN), np.nan_to_num(along_v, nan=EVEN, posinf=EVEN)
+    return _finite(along_u), _finite(along_v)
+
+
+def _finite(albedo_scale: np.ndarray) -> np.ndarray:
+    """Replaces what no number tells, of triangles without area in space or in the texture, by ONE_COLOUR."""
+    return np.nan_to_num(albedo_scale, nan=ONE_COLOUR, posinf=ONE_COLOUR)
 
 
 def _of_colours(corners: np.ndarray, colours: np.ndarray, least: float) -> np.ndarray:
@@ -182,11 +187,11 @@ def _of_colours(corners: np.ndarray, colours: np.ndarray, least: float) -> np.nd
     steep = np.linalg.norm(rise[:, :1] * np.cross(second, normal) + rise[:, 1:] * np.cross(normal, first), axis=1)
     swing = np.ptp(log, axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        albedo_scale = np.where(swing >= least, BENT * np.minimum(swing, SWING) * twice**2 / steep, EVEN)
+        albedo_scale = np.where(swing >= least, BENT * np.minimum(swing, SWING) * twice**2 / steep, ONE_COLOUR)
         high = twice / np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     albedo_scale = np.where(_changes_beyond(corners, log) >= least, np.minimum(albedo_scale, high), albedo_scale)
     # What has no area is never seen.
-    return np.where(twice > 0, np.nan_to_num(albedo_scale, nan=EVEN, posinf=EVEN), EVEN)
+    return np.where(twice > 0, _finite(albedo_scale), ONE_COLOUR)
 
 
 def _changes_beyond(corners: np.ndarray, log: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.refine.paths.keyframe_point_kernels import make_place_then, make_point_look_up
 from nodes.interpolator.refine.paths.motion_kernels import stride_of
 from nodes.interpolator.refine.samples.list_kernels import ListPart
@@ -80,7 +81,7 @@ def entries_about(
 @cache
 def make_request_keyframe_path(lens: str, channels: int, waveform_count: int) -> Any:
     """Makes the function `request_keyframe_path`; arguments as of make_look_up."""
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
     looked_up: Any = log_type(channels, waveform_count)
     Keyframes: Any = make_keyframes(channels, waveform_count)
     Requests: Any = make_requests(channels)

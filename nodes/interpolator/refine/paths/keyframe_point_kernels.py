@@ -10,7 +10,7 @@ from nodes.interpolator.refine.paths.motion_kernels import motion_since
 from nodes.interpolator.refine.window_kernels import PixelInterval, WindowParameters, WindowScene
 from nodes.interpolator.rigid.look_up.log_kernels import apart, log_type
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
-from nodes.renderer.raster.lens.displacement_kernels import make_displacement
+from nodes.renderer.raster.lens.displacement_kernels import SKY_NEAR, make_displacement
 from nodes.renderer.raster.lens.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
@@ -45,7 +45,7 @@ def make_place_then(lens: str, channels: int, waveform_count: int) -> Any:
         point = away * px.d
         motion = motion_since(params, scene, keys.turn, keys.shift, px.env, px.k, which, i, body)
         m = motion.turn * point + motion.shift
-        near = wp.where(body == keys.turn.shape[1] - 1, 1.0e-6, view.near)
+        near = wp.where(body == keys.turn.shape[1] - 1, SKY_NEAR, view.near)
         moved = displacement(view, px.d, point, m, near)
         q = point + m
         return wp.vec3(

@@ -6,6 +6,7 @@ from typing import Any
 
 import warp as wp
 
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.refine.light.flicker_kernels import Marks, entry_near, marks_of
 from nodes.interpolator.refine.light.light_visibility_kernels import part_at
 from nodes.interpolator.refine.paths.albedo_path_kernels import finer_than_pixels, make_request_albedo_path
@@ -38,7 +39,7 @@ def make_request_run(
 ) -> Any:
     """Makes the function `request_run`, which lists the samples of a run; arguments as of
     make_request_single_surface."""
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
     Keyframes: Any = make_keyframes(channels, waveform_count)
     Requests: Any = make_requests(channels)
     request_keyframe_path, request = make_request_keyframe_path(lens, channels, waveform_count), make_request(channels)
@@ -176,7 +177,7 @@ def make_needs_midpoint(channels: int, changes: LightChanges) -> Any:
     # What light does otherwise goes on evenly, as far as frames tell.
     passing = changes.shadows or changes.spot or changes.view
     light_may_change = make_light_may_change(changes)
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
 
     @wp.func
     def needs_midpoint(

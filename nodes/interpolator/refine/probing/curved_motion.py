@@ -30,7 +30,8 @@ class CurvedMotion:
     """Finds how far what moves in the image is off straight ways, in one gap after another."""
 
     def __init__(self, visibility: Visibility, placement: Placement, tolerance_ns: float) -> None:
-        """tolerance_ns: greatest error wanted in the time of a threshold crossing [ns]."""
+        """Puts boxes about what moves and what stands still. tolerance_ns: greatest error wanted in the time of a
+        threshold crossing [ns]."""
         v, movers = visibility, placement.movers
         geometry = v.geometry
         self._tolerance_ns = tolerance_ns

@@ -212,6 +212,21 @@ def make_find_thin(lens: str) -> wp.Kernel:
 
 
 @wp.func
+def probe_image(coarse: int, k: int, i: int, parts: int):
+    """Gives which z-buffer of `Probes.packed` shows coarse interval k after i of `parts` equal parts of it.
+
+    Middles come first, those of all intervals after each other, then quarters, as `order_of` has drawn them. parts: a
+    power of two. i: 1 .. parts - 1.
+    """
+    half = parts >> 1
+    odd = i
+    while (odd & 1) == 0:
+        odd = odd >> 1
+        half = half >> 1
+    return coarse * (half - 1) + k * half + (odd >> 1)
+
+
+@wp.func
 def shown_at(
     coarse: int,
     envs: int,
@@ -234,11 +249,7 @@ def shown_at(
     elif i == 0:
         hit = frames[wp.where(k == coarse, 0, k) * envs + env, y, x]
     else:
-        half = each >> 1
-        while (i & 1) == 0:
-            i = i >> 1
-            half = half >> 1
-        hit = probed[(coarse * (half - 1) + k * half + (i >> 1)) * envs + env, y, x]
+        hit = probed[probe_image(coarse, k, i, each) * envs + env, y, x]
     t = triangle_of(hit)
     if t == MISS:
         return -1

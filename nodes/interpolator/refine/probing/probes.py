@@ -76,7 +76,7 @@ class Probes:
     """Draws z-buffers at instants of one gap after another.
 
     packed uint64 [rows, H, W]: at the middle of each coarse interval, then at its quarters, at its odd eighths, and so
-    on, all coarse intervals of a kind after each other; see window_kernels.entry_at. each int32 [E]: how many there are
+    on, all coarse intervals of a kind after each other; see `probe_image`. each int32 [E]: how many there are
     per coarse interval, itself included, that an environment goes by; most: of all environments.
     """
 
@@ -232,8 +232,9 @@ class Probes:
         return size
 
     def _needed(self, ahead: ProbeForecast, instants: Instants, gap: Span, albedo_scale: wp.array) -> np.ndarray:
-        """How many z-buffers per coarse interval each environment needs for what is in those that are drawn, int64 [E],
-        powers of two up to the most. What is painted on things needs none, but may pass between two instants."""
+        """Computes how many z-buffers per coarse interval each environment needs for what is in those that are drawn,
+        int64 [E], powers of two up to the most. What is painted on things needs none, but may pass between two
+        instants."""
         v, coarse, rigid, held = self._v, self._coarse, self._rigid, gap.held
         pixels = v.shape[1] * v.shape[2]
         levels = (ahead.most // ahead.least).bit_length()
@@ -269,7 +270,7 @@ class Probes:
     def _shortly_before(
         self, which: list[int], stamps: np.ndarray, poses: Poses, gap: Span
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Poses of all bodies at some instants, counted from 0, and shortly before each, float64 [n E, N, 7]."""
+        """Finds all bodies' poses at some instants, counted from 0, and shortly before each, float64 [n E, N, 7]."""
         movers, ascending = self._rigid.placement.movers, np.argsort(which)
         at = (stamps[..., which] - SHORT_NS)[..., ascending]
         then, now = (np.repeat(poses.rest[None], len(which), axis=0) for _ in range(2))
@@ -298,7 +299,7 @@ class Probes:
         return np.stack([gone, turned], axis=-1).reshape(-1, self._envs, now.shape[1] + 1, 2)
 
     def _displaced(self, now: np.ndarray, then: np.ndarray) -> tuple[wp.array, wp.array]:
-        """How bodies move against the camera from poses `then` to poses `now`, [rows, N, 7]."""
+        """Computes how bodies move against the camera from poses `then` to poses `now`, [rows, N, 7]."""
         v = self._v
         given: list[Any] = [wp.array(p, dtype=wp.transformd, device=v.device) for p in (now, then)]
         with wp.ScopedDevice(v.device):

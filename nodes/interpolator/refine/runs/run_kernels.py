@@ -9,6 +9,7 @@ from typing import Any
 
 import warp as wp
 
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.refine.light.flicker_kernels import Marks
 from nodes.interpolator.refine.paths.run_path_kernels import make_needs_midpoint, make_request_run
 from nodes.interpolator.refine.runs.transition_kernels import ChangingPixels, Transitions
@@ -47,7 +48,7 @@ wp.set_module_options({"enable_backward": False})
 def make_request_run_ends(channels: int, steady: bool) -> wp.Kernel:
     """Makes the kernel `request_run_ends`; channels: 1 (luminance) or 3 (RGB). steady: no light flickers, so that what
     a frame shows is shown shortly before and after it too."""
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
     Requests: Any = make_requests(channels)
     request = make_request(channels)
 
@@ -92,9 +93,9 @@ def make_request_run_ends(channels: int, steady: bool) -> wp.Kernel:
                         transitions.opened[c] = last
                         last = request(params, requests, px, low, hit, hit, none, last, out)
                         transitions.closed[c] = last
-                    if later > 0 and last >= 0:
+                    if last >= 0:
                         requests.later[last] = later - SHARP
-                    if wp.static(steady) and later > 0 and low == 0 and begun == 0:
+                    if wp.static(steady) and low == 0 and begun == 0:
                         # Of a frame there is no instant: its value is that until the change, below from then on.
                         # Two of a pixel at one instant must not be evaluated: what shades the first one forgets what
                         # hides its lamps.
@@ -105,9 +106,8 @@ def make_request_run_ends(channels: int, steady: bool) -> wp.Kernel:
                     seen = then
                     if high <= params.slots:
                         last = request(params, requests, px, high, then, then, none, last, out)
-                        if later > 0:
-                            requests.later[last] = later + SHARP - PARTS
-                    elif wp.static(steady) and later > 0:
+                        requests.later[last] = later + SHARP - PARTS
+                    elif wp.static(steady):
                         last = request(params, requests, px, low, NO_ENTRY, NO_ENTRY, none, last, out)
                         requests.later[last] = wp.min(later + SHARP, PARTS - 1)
                         requests.shown[last] = FRAME_AFTER
@@ -127,7 +127,7 @@ def make_request_runs(
     lens: str, channels: int, waveform_count: int, relit: bool, painted: bool, changes: LightChanges
 ) -> wp.Kernel:
     """Makes the kernel `request_runs`; arguments as of make_request_single_surface."""
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
     Keyframes: Any = make_keyframes(channels, waveform_count)
     Requests: Any = make_requests(channels)
     CoarseFrames: Any = make_coarse_frames(channels)

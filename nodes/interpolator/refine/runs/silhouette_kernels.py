@@ -13,7 +13,7 @@ from nodes.interpolator.refine.window_kernels import (
     entry_before,
     pixel_interval_at,
     probe_spacing,
-    slot_row,
+    rows_of,
 )
 from nodes.interpolator.rigid.plan_kernels import same_surface
 from nodes.renderer.raster.depth_kernels import MISS, NO_ENTRY, depth_of, triangle_of
@@ -141,9 +141,7 @@ def share_to_silhouette(
 ):
     """Computes where the way from a ray that meets a patch at triangle t to one that does not leaves it, as a share of
     the way, at instant i of a coarse interval; -1 where it does not."""
-    rows = wp.vec2i(slot_row(params, px.env, px.k, wp.clamp(i, 1, params.slots)), -1)
-    if i == 0:
-        rows[1] = slot_row(params, px.env, px.k, 2)
+    rows = rows_of(params, px.env, px.k, i)
     present = t
     share = wp.float32(-1.0)
     left = wp.int32(MOST_ACROSS)

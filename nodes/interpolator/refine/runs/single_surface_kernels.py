@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.refine.light.flicker_kernels import Marks, make_request_marks
 from nodes.interpolator.refine.paths.motion_kernels import moves
 from nodes.interpolator.refine.paths.run_path_kernels import (
@@ -47,7 +48,7 @@ def make_request_single_surface(
     relit: whether lights flicker with so many waveforms that surfaces are shaded anew. painted: whether anything has a
     texture or colours at vertices. changes: of light in the scene.
     """
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
     Keyframes: Any = make_keyframes(channels, waveform_count)
     Requests: Any = make_requests(channels)
     CoarseFrames: Any = make_coarse_frames(channels)

@@ -24,11 +24,11 @@ from nodes.renderer.raster.lens.view_kernels import CameraView
 wp.set_module_options({"enable_backward": False})
 
 MOST_PENDING = wp.constant(16)
+"""Ends of parts of an interval between probes that are still to be looked at: some more than it can be halved."""
+PENDING = wp.types.vector(length=MOST_PENDING, dtype=wp.int32)
+SEEN_THEN = wp.types.vector(length=MOST_PENDING, dtype=wp.uint64)
 APART = wp.constant(1.001)
 """How much farther something is that was behind what left it free, at least."""
-PENDING = wp.types.vector(length=16, dtype=wp.int32)
-SEEN_THEN = wp.types.vector(length=16, dtype=wp.uint64)
-"""Ends of parts of an interval between probes that are still to be looked at: some more than it can be halved."""
 
 
 @wp.struct
@@ -53,7 +53,7 @@ class Transitions:
     """Holds a list of changes from one surface to another.
 
     job: index of the pixel in ChangingPixels. low: the last instant of the old surface. before, after: z-buffer entries
-    at `low` and at the next instant. later: time of the change, in PARTS after `low`, 0 = unknown. following: index of
+    at `low` and at the next instant. later: time of the change, in PARTS after `low`. following: index of
     the next change between the same probes, -1 = none.
 
     Of the run of the old surface: begun, the instant at which it begins, at the end of the interval where there is no

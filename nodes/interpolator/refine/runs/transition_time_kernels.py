@@ -11,7 +11,7 @@ from nodes.interpolator.refine.window_kernels import (
     WindowParameters,
     WindowScene,
     pixel_interval_of,
-    slot_row,
+    rows_of,
 )
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView
@@ -150,17 +150,10 @@ def find_transition_times(
     while c < end_of(part):
         px = pixel_interval_of(view, params, changing.at[transitions.job[c]])
         low = transitions.low[c]
-        later = wp.int32(0)
-        if params.slots > 1:
-            rows_low = wp.vec2i(slot_row(params, px.env, px.k, wp.max(low, 1)), -1)
-            rows_high = wp.vec2i(slot_row(params, px.env, px.k, wp.min(low + 1, params.slots)), -1)
-            if low == 0:
-                rows_low[1] = slot_row(params, px.env, px.k, 2)
-            if low == params.slots:
-                rows_high[1] = slot_row(params, px.env, px.k, low - 1)
-            share = transition_time(
-                view, scene.targets, rows_low, rows_high, px.d, transitions.before[c], transitions.after[c]
-            )
-            later = wp.clamp(int(share * float(PARTS)), SHARP, PARTS - SHARP)
-        transitions.later[c] = later
+        rows_low = rows_of(params, px.env, px.k, low)
+        rows_high = rows_of(params, px.env, px.k, low + 1)
+        share = transition_time(
+            view, scene.targets, rows_low, rows_high, px.d, transitions.before[c], transitions.after[c]
+        )
+        transitions.later[c] = wp.clamp(int(share * float(PARTS)), SHARP, PARTS - SHARP)
         c += workers

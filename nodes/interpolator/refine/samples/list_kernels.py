@@ -7,6 +7,7 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
+from nodes.interpolator.image_kernels import pixel_type
 
 wp.set_module_options({"enable_backward": False})
 
@@ -43,7 +44,7 @@ def make_sample_list(channels: int) -> Any:
     pixel: index into [E, h, w]. instant: in PARTS of the time from one instant to the next. value: radiance. made:
     samples before each list of pixels of the window.
     """
-    kind: Any = wp.float32 if channels == 1 else wp.vec3
+    kind = pixel_type(channels)
 
     class SampleList:
         pixel: wp.array(dtype=int)
@@ -59,7 +60,7 @@ def make_sample_list(channels: int) -> Any:
 def make_add_sample(channels: int) -> Any:
     """Makes the function `add_sample`; channels: 1 (luminance) or 3 (RGB)."""
     SampleList: Any = make_sample_list(channels)
-    kind: Any = wp.float32 if channels == 1 else wp.vec3
+    kind = pixel_type(channels)
 
     @wp.func
     def add_sample(samples: SampleList, place: int, pixel: int, instant: int, value: kind):

@@ -6,6 +6,7 @@ from typing import Any
 
 import warp as wp
 
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.refine.samples.list_kernels import ListPart, make_sample_list
 
 SPARE = 1.5
@@ -30,7 +31,7 @@ class GrowingList:
     """
 
     def __init__(self, struct: Any, pixel: Any, bands: int, device: Any) -> None:
-        """pixel: the type of ln I."""
+        """Makes an empty list of a struct's fields. pixel: the type of ln I."""
         self.kernel: Any = struct()
         self._types = {
             name: pixel if name in VALUES else wp.uint64 if name in ENTRIES else wp.int32 for name in struct.vars
@@ -65,14 +66,15 @@ class Samples:
     """Holds the samples of a gap on a device, as a struct SampleList for kernels: `kernel`."""
 
     def __init__(self, channels: int, made: wp.array, device: Any) -> None:
-        """channels: 1 (luminance) or 3 (RGB). made: samples before each list of pixels of a window."""
+        """Makes an empty list. channels: 1 (luminance) or 3 (RGB). made: samples before each list of pixels of a
+        window."""
         self._device = device
         self.kernel: Any = make_sample_list(channels)()
         self.kernel.made = made
         kinds: dict[str, Any] = {
             "pixel": wp.int32,
             "instant": wp.int32,
-            "value": wp.float32 if channels == 1 else wp.vec3,
+            "value": pixel_type(channels),
         }
         for name, kind in kinds.items():
             setattr(self.kernel, name, wp.empty(0, dtype=kind, device=device))

@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.refine.frame_kernels import light_at_start
 from nodes.interpolator.rigid.keyframe_kernels import log_of
 
@@ -123,7 +124,7 @@ def make_subpixel_light(channels: int) -> Any:
     image_a: keyframe A, with its margin. frames: [E K, h, w]. first, offset, value: further samples, as of Further.
     cursor: the next sample of each.
     """
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
 
     class SubpixelLight:
         image_a: wp.array3d(dtype=pixel)
@@ -188,7 +189,7 @@ def make_line_of(channels: int) -> wp.Function:
 @cache
 def make_slopes(channels: int) -> wp.Function:
     """Makes the function `slopes`. channels: as of make_merge."""
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
     SubpixelLight: Any = make_subpixel_light(channels)
     line_of = make_line_of(channels)
 
@@ -219,7 +220,7 @@ def make_slopes(channels: int) -> wp.Function:
 @cache
 def make_mean_at(channels: int) -> wp.Function:
     """Makes the function `mean_at`. channels: as of make_merge."""
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
     SubpixelLight: Any = make_subpixel_light(channels)
     line_of = make_line_of(channels)
 
@@ -245,7 +246,7 @@ def make_mean_at(channels: int) -> wp.Function:
 @cache
 def make_merge(channels: int) -> wp.Kernel:
     """Makes the kernel `merge`, of a thread per pixel. channels: 1 (luminance) or 3 (RGB)."""
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
     SubpixelLight: Any = make_subpixel_light(channels)
     slopes = make_slopes(channels)
     mean_at = make_mean_at(channels)

@@ -8,6 +8,7 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
+from evis.runtime.workers import edges_of
 from nodes.interpolator.refine.samples.mean_kernels import Division, make_merge, make_subpixel_light
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.samples import Further
@@ -20,7 +21,8 @@ class Means:
     """Merges the samples of the sub-pixels, of which each pixel is the mean, into those of pixels."""
 
     def __init__(self, rigid: Rigid, fineness: int, tolerance_ns: float) -> None:
-        """rigid: of the sub-pixels. fineness: how many of these a pixel has per axis. tolerance_ns: as of `Refined`."""
+        """Takes the sub-pixels' frames. rigid: of the sub-pixels. fineness: how many of these a pixel has per axis.
+        tolerance_ns: as of `Refined`."""
         layout, (height, width) = rigid.layout, rigid.size
         division: Any = Division()
         division.fineness, division.coarse = fineness, layout.upsampling
@@ -70,5 +72,5 @@ class Means:
 
     def _launch(self, writes: int, given: list[Any]) -> None:
         """Counts the samples, or writes them: the same kernel, so that both find the same."""
-        edges = [self._pixels * k // self._sampling.bands for k in range(self._sampling.bands + 1)]
+        edges = edges_of(self._pixels, self._sampling.bands)
         self._sampling.launch([(self._merge, e - s, [s, self._division, writes, *given]) for s, e in pairwise(edges)])

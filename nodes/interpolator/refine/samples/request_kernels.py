@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.refine.samples.list_kernels import ListPart, take_entry
 from nodes.interpolator.refine.window_kernels import PixelInterval, WindowParameters, slot_row
 
@@ -34,7 +35,7 @@ def make_requests(channels: int) -> Any:
     from there to the coarse frame after. shown: of a sample that has the value of a coarse frame in place of its own,
     that before, FRAME_BEFORE, or after, FRAME_AFTER; 0 = its own, PREDICTED = that of which `rise` is the logarithm.
     """
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
 
     class Requests:
         at: wp.array(dtype=int)
@@ -54,7 +55,7 @@ def make_requests(channels: int) -> Any:
 @cache
 def make_request(channels: int) -> Any:
     """Makes the function `request`; channels: 1 (luminance) or 3 (RGB)."""
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
     Requests: Any = make_requests(channels)
 
     @wp.func

@@ -1,10 +1,10 @@
 """Sorts samples by pixel and time."""
 
 from functools import cache
-from typing import Any
 
 import warp as wp
 
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.refine.samples.request_kernels import PARTS
 
 wp.set_module_options({"enable_backward": False})
@@ -59,7 +59,7 @@ def make_sort(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
 
     channels: 1 (luminance) or 3 (RGB).
     """
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
 
     @wp.func
     def comes_before(instants: wp.array(dtype=int), i: int, j: int):

@@ -15,6 +15,7 @@ import warp as wp
 from evis.gpu.append_kernels import take_place
 from evis.gpu.reading_kernels import entry, vector_at, whole_number
 from nodes.interpolator.displacement_kernels import displaced
+from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.relight.change_kernels import Change, Displacements, make_point_flags, make_relit, point_of
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.look_up.log_kernels import (
@@ -223,7 +224,7 @@ def make_gather(
     point_flags = make_point_flags(changes) if changes.any else None
     light_differs = make_light_differs(channels, waveform_count, changes) if listed and changes.any else None
     Keyframes: Any = make_keyframes(channels, waveform_count)
-    pixel = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
     look_up_both = make_look_up_both(lens, channels, waveform_count, careful, detailed, kind is not None)
     remodulate = make_remodulate(channels, waveform_count, kind) if kind and careful else None
     radiance_of = make_radiance_of(channels, waveform_count)
@@ -379,7 +380,7 @@ def make_gather(
 @cache
 def make_place(channels: int, single: bool = False) -> wp.Kernel:
     """Makes the kernel that writes shaded pixels into the frames; single: as of make_gather."""
-    pixel = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
 
     @wp.kernel(module="unique", enable_backward=False)
     def place(

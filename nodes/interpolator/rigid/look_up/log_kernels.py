@@ -6,6 +6,7 @@ from typing import Any
 import warp as wp
 
 from evis.media.colour import REC709
+from nodes.interpolator.image_kernels import pixel_type
 
 wp.set_module_options({"enable_backward": False})
 
@@ -22,7 +23,7 @@ def log_type(channels: int, waveform_count: int) -> Any:
     those of each waveform at their mean, and at last that under the steady lights alone.
     """
     if waveform_count == 0:
-        return wp.float32 if channels == 1 else wp.vec3
+        return pixel_type(channels)
     return wp.types.vector(length=channels * (waveform_count + 1), dtype=wp.float32)
 
 

@@ -9,7 +9,7 @@ import warp as wp
 from evis.gpu.reading_kernels import element, number, pair, pair_of, weighted, whole_number, whole_pair
 from nodes.interpolator.rigid.keyframe_kernels import STRAIGHT, WHOLE
 from nodes.interpolator.rigid.look_up.log_kernels import apart, half_black, least, log_type, most, name_of, within
-from nodes.renderer.raster.lens.displacement_kernels import make_displacement
+from nodes.renderer.raster.lens.displacement_kernels import FAR_AWAY, SKY_NEAR, make_displacement
 from nodes.renderer.raster.lens.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
@@ -351,10 +351,10 @@ def make_look_up(
         if m[0] == 0.0 and m[1] == 0.0 and m[2] == 0.0:
             seen, value = where_it_was(keys, s, base + s.y * view.width + s.x)
         else:
-            v = displacement(view, s.d, s.point, m, wp.where(s.sky == 1, 1.0e-6, view.near))
+            v = displacement(view, s.d, s.point, m, wp.where(s.sky == 1, SKY_NEAR, view.near))
             left = wp.floor(v[0])
             top = wp.floor(v[1])
-            if wp.abs(left) < 65536.0 and wp.abs(top) < 65536.0:
+            if wp.abs(left) < FAR_AWAY and wp.abs(top) < FAR_AWAY:
                 x = s.x + int(left)
                 y = s.y + int(top)
                 if x >= 1 and y >= 1 and x + 2 < view.width and y + 2 < view.height:

@@ -34,7 +34,7 @@ class EnvironmentData:
     """
 
     def __init__(self, model: Any, envs: int, batch: BatchStepper | None) -> None:
-        """batch: what steps them, None = each is stepped by itself."""
+        """Makes the data of each environment. batch: what steps them, None = each is stepped by itself."""
         self._model, self._batch = model, batch
         self._all = [_Own(mujoco.MjData(model), row) for row in range(envs)]
 

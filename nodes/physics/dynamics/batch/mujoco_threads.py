@@ -80,7 +80,7 @@ class MujocoThreads:
     """Steps environments of one model, whose last sensor is that of `add_deepest`."""
 
     def __init__(self, model: Any, count: int, threads: int) -> None:
-        """count: of environments. threads: how many share them."""
+        """Takes a model. count: of environments. threads: how many share them."""
         model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
         self._model, self._count, self._threads = model, count, threads
         # RK4 leaves positions from within its step, and delays and plugins read the time, which is exact only when set.
@@ -252,7 +252,7 @@ class MujocoThreads:
         return self._kept[key]
 
     def _made(self) -> Batch:
-        """The batch, after steps that were begun; made when it is first needed, for it copies the model."""
+        """Gives the batch, after steps that were begun; made when it is first needed, for it copies the model."""
         if self._ahead is not None:
             ahead, self._ahead = self._ahead, None
             ahead.result()

@@ -35,8 +35,8 @@ class Course:
     def __init__(
         self, assembly: Assembly, model: Any, step_ns: int, joints: bool, ends: bool, pool: ThreadPoolExecutor | None
     ) -> None:
-        """joints: whether intervals have the positions and velocities of the joints. ends: whether `last` has them.
-        pool: threads that share environments."""
+        """Takes an assembly and its model. joints: whether intervals have the positions and velocities of the joints.
+        ends: whether `last` has them. pool: threads that share environments."""
         self._assembly, self._model, self._step_ns, self._joints = assembly, model, step_ns, joints
         self._ends_of_joints, self._pool, self._paths = joints or ends, pool, PathsByShape()
 

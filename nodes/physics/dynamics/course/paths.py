@@ -23,7 +23,7 @@ class Paths:
     """
 
     def __init__(self, shape: tuple[int, int, int]) -> None:
-        """shape: E, S, M."""
+        """Allocates the paths. shape: E, S, M."""
         self.poses: np.ndarray = np.empty((*shape, 7))
         self.twists: np.ndarray = np.empty((*shape, 6))
         self.launches: dict[Any, Any] = {}

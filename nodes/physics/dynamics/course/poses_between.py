@@ -15,8 +15,8 @@ class PosesBetween:
     """Writes the poses between two steps, of arrays that stay where they are."""
 
     def __init__(self, poses: np.ndarray, twists: np.ndarray, result: np.ndarray) -> None:
-        """poses: float64 [E, 2, n, 7] at two times. twists: float64 [E, 2, n, 6]. result: float64 [E, n, 7], which is
-        written."""
+        """Takes the arrays that are read and written. poses: float64 [E, 2, n, 7] at two times. twists: float64 [E, 2,
+        n, 6]. result: float64 [E, n, 7], which is written."""
         every, first = np.arange(poses.shape[2], dtype=np.int32), np.zeros(1, np.int32)
         self._share, self._length, self._result = np.zeros(1), np.zeros(1), result
         arrays = [poses, twists, every, every, first, self._share, self._length, result[None]]

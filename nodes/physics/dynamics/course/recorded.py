@@ -56,8 +56,8 @@ class RecordedCourse:
     """Writes records of environments of a model into a Course."""
 
     def __init__(self, model: Any, reach: np.ndarray, own: tuple[np.ndarray, np.ndarray], threads: int) -> None:
-        """reach: float64 [nbody] m, distance of a body's farthest point. own: see Assembly. threads: that share
-        environments."""
+        """Takes a model. reach: float64 [nbody] m, distance of a body's farthest point. own: see Assembly. threads:
+        that share environments."""
         column = np.full(model.nbody, -1)
         column[own[1] + 1] = own[0]
         self._of_bodies = [cpu_array(np.asarray(values, np.int32)) for values in (model.body_rootid, column)]

@@ -11,6 +11,8 @@ wp.set_module_options({"enable_backward": False})
 
 FAR_AWAY = wp.constant(1.0e6)
 """Displacement [px], both components, to a point that the camera has no image of: outside every image."""
+SKY_NEAR = wp.constant(1.0e-6)
+"""Near plane of the sky, which is a direction: what of it is turned behind the camera has no image."""
 
 
 @cache
@@ -21,7 +23,7 @@ def make_displacement(lens: str) -> wp.Function:
     @wp.func
     def displacement(view: CameraView, d: wp.vec3, p: wp.vec3, m: wp.vec3, near: float):
         """Gives pixels from where the point p on ray d is to where p + m is; FAR_AWAY where the camera has no image of
-        it."""
+        it: nearer than `near`, SKY_NEAR for the sky."""
         v = wp.vec2(FAR_AWAY, FAR_AWAY)
         if wp.static(distorted is not None):
             # In float64, where adding m to p keeps its digits.

@@ -9,7 +9,7 @@ from evis.geometry import se3
 from evis.scene.mesh.shapes import cylinder
 from evis.scene.model import Material, Mesh
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
-from nodes.interpolator.refine.paths.albedo_scale import BENT, EVEN, albedo_scale_of
+from nodes.interpolator.refine.paths.albedo_scale import BENT, ONE_COLOUR, albedo_scale_of
 from nodes.renderer.geometry.triangles import geometry_of
 from nodes.renderer.renderer import Renderer
 
@@ -113,12 +113,12 @@ def test_grain_of_what_is_sparse_is_as_wide_as_things_are(count, width):
 
 
 def test_what_is_even_has_no_grain():
-    assert (albedo_scale(quad(1.0), plain(0.5)) == EVEN).all()
+    assert (albedo_scale(quad(1.0), plain(0.5)) == ONE_COLOUR).all()
     faint = painted()
     faint.texture = np.float32(0.5) + np.float32(0.01) * faint.texture
-    assert (albedo_scale(quad(1.0), faint) == EVEN).all()
+    assert (albedo_scale(quad(1.0), faint) == ONE_COLOUR).all()
     # No uv, no texture.
-    assert (albedo_scale(Mesh(quad(1.0).vertices, quad(1.0).faces), painted()) == EVEN).all()
+    assert (albedo_scale(Mesh(quad(1.0).vertices, quad(1.0).faces), painted()) == ONE_COLOUR).all()
 
 
 def coloured(points, faces, values):
@@ -148,13 +148,13 @@ def test_triangles_of_one_colour_each_are_as_fine_as_they_are_wide_where_another
     values = np.repeat([0.3, 0.3, 0.3, 0.3, 0.9, 0.9], 3).reshape(6, 3)
     wide = 0.4 / np.hypot(0.2, 2.0)
     # Of the second strip the triangle beside the third one alone.
-    expected = [EVEN, EVEN, wide, EVEN, EVEN, wide]
+    expected = [ONE_COLOUR, ONE_COLOUR, wide, ONE_COLOUR, ONE_COLOUR, wide]
     assert albedo_scale(coloured(points, faces, values), plain(0.5)).tolist() == pytest.approx(expected)
 
 
 def test_a_triangle_without_area_has_no_grain():
     points, values = [(0, 0, 0), (1, 0, 0), (2, 0, 0)], [(0.1, 0.5, 0.9)]
-    assert albedo_scale(coloured(points, [(0, 1, 2)], values), plain(0.5)).tolist() == pytest.approx([EVEN])
+    assert albedo_scale(coloured(points, [(0, 1, 2)], values), plain(0.5)).tolist() == pytest.approx([ONE_COLOUR])
 
 
 @pytest.mark.parametrize(("width", "tolerance", "most"), [(2 / 3, 200_000, 0.8), (1 / 3, TOLERANCE, 0.4)])
