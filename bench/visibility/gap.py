@@ -16,7 +16,6 @@ from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Scene
 from nodes.interpolator.auto.world import World
 from nodes.interpolator.keyframe import States
-from nodes.interpolator.rigid.sparse_raster import LATELY, LONGEST, SparseRaster
 from nodes.renderer.raster.visibility import Visibility
 
 
@@ -24,8 +23,7 @@ from nodes.renderer.raster.visibility import Visibility
 class Gap:
     """Holds one gap of a scene on a device, for both ways of drawing from the same poses.
 
-    poses: float64 [K, N, 7], of keyframe B and then of the K - 1 sub-frames, as `rigid` has them. past: [LATELY, N, 7],
-    before the gap, LONGEST sub-frames apart. keyframes: z-buffer
+    poses: float64 [K, N, 7], of keyframe B and then of the K - 1 sub-frames, as `rigid` has them. keyframes: z-buffer
     uint64 [1, H, W] and poses transformd [1, N] of A and B.
     """
 
@@ -34,7 +32,6 @@ class Gap:
     stamps: np.ndarray
     poses: np.ndarray
     before: np.ndarray
-    past: np.ndarray
     states: tuple[States, States]
     keyframes: list[tuple[wp.array, wp.array]]
 
@@ -44,15 +41,13 @@ class Gap:
         start = end_ns - round(1e9 / rate)
         stamps = subframe_stamps(start, end_ns, k)
         poses = np.concatenate([world.poses(int(t)) for t in (end_ns, *stamps[:-1])])
-        apart = (end_ns - start) * LONGEST // k
-        past = np.concatenate([world.poses(max(start - n * apart, 0)) for n in range(LATELY, 0, -1)])
         one = Visibility(world.scene, world.scene.cameras[0], device=device, layered=False)
         keyframes = []
         for stamp in (start, end_ns):
             one.update(world.poses(stamp))
             keyframes.append((wp.clone(one.packed), wp.clone(one.poses)))
         states = States(*world.states(max(2 * start - end_ns, 0), start)), States(*world.states(start, end_ns))
-        return Gap(world.scene, device, stamps, poses, world.poses(start), past, states, keyframes)
+        return Gap(world.scene, device, stamps, poses, world.poses(start), states, keyframes)
 
 
 class Ways:
@@ -63,18 +58,7 @@ class Ways:
         self.visibility = v = Visibility(g.scene, g.scene.cameras[0], k, device=g.device)
         self._frames = v.instance_poses(g.poses)
         self._graphs = CudaGraphs(v.device)
-        self._sparse: SparseRaster | None = None
         self.draw: dict[str, Callable[[], wp.array]] = {"raster": self._raster}
-        if SparseRaster.pays(v):
-            self._sparse = SparseRaster(v, 1, 1.0)
-            eyes = np.concatenate([g.before, g.poses[1:], g.poses[:1]])[:, None, v.camera_body]
-            self._strides = self._sparse.strides(eyes, g.keyframes[0][0])
-            self.draw["raster, blocks seen lately"] = self._draw_sparse
-            for first in range(0, len(g.past), k):
-                # Drawn in full, so that it has seen what a run would have.
-                v.place(v.instance_poses(np.resize(g.past[first : first + k], g.poses.shape)))
-                self._sparse.draw(k, 0, [1], True)
-                v.drawn()
         for footprint in FOOTPRINTS:
             forward = Forward(v, k, footprint)
             self.draw[f"keyframes, {footprint}"] = partial(self._move, footprint, forward)
@@ -104,14 +88,6 @@ class Ways:
         v = self.visibility
         v.place(self._frames)
         self._graphs.run(("raster", v.still_moved), v.draw)
-        v.drawn()
-        return v.packed
-
-    def _draw_sparse(self) -> wp.array:
-        v = self.visibility
-        assert self._sparse is not None
-        v.place(self._frames)
-        self._sparse.draw(1, self._k - 1, self._strides, True)
         v.drawn()
         return v.packed
 

@@ -3,10 +3,9 @@
     evis bench visibility [--quick]
     python -m bench.visibility.subframes --device cuda
 
-Gaps of four scenes. The raster is what `rigid` uses; where it draws fewer triangles at most sub-frames (a CPU, many
-still triangles, a moving camera) that is a row of its own. The other way moves every pixel of both keyframes with its
-body to the sub-frame, exactly, and keeps the nearest point in every pixel: a point covers one pixel, 3x3, or those of
-3x3 that no point falls on. Time is per sub-frame, all of a gap at once, the least of several runs in turn: CPU time of
+Gaps of four scenes. The raster is what `rigid` uses. The other way moves every pixel of both keyframes with its body
+to the sub-frame, exactly, and keeps the nearest point in every pixel: a point covers one pixel, 3x3, or those of 3x3
+that no point falls on. Time is per sub-frame, all of a gap at once, the least of several runs in turn: CPU time of
 one thread, or wall time of a GPU, whose launches are recorded as a graph. Poses are brought to the device by both.
 """
 
@@ -128,7 +127,6 @@ def rows(name: str, rates: tuple[tuple[float, int], ...], device: str, repeats: 
         for end_ns in ENDS_NS:
             gap = Gap.of(world, rate, k, end_ns, device)
             ways = Ways(gap)
-            # Before anything is repeated, for one of them remembers.
             seen = {way: ways.seen(way).copy() for way in ways.draw}
             spent, errors = ways.milliseconds(repeats), frame_errors(gap)
             for way in ways.draw:

@@ -327,8 +327,6 @@ class Interpolator:
         self._warmed = True
         self.last_report()
         prepare(0)
-        # Of those that remember more than the last keyframe.
-        getattr(self._method, "settle", lambda: None)()
 
     def _scratch(self, shape: tuple[int, ...]) -> np.ndarray | wp.array:
         if self._device.is_cpu:

@@ -242,8 +242,6 @@ class ManyGaps(Interpolator):
         """Does what `Interpolator.warm_up_for` does, for several gaps at once."""
         self.begin(envs, height, width, margin)
         self._warmed = True
-        if self._method_in_a_row().remembers:
-            self.gaps, self._rigid = 1, None
         if self.gaps == 1 or self.upsampling > made_up.LONGEST or self._scene is None or self._camera is None:
             super().warm_up_for(envs, height, width, margin, gap_ns)
             return

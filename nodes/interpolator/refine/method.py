@@ -55,15 +55,6 @@ class Refined:
         """Lists the kernels that it launches besides those of `rigid`."""
         return self.refinement.kernels() if self.sampled else []
 
-    @property
-    def remembers(self) -> bool:
-        """Implements `Rigid.remembers`."""
-        return self.rigid.remembers
-
-    def settle(self) -> None:
-        """Implements `Rigid.settle`."""
-        self.rigid.settle()
-
     def prepare_for(self, gap_ns: int) -> None:
         """Divides gaps that are shorter than `gap_ns` [ns] as finely as one of that length; 0 = as they are."""
         self.refinement.as_long_as_ns = gap_ns

@@ -6,7 +6,7 @@ The way of the data through a gap, which `method.py` leads; `layout.py` has its 
    them to the device.
 2. Keyframes: `keyframes.py` holds A and B as `keyframe_kernels.py` prepares them: ln I, patches and inverse distances.
    `patches.py` divides surfaces into patches, whose shading has no step inside, and `patch_kernels.py` reads them.
-3. Visibility: the renderer's raster draws the sub-frames, or `sparse_raster.py` what little there is to see anew.
+3. Visibility: the renderer's raster draws the sub-frames.
 4. Samples: `sampling.py` plans by `plan_kernels.py`, from how far bodies move (`body_motion_kernels.py`), at which
    sub-frames a pixel is looked up, and at which it lies on a line between two that are.
 5. Reprojection: `reprojection.py` looks the points up in both keyframes (`look_up/`), and has those shaded that neither

@@ -11,8 +11,7 @@ log L = (1 - f) log L_A + f log L_B, or that of the one which shows the point is
 its own time. So is what they agree about although its light changes in between: see `relight`, which computes that.
 
 Where a pixel hardly moves over the surface that it shows, this is done at some of the sub-frames, and the others are
-lines between them: see plan_kernels. Where the whole image hardly moves, not all triangles are drawn at each: see
-sparse_raster.
+lines between them: see plan_kernels.
 
 Light with a waveform may be alike at both keyframes and differ in between. A keyframe is shaded once without lights
 that flicker, and for each waveform once with its lights at their mean besides; all are looked up and blended, and added
@@ -47,7 +46,6 @@ from nodes.interpolator.rigid.placement import Placement
 from nodes.interpolator.rigid.reprojection import Reprojection, textured_in
 from nodes.interpolator.rigid.sampling import Sampling, SubframeRange
 from nodes.interpolator.rigid.slots import Poses, Slots
-from nodes.interpolator.rigid.sparse_raster import SparseRaster
 from nodes.renderer.geometry.triangles import is_static
 from nodes.renderer.lighting import Shading, ShadingOptions
 from nodes.renderer.lights.lights import waveform_strengths
@@ -77,12 +75,12 @@ class Rigid:
         scene, camera: those of the renderer. upsampling: K. margin: pixels beyond the image on every side. channels: 1
         or 3. threads: of a CPU. worlds: see Placement. in_a_row: the environments are gaps of one environment, each of
         which begins where the one before ends: views have times of their `own`, and the last one's B is the first one's
-        A of the next call; not where it `remembers`. late: `between` gives the report of the gap before, so that nobody
+        A of the next call. late: `between` gives the report of the gap before, so that nobody
         waits for a GPU, as it does of gaps in a row; see `last_report`.
         """
         asked, cpu = options or RigidOptions(), wp.get_device(device).is_cpu
         self.layout = layout_of(scene, camera, envs, upsampling, margin, channels, cpu, asked)
-        slots, step = self.layout.slots, self.layout.step
+        slots = self.layout.slots
         self.placement = Placement(scene, worlds, envs, threads)
         sparse = True if len(self.placement.movers) else None
         v = self.visibility = Visibility(scene, camera, envs * slots, margin, device, threads, sparse=sparse)
@@ -128,8 +126,6 @@ class Rigid:
         self._reprojection = Reprojection(self.shading, self.sampling, self.pieces, self.layout, self.change)
         straight = FINE * self.layout.tolerance if textured else -1.0
         self._filling = self.pieces, self._moving, straight, self._reprojection.nonfinite
-        self._sparse = SparseRaster(v, envs, step) if step > 0 and SparseRaster.pays(v) else None
-        self._strides = [1] * envs
         # What the reports of a gap and of the one before need, where the host reads it, and when it is there.
         counted = self._reprojection.counted
         self._told = [
@@ -154,16 +150,6 @@ class Rigid:
         """Gives how strong lights that flicker are at what was drawn, float32 [slots E waveforms], empty without
         such."""
         return self._reprojection.strength
-
-    @property
-    def remembers(self) -> bool:
-        """Tells whether the frames of a gap depend on more than its keyframes."""
-        return self._sparse is not None
-
-    def settle(self) -> None:
-        """Keeps what it has seen so far as what it knows at the start of every episode, after it was warmed up."""
-        if self._sparse is not None:
-            self._sparse.settle()
 
     def between(
         self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array
@@ -199,11 +185,6 @@ class Rigid:
         if not self._knows(a):
             self._prepare(a)
         self._at_b, self._held = b, held
-        if self._sparse is not None:
-            for env in np.flatnonzero(begun).tolist():
-                self._sparse.begin(env)
-                self._sparse.remember(env, self.pair.a.packed[env].numpy())
-            self._strides = self._sparse.strides(places.camera_path(), self.pair.a.packed)
         self.frames = self._target(out)
         self._make_portions(b, held, stamps)
         turn, self._even = int(self._even), not self._even
@@ -311,16 +292,11 @@ class Rigid:
         self._flags = flags
 
     def _draw(self, portion: int) -> None:
-        """Draws who is seen in a portion of the sub-frames, for what is placed; the first one begins with B itself, the
-        last one ends with it. Launches only, which a GPU may have recorded."""
-        v, part = self.visibility, self.layout.portions[portion]
-        first, closed = int(portion == 0), portion == len(self.layout.portions) - 1
+        """Draws who is seen in a portion of the sub-frames, for what is placed; the first one begins with B itself.
+        Launches only, which a GPU may have recorded."""
+        v = self.visibility
         v.arrive()
-        if max(self._strides) > 1 and self._sparse is not None:
-            placed = partial(self._launch_beside, portion)
-            self._sparse.draw(first, len(part) - first, self._strides, closed, placed)
-        else:
-            v.draw(partial(self._launch_beside, portion))
+        v.draw(partial(self._launch_beside, portion))
         self._beside.join()
 
     def _reproject(self, portion: int, frames: wp.array) -> None:
@@ -387,10 +363,7 @@ class Rigid:
         """Prepares a keyframe whose z-buffer is not there from the gap before."""
         v = self.visibility
         placed = self._places.place_before()
-        if self._sparse is not None:
-            self._sparse.draw_keyframe()
-        else:
-            v.draw()
+        v.draw()
         v.drawn()
         a = self.pair.a
         a.take(view.image)

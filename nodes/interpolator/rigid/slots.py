@@ -104,10 +104,6 @@ class Slots:
             return self.poses.moved[:, :, self._camera]
         return np.repeat(self.poses.rest[None, :, self._v.camera_body], len(self.poses.moved), 0)
 
-    def camera_path(self) -> np.ndarray:
-        """Gives poses of the camera at keyframe a and at the sub-frames, float64 [K + 1, E, 7]."""
-        return np.concatenate([self.poses.before[None, :, self._v.camera_body], self.camera()])
-
     def still(self, flicker: bool, held: np.ndarray) -> np.ndarray:
         """Gives flags int32 [E, N + 2] of `keyframe_kernels.find_unchanged`; flicker: whether light changes."""
         rest, before = self.poses.rest, self.poses.before
