@@ -31,6 +31,10 @@ SENSOR = ("model", "threshold", "threshold_on", "threshold_off", "dark_level", "
 ON_GPU = "on a GPU it costs more than the run itself; audit:=64 asks for it"
 """Why there is none by default."""
 
+SLOWEST_HZ = 1.0
+"""Keyframes a second below which there is none by default: brute force looks at a pixel 500 times a second however few
+frames there are, so that an audit costs the more times a run the farther these are apart."""
+
 HORIZON_S = 1.0
 """How far ahead motion is looked at before pixels are drawn, if the run is longer [s]."""
 
@@ -42,7 +46,7 @@ class AuditNode(Node):
         "audit": Param(
             int, None, "pixels that are also computed by brute force, for the error of the events in the summary; "
             "0 = none; not given = as many as cost about 3 % of the run, 16 at least where these are cheap, none on a "
-            "GPU", "", 0, 1 << 20, optional=True,
+            "GPU or where keyframes are more than a second apart", "", 0, 1 << 20, optional=True,
         ),
         "audit_limit": Param(
             float, 0.5, "error (Victor-Purpura, 1/ms) above which the audit warns, with the cause", "", 0, 1
@@ -103,10 +107,13 @@ class AuditNode(Node):
 
     @classmethod
     def pointless(cls, params: Mapping[str, Any]) -> str:
-        """Says why an audit is left out: every picture is the same, or it costs a multiple of the run and nobody asked
-        for it."""
+        """Says why an audit is left out: every picture is the same, or it costs more than the run, on a GPU or where
+        keyframes are far apart, and nobody asked for it."""
         if params.get("audit") is None and str(params.get("device", "cpu")).startswith("cuda"):
             return ON_GPU
+        rate = params.get("keyframe_rate")
+        if params.get("audit") is None and rate is not None and rate < SLOWEST_HZ:
+            return f"it costs more than a run whose keyframes are {1 / rate:g} s apart; audit:=16 asks for it"
         from evis.scene.load import is_dynamic, load_scene, parse_args
         from nodes.audit.causes import nothing_changes
 

@@ -190,13 +190,13 @@ class LabelerNode(Node):
 
         Of another process images come on the host while anybody reads them there, and flow has other roundings there.
         """
-        if self._flow_device() == "cpu":
-            # Labels of events wait for these, which are labelled on the host.
-            image = host_array(image) if self.pairing is not None else image
-        elif isinstance(image, np.ndarray) and "flow" in self.kinds:
-            import warp as wp
+        if self.pairing is not None or "flow" in self.kinds:
+            if self._flow_device() == "cpu":
+                image = host_array(image)
+            elif isinstance(image, np.ndarray):
+                import warp as wp
 
-            image = wp.array(image, device=self._flow_device())
+                image = wp.array(image, device=self._flow_device())
         return self.image_labels.crop(image, margin)
 
     def _flow_device(self) -> str:

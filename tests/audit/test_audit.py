@@ -130,6 +130,14 @@ def test_there_is_none_on_a_gpu_unless_it_is_asked_for() -> None:
     assert not AuditNode.pointless(params | {"device": "cpu"})
 
 
+def test_there_is_none_where_keyframes_are_far_apart_unless_it_is_asked_for() -> None:
+    """Of 100 keyframes 1000 s apart it took more than a thousand times as long as the run."""
+    params = {"scene": "spinning_disk", "audit": None, "keyframe_rate": 0.001}
+    assert "1000 s apart" in AuditNode.pointless(params) and "audit:=16" in AuditNode.pointless(params)
+    assert not AuditNode.pointless(params | {"audit": 16})
+    assert not AuditNode.pointless(params | {"keyframe_rate": 1.0})
+
+
 def test_what_never_changes_is_told() -> None:
     assert not nothing_changes(small("matte_box"))
     scene = small("matte_box")

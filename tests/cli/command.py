@@ -27,5 +27,6 @@ class Result:
 
 
 def environment(runtime: Path) -> dict[str, str]:
-    """Of a command that sees no other graph on this machine."""
-    return {**os.environ, "XDG_RUNTIME_DIR": str(runtime), "PYTHONPATH": str(NODES)}
+    """Of a command that sees no other graph on this machine, and the code that the test itself sees."""
+    path = os.pathsep.join(filter(None, (str(NODES), os.environ.get("PYTHONPATH"))))
+    return {**os.environ, "XDG_RUNTIME_DIR": str(runtime), "PYTHONPATH": path}

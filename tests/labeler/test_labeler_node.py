@@ -65,8 +65,8 @@ def info():
     )  # fmt: skip
 
 
-def node_of(labels):
-    node = LabelerNode("labeler", {"labels": labels})
+def node_of(labels, device="cpu"):
+    node = LabelerNode("labeler", {"labels": labels, "device": device})
     node.runtime = Wire()
     node.setup()
     return node
@@ -101,14 +101,16 @@ def test_images_are_cropped_and_exact(inputs):
     assert out.pose is None and out.contact_env is None
 
 
+@pytest.mark.parametrize("own", ["cpu", pytest.param("cuda:0", marks=pytest.mark.gpu)])
 @pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.gpu)])
-def test_images_on_a_device_have_the_labels_of_the_host_s(inputs, device):
-    """Warp's arrays and numpy's by turns, as they come from another process while a viewer reads one of them."""
+def test_images_on_a_device_have_the_labels_of_the_host_s(inputs, device, own):
+    """Warp's arrays and numpy's by turns, as they come from another process while a viewer reads one of them; own: the
+    labeler's device."""
     there = dict(inputs)
     for name, kind in (("depth", wp.float32), ("ids", wp.int32)):
         array = wp.array(getattr(inputs[name], name), dtype=kind, device=device)
         there[name] = replace(inputs[name], **{name: array})
-    node = node_of(["flow", "depth", "segmentation", "semantic", "boxes"])
+    node = node_of(["flow", "depth", "segmentation", "semantic", "boxes"], device=own)
     node.receive("info", info())
     mixed = [inputs, there, {**inputs, "ids": there["ids"]}, {**there, "ids": inputs["ids"]}, inputs]
     for given in mixed:
@@ -118,12 +120,12 @@ def test_images_on_a_device_have_the_labels_of_the_host_s(inputs, device):
     assert len(others) == 4 and first["flow"].any() and not np.isnan(first["flow"]).any()
     for other in others:
         for name in ("flow", "depth", "segmentation", "semantic", "box"):
-            assert np.allclose(first[name], other[name], rtol=1e-6), name
+            assert np.array_equal(first[name], other[name]), name
 
 
 @pytest.mark.gpu
 def test_an_id_without_a_body_in_the_last_images_is_told(inputs):
-    node = node_of(["flow"])
+    node = node_of(["flow"], device="cuda")
     node.receive("info", info())
     strange = np.full(inputs["ids"].ids.shape, 7, np.int32)
     there = {"depth": wp.array(inputs["depth"].depth, device="cuda"), "ids": wp.array(strange, device="cuda")}
