@@ -263,6 +263,7 @@ class Refinement:
         scene.packed, scene.targets = self._rigid.visibility.packed, evaluator.targets
         scene.probed, scene.probes = self._probes.packed, self._probes.each
         scene.parts, scene.alpha = self._parts, evaluator.change.alpha
+        scene.surfaces = evaluator.shading.surfaces
         return scene
 
     def _sorted(self, samples: list[wp.array], total: int, since: wp.array) -> Further:

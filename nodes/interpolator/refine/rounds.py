@@ -36,6 +36,7 @@ from nodes.interpolator.refine.samples.lists import GrowingList, Samples, part_o
 from nodes.interpolator.refine.samples.request_kernels import make_requests
 from nodes.interpolator.refine.samples.tally import Counts, Tally
 from nodes.interpolator.rigid.method import Rigid
+from nodes.interpolator.rigid.reprojection import textured_in
 from nodes.renderer.lighting import LIST_WORKERS
 
 SEARCHERS, BLOCK = 1 << 21, 64
@@ -86,7 +87,8 @@ class Kernels:
         layout, lens, transitions = rigid.layout, rigid.visibility.lens, changes_of(rigid)
         features = rigid.shading.features
         painted = features.textures or features.vertex_colours
-        how = (lens, layout.channels, layout.waveform_count, layout.relight, painted, transitions)
+        textured = textured_in(rigid.shading, layout)
+        how = (lens, layout.channels, layout.waveform_count, layout.relight, painted, textured, transitions)
         ends = make_request_run_ends(layout.channels, not layout.flicker)
         return cls(
             make_request_single_surface(*how),

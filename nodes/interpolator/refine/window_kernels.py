@@ -13,6 +13,7 @@ from nodes.interpolator.refine.probing.probe_kernels import probe_image
 from nodes.interpolator.rigid.plan_kernels import same_surface
 from nodes.renderer.raster.depth_kernels import triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
+from nodes.renderer.raster.surface_kernels import Surfaces
 
 wp.set_module_options({"enable_backward": False})
 
@@ -78,7 +79,7 @@ class WindowScene:
     gap. packed_a [E, H, W]: z-buffer of keyframe A. packed: [rows, H, W], z-buffers of B and of sub-frames 1 .. K - 1.
     probed, probes: `packed` and `each` of Probes. bends: as of find_bends. parts: of each environment [2, E], see
     WindowParameters: for shadows and beams, and for facets. light_changes: as of find_light_changes. alpha: of each
-    instance's material, -1 for a plain one. targets: what rays can meet.
+    instance's material, -1 for a plain one. targets: what rays can meet. surfaces: what they look like.
     """
 
     turn: wp.array2d(dtype=wp.mat33)
@@ -93,6 +94,7 @@ class WindowScene:
     light_changes: wp.array3d(dtype=wp.uint64)
     alpha: wp.array(dtype=float)
     targets: Targets
+    surfaces: Surfaces
 
 
 @wp.struct

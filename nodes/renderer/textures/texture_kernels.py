@@ -56,14 +56,32 @@ def bilinear(texels: wp.array(dtype=wp.vec3), level: wp.vec3i, uv: wp.vec2) -> w
     ...
 
 
+@wp.struct
+class Filter:
+    """Holds how a texture is filtered under a footprint.
+
+    fine, coarse: levels between which it is interpolated, as of Textures; share: of the coarse one. taps: samples along
+    the footprint; 0 = magnified. first: from the middle of the footprint to the first of these; step: to the next.
+    """
+
+    fine: wp.vec3i
+    coarse: wp.vec3i
+    share: float
+    taps: int
+    first: wp.vec2
+    step: wp.vec2
+
+
 @wp.func
-def filtered(textures: Textures, place: wp.vec2i, uv: wp.vec2, across: wp.vec2, down: wp.vec2):
-    """Gives a texture under a pixel; across, down: how uv changes from one column and one row to the next.
+def filter_of(textures: Textures, place: wp.vec2i, across: wp.vec2, down: wp.vec2):
+    """Gives how a texture is filtered under a pixel; across, down: how uv changes from one column and one row to the
+    next.
 
     A footprint of at most one texel is magnified: bilinear. A longer one is covered by up to TAPS samples along the
     longer derivative, each trilinear at the level whose texels are as wide as the footprint (Schilling, Knittel and
     Strasser, Texram: A Smart Memory for Texturing, 1996).
     """
+    f = Filter()
     level = textures.levels[place[0]]
     w = float(level[1])
     h = float(level[2])
@@ -73,23 +91,39 @@ def filtered(textures: Textures, place: wp.vec2i, uv: wp.vec2, across: wp.vec2, 
     b2 = wp.dot(b, b)
     long2 = wp.max(a2, b2)
     if not long2 > 1.0:
-        return bilinear(textures.texels, level, uv)
+        f.fine = level
+        return f
     length = wp.sqrt(long2)
     width = wp.max(wp.abs(a[0] * b[1] - a[1] * b[0]) / length, wp.max(length / float(TAPS), 1.0))
-    taps = int(wp.ceil(length / width))
+    f.taps = int(wp.ceil(length / width))
     # The outermost samples lie half a width from the ends, so that a footprint as long as wide has one place.
     axis = wp.where(a2 >= b2, across, down) * (1.0 - width / length)
-    at = uv - 0.5 * axis
-    step = axis / float(wp.max(taps - 1, 1))
+    f.first = -0.5 * axis
+    f.step = axis / float(wp.max(f.taps - 1, 1))
     lod = wp.min(wp.log2(width), float(place[1] - 1))
     base = int(lod)
-    share = lod - float(base)
-    fine = textures.levels[place[0] + base]
-    coarse = textures.levels[place[0] + wp.min(base + 1, place[1] - 1)]
+    f.share = lod - float(base)
+    f.fine = textures.levels[place[0] + base]
+    f.coarse = textures.levels[place[0] + wp.min(base + 1, place[1] - 1)]
+    return f
+
+
+@wp.func
+def filtered_by(textures: Textures, f: Filter, uv: wp.vec2):
+    """Gives a texture at a place, under the footprint of a filter."""
+    if f.taps == 0:
+        return bilinear(textures.texels, f.fine, uv)
+    at = uv + f.first
     total = wp.vec3(0.0, 0.0, 0.0)
-    for _ in range(taps):
-        total += (1.0 - share) * bilinear(textures.texels, fine, at)
-        if share > 0.0:
-            total += share * bilinear(textures.texels, coarse, at)
-        at += step
-    return total / float(taps)
+    for _ in range(f.taps):
+        total += (1.0 - f.share) * bilinear(textures.texels, f.fine, at)
+        if f.share > 0.0:
+            total += f.share * bilinear(textures.texels, f.coarse, at)
+        at += f.step
+    return total / float(f.taps)
+
+
+@wp.func
+def filtered(textures: Textures, place: wp.vec2i, uv: wp.vec2, across: wp.vec2, down: wp.vec2):
+    """Gives a texture under a pixel; across, down: as of `filter_of`."""
+    return filtered_by(textures, filter_of(textures, place, across, down), uv)

@@ -12,6 +12,7 @@ from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.keyframe import Span
 from nodes.interpolator.refine.evaluation.visibility_kernels import Targets
 from nodes.interpolator.refine.paths.albedo_scale import albedo_scale_of
+from nodes.interpolator.refine.paths.texture_charts import charts_of
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.look_up.gather_kernels import GatherLists, make_gather, make_place
@@ -97,6 +98,7 @@ class Evaluator:
         targets.first = v.put(v.geometry.first, wp.int32)
         targets.neighbours = v.put(neighbours_of(v.scene), wp.vec3i)
         targets.albedo_scale = v.put(albedo_scale_of(v.scene, v.geometry, self._rigid.layout.tolerance), wp.float32)
+        targets.charts = v.put(charts_of(v.scene, v.geometry), wp.int32)
         return targets
 
     @property

@@ -28,8 +28,8 @@ class Targets:
 
     vertices: as of triangle_kernels.corner. triangles: corners of each triangle. instance: of each triangle. two_sided:
     of each instance, 0 or 1. first: first triangle of each instance. pieces: body and front's patch of each triangle.
-    albedo_scale, neighbours: of each triangle, as of albedo_scale_of and neighbours_of. casters: poses [R, I] of the
-    instances in the camera's frame, with an acceleration structure for each mesh.
+    albedo_scale, charts, neighbours: of each triangle, as of albedo_scale_of, charts_of and neighbours_of. casters:
+    poses [R, I] of the instances in the camera's frame, with an acceleration structure for each mesh.
     """
 
     vertices: wp.array2d(dtype=wp.vec3)
@@ -39,6 +39,7 @@ class Targets:
     first: wp.array(dtype=int)
     pieces: wp.array(dtype=wp.vec2i)
     albedo_scale: wp.array(dtype=float)
+    charts: wp.array(dtype=int)
     neighbours: wp.array(dtype=wp.vec3i)
     casters: Casters
 

@@ -85,7 +85,7 @@ def make_request_keyframe_path(lens: str, channels: int, waveform_count: int) ->
     looked_up: Any = log_type(channels, waveform_count)
     Keyframes: Any = make_keyframes(channels, waveform_count)
     Requests: Any = make_requests(channels)
-    place_then, (in_view, look_up_at) = (
+    place_then, (in_view, look_up_at, _light_at) = (
         make_place_then(lens, channels, waveform_count),
         make_point_look_up(channels, waveform_count),
     )

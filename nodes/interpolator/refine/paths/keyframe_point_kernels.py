@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from evis.gpu.reading_kernels import element, number, whole_number
+from evis.gpu.reading_kernels import element, number, pair, whole_number
 from nodes.interpolator.refine.paths.motion_kernels import motion_since
 from nodes.interpolator.refine.window_kernels import PixelInterval, WindowParameters, WindowScene
 from nodes.interpolator.rigid.look_up.log_kernels import apart, log_type
@@ -56,8 +56,8 @@ def make_place_then(lens: str, channels: int, waveform_count: int) -> Any:
 
 
 @cache
-def make_point_look_up(channels: int, waveform_count: int) -> tuple[Any, Any]:
-    """Makes the functions `in_view` and `look_up_at`; arguments as of make_look_up."""
+def make_point_look_up(channels: int, waveform_count: int) -> tuple[Any, Any, Any]:
+    """Makes the functions `in_view`, `look_up_at` and `light_at`; arguments as of make_look_up."""
     Keyframes: Any = make_keyframes(channels, waveform_count)
     log_at = number if log_type(channels, waveform_count) is wp.float32 else element
 
@@ -101,4 +101,23 @@ def make_point_look_up(channels: int, waveform_count: int) -> tuple[Any, Any]:
         nearest = here + int(fy + 0.5) * view.width + int(fx + 0.5)
         return whole_number(keys.patch, nearest) == patch, log_at(keys.logs, nearest), spread
 
-    return in_view, look_up_at
+    @wp.func
+    def light_at(view: CameraView, keys: Keyframes, base: int, at: wp.vec2, patch: int):
+        """Tells whether a keyframe shows a patch at a place, and ln of the light alone there, as `look_up_at` does."""
+        left = wp.min(int(at[0]), view.width - 2)
+        top = wp.min(int(at[1]), view.height - 2)
+        fx = at[0] - float(left)
+        fy = at[1] - float(top)
+        here = base + top * view.width + left
+        below = here + view.width
+        one = whole_number(keys.support, here) >> 2 == patch
+        if one:
+            a = pair(keys.demodulated, here)
+            b = pair(keys.demodulated, below)
+            upper = a[0] + fx * (a[1] - a[0])
+            lower = b[0] + fx * (b[1] - b[0])
+            return True, upper + fy * (lower - upper)
+        nearest = here + int(fy + 0.5) * view.width + int(fx + 0.5)
+        return whole_number(keys.patch, nearest) == patch, number(keys.demodulated, nearest)
+
+    return in_view, look_up_at, light_at

@@ -11,6 +11,7 @@ from nodes.interpolator.refine.light.flicker_kernels import Marks, entry_near, m
 from nodes.interpolator.refine.light.light_visibility_kernels import part_at
 from nodes.interpolator.refine.paths.albedo_path_kernels import finer_than_pixels, make_request_albedo_path
 from nodes.interpolator.refine.paths.keyframe_path_kernels import make_request_keyframe_path
+from nodes.interpolator.refine.paths.texture_path_kernels import make_request_texture_path
 from nodes.interpolator.refine.samples.list_kernels import ListPart
 from nodes.interpolator.refine.samples.request_kernels import UNKNOWN, make_request, make_requests
 from nodes.interpolator.refine.window_kernels import (
@@ -23,7 +24,15 @@ from nodes.interpolator.refine.window_kernels import (
     parts_of,
     slot_row,
 )
-from nodes.interpolator.relight.change_kernels import Change, make_point_flags
+from nodes.interpolator.relight.change_kernels import (
+    LIT_ANEW,
+    SHADED,
+    VIEWED,
+    Change,
+    in_the_open,
+    make_point_flags,
+    point_of,
+)
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.look_up.log_kernels import apart
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
@@ -35,7 +44,7 @@ wp.set_module_options({"enable_backward": False})
 
 @cache
 def make_request_run(
-    lens: str, channels: int, waveform_count: int, relit: bool, painted: bool, changes: LightChanges
+    lens: str, channels: int, waveform_count: int, relit: bool, painted: bool, textured: bool, changes: LightChanges
 ) -> Any:
     """Makes the function `request_run`, which lists the samples of a run; arguments as of
     make_request_single_surface."""
@@ -43,6 +52,7 @@ def make_request_run(
     Keyframes: Any = make_keyframes(channels, waveform_count)
     Requests: Any = make_requests(channels)
     request_keyframe_path, request = make_request_keyframe_path(lens, channels, waveform_count), make_request(channels)
+    request_texture_path = make_request_texture_path(lens, channels, waveform_count) if textured else None
     request_albedo_path = make_request_albedo_path(channels, waveform_count) if painted else None
 
     @wp.func
@@ -57,18 +67,28 @@ def make_request_run(
         out: ListPart,
     ):
         """Does as `request_keyframe_path` does, in the nearer keyframe, or in the other one where that does not show
-        the way, and goes by what is painted on the surface where none does, or that is finer than their pixels."""
+        the way, and goes by what is painted on the surface where none does. What is painted more finely than their
+        pixels is followed by its texture.
+
+        Tells besides whether ln I goes as told but for what light does."""
         nearer = wp.where(2 * px.k >= params.coarse and px.k > 0, 1, 0)
         new = run.last
         rise = pixel(UNKNOWN)
         whole = wp.bool(False)
         tries = wp.int32(0)
+        fine = wp.bool(False)
         if wp.static(request_albedo_path is not None):
-            if finer_than_pixels(view, scene, px, run.before):
-                tries = wp.int32(2)
+            fine = finer_than_pixels(view, scene, px, run.before)
+            if wp.static(request_texture_path is None):
+                if fine:
+                    tries = wp.int32(2)
         while tries < 2 and not whole and new == run.last and (tries == 0 or px.k + run.start > 0):
             which = wp.where(tries == 0, nearer, 1 - nearer)
-            new, rise, whole = request_keyframe_path(view, params, keys, scene, requests, px, which, run, out)
+            if wp.static(request_texture_path is not None):
+                if fine:
+                    new, rise, whole = request_texture_path(view, params, keys, scene, requests, px, which, run, out)
+            if not fine:
+                new, rise, whole = request_keyframe_path(view, params, keys, scene, requests, px, which, run, out)
             tries += 1
         if wp.static(request_albedo_path is not None):
             if not whole and triangle_of(run.before) != MISS:
@@ -78,7 +98,7 @@ def make_request_run(
                     rest.before = entry_near(params, scene, px, rest.start, run.start, run.before)
                     rest.last = new
                 new, rise = request_albedo_path(view, params, keys, scene, requests, px, rest, out)
-        return new, rise, whole
+        return new, rise, whole, whole and fine
 
     @wp.func
     def request_run(
@@ -116,6 +136,7 @@ def make_request_run(
         span.last = run.last
         rise = pixel(UNKNOWN)
         whole = wp.bool(False)
+        exact = wp.bool(False)
         # All by the same code: a GPU's cache of instructions would not hold copies of it.
         for n in range(marked + edges + 1):
             i = run.end
@@ -135,14 +156,14 @@ def make_request_run(
                 span.after = run.after
                 if inside:
                     span.after = entry_near(params, scene, px, i, span.start, span.before)
-                last, rise, whole = request_span(view, params, keys, scene, requests, px, span, out)
+                last, rise, whole, exact = request_span(view, params, keys, scene, requests, px, span, out)
                 if inside:
                     last = request(params, requests, px, i, span.after, span.after, rise, last, out)
                     requests.later[last] = later
                     span.start = i
                     span.before = span.after
                 span.last = last
-        return span.last, rise, whole
+        return span.last, rise, whole, exact and edges + marked == 0
 
     return request_run
 
@@ -168,6 +189,41 @@ def make_light_may_change(changes: LightChanges) -> Any:
         return False
 
     return light_may_change
+
+
+@cache
+def make_light_is_even(changes: LightChanges) -> Any:
+    """Makes the function `light_is_even`; changes: of light in the scene."""
+    point_flags = make_point_flags(changes) if changes.any else None
+
+    @wp.func
+    def light_is_even(
+        params: WindowParameters, scene: WindowScene, change: Change, px: PixelInterval, i: int, hit: wp.uint64
+    ):
+        """Tells whether light on what a pixel shows at instant i goes evenly in the gap: nothing can come before a
+        lamp, and what moves against it is in no beam and not glossy."""
+        if wp.static(point_flags is not None):
+            t = triangle_of(hit)
+            body = scene.targets.pieces[t][0]
+            row = slot_row(params, px.env, px.k, i)
+            to_a = scene.shift[row, body]
+            to_b = scene.shift[row + scene.shift.shape[0] // 2, body]
+            position = depth_of(hit) * px.d
+            flag = point_flags(change, body, px.env, row, hit, position, to_a, to_b)
+            if flag == 0:
+                return True
+            if wp.static(changes.spot):
+                return False
+            if (flag & (LIT_ANEW | SHADED)) != 0:
+                return False
+            if wp.static(changes.view):
+                if (flag & VIEWED) != 0 and change.alpha[change.instance[t]] >= 0.0:
+                    return False
+            if wp.static(changes.shadows):
+                return in_the_open(flag, point_of(change, change.casters, row, hit, position))
+        return True
+
+    return light_is_even
 
 
 @cache

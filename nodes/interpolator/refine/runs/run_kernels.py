@@ -124,7 +124,7 @@ def make_request_run_ends(channels: int, steady: bool) -> wp.Kernel:
 
 @cache
 def make_request_runs(
-    lens: str, channels: int, waveform_count: int, relit: bool, painted: bool, changes: LightChanges
+    lens: str, channels: int, waveform_count: int, relit: bool, painted: bool, textured: bool, changes: LightChanges
 ) -> wp.Kernel:
     """Makes the kernel `request_runs`; arguments as of make_request_single_surface."""
     pixel = pixel_type(channels)
@@ -132,7 +132,7 @@ def make_request_runs(
     Requests: Any = make_requests(channels)
     CoarseFrames: Any = make_coarse_frames(channels)
     request = make_request(channels)
-    request_run = make_request_run(lens, channels, waveform_count, relit, painted, changes)
+    request_run = make_request_run(lens, channels, waveform_count, relit, painted, textured, changes)
     needs_midpoint = make_needs_midpoint(channels, changes)
 
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FEW_REGISTERS)
@@ -183,7 +183,7 @@ def make_request_runs(
                 run.before = changing.seen[j]
                 run.last = changing.opened[j]
             if run.start < run.end:
-                last, rise, whole = request_run(view, params, keys, scene, requests, marks, px, run, out)
+                last, rise, whole, _exact = request_run(view, params, keys, scene, requests, marks, px, run, out)
                 if i < inside:
                     closed = transitions.closed[c]
                     requests.previous[closed] = last
