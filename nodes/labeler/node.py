@@ -193,10 +193,10 @@ class LabelerNode(Node):
         if self.pairing is not None or "flow" in self.kinds:
             if self._flow_device() == "cpu":
                 image = host_array(image)
-            elif isinstance(image, np.ndarray):
+            elif isinstance(image, np.ndarray) or image.device.is_cpu:
                 import warp as wp
 
-                image = wp.array(image, device=self._flow_device())
+                image = wp.array(host_array(image), device=self._flow_device())
         return self.image_labels.crop(image, margin)
 
     def _flow_device(self) -> str:

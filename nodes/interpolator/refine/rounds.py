@@ -23,6 +23,7 @@ from nodes.interpolator.refine.halving.split_kernels import make_split
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.light.light_visibility import LightVisibility
 from nodes.interpolator.refine.paths.motion_kernels import find_bends
+from nodes.interpolator.refine.paths.texture_charts import follows_textures
 from nodes.interpolator.refine.runs.run_kernels import make_request_run_ends, make_request_runs
 from nodes.interpolator.refine.runs.single_surface_kernels import make_request_single_surface
 from nodes.interpolator.refine.runs.transition_kernels import (
@@ -87,7 +88,8 @@ class Kernels:
         layout, lens, transitions = rigid.layout, rigid.visibility.lens, changes_of(rigid)
         features = rigid.shading.features
         painted = features.textures or features.vertex_colours
-        textured = textured_in(rigid.shading, layout)
+        v = rigid.visibility
+        textured = textured_in(rigid.shading, layout) and follows_textures(v.scene, v.geometry, v.camera_body)
         how = (lens, layout.channels, layout.waveform_count, layout.relight, painted, textured, transitions)
         ends = make_request_run_ends(layout.channels, not layout.flicker)
         return cls(

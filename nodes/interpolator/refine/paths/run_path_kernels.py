@@ -11,7 +11,7 @@ from nodes.interpolator.refine.light.flicker_kernels import Marks, entry_near, m
 from nodes.interpolator.refine.light.light_visibility_kernels import part_at
 from nodes.interpolator.refine.paths.albedo_path_kernels import finer_than_pixels, make_request_albedo_path
 from nodes.interpolator.refine.paths.keyframe_path_kernels import make_request_keyframe_path
-from nodes.interpolator.refine.paths.texture_path_kernels import make_request_texture_path
+from nodes.interpolator.refine.paths.texture_path_kernels import make_request_texture_path, stays_on_chart
 from nodes.interpolator.refine.samples.list_kernels import ListPart
 from nodes.interpolator.refine.samples.request_kernels import UNKNOWN, make_request, make_requests
 from nodes.interpolator.refine.window_kernels import (
@@ -76,18 +76,19 @@ def make_request_run(
         rise = pixel(UNKNOWN)
         whole = wp.bool(False)
         tries = wp.int32(0)
-        fine = wp.bool(False)
+        followed = wp.bool(False)
         if wp.static(request_albedo_path is not None):
-            fine = finer_than_pixels(view, scene, px, run.before)
-            if wp.static(request_texture_path is None):
-                if fine:
+            if finer_than_pixels(view, scene, px, run.before):
+                if wp.static(request_texture_path is not None):
+                    followed = stays_on_chart(params, scene, px, run)
+                if not followed:
                     tries = wp.int32(2)
         while tries < 2 and not whole and new == run.last and (tries == 0 or px.k + run.start > 0):
             which = wp.where(tries == 0, nearer, 1 - nearer)
             if wp.static(request_texture_path is not None):
-                if fine:
+                if followed:
                     new, rise, whole = request_texture_path(view, params, keys, scene, requests, px, which, run, out)
-            if not fine:
+            if not followed:
                 new, rise, whole = request_keyframe_path(view, params, keys, scene, requests, px, which, run, out)
             tries += 1
         if wp.static(request_albedo_path is not None):
@@ -98,7 +99,7 @@ def make_request_run(
                     rest.before = entry_near(params, scene, px, rest.start, run.start, run.before)
                     rest.last = new
                 new, rise = request_albedo_path(view, params, keys, scene, requests, px, rest, out)
-        return new, rise, whole, whole and fine
+        return new, rise, whole, whole and followed
 
     @wp.func
     def request_run(

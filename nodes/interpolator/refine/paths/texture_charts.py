@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from evis.scene.model import Instance, Scene
-from nodes.renderer.geometry.triangles import Geometry
+from nodes.renderer.geometry.triangles import Geometry, is_static
 
 NO_CHART = -1
 """Stands for no chart: what has no texture, glows, or has colours of its own beside it."""
@@ -24,6 +24,16 @@ def charts_of(scene: Scene, geometry: Geometry) -> np.ndarray:
             # The number of a chart is that of one of its triangles.
             charts[own] = own.start + _alike(corners[own], np.asarray(instance.mesh.uv, np.float64))
     return charts
+
+
+def follows_textures(scene: Scene, geometry: Geometry, camera_body: int) -> bool:
+    """Tells whether there is a chart on something that moves before a camera that stands still.
+
+    What a camera that moves sees of a still world goes by a few pixels in a gap, where looks at textures cost more than
+    they save.
+    """
+    moving = ~geometry.static[geometry.triangle_instance]
+    return is_static(scene, camera_body) and bool((charts_of(scene, geometry)[moving] != NO_CHART).any())
 
 
 def _is_followed(scene: Scene, instance: Instance) -> bool:

@@ -207,15 +207,13 @@ def make_request_texture_path(lens: str, channels: int, waveform_count: int) -> 
         run: Run,
         out: ListPart,
     ):
-        """Follows a pixel over the texture of a run, and over the light on it in keyframe `which`, and lists the
-        instants between which ln I is straight within BENT of params.straight.
+        """Follows a pixel over the texture of a run that `stays_on_chart`, and over the light on it in keyframe
+        `which`, and lists the instants between which ln I is straight within BENT of params.straight.
 
         Gives what `request_keyframe_path` gives.
         """
         last = run.last
         nothing = pixel(UNKNOWN)
-        if not stays_on_chart(params, scene, px, run):
-            return last, nothing, False
         t = triangle_of(run.before)
         body = scene.targets.pieces[t][0]
         patch = patch_of(run.before, scene.targets.pieces[t])

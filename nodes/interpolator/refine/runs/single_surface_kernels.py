@@ -94,7 +94,7 @@ def make_request_single_surface(
 
     relit: whether lights flicker with so many waveforms that surfaces are shaded anew. painted: whether anything has a
     texture or colours at vertices. textured: whether textures are followed by themselves, as of
-    textured_in. changes: of light in the scene.
+    follows_textures. changes: of light in the scene.
     """
     pixel = pixel_type(channels)
     Keyframes: Any = make_keyframes(channels, waveform_count)
