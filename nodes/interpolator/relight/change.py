@@ -44,9 +44,16 @@ class LightChange:
     """
 
     def __init__(
-        self, shading: Shading, envs: int, movers: np.ndarray, features: LightChanges, tolerance: float
+        self,
+        shading: Shading,
+        envs: int,
+        movers: np.ndarray,
+        features: LightChanges,
+        tolerance: float,
+        in_a_row: bool = False,
     ) -> None:
-        """Takes the shading of the keyframes. movers: bodies that may move, int64 [M]. tolerance: of ln I."""
+        """Takes the shading of the keyframes. movers: bodies that may move, int64 [M]. tolerance: of ln I. in_a_row:
+        whether keyframe B of an environment is A of the next."""
         v = self._v = shading.visibility
         scene: Scene = shading.scene
         self.features, self._envs, self._movers, self._scene = features, envs, movers, scene
@@ -57,6 +64,7 @@ class LightChange:
         self._columns = slice(3, 7) if turning_only and scene.environment_map is None else slice(0, 7)
         self._lights = shading.lights
         rows = 2 * envs
+        self._to_b = 1 if in_a_row else envs
         change = self.kernel = change_kernels.Change()
         change.now, change.then = shading.lights.kernel, shading.lights.elsewhere(rows)
         change.sky, change.casters = shading.sky, shading.occluders.casters
@@ -189,7 +197,7 @@ class LightChange:
             masks = self.kernel.swept.masks
             wp.launch(swept_kernels.find_shaded, masks.shape[:2], [self.kernel], [masks], device=v.device)
         if (found := self.kernel.open).size:
-            given = [self.kernel, self._swept_bodies]
+            given = [self.kernel, self._to_b, self._swept_bodies]
             wp.launch(swept_kernels.find_open, found.shape, given, [found], device=v.device)
 
     def _flags_of(self, gone: np.ndarray) -> np.ndarray:
@@ -263,9 +271,9 @@ def _extent(light: Light) -> float:
 
 
 def make_light_change(
-    shading: Shading, envs: int, movers: np.ndarray, tolerance: float, paths: bool
+    shading: Shading, envs: int, movers: np.ndarray, tolerance: float, paths: bool, in_a_row: bool
 ) -> LightChange | None:
     """Makes the LightChange of a scene, or None where nothing in it can change the light."""
     visibility: Visibility = shading.visibility
     features = light_changes(shading.scene, visibility.camera_body, paths)
-    return LightChange(shading, envs, movers, features, tolerance) if features.any else None
+    return LightChange(shading, envs, movers, features, tolerance, in_a_row) if features.any else None

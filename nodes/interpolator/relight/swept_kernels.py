@@ -87,13 +87,14 @@ def box_of(change: Change, body: wp.array(dtype=int), env: int, i: int):
 def find_open(
     # in
     change: Change,
+    to_b: int,
     body: wp.array(dtype=int),
     # out
     open: wp.array2d(dtype=int),
 ):
     """Computes `open` of Change: no other caster's box meets the way from any point of an instance to a light.
 
-    body [I]: of instances that may move their body's number in `lower`, 0 for others, which are where they are in the
+    to_b: rows from keyframe A of an environment to its B. body [I]: of instances that may move their body's number in `lower`, 0 for others, which are where they are in the
     first slot. As in find_shaded, what is in the way of the middle is made larger by half the instance's sides.
     """
     env, i = wp.tid()
@@ -102,9 +103,8 @@ def find_open(
     if body[i] > 0:
         result = wp.int32(1)
         middle, sides = box_of(change, body, env, i)
-        envs = open.shape[0]
         to_one = wp.length(middle - change.place_then[env])
-        to_other = wp.length(middle - change.place_then[envs + env])
+        to_other = wp.length(middle - change.place_then[env + to_b])
         away = wp.max(to_one, to_other) + wp.length(sides)
         # As far beside a point as `relit` looks at most, in either keyframe.
         pad = ROUNDED_TWICE * (away + wp.length(middle)) + change.blur / LEAST_COSINE * away

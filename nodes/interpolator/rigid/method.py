@@ -121,7 +121,9 @@ class Rigid:
         tiles = len(v.row_tiles.rows)
         pool = Workers(tiles) if tiles > 1 else None
         lit_by_paths = asked.paths is not None
-        self.change = make_light_change(self.shading, envs, self.placement.movers, asked.tolerance, lit_by_paths)
+        self.change = make_light_change(
+            self.shading, envs, self.placement.movers, asked.tolerance, lit_by_paths, in_a_row
+        )
         self.sampling = Sampling(v, self.pieces, self.layout, pool, self.change)
         self._reprojection = Reprojection(self.shading, self.sampling, self.pieces, self.layout, self.change)
         straight = FINE * self.layout.tolerance if textured else -1.0

@@ -147,7 +147,7 @@ def test_nothing_comes_between_a_light_and_what_moves_in_the_open(kind: str, dev
         change.place_then = put(np.concatenate([np.zeros((envs, 3)), np.tile(camera, (envs, 1))]), wp.vec3)
         change.blur = blur
         open_ = wp.full((envs, count), 7, dtype=int, device=device)
-        wp.launch(find_open, open_.shape, [change, put(bodies, int)], [open_], device=device)
+        wp.launch(find_open, open_.shape, [change, envs, put(bodies, int)], [open_], device=device)
         return open_.numpy().astype(bool)
 
     found = in_the_open((0.0, 0.0, 0.0), 0.0)
