@@ -94,8 +94,9 @@ def find_open(
 ):
     """Computes `open` of Change: no other caster's box meets the way from any point of an instance to a light.
 
-    to_b: rows from keyframe A of an environment to its B. body [I]: of instances that may move their body's number in `lower`, 0 for others, which are where they are in the
-    first slot. As in find_shaded, what is in the way of the middle is made larger by half the instance's sides.
+    to_b: rows from keyframe A of an environment to its B. body [I]: of instances that may move their body's number in
+    `lower`, 0 for others, which are where they are in the first slot. As in find_shaded, what is in the way of the
+    middle is made larger by half the instance's sides.
     """
     env, i = wp.tid()
     swept = change.swept
