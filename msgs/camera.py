@@ -54,6 +54,16 @@ class CameraInfo(Message):
 
 
 @dataclass
+class CameraSettings(Message):
+    """Asks a camera that streams to change settings, as soon as the message arrives: all of them, or none where one is
+    refused. What the camera has from then on is on its info topic."""
+
+    header: Header
+    values: dict[str, Any] = field(default_factory=dict)
+    """Name -> value, as `evis camera info --settings` lists them: a number, true or false, or the text of one."""
+
+
+@dataclass
 class Keyframe(Message):
     """Carries scene-linear light at header.stamp_ns.
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from msgs.audit import Audit
 from msgs.camera import (
     CameraInfo,
+    CameraSettings,
     Depth,
     EventPacket,
     EventSignal,
@@ -60,6 +61,7 @@ TOPICS: tuple[Topic, ...] = (
     Topic("/physics_error", PhysicsError, True, False, 2, True, "how far the run's bodies were off, at its end"),
     Topic("/diagnostics", Diagnostics, False, False, 64, True, "rates, lag, drops and warnings of every node"),
     Topic("/<cam>/info", CameraInfo, True, True, 1, True, "what the camera is"),
+    Topic("/<cam>/settings", CameraSettings, True, False, 2, True, "settings that the camera is to have from now on"),
     Topic("/<cam>/keyframe", Keyframe, True, False, 2, False, "linear HDR radiance, or only luminance"),
     Topic("/<cam>/depth", Depth, True, False, 2, False, "z-depth of the keyframe"),
     Topic("/<cam>/motion", Motion, True, False, 2, False, "backward motion of the keyframe"),

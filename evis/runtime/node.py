@@ -294,7 +294,10 @@ class Node:
         return {}
 
     def admit(self, port: str, message: Message) -> None:
-        """Raises ValueError, in one line, for a message from outside that this node cannot take."""
+        """Raises ValueError, in one line, for a message from outside that this node cannot take.
+
+        `receive`, which then gets it unless it closes a loop, may raise one too.
+        """
 
     def step(self, inputs: Mapping[str, Message]) -> bool:
         """Publishes a source's next messages; returns False when there are no more."""

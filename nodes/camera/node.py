@@ -11,11 +11,13 @@ import numpy as np
 
 from evis.config.params import Param, ParamError
 from evis.events.codecs.buffer import Columns, plain
-from evis.runtime.node import Node, Output
+from evis.runtime.node import Input, Node, Output
 from evis.runtime.pacing import parse_pace
+from msgs.camera import CameraSettings
 from msgs.header import Message
 from nodes.camera.interface.elapsed import Elapsed
 from nodes.camera.interface.messages import camera_info, packets
+from nodes.camera.interface.settings import Configuration, parse_settings, shown, texts_of
 
 if TYPE_CHECKING:
     from nodes.camera.usb.driver import UsbDriver
@@ -34,6 +36,8 @@ FIRST_TIME = {
 """Counters whose first increment is said as a warning."""
 COUNT_S = 0.1
 """Interval at which the driver's totals are asked for; also with each packet before which something was lost."""
+MOST_TOLD = 20
+"""Changes of settings that the log tells, for a node may change them many times a second."""
 LEAST_EVENTS = 1 << 17
 """Room of the smallest packet in shared memory: what grows from packet to packet has to be reserved anew."""
 GAUGES = ("temperature_c", "clock_drift_ppm")
@@ -68,6 +72,7 @@ class CameraNode(Node):
         "again": Param(bool, False, "play `file` again and again, as further episodes, until stopped"),
         "faults": Param(str, "", "how an emulated camera misbehaves, as stall_every=50 or unplug_after=100000"),
     }
+    INPUTS = {"setting": Input("/{camera}/settings", join=False, optional=True, outside=True)}
     OUTPUTS = {
         "events": Output("/{camera}/events"),
         "trigger": Output("/{camera}/trigger"),
@@ -97,6 +102,12 @@ class CameraNode(Node):
         self._interval_ns = round(self.params["packet_ms"] * 1e6)
         self._rounds = self._episode = self._stamp_ns = 0
         self._elapsed = Elapsed()
+        self._told: set[str] = set()
+        self._admitted: Message | None = None
+        self._changed_ns: list[int | None] = []
+        self._changes = 0
+        self._set_since: dict[str, Any] = {}
+        """Settings that were changed while it streamed."""
         self._count_at = self._rest_until = 0.0
         self._open()
 
@@ -119,21 +130,29 @@ class CameraNode(Node):
             speed = 1.0 if played_as_device else speed
             self.driver.configure(FileSettings(p["packet_ms"], speed, p["duration"], p["raw"]))
         else:
-            configure_usb(self.driver, p)  # type: ignore[arg-type]
+            configure_usb(self.driver, p, self._set_since)  # type: ignore[arg-type]
             if not p["raw"]:  # bytes of unknown size beside the events would make the bus copy both
                 self.driver.allocate = self.columns  # type: ignore[attr-defined]
         self.driver.start()
         self._status_at = time.monotonic() + STATUS_S
-        about = self.about = self.driver.info()
-        for warning in about.details.get("warnings", ()) if not self._rounds else ():
-            self.warn(warning)
+        self.about = self.driver.info()
+        self._warn_of_device()
         self._stamp_ns = self.driver.t0_ns
         self._publish_info()
 
+    def _warn_of_device(self) -> None:
+        """Gives each warning of the driver's once."""
+        for warning in self.about.details.get("warnings", ()):
+            if warning not in self._told:
+                self._told.add(warning)
+                self.warn(warning)
+
     def _publish_info(self) -> None:
-        """Publishes the camera's description, with the stamp of the last reading."""
+        """Publishes the camera's description and settings, with the stamp of the last reading."""
         episode = self.driver.episode + self._rounds
-        self.publish("info", camera_info(self.params["camera"], self.about, self._stamp_ns, episode))
+        held = self.driver.held_settings()
+        settings = {"settings": held, "settings_changed_ns": self._changed_ns} if held else {}
+        self.publish("info", camera_info(self.params["camera"], self.about, self._stamp_ns, episode, settings))
 
     def step(self, inputs: Mapping[str, Message]) -> bool:
         if time.monotonic() < self._rest_until:
@@ -158,6 +177,54 @@ class CameraNode(Node):
         elapsed = self._elapsed.add(self.driver.episode, reading.t0_ns, reading.stamp_ns)
         return elapsed < round(self.params["duration"] * 1e9)
 
+    def admit(self, port: str, message: Message) -> None:
+        """Raises ValueError for settings that the camera cannot take; nothing is written then."""
+        self._wanted(message)
+        self._admitted = message
+
+    def receive(self, port: str, message: Message) -> None:
+        """Writes settings to the camera while it streams.
+
+        Raises ValueError where that fails, for a program outside the graph to be told; a node's message is refused with
+        a warning.
+        """
+        try:
+            self._change_settings(message)
+        except ValueError as error:
+            if message is self._admitted:
+                raise
+            self.count("refused_settings")
+            self.warn(f"refused: {error}")
+
+    def _wanted(self, message: Message) -> Configuration:
+        """Returns the settings that the camera would have after a message. Raises ValueError."""
+        assert isinstance(message, CameraSettings)
+        return self.driver.changed_settings(parse_settings(self.driver.settings_type(), texts_of(message.values)))
+
+    def _change_settings(self, message: Message) -> None:
+        """Writes settings, and publishes the camera's description with what holds from now on. Raises ValueError."""
+        wanted = self._wanted(message)
+        begun_ns = self.driver.device_now_ns()
+        if begun_ns is None:
+            begun_ns = self._stamp_ns
+        changed: list[str] | None = None
+        try:
+            changed = self.driver.change(wanted)
+        finally:
+            if changed != []:
+                self._changed_ns = [begun_ns, self.driver.device_now_ns()]
+                self._publish_info()
+        if not changed:
+            return
+        self._set_since |= {name: getattr(wanted, name) for name in changed}
+        self.count("settings_changed", len(changed))
+        self._warn_of_device()
+        self._changes += 1
+        if self._changes <= MOST_TOLD:
+            values = ", ".join(f"{name}={shown(self._set_since[name])}" for name in changed)
+            more = "; the next changes are only counted, and on its info topic" if self._changes == MOST_TOLD else ""
+            self.runtime.diagnose(self, "info", f"{values} from {begun_ns / 1e9:.6f} s on{more}")
+
     def _begin_again(self) -> bool:
         """Starts the recording once more where `again` asks for that; False where it does not."""
         if not self.params["again"] or not self.params["file"]:
@@ -166,6 +233,7 @@ class CameraNode(Node):
         self.close()
         self.restart_totals()
         self._rounds += 1
+        self._changed_ns = []
         self._rest_until = time.monotonic() + REST_S
         self._open()
         return True
@@ -185,7 +253,7 @@ class CameraNode(Node):
     def _watch(self) -> None:
         """Warns when the camera comes back, and publishes its temperature and clock every STATUS_S."""
         if self.driver.episode != self._episode:
-            self._episode = self.driver.episode
+            self._episode, self._changed_ns = self.driver.episode, []
             self.warn(f"the camera is back; its clock starts anew (episode {self._episode})")
             self._status_at, self._stamp_ns = 0.0, self.driver.t0_ns
         if time.monotonic() < self._status_at or not hasattr(self.driver, "bus"):
@@ -209,11 +277,12 @@ class CameraNode(Node):
             driver.close()
 
 
-def configure_usb(driver: UsbDriver, params: Mapping[str, Any]) -> None:
-    """Configures an open driver with the node's parameters and the camera's own settings. Raises ValueError."""
-    from nodes.camera.interface.settings import parse_settings
+def configure_usb(driver: UsbDriver, params: Mapping[str, Any], set_since: Mapping[str, Any]) -> None:
+    """Configures an open driver with the node's parameters and the camera's own settings, and what was `set_since`.
 
+    Raises ValueError.
+    """
     kind = driver.settings_type()
     common = {"packet_ms": params["packet_ms"], "raw": params["raw"], "reconnect": params["reconnect"]}
     given = parse_settings(kind, params["settings"])
-    driver.configure(dataclasses.replace(kind.of({**common, **given})))
+    driver.configure(dataclasses.replace(kind.of({**common, **given, **set_since})))

@@ -130,14 +130,9 @@ def _list(args: argparse.Namespace) -> int:
     return 0
 
 
-def _shown(value: Any) -> str:
-    """A setting's default as it is given: true, not True."""
-    return "-" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
-
-
 def _info(driver: Driver, args: argparse.Namespace) -> int:
     from evis.config.params import in_full
-    from nodes.camera.interface.settings import describe
+    from nodes.camera.interface.settings import describe, shown
 
     about = dataclasses.asdict(driver.info())
     if args.settings:
@@ -149,8 +144,8 @@ def _info(driver: Driver, args: argparse.Namespace) -> int:
     settings = about.pop("settings", {})
     width = max(map(len, about))
     for name, value in about.items():
-        shown = ", ".join(map(str, value)) if isinstance(value, list) else value
-        print(f"{name:{width}}  {shown if shown not in ('', {}) else '-'}")
+        text = ", ".join(map(str, value)) if isinstance(value, list) else value
+        print(f"{name:{width}}  {text if text not in ('', {}) else '-'}")
     for name, facts in settings.items():
         low, high = facts["minimum"], facts["maximum"]
         span = (
@@ -161,7 +156,7 @@ def _info(driver: Driver, args: argparse.Namespace) -> int:
             else f"at least {in_full(low)}"
         )
         of = f" ({', '.join(filter(None, (facts['unit'], span)))})" if facts["unit"] or span else ""
-        print(f"  {name}={_shown(facts['default'])}".ljust(32) + f"  {facts['help']}{of}")
+        print(f"  {name}={shown(facts['default'])}".ljust(32) + f"  {facts['help']}{of}")
     return 0
 
 

@@ -162,14 +162,14 @@ class OutsideInputs:
             if controlled is not None and (late := controlled.mistimed(message.header.stamp_ns, self._now_ns())):
                 raise ValueError(late)
             self._node.admit(port, message)
+            if controlled is None:
+                self._node.receive(port, message)
         except ValueError as error:
             self._refuse(port, controlled, str(error))
             raise
         if controlled is not None:
             self._node.count("outside_actions")
             controlled.put(message)
-        else:
-            self._node.receive(port, message)
         answer(link, op="taken", stamp_ns=self._now_ns())
 
     def _refuse(self, port: str, controlled: ControlledInput | None, why: str) -> None:

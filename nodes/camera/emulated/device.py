@@ -14,7 +14,7 @@ import usb.core
 from nodes.camera.emulated.faults import Faults
 from nodes.camera.emulated.feed import Feed
 from nodes.camera.emulated.readout import Readout
-from nodes.camera.usb.driver import UsbSettings
+from nodes.camera.usb.settings import UsbSettings
 
 PACKET = 512
 GARBAGE = bytes((37 * i + 11) & 0xFF for i in range(64))
@@ -64,6 +64,7 @@ class EmulatedDevice(abc.ABC):
         self.counts: Counter[str] = Counter()
         """Events that its registers kept back, by reason."""
         self.registers_changed = True
+        """Set behind each write to a register: what reads the data looks at the registers then."""
         self.claimed = False
         self.halted: set[int] = set()
         self.sent = 0

@@ -63,7 +63,7 @@ class Feed(abc.ABC):
 
     register_filter: Callable[[Events], Events] | None = None
     """What the device's registers make of the events of a recording; None = nothing, its bytes can be sent as they are.
-    Known when the first bytes are read."""
+    Known when the first bytes are read, and set anew when registers change."""
     shift_ns = 0
     """Added to the device's times by the driver, so that a recording keeps its own."""
 

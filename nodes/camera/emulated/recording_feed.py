@@ -105,21 +105,21 @@ class RecordingFeed(_PacedFeed):
         first = recording.next_t_ns
         if first is None:
             return
-        if self._encoder is None and self.register_filter is not None:
-            self._encoder = Reencoder(self._model, self.shift_ns, recording.info.format)
         end = first - 1 + self._duration_ns if self._duration_ns else None
         window = WINDOW_NS if self._speed or self._model.encoding == IMU_ENDPOINT_ENCODING else 20 * WINDOW_NS
-        if self._encoder is None:
-            for stamp, _ in windows_in_file_order(recording, window, end):
+        windows = windows_in_file_order(recording, window, end)
+        if self._encoder is not None and self._model.encoding not in UNORDERED:
+            windows = windows_in_time_order(recording, window, end, self._encoder.count_reordered)
+        for stamp, events in windows:
+            if self._encoder is None and self.register_filter is not None:
+                # for good: words of the file would refer to those before them that were not sent
+                self._encoder = Reencoder(self._model, self.shift_ns, recording.info.format)
+            if self._encoder is None:
                 yield stamp, self._own_bytes()
-        else:
-            windows = windows_in_file_order(recording, window, end)
-            if self._model.encoding not in UNORDERED:
-                windows = windows_in_time_order(recording, window, end, self._encoder.count_reordered)
-            for stamp, events in windows:
-                data = self._encoder.encode(self.register_filter(events) if self.register_filter else events)
-                self._imu_ahead += self._encoder.take_imu_packets()
-                yield stamp, data
+                continue
+            data = self._encoder.encode(self.register_filter(events) if self.register_filter else events)
+            self._imu_ahead += self._encoder.take_imu_packets()
+            yield stamp, data
         if end is None:  # words behind the last event
             recording.read_until(2**62)
             if self._encoder is None:

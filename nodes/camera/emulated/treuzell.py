@@ -202,13 +202,13 @@ class TreuzellDevice(EmulatedDevice):
 
     def _store(self, address: int, value: int) -> None:
         self.writes.append((address, value))
-        self.registers_changed = True
         if address == REGION_SWITCH.get(self.model.sensor) and ~self.registers.get(address, 0) & value & 1 << 5:
             self.latched = dict(self.registers)
         # As the start list of the Gen4.1 leaves it (20 Mev/s) a recording has gone through it already.
         self.rate_set |= address == RATE_CONTROL and not value & 1
         if address not in self.gate.chip:
             self.registers[address] = value
+        self.registers_changed = True  # last: the thread that reads the data looks at the registers then
 
 
 def make_device(model: Model, feed: Feed, faults: Faults, serial: str) -> TreuzellDevice:

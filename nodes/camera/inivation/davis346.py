@@ -12,8 +12,8 @@ from nodes.camera.inivation.fx3 import APS, CHIP, DVS, IMU, INPUT, TRANSPOSED, F
 from nodes.camera.interface.driver import DeviceInfo
 from nodes.camera.interface.settings import Configuration, setting
 from nodes.camera.usb.access import UNSUPPORTED, label
-from nodes.camera.usb.driver import UsbSettings
-from nodes.camera.usb.region import region_of, roi_columns, roi_left, roi_rows, roi_top
+from nodes.camera.usb.region import region_of, roi_columns, roi_differs, roi_left, roi_rows, roi_top
+from nodes.camera.usb.settings import UsbSettings
 
 WIDTH, HEIGHT = 346, 260
 FX3, OLDEST_FX3, OLDEST_FX2 = 0x841A, 6, 4
@@ -47,6 +47,12 @@ BIASES = {
     "biasbuffer": (34, 5, 254, N_TYPE),
 }
 """Parameter in the chip's module, coarse and fine of the default, type bits."""
+
+CHOSEN = {
+    "diffbn": "bias_diff", "onbn": "bias_on", "offbn": "bias_off",
+    "prbp": "bias_pr", "prsfbp": "bias_sf", "refrbp": "bias_refr",
+}  # fmt: skip
+"""Biases that have a setting."""
 
 
 def bias_word(coarse: int, fine: int, kind: int) -> int:
@@ -103,6 +109,10 @@ class Davis346Settings(UsbSettings):
     imu: bool = setting(True, "send inertial samples")
     trigger_in: bool = setting(False, "report edges of the trigger input")
 
+    def check(self) -> None:
+        super().check()
+        region_of(self, WIDTH, HEIGHT)
+
 
 class Camera(Fx3Camera):
     """Drives a DAVIS346 with FX3 or FX2."""
@@ -125,42 +135,55 @@ class Camera(Fx3Camera):
         return self.model.device_info(self.serial, details)
 
     def _apply(self, settings: Davis346Settings) -> None:
-        region_of(settings, WIDTH, HEIGHT)
+        """Leaves all to the start sequence, which writes the settings at its place."""
 
-    def _write_settings(self) -> None:
-        """Writes the registers that the settings decide; the start sequence calls it at its place."""
-        s, r = self._settings, self.registers
-        chosen = {
-            "diffbn": s.bias_diff, "onbn": s.bias_on, "offbn": s.bias_off,
-            "prbp": s.bias_pr, "prsfbp": s.bias_sf, "refrbp": s.bias_refr,
-        }  # fmt: skip
+    def _change(self, settings: Davis346Settings, before: Davis346Settings) -> None:
+        self._write_registers(settings, before)
+        self._write_switches(settings, before)
+
+    def _write_registers(self, s: Davis346Settings, before: Davis346Settings | None) -> None:
+        """Writes biases, filters, region and exposure, as far as they differ from `before`; None: all of them."""
+
+        def differs(name: str) -> bool:
+            return before is None or getattr(s, name) != getattr(before, name)
+
+        r = self.registers
         for name, (parameter, coarse, fine, kind) in BIASES.items():
-            if name in chosen:
-                coarse, fine = nearest_bias(chosen[name])
-            r.write(CHIP, parameter, bias_word(coarse, fine, kind))
-        for enable, value in ((31, s.background_filter_us), (33, s.refractory_filter_us)):
-            r.write(DVS, enable, int(value > 0))
-            r.write(DVS, enable + 1, max(1, round(value / FILTER_TICK_US)))
-        region = region_of(s, WIDTH, HEIGHT)
-        x_registers, y_registers = ((42, 44), (41, 43)) if self._transposed else ((41, 43), (42, 44))
-        across, down = (region.left, region.right), (region.top, region.bottom)
-        for parameter, value in (*zip(x_registers, across), *zip(y_registers, down)):
-            r.write(DVS, parameter, value)
-        r.write(APS, 12, round(s.exposure_us * self._clocks["AC"]))
-        r.write(APS, 13, round(s.frame_interval_us * self._clocks["AC"]))
+            if (chosen := CHOSEN.get(name)) is not None:
+                coarse, fine = nearest_bias(getattr(s, chosen))
+            if before is None or (chosen is not None and differs(chosen)):
+                r.write(CHIP, parameter, bias_word(coarse, fine, kind))
+        for enable, name in ((31, "background_filter_us"), (33, "refractory_filter_us")):
+            if differs(name):
+                value = getattr(s, name)
+                r.write(DVS, enable, int(value > 0))
+                r.write(DVS, enable + 1, max(1, round(value / FILTER_TICK_US)))
+        if before is None or roi_differs(s, before):
+            region = region_of(s, WIDTH, HEIGHT)
+            x_registers, y_registers = ((42, 44), (41, 43)) if self._transposed else ((41, 43), (42, 44))
+            across, down = (region.left, region.right), (region.top, region.bottom)
+            for parameter, value in (*zip(x_registers, across), *zip(y_registers, down)):
+                r.write(DVS, parameter, value)
+        for parameter, name in ((12, "exposure_us"), (13, "frame_interval_us")):
+            if differs(name):
+                r.write(APS, parameter, round(getattr(s, name) * self._clocks["AC"]))
+
+    def _write_switches(self, s: Davis346Settings, before: Davis346Settings) -> None:
+        """Switches frames, inertial samples and triggers on or off where that differs from `before`."""
+        if s.frames != before.frames:
+            self.registers.write(APS, 4, int(s.frames))
+        if s.imu != before.imu:
+            for parameter in (2, 3, 4):
+                self.registers.write(IMU, parameter, int(s.imu))
+        if s.trigger_in != before.trigger_in:
+            for parameter in (1, 2, 0):
+                self.registers.write(INPUT, parameter, int(s.trigger_in))
 
     def _begin(self) -> None:
-        hooks = {"halt": self._halt, "configuration": self._write_settings}
-        self.registers.run(self._lists["start"], {**self._clocks, "GS": self._global_shutter}, hooks)
         s = self._settings
-        if not s.frames:
-            self.registers.write(APS, 4, 0)
-        if not s.imu:
-            for parameter in (2, 3, 4):
-                self.registers.write(IMU, parameter, 0)
-        if s.trigger_in:
-            for parameter in (1, 2, 0):
-                self.registers.write(INPUT, parameter, 1)
+        hooks = {"halt": self._halt, "configuration": lambda: self._write_registers(s, None)}
+        self.registers.run(self._lists["start"], {**self._clocks, "GS": self._global_shutter}, hooks)
+        self._write_switches(s, Davis346Settings())  # the start sequence leaves them at their defaults
 
     def _prepare_decoder(self, decoder: Any) -> None:
         assert self._info is not None

@@ -8,7 +8,8 @@ from typing import Any, ClassVar
 from nodes.camera.interface.driver import DeviceInfo
 from nodes.camera.interface.settings import Configuration, setting
 from nodes.camera.usb.access import CONTROL_MS, claim, label, string_descriptor
-from nodes.camera.usb.driver import UsbDriver, UsbSettings
+from nodes.camera.usb.driver import UsbDriver
+from nodes.camera.usb.settings import UsbSettings
 
 DATA_IN = 0x86
 OLDEST = 14
@@ -58,6 +59,9 @@ class Camera(UsbDriver):
     def _apply(self, settings: Any) -> None:
         values = [getattr(settings, f"bias_{name}") for name in ORDER]
         self._request(BIASES, b"".join(v.to_bytes(3, "big") for v in values))
+
+    def _change(self, settings: Any, before: Any) -> None:
+        self._apply(settings)  # the camera takes all biases or none
 
     def _begin(self) -> None:
         self.device.clear_halt(DATA_IN)

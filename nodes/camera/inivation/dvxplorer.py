@@ -12,10 +12,10 @@ from nodes.camera.inivation.fx3 import CHIP, DEBUG_IN, DVS, IMU, INPUT, SYSTEM, 
 from nodes.camera.interface.driver import DeviceInfo
 from nodes.camera.interface.settings import Configuration, setting
 from nodes.camera.usb.access import UNSUPPORTED, label
-from nodes.camera.usb.driver import UsbSettings
 from nodes.camera.usb.imu_endpoint import ImuEndpointReader
 from nodes.camera.usb.models import MODELS
-from nodes.camera.usb.region import region_of, roi_columns, roi_left, roi_rows, roi_top
+from nodes.camera.usb.region import region_of, roi_columns, roi_differs, roi_left, roi_rows, roi_top
+from nodes.camera.usb.settings import UsbSettings
 
 WIDTH, HEIGHT = 640, 480
 LITE_WIDTH, LITE_HEIGHT = 320, 240
@@ -43,7 +43,7 @@ class MicroSettings(UsbSettings):
     """Holds a Micro's settings; contrast thresholds are presets of the chip."""
 
     sensitivity: str = setting("default", f"contrast sensitivity: {', '.join(SENSITIVITY)}")
-    imu: bool = setting(True, "send inertial samples")
+    imu: bool = setting(True, "send inertial samples", live=False)
 
     def check(self) -> None:
         super().check()
@@ -59,7 +59,7 @@ class MiniSettings(MicroSettings):
     roi_y: int = roi_top(HEIGHT)
     roi_width: int = roi_columns(WIDTH)
     roi_height: int = roi_rows(HEIGHT)
-    binning: bool = setting(False, f"one pixel of two by two: {WIDTH // 2}x{HEIGHT // 2}")
+    binning: bool = setting(False, f"one pixel of two by two: {WIDTH // 2}x{HEIGHT // 2}", live=False)
 
     def check(self) -> None:
         super().check()
@@ -70,8 +70,9 @@ class MiniSettings(MicroSettings):
 
 @dataclass
 class DvxplorerSettings(MiniSettings):
-    """Holds a DVXplorer's settings, which has a trigger input too."""
+    """Holds a DVXplorer's settings, which has a trigger input too and sends inertial samples beside the events."""
 
+    imu: bool = setting(True, "send inertial samples")
     trigger_in: bool = setting(False, "report edges of the trigger input")
 
 
@@ -79,6 +80,7 @@ class DvxplorerSettings(MiniSettings):
 class LiteSettings(MicroSettings):
     """Holds a Lite's settings, with a region of interest within its smaller size and without binning."""
 
+    imu: bool = setting(True, "send inertial samples")
     roi_x: int = roi_left(LITE_WIDTH)
     roi_y: int = roi_top(LITE_HEIGHT)
     roi_width: int = roi_columns(LITE_WIDTH)
@@ -159,17 +161,47 @@ class Camera(Fx3Camera):
         self._run("default_configuration")
         current = r.read(CHIP, 0x3200)
         r.write(CHIP, 0x3200, current | 6)
-        for address, value in zip((0x0B, 0x12, 0x1C, 0x1E), SENSITIVITY[s.sensitivity]):
-            r.write(CHIP, address, value)
+        self._write_sensitivity(s)
         r.write(CHIP, BINNING, int(binning))
         if self.lite:
             r.write(CHIP, SUBSAMPLING, 0b001_001)  # none, in both directions
         factor = 2 if binning else 1
         self._info = dataclasses.replace(self.info(), width=width // factor, height=height // factor)
         if s.roi_x or s.roi_y or s.roi_width or s.roi_height:
-            self._crop()
+            self._crop(s)
 
-    def _crop(self) -> None:
+    def _change(self, settings: Any, before: Any) -> None:
+        s = settings
+        if s.sensitivity != before.sensitivity:
+            self._write_sensitivity(s)
+        if self.micro:
+            return
+        if roi_differs(s, before):
+            if s.roi_x or s.roi_y or s.roi_width or s.roi_height:
+                self._crop(s)
+            else:
+                self.registers.write(CHIP, CROP, 1)  # the cropper lets all through
+        if not self.mini:
+            self._write_switches(s, before)
+
+    def _write_sensitivity(self, s: MicroSettings) -> None:
+        """Writes the preset of the contrast thresholds."""
+        if self.micro:
+            self._write(dvxplorer_micro.thresholds(s.sensitivity))
+            return
+        for address, value in zip((0x0B, 0x12, 0x1C, 0x1E), SENSITIVITY[s.sensitivity]):
+            self.registers.write(CHIP, address, value)
+
+    def _write_switches(self, s: Any, before: Any) -> None:
+        """Switches inertial samples and triggers on or off where that differs from `before`."""
+        if s.imu != before.imu:
+            for parameter in (2, 3, 4):
+                self.registers.write(IMU, parameter, int(s.imu))
+        if getattr(s, "trigger_in", False) != getattr(before, "trigger_in", False):
+            for parameter in (1, 2):
+                self.registers.write(INPUT, parameter, int(s.trigger_in))
+
+    def _crop(self, s: Any) -> None:
         """Writes the region of interest: the first and last column, and groups of eight rows with a mask in the first
         and last.
 
@@ -177,7 +209,7 @@ class Camera(Fx3Camera):
         at the mask of the last alone.
         """
         columns, rows = self.model.width, self.model.height
-        region = region_of(self._settings, columns, rows)
+        region = region_of(s, columns, rows)
         across, down = (region.left, region.right), (region.top, region.bottom)
         if self._orientation & TRANSPOSED:
             across, down, columns, rows = down, across, rows, columns
@@ -218,13 +250,7 @@ class Camera(Fx3Camera):
             self._write(dvxplorer_micro.running(True, self._settings.imu))
             return
         self._run("start")
-        s, r = self._settings, self.registers
-        if not s.imu:
-            for parameter in (2, 3, 4):
-                r.write(IMU, parameter, 0)
-        if getattr(s, "trigger_in", False):
-            for parameter in (1, 2):
-                r.write(INPUT, parameter, 1)
+        self._write_switches(self._settings, self.settings_type()())  # the start sequence leaves them at their defaults
 
     def _end(self) -> None:
         if self.micro:

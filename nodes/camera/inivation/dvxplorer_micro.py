@@ -43,16 +43,20 @@ def configuration(sensitivity: str, width: int, height: int, orientation: int) -
 
     orientation: register (DVS, 2), two letters: X and Y for axes that are to be flipped.
     """
-    threshold = THRESHOLDS[sensitivity]
     flip_x, flip_y = (chr(orientation >> shift & 0xFF).upper() == letter for shift, letter in ((8, "X"), (0, "Y")))
     dvs = {
         FLATTEN: 0, SUBSAMPLE_X: 0, SUBSAMPLE_Y: 0, HOLD: 1, RESET: 0, RESET_SKIP: 0, TIMEOUT_ON: 1, TIMEOUT_US: 2000,
-        READOUTS: VARIABLE_5000, THRESHOLD_ON: threshold, THRESHOLD_OFF: threshold,
+        READOUTS: VARIABLE_5000, **{p: v for _, p, v in thresholds(sensitivity)},
         CROP_X: 0, CROP_Y: 0, CROP_WIDTH: width, CROP_HEIGHT: height, CROP_APPLY: 0,
         FLIP_X: int(flip_x), FLIP_Y: int(flip_y),
     }  # fmt: skip
     imu = (RATE_800_HZ, FILTER_NORMAL, RANGE_4_G, RATE_800_HZ, FILTER_NORMAL, RANGE_500_DPS)
     return (*((DVS, p, v) for p, v in dvs.items()), *((IMU, 5 + i, v) for i, v in enumerate(imu)))
+
+
+def thresholds(sensitivity: str) -> Writes:
+    """Returns the writes that set the contrast thresholds of a preset."""
+    return tuple((DVS, parameter, THRESHOLDS[sensitivity]) for parameter in (THRESHOLD_ON, THRESHOLD_OFF))
 
 
 def running(events: bool, samples: bool) -> Writes:

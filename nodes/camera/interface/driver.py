@@ -6,6 +6,7 @@ One file per camera family. Decoding is the business of `evis.events`, one file 
 from __future__ import annotations
 
 import abc
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Any, ClassVar
@@ -85,6 +86,30 @@ class Driver(abc.ABC):
     @abc.abstractmethod
     def configure(self, configuration: Configuration) -> None:
         """Applies settings (of type SETTINGS). Raises ValueError for one out of range."""
+
+    def changed_settings(self, values: Mapping[str, Any]) -> Configuration:
+        """Returns the settings of a camera that streams with `values` in their place, for `change`.
+
+        Raises ValueError for those that it cannot take, or not while it streams.
+        """
+        raise ValueError("a recording is played, which was made with the settings that its camera had")
+
+    def change(self, configuration: Configuration) -> list[str]:
+        """Writes what of a configuration of `changed_settings` is new to the streaming camera; returns its names.
+
+        Raises ValueError where that fails: whether these names were written is not known then, and the next change
+        writes them again.
+        """
+        raise ValueError(f"{type(self).__name__} has nothing to write settings to")
+
+    def held_settings(self) -> dict[str, Any]:
+        """Returns the settings that the camera itself holds, by name, but those of which that is not known; none of a
+        recording."""
+        return {}
+
+    def device_now_ns(self) -> int | None:
+        """Returns the device's time now [ns], good to the delay on the way; None where nothing has shown it."""
+        return None
 
     @abc.abstractmethod
     def start(self) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -57,9 +57,14 @@ def packets(
     )
 
 
-def camera_info(camera: str, about: Any, stamp_ns: int, episode: int = 0) -> CameraInfo:
+def camera_info(
+    camera: str, about: Any, stamp_ns: int, episode: int = 0, settings: Mapping[str, Any] | None = None
+) -> CameraInfo:
     """Makes the latched CameraInfo of a device at a time of its clock; the intrinsics are zero, which means not
-    calibrated."""
+    calibrated.
+
+    settings: what is told of the device's settings, beside who it is.
+    """
     sensor = {"name": about.name, "serial": about.serial, "sensor": about.sensor, "encoding": about.encoding}
     stamp_ns = max(stamp_ns, 0)  # the interval of an event at 0 begins before, where a bag has no times
     return CameraInfo(
@@ -70,5 +75,5 @@ def camera_info(camera: str, about: Any, stamp_ns: int, episode: int = 0) -> Cam
         width=about.width,
         height=about.height,
         clock=about.clock,
-        sensor=sensor | about.details,
+        sensor=sensor | about.details | dict(settings or {}),
     )

@@ -29,7 +29,8 @@ class Sensor:
     compatible: tuple[str, ...]
     settings: type[Configuration]
     check: Callable[[Registers], None] | None
-    apply: Callable[[Registers, Any], None]
+    apply: Callable[[Registers, Any, Any], None]
+    check_settings: Callable[[Registers, Any], None] | None = None
     temperature: Callable[[Registers], float | None] | None = None
 
 
@@ -42,6 +43,7 @@ SENSORS = (
         imx636.Imx636Settings,
         imx636.check_chip,
         imx636.apply,
+        imx636.check_codes,
         imx636.temperature_c,
     ),
     Sensor("genx320", ("psee,cx3_saphir", "psee,cx3_genx320"), genx320.GenX320Settings, None, genx320.apply),
@@ -130,9 +132,16 @@ class Camera(UsbDriver):
     def settings_type(self) -> type[Configuration]:
         return self._sensor.settings if self._info is not None else self.SETTINGS
 
+    def _check(self, settings: Any) -> None:
+        if self._sensor.check_settings is not None:
+            self._sensor.check_settings(self.registers, settings)
+
     def _apply(self, settings: Any) -> None:
         self.registers.legacy = getattr(settings, "legacy_writes", False)
-        self._sensor.apply(self.registers, settings)
+        self._sensor.apply(self.registers, settings, self._applied)
+
+    def _change(self, settings: Any, before: Any) -> None:
+        self._sensor.apply(self.registers, settings, before)
 
     def _begin(self) -> None:
         drain(self.device, DATA_IN, 1 << 16)

@@ -10,8 +10,8 @@ import numpy as np
 
 from nodes.camera.interface.settings import setting
 from nodes.camera.treuzell.sensor import Registers, expect, span_words
-from nodes.camera.usb.driver import UsbSettings
-from nodes.camera.usb.region import region_of, roi_columns, roi_left, roi_rows, roi_top
+from nodes.camera.usb.region import region_of, roi_columns, roi_differs, roi_left, roi_rows, roi_top
+from nodes.camera.usb.settings import UsbSettings
 
 WIDTH, HEIGHT = 640, 480
 BIAS = {
@@ -48,10 +48,13 @@ class Gen31Settings(UsbSettings):
     roi_width: int = roi_columns(WIDTH)
     roi_height: int = roi_rows(HEIGHT)
     trigger_in: bool = setting(False, "report edges of the trigger input")
-    legacy_writes: bool = setting(False, "write registers by the older FPGA command (for a board that stays silent)")
+    legacy_writes: bool = setting(
+        False, "write registers by the older FPGA command (for a board that stays silent)", live=False
+    )
 
     def check(self) -> None:
         super().check()
+        region_of(self, WIDTH, HEIGHT)
         low = self.bias_fo < 1350
         on, off = (95, 85) if low else (75, 65)
         if self.bias_diff_on < self.bias_diff + on or self.bias_diff_off > self.bias_diff - off:
@@ -88,22 +91,26 @@ def check_chip(registers: Registers) -> None:
     expect(registers, "Gen3.1", 0x800, 0xFF, 0x28)
 
 
-def apply(registers: Registers, settings: Gen31Settings) -> None:
-    """Writes biases, region of interest and trigger."""
+def apply(registers: Registers, settings: Gen31Settings, before: Gen31Settings | None) -> None:
+    """Writes biases, region of interest and trigger, as far as they differ from `before`."""
     standard = Gen31Settings()
+    held = before or standard
     for name, (address, table) in BIAS.items():
         value = getattr(settings, f"bias_{name}")
-        if value == getattr(standard, f"bias_{name}"):
+        if value == getattr(held, f"bias_{name}"):
             continue
-        code = code_of(table, value)
-        if table == "voltage":
-            registers.modify(address, VOLTAGE_MASK, code)
+        mask = VOLTAGE_MASK if table == "voltage" else CURRENT_MASK
+        original = registers.original(address)
+        if value == getattr(standard, f"bias_{name}"):  # of hpf the start list has another code than the maker's table
+            code = original
         else:
-            registers.modify(address, CURRENT_MASK, code << 8)
-    region = region_of(settings, WIDTH, HEIGHT)
-    if (region.width, region.height) != (WIDTH, HEIGHT):
+            code = code_of(table, value) << (0 if table == "voltage" else 8)
+        registers.modify(address, mask, code)
+    if roi_differs(settings, held):
+        region = region_of(settings, WIDTH, HEIGHT)
         registers.write(0x400, *span_words(region.left, region.width, 20))
         registers.write(0x500, *span_words(region.top, region.height, 15))
         for value in (0, 1 << 5):  # the change of this bit applies the masks
             registers.modify(0x204, 1 << 5, value)
-    registers.modify(0x1A0, 1, int(settings.trigger_in))
+    if before is None or settings.trigger_in != before.trigger_in:
+        registers.modify(0x1A0, 1, int(settings.trigger_in))

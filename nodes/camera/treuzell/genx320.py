@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from nodes.camera.interface.settings import setting
 from nodes.camera.treuzell.sensor import Registers
-from nodes.camera.usb.driver import UsbSettings
+from nodes.camera.usb.settings import UsbSettings
 
 WIDTH, HEIGHT = 320, 320
 ES_CHIP = 0x3050_1C01
@@ -27,9 +27,12 @@ class GenX320Settings(UsbSettings):
     bias_diff_off: int | None = setting(None, "contrast threshold OFF; recommended 19 to 50", "code", 0, 127)
 
 
-def apply(registers: Registers, settings: GenX320Settings) -> None:
-    """Writes the biases that are given."""
+def apply(registers: Registers, settings: GenX320Settings, before: GenX320Settings | None) -> None:
+    """Writes the biases that differ from `before`."""
+    held = before or GenX320Settings()
     for name, address in BIAS.items():
         code = getattr(settings, f"bias_{name}")
-        if code is not None:
+        if code != getattr(held, f"bias_{name}"):
+            original = registers.original(address)
+            code = original & 0x7F if code is None else code
             registers.modify(address, 0x7F | _SINGLE, code | _SINGLE)

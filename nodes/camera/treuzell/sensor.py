@@ -49,10 +49,18 @@ class Registers:
 
     def __init__(self, board: Board, sub_device: int, sleep: Callable[[float], None], legacy: bool = False) -> None:
         self.board, self.sub_device, self._sleep, self.legacy = board, sub_device, sleep, legacy
+        self._originals: dict[int, int] = {}
 
     def read(self, address: int) -> int:
         """Reads a register."""
         return self.board.read(self.sub_device, address)
+
+    def original(self, address: int) -> int:
+        """Returns what a register held when it was first asked for here, which must be before a setting is written to
+        it: the factory's or the start list's value."""
+        if address not in self._originals:
+            self._originals[address] = self.read(address)
+        return self._originals[address]
 
     def write(self, address: int, *values: int) -> None:
         """Writes consecutive registers from an address."""

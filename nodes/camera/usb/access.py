@@ -74,7 +74,12 @@ def label(device: Any) -> str:
 
 
 def readable_error(error: Exception, what: str) -> OSError:
-    """Converts a USB error to one line for a user, with the remedy; `what` names the camera."""
+    """Converts a USB error to one line for a user, with the remedy; any other error has one already.
+
+    what: names the camera.
+    """
+    if isinstance(error, OSError) and not type(error).__module__.startswith("usb"):
+        return error
     code = getattr(error, "errno", None)
     if isinstance(error, usb.core.USBTimeoutError) or code == errno.ETIMEDOUT:
         return OSError(f"{what}: no answer in {CONTROL_MS / 1000:g} s; unplug it and plug it in again")

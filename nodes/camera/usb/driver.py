@@ -8,18 +8,18 @@ import dataclasses
 import errno
 import time
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import usb.core
 
 from evis.events.codecs.buffer import Allocate, plain
 from nodes.camera.interface.driver import DeviceInfo, Driver, Reading, packet_boundary
-from nodes.camera.interface.settings import Configuration, setting
+from nodes.camera.interface.settings import Configuration
 from nodes.camera.usb.access import Bus, StreamEnd, Unplugged, label, readable_error, release
 from nodes.camera.usb.models import Model
 from nodes.camera.usb.reader import Reader
+from nodes.camera.usb.settings import UNKNOWN, UsbSettings, differing
 from nodes.camera.usb.stream import PacketRule, ReadingStream
 
 if TYPE_CHECKING:
@@ -28,20 +28,6 @@ if TYPE_CHECKING:
 
 RETRY_S = 0.5
 """Interval of the search for a camera that was unplugged [s]."""
-
-
-@dataclass
-class UsbSettings(Configuration):
-    """Holds the settings that every USB camera has. Families add their own."""
-
-    packet_ms: float = setting(10.0, "length of a packet's interval, device time", "ms", 0.01, 10_000)
-    longest_ms: float = setting(100.0, "longest packet while the host is behind", "ms", 0.01, 10_000)
-    raw: bool = setting(False, "packets carry the wire bytes too")
-    buffers: int = setting(256, "buffers between USB and decoder", "", 4, 4096)
-    buffer_kib: int = setting(128, "size of one buffer", "KiB", 16, 8192)
-    reconnect: bool = setting(False, "wait for a camera that was unplugged to come back")
-    transfers: str = setting("queued", "queued: several reads wait at the endpoint at once; single: one at a time")
-    decoder: str = setting("warp", "warp (fast; compiled once) or numpy")
 
 
 class UsbDriver(Driver):
@@ -66,6 +52,8 @@ class UsbDriver(Driver):
         self.bus, self.device, self.model = bus, device, model
         self._live, self.wait_when_full = live, wait_when_full
         self._settings: Any = None
+        self._applied: Any = None
+        """Settings that the registers hold; None: those after it was opened."""
         self._info: DeviceInfo | None = None
         self._stream: ReadingStream | None = None
         self._counts_before: Counter[str] = Counter()
@@ -89,6 +77,16 @@ class UsbDriver(Driver):
     @abc.abstractmethod
     def _apply(self, settings: Any) -> None:
         """Writes the settings to the device."""
+
+    @abc.abstractmethod
+    def _change(self, settings: Any, before: Any) -> None:
+        """Writes the settings that differ from `before` to the device while it streams.
+
+        What of `before` is not known, because writing it failed, is UNKNOWN, which differs from everything.
+        """
+
+    def _check(self, settings: Any) -> None:
+        """Raises ValueError for settings that this very device cannot take; writes nothing."""
 
     @abc.abstractmethod
     def _begin(self) -> None:
@@ -139,6 +137,7 @@ class UsbDriver(Driver):
         except BaseException:
             release(self.device)
             raise
+        self._applied = None
         if self._settings is None:
             self._settings = self.settings_type()()
 
@@ -169,15 +168,56 @@ class UsbDriver(Driver):
             if getattr(self._settings, name) not in choices:
                 raise ValueError(f"{name} is '{getattr(self._settings, name)}', must be {' or '.join(choices)}")
         try:
+            self._check(self._settings)
             self._apply(self._settings)
         except usb.core.USBError as e:
             raise readable_error(e, self.name) from None
+        self._applied = self._settings
+        self._warn_of_ignored()
+
+    def _warn_of_ignored(self) -> None:
+        """Puts among the warnings of its description which settings an emulated device does not follow."""
         ignored = self.emulated.ignored(self._settings) if self.emulated is not None else []
-        if ignored and self._info is not None:
+        assert self._info is not None
+        self._info.details.pop("warnings", None)
+        if ignored:
             self._info.details["warnings"] = [
                 f"{', '.join(ignored)} {'change' if len(ignored) > 1 else 'changes'} nothing: "
                 f"an emulated {self.model.title} sends what was recorded, whatever its biases and filters are"
             ]
+
+    def changed_settings(self, values: Mapping[str, Any]) -> Configuration:
+        if self._stream is None:
+            state = "is unplugged" if self._unplugged_at else "does not stream"
+            raise ValueError(f"{self.name} {state}; set it again when it streams")
+        wanted: Configuration = self._settings.changed_by(values)
+        try:
+            self._check(wanted)
+        except OSError as error:
+            raise ValueError(f"{readable_error(error, self.name)}; nothing was written") from None
+        return wanted
+
+    def change(self, configuration: Configuration) -> list[str]:
+        new = differing(configuration, self._applied)
+        try:
+            if new:
+                self._change(configuration, self._applied)
+        except OSError as error:
+            self._applied = dataclasses.replace(self._applied, **dict.fromkeys(new, UNKNOWN))
+            cause, names = readable_error(error, self.name), ", ".join(new)
+            raise ValueError(f"{cause}; what the camera has of {names} is not known now: set it again") from None
+        self._settings = self._applied = dataclasses.replace(configuration)  # type: ignore[type-var]
+        self._warn_of_ignored()
+        return new
+
+    def device_now_ns(self) -> int | None:
+        stream = self._stream
+        if stream is None or not self._live or not stream.clock.known:
+            return None
+        return stream.clock.to_device(time.monotonic_ns())
+
+    def held_settings(self) -> dict[str, Any]:
+        return self._applied.of_the_camera() if self._applied is not None else {}
 
     def start(self) -> None:
         from evis.events.codecs.decoder import decoder_for
@@ -251,7 +291,7 @@ class UsbDriver(Driver):
 
     def _handle_stream_error(self, error: OSError) -> None:
         """Raises the error of a broken stream in readable form, or begins to wait for an unplugged camera."""
-        cause = readable_error(error, self.name) if type(error).__module__.startswith("usb") else error
+        cause = readable_error(error, self.name)
         if not isinstance(cause, Unplugged):
             raise cause
         if not self._settings.reconnect:

@@ -7,6 +7,8 @@ from typing import Any
 
 from nodes.camera.interface.settings import setting
 
+ROI = ("roi_x", "roi_y", "roi_width", "roi_height")
+
 
 @dataclass(frozen=True)
 class Region:
@@ -46,6 +48,11 @@ def roi_columns(width: int) -> Any:
 def roi_rows(height: int) -> Any:
     """Makes the setting `roi_height` of a sensor that is `height` pixels high."""
     return setting(0, "its height; 0 = to the bottom edge", "px", 0, height)
+
+
+def roi_differs(settings: Any, before: Any) -> bool:
+    """Tells whether the region of interest is not that of `before`."""
+    return any(getattr(settings, name) != getattr(before, name) for name in ROI)
 
 
 def region_of(settings: Any, width: int, height: int) -> Region:

@@ -10,7 +10,7 @@ from evis.events import Events, open_writer
 from evis.events.arrays import Imu
 from evis.events.codecs.encoder import encoder_for
 from nodes.camera.interface.settings import describe
-from nodes.camera.usb.driver import UsbSettings
+from nodes.camera.usb.settings import UsbSettings
 
 CHIP = 5
 
