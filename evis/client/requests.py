@@ -18,7 +18,9 @@ from evis.runtime.plan import Plan
 from msgs.codec import encode
 from msgs.header import Message
 
-ACTION, RESET = "/action", "/reset"
+ACTION, RESET, SETTINGS = "/action", "/reset", "/settings"
+"""Topics that are taken from outside; of a camera's settings the last part."""
+EVENTS = "/events"
 _LOOK_S = 0.1
 _KNOCK_S = 0.02
 _SEND_S = 30.0
@@ -42,6 +44,12 @@ def taker(plan: Plan, topic: str) -> str:
     offered = sorted({name for node in plan.nodes.values() for name in node.outside.values()})
     if topic in plan.topics:
         why = f"{plan.topics[topic].node}, which the launch file declares, publishes it"
+    elif topic.endswith(SETTINGS) and (camera := topic.removesuffix(SETTINGS)) + EVENTS in plan.topics:
+        made_by = plan.topics[camera + EVENTS].node
+        why = (
+            f"events of {camera[1:]} are simulated or replayed ({made_by}), and what they are made with is decided "
+            "when the run starts, for the same seed to give the same bytes; start it again with other arguments"
+        )
     elif any(node.target.endswith(":ReplayerNode") for node in plan.nodes.values()):
         why = "it replays a bag, in which everything has happened already"
     elif topic == ACTION and offered and at_once > 1:
@@ -56,6 +64,23 @@ def taker(plan: Plan, topic: str) -> str:
 def program_name() -> str:
     """Names this program for the graph's log."""
     return os.path.basename(sys.argv[0] if sys.argv else "") or "a program"
+
+
+def camera_settings(plan: Plan, camera: str | None) -> str:
+    """Returns the topic on which a camera takes settings; None names the only one that does.
+
+    Raises ValueError where several do, and ConnectionRefusedError where none does.
+    """
+    if camera is not None:
+        return f"/{camera.strip('/')}{SETTINGS}"
+    taken = sorted(t for node in plan.nodes.values() for t in node.outside.values() if t.endswith(SETTINGS))
+    if len(taken) > 1:
+        names = ", ".join(t.removesuffix(SETTINGS)[1:] for t in taken)
+        raise ValueError(f"{plan.name} has several cameras that take settings: name one of {names}")
+    if taken:
+        return taken[0]
+    seen = sorted(t for t in plan.topics if t.endswith(EVENTS))
+    return seen[0].removesuffix(EVENTS) + SETTINGS if seen else SETTINGS
 
 
 class Requests:

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from evis.client.requests import ACTION, RESET, Requests, controls_of, taker
+from evis.client.requests import ACTION, RESET, Requests, camera_settings, controls_of, taker
 from evis.client.resets import environments_of, seeds_of
 from evis.client.running import choose, which_of_several
 from evis.client.topics import TopicReader
 from evis.runtime.outside import ANY_STAMP
 from evis.runtime.plan import Plan
+from msgs.camera import CameraSettings
 from msgs.header import Header
 from msgs.world import Action, Reset
 
@@ -174,6 +175,26 @@ class Run:
             raise ValueError("a reset of no environment; leave envs out to reset all")
         seeds = [] if seed is None else seeds_of(seed, range(len(chosen) or self._count()))
         return self._to(RESET).send(RESET, Reset(Header(0), chosen.astype(np.int32), np.array(seeds, np.int64)))
+
+    def set_camera(self, camera: str | None = None, **settings: Any) -> int:
+        """Changes settings of a USB camera while it streams: `run.set_camera(bias_fo=-10, roi_width=64)`.
+
+        All of them are written, or none where one is refused. What the camera has from then on is on its info topic.
+
+        Args:
+            camera: its name in the topics; may be left out where one camera takes settings.
+            settings: names and values, as `evis camera info --settings` lists them.
+
+        Returns:
+            The stamp [ns] of the last packet before it, on the camera's clock.
+
+        Raises:
+            ValueError: a setting that there is not, out of its range, or one that is decided when the camera starts.
+            ConnectionError: the camera takes no settings, as a simulated one does not, or the run has ended.
+        """
+        topic = camera_settings(self._plan, camera)
+        message = CameraSettings(Header(0), {name: str(value) for name, value in settings.items()})
+        return self._to(topic).send(topic, message)
 
     def _count(self) -> int:
         """Environments of the run."""

@@ -322,7 +322,10 @@ class Node:
         self.gathers = 1
 
     def receive(self, port: str, message: Message) -> None:
-        """Processes a message of an input that is not joined, or of a latched topic."""
+        """Processes a message of an input that is not joined, or of a latched topic.
+
+        A source publishes nothing here: it is called also while there is no room for its outputs.
+        """
         raise TypeError(f"{type(self).__name__} takes no single inputs")
 
     def finish(self) -> None:

@@ -45,9 +45,11 @@ class Scheduler:
 
     @staticmethod
     def takes(host: Host, port: str) -> bool:
-        """Tells whether a port takes a message now: a queue always, as the window bounds it; a call if it has
-        credit."""
-        return host.ended or port in host.join.queues or port in host.delayed or host.has_credit()
+        """Tells whether a port takes a message now: a queue always, as the window bounds it; a source too, which
+        publishes by its steps alone, as who sends the message may be who has to read before there is credit; a call
+        of another node if it has credit."""
+        always = host.ended or host.node.SOURCE or port in host.join.queues or port in host.delayed
+        return always or host.has_credit()
 
     def accept(self, host: Host, port: str, topic: str, message: Any) -> None:
         """Takes over one message (with one pin), or the end of a topic, for a port."""

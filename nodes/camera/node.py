@@ -37,7 +37,7 @@ FIRST_TIME = {
 COUNT_S = 0.1
 """Interval at which the driver's totals are asked for; also with each packet before which something was lost."""
 MOST_TOLD = 20
-"""Changes of settings that the log tells, for a node may change them many times a second."""
+"""Changes of settings that the log tells, and refusals, for a node may change them many times a second."""
 LEAST_EVENTS = 1 << 17
 """Room of the smallest packet in shared memory: what grows from packet to packet has to be reserved anew."""
 GAUGES = ("temperature_c", "clock_drift_ppm")
@@ -104,8 +104,11 @@ class CameraNode(Node):
         self._elapsed = Elapsed()
         self._told: set[str] = set()
         self._admitted: Message | None = None
-        self._changed_ns: list[int | None] = []
-        self._changes = 0
+        self._changed_ns: list[Any] = []
+        self._info_due = False
+        """The camera's description is to be published anew: once in a step, which is called when there is room for it,
+        for who reads it may be waiting for its own settings to be taken."""
+        self._changes = self._refused = 0
         self._set_since: dict[str, Any] = {}
         """Settings that were changed while it streamed."""
         self._count_at = self._rest_until = 0.0
@@ -149,6 +152,7 @@ class CameraNode(Node):
 
     def _publish_info(self) -> None:
         """Publishes the camera's description and settings, with the stamp of the last reading."""
+        self._info_due = False
         episode = self.driver.episode + self._rounds
         held = self.driver.held_settings()
         settings = {"settings": held, "settings_changed_ns": self._changed_ns} if held else {}
@@ -164,6 +168,8 @@ class CameraNode(Node):
             self._count_at = now + COUNT_S
             self._count_new(self.driver.counters())
             self._watch()
+        if self._info_due:
+            self._publish_info()
         if reading is None:
             return not self.driver.ended or self._begin_again()
         if reading.late_ns > self._interval_ns:
@@ -194,7 +200,9 @@ class CameraNode(Node):
             if message is self._admitted:
                 raise
             self.count("refused_settings")
-            self.warn(f"refused: {error}")
+            self._refused += 1
+            if self._refused <= MOST_TOLD:
+                self.warn(f"refused: {error}{'; the next ones are only counted' if self._refused == MOST_TOLD else ''}")
 
     def _wanted(self, message: Message) -> Configuration:
         """Returns the settings that the camera would have after a message. Raises ValueError."""
@@ -202,7 +210,7 @@ class CameraNode(Node):
         return self.driver.changed_settings(parse_settings(self.driver.settings_type(), texts_of(message.values)))
 
     def _change_settings(self, message: Message) -> None:
-        """Writes settings, and publishes the camera's description with what holds from now on. Raises ValueError."""
+        """Writes settings, and has the camera's description published with what holds then. Raises ValueError."""
         wanted = self._wanted(message)
         begun_ns = self.driver.device_now_ns()
         if begun_ns is None:
@@ -212,8 +220,8 @@ class CameraNode(Node):
             changed = self.driver.change(wanted)
         finally:
             if changed != []:
-                self._changed_ns = [begun_ns, self.driver.device_now_ns()]
-                self._publish_info()
+                begun_ns = self._changed_ns[0] if self._info_due else begun_ns
+                self._changed_ns, self._info_due = [begun_ns, self.driver.device_now_ns()], True
         if not changed:
             return
         self._set_since |= {name: getattr(wanted, name) for name in changed}
@@ -248,10 +256,12 @@ class CameraNode(Node):
         return given["t"], given["x"], given["y"], given["p"]
 
     def finish(self) -> None:
+        if self._info_due:
+            self._publish_info()
         self._count_new(self.driver.counters())
 
     def _watch(self) -> None:
-        """Warns when the camera comes back, and publishes its temperature and clock every STATUS_S."""
+        """Warns when the camera comes back, and has its temperature and clock published every STATUS_S."""
         if self.driver.episode != self._episode:
             self._episode, self._changed_ns = self.driver.episode, []
             self.warn(f"the camera is back; its clock starts anew (episode {self._episode})")
@@ -262,7 +272,7 @@ class CameraNode(Node):
         about = self.about = self.driver.info()
         gauges = {k: float(about.details[k]) for k in GAUGES if k in about.details}
         self._count_new(gauges)
-        self._publish_info()
+        self._info_due = True
 
     def _count_new(self, counters: Mapping[str, float]) -> None:
         """Adds what the driver's totals have gained to the node's counters."""

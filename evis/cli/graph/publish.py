@@ -61,7 +61,10 @@ def run_pub(args: argparse.Namespace) -> int:
                 for stamp in _actions(args, running, body):  # noqa: B007 - both are told at the end
                     sent += 1
             else:
-                raise ValueError(f"evis topic pub knows {ACTION} and {RESET}, and not {args.topic}")
+                raise ValueError(
+                    f"evis topic pub knows {ACTION} and {RESET}, and not {args.topic}; "
+                    "`evis camera set NAME=VALUE` changes settings of a camera"
+                )
     except KeyboardInterrupt:
         pass
     if args.json:

@@ -1,4 +1,5 @@
-"""Implements `evis camera`, which lists and plays cameras on USB, and recordings in their place."""
+"""Implements `evis camera`, which lists and plays cameras on USB, and recordings in their place, and changes settings
+of one that streams in a graph."""
 
 from __future__ import annotations
 
@@ -10,6 +11,7 @@ import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
+from evis.cli.machine.camera_settings import add_set_arguments, run_set
 from evis.cli.numbers import number_up_to
 from evis.cli.parser import UsageError
 from evis.console.printable import all_printable, printable
@@ -17,11 +19,12 @@ from evis.console.printable import all_printable, printable
 if TYPE_CHECKING:
     from nodes.camera.interface.driver import Driver
 
-HELP = "list cameras, show what one is, watch its stream, write udev rules"
+HELP = "list cameras, show what one is, watch its stream, change its settings, write udev rules"
 EXAMPLES = {
     "list": "evis camera list --json",
     "info": "evis camera info --emulate evk4",
     "stream": "evis camera stream --emulate silkyevcam --file recording.raw --pace fast",
+    "set": "evis camera set bias_fo=-10 roi_width=64",
     "udev": "evis camera udev | sudo tee /etc/udev/rules.d/65-event-cameras.rules",
 }
 
@@ -39,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         return result
 
     action("list", "cameras on USB that this version can drive")
+    add_set_arguments(action("set", "change settings of a USB camera while it streams in a running graph"))
     action("udev", "rules that let every user of this machine open the cameras")
     for name, text in (("info", "what a camera says about itself"), ("stream", "one line per packet")):
         one = action(name, text)
@@ -78,6 +82,8 @@ def run(args: argparse.Namespace) -> int:
 
         print(rules(), end="")
         return 0
+    if args.action == "set":
+        return run_set(args)
     from evis.runtime.pacing import parse_pace
     from nodes.camera.emulated.faults import Faults
     from nodes.camera.find import check_choice, find_driver

@@ -130,6 +130,7 @@ def _write_rate_limit(registers: Registers, events_per_s: float, before: float |
     off; without a limit, leaves it as the sensor's start list does."""
     originals = {address: registers.original(address) for address in RATE_CONTROLLER}
     if not events_per_s:
+        registers.write(0x6000, 0x155400)  # off, while the others are written
         for address, value in originals.items():
             registers.write(address, value)
     elif before:
