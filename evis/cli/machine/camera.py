@@ -161,7 +161,9 @@ def _info(driver: Driver, args: argparse.Namespace) -> int:
             if high is not None
             else f"at least {in_full(low)}"
         )
-        of = f" ({', '.join(filter(None, (facts['unit'], span)))})" if facts["unit"] or span else ""
+        when = "" if facts["live"] else "decided at the start"
+        known = ", ".join(filter(None, (facts["unit"], span, when)))
+        of = f" ({known})" if known else ""
         print(f"  {name}={shown(facts['default'])}".ljust(32) + f"  {facts['help']}{of}")
     return 0
 

@@ -221,6 +221,9 @@ def test_command_on_emulated_cameras(capsys, tmp_path):
     about = json.loads(call(capsys, "info", "--emulate", "evk4", "--settings", "--json"))
     assert (about["name"], about["width"], about["settings"]["bias_fo"]["maximum"]) == ("evk4", 1280, 55)
     assert "background_filter_us" in call(capsys, "info", "--emulate", "davis346", "--settings")
+    of_a_mini = call(capsys, "info", "--emulate", "dvxplorer_mini", "--settings").splitlines()
+    fixed = [line.split("=")[0].strip() for line in of_a_mini if "decided at the start" in line]
+    assert fixed[-2:] == ["imu", "binning"] and "packet_ms" in fixed and "sensitivity" not in fixed
     random_recording(tmp_path / "a.raw", 640, 480)
     arguments = ["stream", "--emulate", "silkyevcam", "--file", str(tmp_path / "a.raw"), "--pace", "fast"]
     arguments += ["--set", "decoder=numpy", "--set", "bias_fo=1500", "--json"]
