@@ -9,10 +9,10 @@ import numpy as np
 
 from evis.scene.model import Scene, Trajectory
 from evis.scene.motion import Prescribed
+from evis.scene.prescribed_batch import PrescribedBatch
 from nodes.physics.accelerations import prescribed_accelerations
 from nodes.physics.actuators import Actuators
 from nodes.physics.closed_form.ahead import BLOCK, StatesAhead
-from nodes.physics.closed_form.prescribed_batch import PrescribedBatch
 from nodes.physics.interval import Interval
 
 
