@@ -25,7 +25,7 @@ class SeparateRenderers:
     """
 
     def __init__(self, parts: Parts[AnyRenderer], envs: int) -> None:
-        """parts: renderers for all of them."""
+        """Takes the renderers of all environments, in groups."""
         self._parts = parts
         self.device = parts.all[0].device
         self._count = envs
@@ -101,7 +101,7 @@ class SeparateRenderers:
 
 
 def _as_run(envs: np.ndarray) -> slice | None:
-    """The environments as a slice, where they follow one another."""
+    """Gives the environments as a slice, where they follow one another."""
     first, last = int(envs[0]), int(envs[-1])
     return slice(first, last + 1) if last - first + 1 == len(envs) else None
 

@@ -85,7 +85,7 @@ class SupersampledRenderer:
         return {name: self._whose(name).target(name, None) for name in outputs}
 
     def _whose(self, name: str) -> Renderer:
-        """The renderer that an output has its size of."""
+        """Gives the renderer that an output has its size of."""
         return self.fine if self.apart and name in LIGHT else self.plain
 
     def begin(self, outputs: Iterable[str]) -> None:

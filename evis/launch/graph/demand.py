@@ -93,7 +93,7 @@ class Pruner:
             self._need(publisher, {port})
 
     def _read(self, node: WiredNode) -> None:
-        """Connect a reader of whatever it is told."""
+        """Connects a reader of whatever it is told."""
         topics = self._chosen(node)
         self._need(node, set())
         self.demand.inputs[node.name][node.any_port or ""] = topics
@@ -101,7 +101,7 @@ class Pruner:
             self._want(topic)
 
     def _chosen(self, node: WiredNode) -> list[str]:
-        """What such a reader takes: its class says so, or `topics` are globs, or all that is recorded.
+        """Lists what such a reader takes: its class says so, or `topics` are globs, or all that is recorded.
 
         What is made on demand is read by default only where somebody has demanded it already.
         """
@@ -128,7 +128,7 @@ class Pruner:
         return [*sorted(set(self._publishers) - own - shares), *SYSTEM_TOPICS]
 
     def _named(self, node: WiredNode) -> set[str]:
-        """What such a reader is told to take by name."""
+        """Lists what such a reader is told to take by name."""
         return {t for glob in globs_of(node) for t in fnmatch.filter(self._available(node), glob)}
 
     def _by_default(self, topic: str) -> bool:

@@ -70,7 +70,7 @@ def of_bodies(poses: np.ndarray, bodies: np.ndarray) -> np.ndarray:
 
 
 def _shared(poses: np.ndarray) -> bool:
-    """Whether there are several environments, which share memory."""
+    """Tells whether there are several environments, which share memory."""
     return poses.ndim == 3 and len(poses) > 1 and not poses.strides[0]
 
 
@@ -127,6 +127,6 @@ class InstancePoses:
 
     @cached_property
     def _all(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of all bodies and, as the last one, the world."""
+        """Gives rotations and translations of all bodies and, as the last one, of the world."""
         each = [self.body(k) for k in (*range(self.bodies.shape[1]), -1)]
         return np.stack([turn for turn, _ in each], 1), np.stack([place for _, place in each], 1)

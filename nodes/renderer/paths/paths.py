@@ -98,7 +98,7 @@ def emitter_kinds(scene: Scene, visibility: Visibility) -> np.ndarray:
 
 
 def _shows(light: Light, body: int, centre: np.ndarray, reach: float) -> bool:
-    """Whether a glowing thing on a body is what is seen of a light."""
+    """Tells whether a glowing thing on a body is what is seen of a light."""
     if light.kind == "directional" or light.body != body:
         return False
     return bool(np.linalg.norm(np.asarray(light.vector, np.float64) - centre) <= reach)
