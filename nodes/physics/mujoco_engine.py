@@ -28,7 +28,7 @@ from nodes.physics.dynamics.batch.environment_data import EnvironmentData
 from nodes.physics.dynamics.batch.stepped_states import JOINTS, SteppedStates
 from nodes.physics.dynamics.batch.unsupported import Unsupported
 from nodes.physics.dynamics.checked_steps import take_checked_steps
-from nodes.physics.dynamics.contacts import contacts_of, gather
+from nodes.physics.dynamics.contacts import contacts_of
 from nodes.physics.dynamics.course.course import Course
 from nodes.physics.dynamics.course.recorded import RecordedCourse, Seen
 from nodes.physics.dynamics.rest import Rest
@@ -38,7 +38,7 @@ from nodes.physics.dynamics.states import State, snapshot
 from nodes.physics.dynamics.stepped_model import prepared_model
 from nodes.physics.dynamics.traced_steps import TracedSteps
 from nodes.physics.dynamics.watch import Watch
-from nodes.physics.interval import Extras, Interval
+from nodes.physics.interval import Contacts, Extras, Interval
 from nodes.physics.precision.errors import Errors
 from nodes.physics.precision.sampled import shadow_of
 from nodes.physics.precision.stepping import Stepping
@@ -422,7 +422,8 @@ class MujocoEngine:
         interval.gravity = np.tile(self.model.opt.gravity, (self.envs, 1))
         interval.warnings, self._warnings = self._warnings, []
         if self._extras.contacts:
-            interval.contacts = gather([contacts_of(self.model, data, self._scratch) for data in self.data])
+            each = [contacts_of(self.model, data, self._scratch) for data in self.data]
+            interval.contacts = Contacts.joined(each, [[k] for k in range(self.envs)])
         if self._extras.accelerations:
             end = self._course.last
             interval.acceleration = self._assembly.accelerations(
