@@ -102,16 +102,6 @@ class Renderer:
         """Gives what finds `counts` of what is launched by now, and waits for no more than that."""
         return self.shading.counts_later()
 
-    @property
-    def not_finite(self) -> int:
-        """Counts the pixels of the last image that were not finite."""
-        return self.counts()[0]
-
-    @property
-    def clipped(self) -> int:
-        """Counts the pixels of the last image that were clipped to float16."""
-        return self.counts()[1]
-
     def array_shape(self, name: str) -> tuple[tuple[int, ...], np.dtype]:
         """Gives the shape and dtype of an output."""
         dtype = self.types[name]

@@ -66,16 +66,6 @@ class SupersampledRenderer:
 
         return found
 
-    @property
-    def not_finite(self) -> int:
-        """Counts the samples of the last image that were not finite."""
-        return self.counts()[0]
-
-    @property
-    def clipped(self) -> int:
-        """Counts the pixels of the last image that were clipped to float16."""
-        return self.counts()[1]
-
     def array_shape(self, name: str) -> tuple[tuple[int, ...], np.dtype]:
         """Gives the shape and dtype of an output."""
         return self._whose(name).array_shape(name)
