@@ -164,7 +164,7 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
 
 
 def _share_words(plan: Plan, awake: list[WiredNode]) -> None:
-    """Lets one of the nodes that are alike say what all of them would."""
+    """Chooses one of the nodes that would give the same warnings to give them for all."""
     first: dict[Any, NodePlan] = {}
     for node in awake:
         if (known := node.cls.alike(node.params)) is not None:
@@ -182,7 +182,7 @@ def _foreseen(plan: Plan, node: WiredNode) -> list[str]:
 
 
 def _draws(node: WiredNode) -> bool:
-    """Tells whether the seed is the node's own, and not handed on for it to see the world that another one tells of."""
+    """Tells whether a node draws by its seed, and does not only load with it the world that another node moves."""
     return "seed" in node.cls.PARAMS and "random" in vars(node.cls)
 
 

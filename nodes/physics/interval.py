@@ -38,7 +38,7 @@ class Contacts:
 
 @dataclass(frozen=True)
 class Extras:
-    """Says what intervals of an engine have beside poses and twists.
+    """Selects what intervals of an engine have beside poses and twists.
 
     contacts: those with their forces. joints: positions and velocities of the joints. accelerations: of the bodies, NaN
     for cameras that MuJoCo has follow a body.

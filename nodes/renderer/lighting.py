@@ -197,7 +197,7 @@ class Shading:
         return self.set_times(np.full(self.visibility.envs, t_ns, np.int64))
 
     def set_times(self, t_ns: np.ndarray) -> bool:
-        """Gives the same with an instant for each environment, int64 [E] ns."""
+        """Sets flickering lights as `set_time` does, to an instant of each environment, int64 [E] ns."""
         return self.lights.set_times(t_ns)
 
     def place(self) -> None:
@@ -302,7 +302,7 @@ class Shading:
         return int(not_finite), int(clipped)
 
     def counts_later(self) -> Callable[[], tuple[int, int]]:
-        """Gives what finds `counts` of what is launched by now, and waits for no more than that."""
+        """Makes a function that gives `counts` of the images launched by now, and waits for these alone."""
         if self._host_counts is None:
             self._host_counts = HostCopies(self._counts)
         read = self._host_counts.take()

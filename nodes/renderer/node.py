@@ -176,7 +176,7 @@ class RendererNode(Node):
         return count
 
     def _info(self, header: Header) -> CameraInfo:
-        """Makes what readers are told of the camera and of the worlds that it sees."""
+        """Makes the CameraInfo of the camera in the worlds that it sees."""
         return camera_info(header, self.params, self.worlds, self.runtime.plan.sensor_beside(self.name, "info"))
 
     def _begin(self) -> None:
@@ -219,7 +219,7 @@ class RendererNode(Node):
             self.renderer.prepare(self._wanted())
 
     def _renderers(self, groups: Sequence[Group]) -> Renderer | SupersampledRenderer | SeparateRenderers:
-        """Makes what renders all environments."""
+        """Makes the renderer of all environments, or one for each world that looks differently."""
         from nodes.renderer.separate import SeparateRenderers
 
         if len(groups) == 1:

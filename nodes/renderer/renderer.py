@@ -99,7 +99,7 @@ class Renderer:
         return self.shading.counts()
 
     def counts_later(self) -> Callable[[], tuple[int, int]]:
-        """Gives what finds `counts` of what is launched by now, and waits for no more than that."""
+        """Makes a function that gives `counts` of the images launched by now, and waits for these alone."""
         return self.shading.counts_later()
 
     def array_shape(self, name: str) -> tuple[tuple[int, ...], np.dtype]:

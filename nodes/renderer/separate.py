@@ -36,7 +36,7 @@ class SeparateRenderers:
         self._parts.change(groups, make)
 
     def counts_later(self) -> Callable[[], tuple[int, int]]:
-        """Gives what finds `counts`, as Renderer has it."""
+        """Makes a function that gives `counts`, as Renderer does."""
         later = [part.counts_later() for part in self._parts.all]
 
         def found() -> tuple[int, int]:
@@ -107,7 +107,7 @@ def _as_run(envs: np.ndarray) -> slice | None:
 
 
 def _scatter(images: wp.array, to: Any, envs: np.ndarray, live: np.ndarray) -> None:
-    """Copies the images of those of a group that are live to their places among all."""
+    """Copies the images of the live environments of a group to their places among all."""
     if isinstance(to, wp.array):
         for k in np.flatnonzero(live).tolist():
             wp.copy(to[int(envs[k]) : int(envs[k]) + 1], images[k : k + 1])

@@ -55,7 +55,7 @@ class SupersampledRenderer:
         return not_finite, clipped if self.apart else int(self._counts.numpy()[1, 0])
 
     def counts_later(self) -> Callable[[], tuple[int, int]]:
-        """Gives what finds `counts` of what is launched by now, and waits for no more than that."""
+        """Makes a function that gives `counts` of the images launched by now, and waits for these alone."""
         if self._host_counts is None:
             self._host_counts = HostCopies(self._counts)
         fine, own = self.fine.counts_later(), self._host_counts.take()

@@ -1,4 +1,4 @@
-"""Opens the taps of the nodes of one process, and hands them what comes."""
+"""Opens the taps of the nodes of one process, and calls back with their messages."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Taps:
     """Holds the taps that the nodes of one process have opened."""
 
     def __init__(self, wiring: Wiring, wakeup: Wakeup) -> None:
-        """Takes what makes subscribers, and what their sockets are to end the wait of."""
+        """Takes the wiring, which makes subscribers, and the wakeup of the executor, which hears their sockets."""
         self._wiring, self._wakeup = wiring, wakeup
         self._open: list[TapSubscription] = []
 

@@ -113,7 +113,7 @@ class InstancePoses:
         return place[:, self._on] + (turn[:, self._on] @ self._rest[1][..., None])[..., 0]
 
     def of_first(self) -> InstancePoses:
-        """Gives those of the first environment alone."""
+        """Gives the poses of the first environment alone."""
         return InstancePoses(self.bodies[:1], self._index, self._on, self._rest)
 
     def body(self, index: int) -> tuple[np.ndarray, np.ndarray]:
