@@ -312,7 +312,7 @@ class Simulation:
                 viewer = self._viewers.get(camera)
                 if viewer is None or not viewer.suits(scene):
                     viewer = self._viewers[camera] = Viewer(scene, node.params)
-                light = viewer.luminance(poses[env : env + 1], self.stamp_ns)
+                light = viewer.luminance(poses[env : env + 1], self._run.time_of(env))
                 packet = vars(last.cameras[camera]).get("events")
                 found[camera] = events_over_light(light, packet if packet is None else on_host(packet), env)
         if not found:

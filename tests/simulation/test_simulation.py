@@ -275,6 +275,33 @@ def test_a_picture_shows_the_world_that_its_environment_has_now() -> None:
             assert (sim.show(env)["cam0"] == picture("spinning_disk", **own, **SIZE)).all()
 
 
+FLICKER = """\
+cameras: {cam0: {position: [0, -2, 0], look_at: [0, 0, 0], fov: 60 deg}}
+materials: {plain: {albedo: 0.6}}
+bodies: {wall: {shapes: [{shape: box, size: [4, 0.1, 3], material: plain}]}}
+lights:
+  left: {kind: point, position: [-1, -1, 0], intensity: 2}
+  right: {kind: point, position: [1, -1, 0], intensity: 2, flicker: {kind: sine, frequency: 10, depth: 1}}
+"""
+
+
+def test_a_picture_shows_lamps_at_the_time_of_its_environment(tmp_path: Path) -> None:
+    """That of one that was reset by itself begins there; the other one's goes on."""
+    scene = tmp_path / "flicker.yaml"
+    scene.write_text(FLICKER)
+    wanted = []
+    with evis.Simulation(scene, outputs=["depth"], **SIZE) as sim:
+        for go_on in (sim.reset, sim.step):
+            go_on()
+            wanted.append(sim.show()["cam0"])
+    assert not (wanted[0] == wanted[1]).all()
+    with evis.Simulation(scene, outputs=["depth"], envs=2, **SIZE) as sim:
+        sim.step()
+        sim.reset(envs=[0])
+        for env in (0, 1):
+            assert (sim.show(env)["cam0"] == wanted[env]).all()
+
+
 def test_a_notebook_names_a_simulation_that_renders_nothing() -> None:
     with evis.Simulation("spinning_disk", outputs=["state"], **SIZE) as sim:
         sim.step()
