@@ -195,10 +195,6 @@ def carried(
     return se3.compose(carrier[0], state[0]), se3.compose_twist(*carrier, *state)
 
 
-Known = dict["Prescribed", tuple[np.ndarray, np.ndarray]]
-"""Poses and twists at the same times."""
-
-
 class Prescribed:
     """Composes a motion from a start pose, translations that add up in the parent's frame, and rotations that chain in
     the body's own.
@@ -241,22 +237,13 @@ class Prescribed:
         """Counts the parents above this motion, one on the other: 0 without one."""
         return 0 if self.parent is None else 1 + self.parent.depth
 
-    def state(self, t_ns: np.ndarray, known: Known | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Computes pose and twist at once, which costs no more than one of them.
-
-        known: what has been worked out for other bodies at the same times; this one's is added.
-        """
-        if known is not None and self in known:
-            return known[self]
+    def state(self, t_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Computes pose and twist at once, which costs no more than the twist alone."""
         if self._static:
             return self._still_pose(np.size(t_ns)), np.zeros((np.size(t_ns), 6))
         t = np.atleast_1d(np.asarray(t_ns, np.int64)) * NS
         pose, twist = local_state(self.start, self.shifts, self.turns, t)
-        if self.parent is not None:
-            pose, twist = carried(self.parent.state(t_ns, known), (pose, twist))
-        if known is not None:
-            known[self] = pose, twist
-        return pose, twist
+        return (pose, twist) if self.parent is None else carried(self.parent.state(t_ns), (pose, twist))
 
     def acceleration(self, t_ns: np.ndarray) -> np.ndarray:
         """Computes the accelerations float64 [S, 6] (linear, angular; world frame) at times int64 [S] ns.

@@ -81,7 +81,7 @@ class Shading:
     def __init__(
         self,
         visibility: Visibility,
-        options: ShadingOptions = ShadingOptions(),
+        options: ShadingOptions,
         meshes: dict[int, wp.Mesh] | None = None,
     ) -> None:
         """Takes what sees the scene. meshes: see Occluders."""
