@@ -400,7 +400,7 @@ class EventSensor:
             count = self._settle_part(part, begins, int(part.t[-1]))
             begins = np.zeros_like(begins)
             if part.count < batch.count:
-                own = {name: np.empty(count, dtype) for name, dtype in self.columns().items()}
+                own: dict[str, np.ndarray] = {name: np.empty(count, dtype) for name, dtype in self.columns().items()}
                 self.read(own)
                 found.append((own, self.env_offsets()))
         if found:

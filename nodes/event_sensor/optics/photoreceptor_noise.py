@@ -55,12 +55,12 @@ class PhotoreceptorNoise:
         self._receptor = receptor_struct(size.pixels, self._hz, level, exponent, p["dark_level"])
         self._kernel = kernels.make_add_noise(poles, law)
         at = p["photoreceptor_noise_level"]
-        self._noise: Any = kernels.Noise()
-        self._noise.sigma, self._noise.level, self._noise.seed = p["photoreceptor_noise"], at, seed
-        self._noise.share = min(1.0, at / level) ** exponent if at > 0 and law != kernels.CONSTANT else 1.0
-        self.step_ns = max(1, round(1e9 / (PARTS[poles] * 2 * np.pi * self._hz)))
-        """From one instant of the noise to the next [ns]."""
-        self._noise.step = self.step_ns
+        self._step_ns = max(1, round(1e9 / (PARTS[poles] * self._receptor.rate)))
+        """From one instant of the noise to the next."""
+        noise: Any = kernels.Noise()
+        noise.sigma, noise.level, noise.step, noise.seed = p["photoreceptor_noise"], at, self._step_ns, seed
+        noise.share = min(1.0, at / level) ** exponent if at > 0 and law != kernels.CONSTANT else 1.0
+        self._noise = noise
         self._begun = np.zeros(size.envs, np.int64)
         total = size.envs * size.pixels
         self._poles: Any = kernels.Poles()
@@ -108,14 +108,14 @@ class PhotoreceptorNoise:
         """Gives the numbers of the frames before which parts end. given: further samples of the message."""
         pixels = self._size.envs * self._size.pixels
         gaps = np.diff(stamps, prepend=0)
-        counts = pixels * (gaps // self.step_ns + 1) + given
+        counts = pixels * (gaps // self._step_ns + 1) + given
         worst = int(np.argmax(gaps))
         if counts[worst] > MOST_SAMPLES or gaps[worst] > LONGEST:
             start = t_base + int(stamps[worst] - gaps[worst])
             raise ValueError(
-                f"photoreceptor_noise of bandwidth_hz {self._hz:g} has a sample of each pixel every {self.step_ns} ns: "
-                f"{counts[worst]:.3g} of them from {start} ns to the frame at {t_base + stamps[worst]} ns, and at most "
-                f"{MOST_SAMPLES} in {LONGEST * 1e-9:.3g} s between two frames; {REMEDY}, or lower bandwidth_hz"
+                f"photoreceptor_noise of bandwidth_hz {self._hz:g} has a sample of each pixel every {self._step_ns} "
+                f"ns: {counts[worst]:.3g} of them from {start} ns to the frame at {t_base + stamps[worst]} ns, and at "
+                f"most {MOST_SAMPLES} in {LONGEST * 1e-9:.3g} s between two frames; {REMEDY}, or lower bandwidth_hz"
             )
         ends, total = [], 0
         for k, count in enumerate(counts.tolist()):

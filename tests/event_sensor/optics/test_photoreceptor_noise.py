@@ -28,7 +28,7 @@ def autocorrelation(poles, s):
 
 
 def noise_of(light, seconds, **params):
-    """Noise of pixels in constant light [ln I], [instants, pixels], and from one instant to the next [s]."""
+    """Noise of pixels in constant light [ln I], [instants, pixels], and from one instant to the next [ns]."""
     p = resolve_sensor("sensor", "ideal", {"bandwidth_hz": HZ, "photoreceptor_noise": 0.1, **params})
     size = Size(1, light.size, 1, 1)
     noise = PhotoreceptorNoise(size, 7, p, wp.get_device("cpu"))
@@ -41,9 +41,8 @@ def noise_of(light, seconds, **params):
         for part in noise.parts(batch):
             if part.further is not None:
                 found.append(part.further.value.numpy().reshape(light.size, -1).T.astype(np.float64))
-    return np.log(
-        np.concatenate(found) / (light.astype(np.float32).astype(np.float64) + p["dark_level"])
-    ), noise.step_ns
+    level = light.astype(np.float32).astype(np.float64) + p["dark_level"]
+    return np.log(np.concatenate(found) / level), round(S * TAU / photoreceptor_noise.PARTS[p["bandwidth_poles"]])
 
 
 @pytest.mark.parametrize("poles", [1, 2])
