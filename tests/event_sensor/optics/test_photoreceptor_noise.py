@@ -172,7 +172,7 @@ def test_events_in_constant_light_come_at_the_rate_of_a_double_threshold(poles, 
     for a, b in zip(made, expected):
         spread = math.sqrt((a.var() + b.var()) / count)
         assert a.sum() > 500 and abs(a.mean() - b.mean()) < 4.5 * spread
-        # Of instants that come ever closer there would be more events, of two poles hardly any.
+    # Of instants that come ever closer there would be more events, of two poles hardly any.
     finer = double_threshold(drawn_paths(poles, 64, seconds, 300, 2), on, off)
     share = made.sum() / count / (finer.sum() / 300)
     assert (0.5 < share < 0.95) if poles == 1 else (0.9 < share < 1.06)
@@ -202,7 +202,7 @@ def walk(shape, seed=1):
     return light
 
 
-def told(events, start=0):
+def told(events):
     env = np.repeat(np.arange(len(events.env_offsets) - 1), np.diff(events.env_offsets))
     c = np.zeros(len(env), np.int64) if events.c is None else events.c
     return sorted(zip(*(np.asarray(a).tolist() for a in (env, events.t, events.y, events.x, c, events.p))))
