@@ -48,6 +48,7 @@ def launch(folder: Path, *words: str) -> dict[str, bytes]:
     ("scene", "arguments"),
     [
         ("spinning_disk", {"omega": 30, "shot_rate": 5.0}),
+        ("spinning_disk", {"time_tolerance": 3e-4, "bandwidth_hz": 60.0, "photoreceptor_noise": 0.08}),
         ("robot_arm", {"threshold_mismatch": 0.03, "interpolator": "splat"}),
     ],
 )
