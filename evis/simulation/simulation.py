@@ -167,7 +167,7 @@ class Simulation:
             own = self._graphs[self._own_seed]
             self._graphs = {self._own_seed: own, self._seed: self._planner.plan(self._seed)}
         graph = self._graphs[self._seed]
-        if self._run.broken:
+        if self._run.broken or self._run.graph.things != graph.things:
             self._run.close()
             self._run = Run(graph, self._asked)
         elif self._run.k >= 0 or self._run.graph is not graph:
