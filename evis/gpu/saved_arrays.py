@@ -41,7 +41,7 @@ def write_back(arrays: Mapping[str, Any], state: Mapping[str, Any]) -> None:
             values = np.ascontiguousarray(state[name])
         else:
             values = np.array(values)
-            for field in values.dtype.names:
+            for field in values.dtype.names or ():
                 values[field] = state[f"{name}.{field}"]
         wp.copy(array, wp.array(values, dtype=array.dtype, device=array.device))
 

@@ -327,6 +327,19 @@ class PhysicsNode(Node):
             interval = self.environments.present()
         self._publish(keyframe_stamp(self.k - 1, self.params["keyframe_rate"]), interval)
 
+    def present(self) -> None:
+        """Publishes the state of the stamp published last once more, of that one instant."""
+        self._publish(keyframe_stamp(self.k - 1, self.params["keyframe_rate"]), self.environments.present())
+
+    def state(self) -> int:
+        """Gives how many faults were told of: where the bodies are comes of the run's actions and resets alone, and who
+        goes on from a state takes these again."""
+        return self._faults_told
+
+    def restore(self, state: int) -> None:
+        """Has told of as many faults."""
+        self._faults_told = state
+
     def _begin_anew(self, envs: list[int], seeds: list[int], k: int) -> None:
         """Begins environments anew at keyframe k, in time of their own."""
         if self.k:

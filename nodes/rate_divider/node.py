@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
@@ -45,6 +46,14 @@ class RateDividerNode(Node):
             return False
         self.setup()
         return True
+
+    def state(self) -> Merger:
+        """Gives the states that wait for the camera's next keyframe."""
+        return copy.deepcopy(self._merger)
+
+    def restore(self, state: Merger) -> None:
+        """Goes on from these states."""
+        self._merger = copy.deepcopy(state)
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         """Publishes a state where a keyframe of the camera is due."""
