@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
@@ -47,13 +46,8 @@ class RateDividerNode(Node):
         self.setup()
         return True
 
-    def state(self) -> Merger:
-        """Gives the states that wait for the camera's next keyframe."""
-        return copy.deepcopy(self._merger)
-
-    def restore(self, state: Merger) -> None:
-        """Goes on from these states."""
-        self._merger = copy.deepcopy(state)
+    def state(self) -> None:
+        """Gives nothing: who goes on gives it all states again since the camera's last keyframe (`divides`)."""
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         """Publishes a state where a keyframe of the camera is due."""

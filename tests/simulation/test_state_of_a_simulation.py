@@ -133,7 +133,6 @@ OTHERS: list[tuple[str, list[str], dict[str, Any]]] = [
     ("spinning_disk", ["events", "keyframe"], {"interpolator": "splat-quadratic"}),
     ("spinning_disk", ["events"], {"interpolator": "none", "envs": 2, "preset": "davis346", "crossing": "cubic"}),
     ("robot_arm", ["events", "image"], {"envs": 2, "preset": "davis346"}),
-    ("robot_arm", ["events", "imu"], {}),
     ("robot_arm", ["events", "labels.events", "labels.forward_flow"], {"envs": 2, "crossing": "cubic", **NOISE}),
     ("robot_arm", ["events", "physics_error"], {"joints": True}),
     ("stereo_room", ["events", "keyframe"], {"camera_rate": "right=10", **NOISE}),
@@ -156,6 +155,34 @@ def test_divergences_before_and_after(tmp_path: Path, envs: int) -> None:
     (tmp_path / "fall.yaml").write_text(FALLING)
     for seed in range(2):
         check(str(tmp_path / "fall.yaml"), seed, ["events", "state"], 14, envs=envs, **NOISE)
+
+
+def test_a_reset_right_behind_a_state() -> None:
+    """Motion of those that go on is that since the keyframe before, which a reset at the stamp of the last needs."""
+    with evis.Simulation("spinning_disk", **SIZE, envs=2, outputs=IMAGES) as sim:
+        sim.reset()
+        sim.step()
+        moved = sim.step().motion
+        state = sim.state()
+        expected = sim.reset(envs=[1])
+        assert moved[0].any() and np.array_equal(expected.motion[0], moved[0]) and not expected.motion[1].any()
+        sim.restore(state)
+        assert_same([content(sim.reset(envs=[1]))], [content(expected)])
+
+
+def test_biases_of_an_inertial_unit_walk_on(tmp_path: Path) -> None:
+    launch = tmp_path / "unit.yaml"
+    launch.write_text(
+        "nodes:\n  physics: {type: physics, params: {scene: drone}}\n"
+        "  imu: {type: imu, params: {accel_bias: 0.5, gyro_bias: 0.5, accel_noise: 0.002, seed: 3}}\n"
+    )
+    with evis.Simulation(launch, outputs=["imu"]) as sim:
+        sim.run(0.2)
+        state = sim.state()
+        expected = [content(sim.step()) for _ in range(3)]
+        sim.restore(state)
+        assert_same([content(sim.step()) for _ in range(3)], expected)
+        assert expected[0]["cam0.imu.acceleration"][1][0] > 20
 
 
 def test_an_action_that_is_held_goes_on() -> None:
