@@ -36,11 +36,10 @@ def write_back(arrays: Mapping[str, Any], state: Mapping[str, Any]) -> None:
     wanted = saved(arrays)
     check_like(wanted, state)
     for name, array in arrays.items():
-        values = host_array(array)
-        if values.dtype.names is None:
+        if name in wanted:
             values = np.ascontiguousarray(state[name])
         else:
-            values = np.array(values)
+            values = np.array(host_array(array))
             for field in values.dtype.names or ():
                 values[field] = state[f"{name}.{field}"]
         wp.copy(array, wp.array(values, dtype=array.dtype, device=array.device))
