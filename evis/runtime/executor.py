@@ -20,6 +20,7 @@ from evis.config.secret import Redactor
 from evis.gpu.early_context import begin_contexts
 from evis.runtime.hosting.host import AnyPublisher, Host, Subscription
 from evis.runtime.hosting.node_call import NodeCall, NodeFailed
+from evis.runtime.hosting.taps import Taps
 from evis.runtime.hosting.wiring import Wiring, load_class
 from evis.runtime.node import Node
 from evis.runtime.outputs import Outputs
@@ -65,12 +66,12 @@ class Executor(Outputs):
         self._tell = tell or (lambda name, text: print(f"{name}: {text}", file=sys.stderr, flush=True))
         self._context = zmq.Context()
         self._wakeup = Wakeup()
-        self._taps: list[TapSubscription] = []
         self.failure = ""
         self._last_idle = 0.0
-        self._wiring = Wiring(plan, process, self._context)
+        wiring = Wiring(plan, process, self._context)
+        self._taps = Taps(wiring, self._wakeup)
         self._telemetry = Telemetry(plan, process, self._context, profile, self._redactor, say)
-        hosts = self._wiring.hosts
+        hosts = wiring.hosts
         begin_contexts(host.node.computes_on() for host in hosts.values())
         scheduler = Scheduler(hosts, profile, self._telemetry, plan.mode == "realtime")
         super().__init__(plan, hosts, profile, scheduler)
@@ -300,8 +301,7 @@ class Executor(Outputs):
         """Closes the sockets."""
         for outside in self._outside_inputs:
             outside.close()
-        for tap in list(self._taps):
-            tap.close()
+        self._taps.close()
         for subscription in self._subscriptions:
             subscription.subscriber.close()
         for publisher in self._publishers:
@@ -347,14 +347,7 @@ class Executor(Outputs):
             s.ended = s.declared and message is END
             if message is not END or s.declared:
                 self._scheduler.accept(s.host, s.port, s.topic, message)
-        for tap in list(self._taps):
-            for subscriber in tap.subscribers:
-                message = subscriber.receive(0)
-                if message is not None and message is not END:
-                    progress = True
-                    tap.callback(message)
-                    message.release()
-        return progress
+        return self._taps.pump() or progress
 
     def _drain(self, commands: Commands | None) -> None:
         """Waits, after the last node, until every consumer has returned its credits (ipc drops what is sent last)."""
@@ -425,24 +418,10 @@ class Executor(Outputs):
         self._redactor.add(secret)
 
     def open_tap(self, node: Node, topic: str, callback: Callable[[Message], None]) -> TapSubscription:
-        """Subscribes a running topic lossily. `callback` runs on this thread; arrays are valid while it runs."""
+        """Implements Runtime.open_tap. `callback` runs on this thread; arrays are valid while it runs."""
         if topic not in SYSTEM_TOPICS and topic not in self.plan.topics:
-            raise ValueError(f"{node.name}: nobody publishes {topic}")
-        subscribers = self._wiring.subscribe(topic, node.name, "tap", tap=True)
-        for subscriber in subscribers:
-            subscriber.start()
-            self._wakeup.hear(subscriber, subscriber.sockets())
-        tap = TapSubscription(topic, callback, subscribers, self.close_tap)
-        self._taps.append(tap)
-        return tap
-
-    def close_tap(self, tap: TapSubscription) -> None:
-        """Implements TapSubscription.close."""
-        if tap in self._taps:
-            self._taps.remove(tap)
-            for subscriber in tap.subscribers:
-                self._wakeup.forget(subscriber)
-                subscriber.close()
+            raise ValueError(f"{node.name}: nobody publishes {topic}; there are {', '.join(self.plan.open_topics())}")
+        return self._taps.open(node.name, topic, callback)
 
     def request(self, topic: str) -> None:
         """Asks the supervisor to start the dormant node that publishes `topic`."""

@@ -206,7 +206,7 @@ def _plain(arguments: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _unsaid(line: str) -> None:
-    """Takes what is being measured: nobody is told of it."""
+    """Drops the line that says what is being measured."""
 
 
 def _warn(line: str) -> None:

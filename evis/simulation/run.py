@@ -24,6 +24,7 @@ from evis.simulation.outputs import RequestedOutputs
 from evis.simulation.saved import Kind, Physics, RunState, take_again
 from evis.simulation.step import IMAGE, IMAGES, Step, value_of
 from evis.supervisor.run_directory import RunDirectory
+from msgs.own_time import STAMP
 from nodes.physics.actuators import NO_ACTUATORS
 
 MOST_KEPT = 64_000_000
@@ -118,6 +119,11 @@ class Run:
     def poses(self) -> np.ndarray | None:
         """Returns the poses of all bodies at that time, float64 [E, N, 7]; None in a graph without physics."""
         return self._caller.poses
+
+    def time_of(self, env: int) -> int:
+        """Returns the time [ns] of the last step since the reset of an environment."""
+        own = self._caller.own
+        return self.stamp_ns if own is None else int(own[env, STAMP])
 
     def parameter(self, name: str, otherwise: Any) -> Any:
         """Returns a parameter of the node that steps the world."""

@@ -16,7 +16,8 @@ from evis.client.resets import environments_of, seeds_of
 from evis.config.suggestions import environments_there
 from evis.runtime.garbage_collection import without_garbage_collection
 from evis.scene.model import Scene
-from evis.scene.parameters import SCENE, scene_of
+from evis.scene.parameters import SCENE, of_environment, scene_of
+from evis.scene.parameters import seeds_of as seeds_of_environments
 from evis.simulation.actuators import Actuator, each
 from evis.simulation.each import alone, info_of
 from evis.simulation.errors import SimulationError
@@ -111,15 +112,21 @@ class Simulation:
 
     @property
     def scene(self) -> Scene:
-        """Returns the scene that is simulated; it is shared, and nobody may write to it.
+        """Returns the scene that is simulated, as environment 0 has it; it is shared, and nobody may write to it.
 
         Raises SimulationError without one.
         """
+        return self._scene_of(0)
+
+    def _scene_of(self, env: int) -> Scene:
+        """Returns the scene as an environment has it now, with arguments of its own and drawn by its seed."""
         graph = self._run.graph
         if not graph.physics:
             raise SimulationError(f"{graph.plan.name} simulates no scene")
         params = graph.plan.nodes[graph.physics].params
-        return scene_of("simulation", {name: params.get(name) for name in (*SCENE, "seed")})
+        own = of_environment(params, env)
+        seed = self._seeds.get(env, seeds_of_environments(params)[env])
+        return scene_of("simulation", {**{name: own.get(name) for name in SCENE}, "seed": seed})
 
     @property
     def chosen(self) -> Mapping[str, Any]:
@@ -337,10 +344,11 @@ class Simulation:
         found = {}
         for node in self._run.graph.plan.nodes.values():
             if node.target.endswith(":RendererNode") and poses is not None:
-                camera = node.params["camera"]
-                if camera not in self._viewers:
-                    self._viewers[camera] = Viewer(self.scene, node.params)
-                light = self._viewers[camera].luminance(poses[env : env + 1], self.stamp_ns)
+                camera, scene = node.params["camera"], self._scene_of(env)
+                viewer = self._viewers.get(camera)
+                if viewer is None or not viewer.suits(scene):
+                    viewer = self._viewers[camera] = Viewer(scene, node.params)
+                light = viewer.luminance(poses[env : env + 1], self._run.time_of(env))
                 packet = vars(last.cameras[camera]).get("events")
                 found[camera] = events_over_light(light, packet if packet is None else on_host(packet), env)
         if not found:

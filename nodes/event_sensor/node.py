@@ -133,6 +133,12 @@ class EventSensorNode(Node):
                 f"{self.name}: event model {self._resolved['model']} does not say which events noise made; "
                 f"leave out labels:=events and the topic /{self.params['camera']}/signal, or take evis or evis-paper"
             )
+        if self._marked and self._resolved["photoreceptor_noise"] > 0:
+            raise ValueError(
+                f"{self.name}: with photoreceptor_noise light and noise make each crossing together, so that no event "
+                f"is of one of them; leave out labels:=events and the topic /{self.params['camera']}/signal, or the "
+                "noise"
+            )
         self._sensor: Any = None
         self._reset_groups: ResetGroups | None = None
         """The sensors, once an environment was reset by itself."""
@@ -165,14 +171,18 @@ class EventSensorNode(Node):
         episodes = np.zeros(self._warm_up_envs, np.int32)
         ones = np.ones((self._warm_up_envs, 2, 2, 3), np.float32)
         warm = self._images.read([Keyframe(Header(0), episodes, radiance=ones)])
-        for k in range(2):
-            sensor.process(warm, np.array([10 * k]), episodes)
+        instants = [0, 10]
+        if self._own_model and self._resolved["photoreceptor_noise"] > 0:
+            # A step in which the noise has samples of its own.
+            instants.append(10 + max(1, round(1e9 / self._resolved["bandwidth_hz"])))
+        for stamp in instants:
+            sensor.process(warm, np.array([stamp]), episodes)
         if self._source == "samples":
             from nodes.event_sensor.input.further import Further
 
             values = np.ones((1, 3) if self.params["colour"] else 1, np.float32)
             first = np.minimum(np.arange(4 * self._warm_up_envs + 1), 1)
-            sensor.advance(warm, np.array([20]), episodes, further=Further(first, np.array([5]), values))
+            sensor.advance(warm, np.array([instants[-1] + 10]), episodes, further=Further(first, np.array([5]), values))
 
     def _make_sensors(self, height: int, width: int, span: slice, seed: int | None = None, number: int = 0) -> Any:
         """Makes the sensor of some environments, or one for each where they have, or the scene draws, different
@@ -413,7 +423,7 @@ def fires_in_constant_light(p: Mapping[str, Any]) -> bool:
     """Tells whether a sensor of these parameters may fire in constant light. p: all of SENSOR, resolved."""
     from nodes.event_sensor.model.features import background_rate
 
-    return p["model"] != "evis" or background_rate(p) > 0
+    return p["model"] != "evis" or p["photoreceptor_noise"] > 0 or background_rate(p) > 0
 
 
 def _unused_samples(source: str, resolved: Mapping[str, Any]) -> tuple[str, ...]:

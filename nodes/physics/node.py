@@ -350,8 +350,8 @@ class PhysicsNode(Node):
         self.environments.restart(envs, seeds, numbers, k, self._other_engines(envs, seeds))
 
     def _faults(self, interval: Interval, stamp: int) -> None:
-        """Begins the next episode of each environment that diverged, at this stamp; where there is only one, the run
-        ends."""
+        """Begins the next episode of each environment that diverged, at this stamp; of a single one it is the run's
+        too."""
         if interval.again:
             self.count("stepped_again_by_mujoco", interval.again)
         for envs, text in told_together(interval.warnings):

@@ -25,7 +25,8 @@ BESIDE: dict[str, dict[str, float]] = {
     "leak_jitter": {"leak_rate": 20.0},
     "hot_pixel_fraction": {"hot_pixel_rate": 200.0}, "hot_pixel_rate": {"hot_pixel_fraction": 0.1},
     "hot_pixel_spread": {"hot_pixel_fraction": 0.1, "hot_pixel_rate": 100.0},
-    "bandwidth_level": {"bandwidth_hz": 150.0},
+    "bandwidth_level": {"bandwidth_hz": 150.0}, "photoreceptor_noise": {"bandwidth_hz": 150.0},
+    "photoreceptor_noise_level": {"bandwidth_hz": 150.0, "photoreceptor_noise": 0.1},
 }  # fmt: skip
 """What a parameter needs to have an effect."""
 
@@ -44,6 +45,7 @@ SENSORS: list[dict[str, Any]] = [
     *({"model": name} for name in MODELS if name != "evis"),
     *({"preset": "davis346", "crossing": crossing} for crossing in ("frame", "monotone", "cubic")),
     {"preset": "dvs128", "bandwidth_poles": 2, "timestamp_jitter_us": 10.0},
+    {"preset": "dvs128", "photoreceptor_noise": 0.1, "bandwidth_hz": 150.0, "bandwidth_poles": 2},
     {"model": "v2e", "threshold_mismatch": 0.03, "leak_rate": 5.0, "shot_rate": 20.0, "bandwidth_hz": 100.0},
     {"colour": True, "preset": "genx320"},
     {"crossing": "hermite", "refractory_us": 200.0},

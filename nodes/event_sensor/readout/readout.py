@@ -186,7 +186,7 @@ class Readout:
         old, new = parted(columns, env_offsets, end)
         first = self.apply(*old, batch.t_base, end)
         self.begin(later != 0, int(batch.t[1]), batch.episodes[-1])
-        return merged(first, self.apply(*new, end, stamp), self._envs)
+        return merged([first, self.apply(*new, end, stamp)], self._envs)
 
     def flush(self) -> tuple[dict[str, np.ndarray], np.ndarray] | None:
         """Returns the events still held, at the end of a stream, as `apply` gives them; None when there are none."""

@@ -17,7 +17,7 @@ from nodes.physics.watchdog import Watchdog
 
 @dataclass
 class CheckedSteps:
-    """Holds what came of n steps of an environment.
+    """Holds states, fault and notices of n steps of an environment.
 
     state: arrays [1, n, ...] after each step; from the one on at which it diverged, that state. fault: why it has
     diverged; None = it has not. notices: what else is to be told, one line each.
