@@ -6,10 +6,11 @@ the bus only where its node can take it: so nothing is lost, and memory is bound
 
 from __future__ import annotations
 
+import copy
 import math
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import zmq
@@ -221,6 +222,21 @@ class Executor(Outputs):
                     self._replace_node(host)
         self.profile.nodes.clear()
         self._telemetry.start_clock()
+
+    def state(self) -> dict[str, Any]:
+        """Gives what the nodes go on from besides the messages of the last stamp, and what they have counted. Raises
+        ValueError where one cannot tell."""
+        nodes = {host.name: (host.node.state(), host.node.totals()) for host in self._hosts.values()}
+        return {"nodes": nodes, "profile": copy.deepcopy(self.profile.nodes)}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Goes on from what `state` gave, once the nodes have had the messages of that stamp after a `rewind`."""
+        for name, (own, totals) in state["nodes"].items():
+            with NodeCall(None, name):
+                self._hosts[name].node.restore(own)
+                self._hosts[name].node.restart_totals(totals)
+        self.profile.nodes.clear()
+        self.profile.nodes.update(copy.deepcopy(state["profile"]))
 
     def _replace_node(self, host: Host) -> None:
         """Replaces a node that cannot be rewound by a new one, and gives it the latched messages."""

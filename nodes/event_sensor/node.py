@@ -233,6 +233,25 @@ class EventSensorNode(Node):
         self._episodes = np.zeros(0, np.int32)
         return True
 
+    def state(self) -> dict[str, Any]:
+        """Gives what the sensors go on from, and which they are."""
+        kept = {"header": self._header, "episodes": self._episodes.copy(), "size": self._packets.size}
+        if self._reset_groups is not None:
+            return {**kept, "groups": self._reset_groups.state()}
+        return kept if self._sensor is None else {**kept, "sensor": self._sensor.state()}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Goes on with sensors that are made anew, alike."""
+        self._header, self._episodes = state["header"], state["episodes"].copy()
+        height, width = self._packets.size = state["size"]
+        self._sensor, self._reset_groups = None, None
+        if "groups" in state:
+            self._reset_groups = self._groups(height, width)
+            self._reset_groups.restore(state["groups"])
+        elif "sensor" in state:
+            self._sensor = self._make_sensors(height, width, slice(0, len(self._episodes)))
+            self._sensor.restore(state["sensor"])
+
     def update(self, inputs: Mapping[str, Message]) -> None:
         message, further = inputs[self._source], None
         assert isinstance(message, Keyframe | Frames | Samples)
@@ -350,12 +369,7 @@ class EventSensorNode(Node):
     ) -> None:
         """Publishes the events of environments that were reset at different times."""
         if self._reset_groups is None:
-            from nodes.event_sensor.environments.reset_groups import ResetGroups
-
-            height, width = self._packets.size
-            self._reset_groups = ResetGroups(
-                partial(self._make_sensors, height, width), self.params["seed"], self._own_model
-            )
+            self._reset_groups = self._groups(*self._packets.size)
             if self._sensor is not None:
                 self._reset_groups.adopt(self._sensor, self._episodes, self._header.stamp_ns)
         self._header = message.header
@@ -364,6 +378,12 @@ class EventSensorNode(Node):
             own_t = message.own[:, [STAMP]]
         found = self._reset_groups.process(image, t, own_t, message.own, message.episodes, further)
         self._publish_columns(self._reset_groups, *found)
+
+    def _groups(self, height: int, width: int) -> ResetGroups:
+        """Makes what senses environments that were reset at different times."""
+        from nodes.event_sensor.environments.reset_groups import ResetGroups
+
+        return ResetGroups(partial(self._make_sensors, height, width), self.params["seed"], self._own_model)
 
     def finish(self) -> None:
         self._finish_calls()

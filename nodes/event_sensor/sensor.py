@@ -27,6 +27,7 @@ time, photoreceptor and readout move its events and make none. Marks change no e
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -34,6 +35,7 @@ import numpy as np
 import warp as wp
 
 from evis.gpu.devices import device_named
+from evis.gpu.saved_arrays import joined, part_of, saved, write_back
 from nodes.event_sensor.cpu.event_list import HostEventList
 from nodes.event_sensor.engines.engine import make_engine, sensor_struct
 from nodes.event_sensor.input.arrays import on_device, shape_of
@@ -63,6 +65,8 @@ from nodes.event_sensor.readout.packet import merged
 
 wp.config.log_level = wp.LOG_WARNING
 
+STAMPS = ("settled", "settled_before")
+"""Stamps up to which events have been given, now and before the last frame [ns]."""
 Frames = np.ndarray | wp.array | Any
 """Images in memory: numpy, Warp, or anything with __cuda_array_interface__."""
 
@@ -182,10 +186,45 @@ class EventSensor:
         return [*self._engine.kernels(), *self._event_list.kernels()]
 
     @property
+    def device(self) -> str:
+        """Names the device that its pixels are on."""
+        return str(self._device)
+
+    @property
     def state_bytes(self) -> int:
         """Returns the bytes kept per pixel and channel, those of photoreceptor and readout apart."""
         kept = sum(a.capacity for a in self._engine.arrays())
         return round(kept / (self.envs * self._pixels)) + (4 if self._looks_ahead else 0)
+
+    def state(self) -> dict[str, Any]:
+        """Gives what the next events hang on, as plain arrays and numbers; the fixed pattern and the parameters are
+        those of a sensor that is made alike. No call may be in flight."""
+        parts: dict[str, dict[str, Any]] = {
+            "pixels": saved(self._engine.present()),
+            "optics": saved(self._optics.present()),
+            "time": self._timeline.state(),
+            "held": self._look_ahead.state(),
+        }
+        beside = {"readout": self._readout, "noise": self._noise}
+        parts |= {name: made.state() for name, made in beside.items() if made is not None}
+        stamps = {name: getattr(self, f"_{name}") for name in STAMPS}
+        return {**joined(parts), **stamps, "t_base": self.t_base, "counters": np.array(self._counters)}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Goes on from what `state` gave for a sensor of the same size, parameters, seed and kind of device.
+
+        Raises ValueError for a state whose arrays are others.
+        """
+        write_back(self._engine.present(), part_of(state, "pixels"))
+        write_back(self._optics.present(), part_of(state, "optics"))
+        self._timeline.restore(part_of(state, "time"))
+        self._look_ahead.restore(part_of(state, "held"))
+        for name, made in {"readout": self._readout, "noise": self._noise}.items():
+            if made is not None:
+                made.restore(part_of(state, name))
+        for name in STAMPS:
+            setattr(self, f"_{name}", int(state[name]))
+        self.t_base, self._counters = int(state["t_base"]), np.array(state["counters"], np.int64)
 
     begins_again = True
     """Another episode at the same times has other random numbers."""

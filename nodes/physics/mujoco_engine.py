@@ -99,8 +99,8 @@ class MujocoEngine:
         self._scratch = mujoco.MjData(self.model) if extras.contacts or extras.accelerations else None
         self._extras = extras
         finest = self.model.opt.timestep / (1 if tolerance is None else 2**FINEST)
-        limits = Limits(self.model, stepping.speed_limit, finest)
-        self._watch = Watch(limits, envs)
+        limits = self._limits = Limits(self.model, stepping.speed_limit, finest)
+        self._watch: Watch
         self._assembly = Assembly(scene, self.model)
         pool = Workers(threads, "states") if batched and threads > 1 else None
         self._course = Course(self._assembly, self.model, self.step_ns, extras.joints, extras.accelerations, pool)
@@ -134,6 +134,8 @@ class MujocoEngine:
     def rewind(self, seed: int) -> None:
         """Puts every environment to its start at stamp 0, in the first episode of seed + k."""
         self._warnings = []
+        # What was told in the run before is told again, and what was noted there is forgotten.
+        self._watch = Watch(self._limits, self.envs)
         self._begin([seed + k for k in range(self.envs)], [0] * self.envs)
 
     def _begin(self, seeds: list[int], numbers: list[int]) -> None:

@@ -32,7 +32,7 @@ from nodes.physics.interval import Interval
 from nodes.physics.precision.errors import Errors
 from nodes.physics.precision.notice import notice
 from nodes.physics.precision.tolerance import Tolerance
-from nodes.physics.resets import checked
+from nodes.physics.resets import ResetRefused, checked
 from nodes.physics.told_together import named, told_together
 
 MOST_TOLD = 20
@@ -274,7 +274,7 @@ class PhysicsNode(Node):
         for envs, seeds in self._asked:
             try:
                 self._begin_anew(envs, seeds, self.k)
-            except ValueError as error:
+            except ResetRefused as error:
                 self._refuse(error)
                 continue
             self.count("resets", len(envs))
@@ -322,8 +322,8 @@ class PhysicsNode(Node):
             envs: which; none = all.
             seeds: of each of these, -1 = it keeps its own; none = all keep theirs.
 
-        Raises ValueError for an environment that is not there, for seeds that do not fit, and where a seed draws a
-        world with other things; nothing is reset then.
+        Raises ValueError for an environment that is not there and for seeds that do not fit, ResetRefused where a seed
+        draws a world with other things.
         """
         chosen, given = checked(envs, seeds, len(self.episodes))
         if not self.k or len(chosen) == len(self.episodes):
@@ -337,9 +337,25 @@ class PhysicsNode(Node):
             interval = self.environments.present()
         self._publish(keyframe_stamp(self.k - 1, self.params["keyframe_rate"]), interval)
 
+    def present(self) -> None:
+        """Publishes the state of the stamp published last once more, of that one instant."""
+        self._publish(keyframe_stamp(self.k - 1, self.params["keyframe_rate"]), self.environments.present())
+
+    def state(self) -> int:
+        """Gives how many faults were told of: where the bodies are comes of the run's actions and resets alone, and who
+        goes on from a state takes these again."""
+        return self._faults_told
+
+    def restore(self, state: int) -> None:
+        """Has told of as many faults."""
+        self._faults_told = state
+
     def _begin_anew(self, envs: list[int], seeds: list[int], k: int) -> None:
-        """Begins environments anew at keyframe k, in time of their own. Raises ValueError before anything is."""
-        engines = self._other_engines(envs, seeds)
+        """Begins environments anew at keyframe k, in time of their own. Raises ResetRefused."""
+        try:
+            engines = self._other_engines(envs, seeds)
+        except ValueError as error:
+            raise ResetRefused(str(error)) from None
         if self.k:
             self.episodes[envs] += 1
         given = np.array(seeds) != CONFIGURED

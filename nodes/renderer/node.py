@@ -202,6 +202,14 @@ class RendererNode(Node):
         self.publish("info", self._info(Header(0)))
         return True
 
+    def state(self) -> tuple[Any, ...]:
+        """Gives the poses of the last keyframe and of the one before, by which motion is told at the next."""
+        return self._previous, self._earlier, self._stamp, self._episodes
+
+    def restore(self, state: tuple[Any, ...]) -> None:
+        """Knows these keyframes."""
+        self._previous, self._earlier, self._stamp, self._episodes = state
+
     def _follow(self, worlds: Worlds) -> None:
         """Sees these worlds from now on."""
         before, self.worlds, self.scene = self.worlds, worlds, worlds.scenes[0]

@@ -29,6 +29,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.gpu.saved_arrays import joined, part_of, saved, write_back
 from nodes.event_sensor.input.batch import Batch, SampleLists, Size
 from nodes.event_sensor.input.further import LONGEST
 from nodes.event_sensor.messages.limit import REMEDY
@@ -73,6 +74,18 @@ class PhotoreceptorNoise:
         self._frames: wp.array = wp.empty(0, dtype=wp.float32, device=device)
         self._offset: wp.array = wp.empty(0, dtype=wp.int32, device=device)
         self._value: wp.array = wp.empty(0, dtype=wp.float32, device=device)
+
+    def state(self) -> dict[str, Any]:
+        """Gives what the noise goes on from: its poles, and where episodes began [ns]."""
+        return {"begun": self._begun.copy(), **joined({"poles": saved(self._present())})}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Goes on from what `state` gave. Raises ValueError for other arrays."""
+        write_back(self._present(), part_of(state, "poles"))
+        self._begun = np.array(state["begun"], np.int64)
+
+    def _present(self) -> dict[str, wp.array]:
+        return {name: getattr(self._poles, name) for name in ("last", "first", "before", "after")}
 
     def parts(self, batch: Batch) -> Iterator[Batch]:
         """Gives the batch in parts whose frames, and samples between them, have noise; each as long as its arrays are
