@@ -164,16 +164,11 @@ def test_keys_tell_looks_from_motion(tmp_path: Path) -> None:
 
 def test_worlds_with_other_things_do_not_go_together(tmp_path: Path) -> None:
     text = MOVES.replace("world: [{", "world: [{copies: {over: {k: {from: 1, to: 4}}}, name: wall, ")
-    with pytest.raises(ValueError, match=r"instances of environment \d, of seed \d, are not those of environment 0: it (lacks|has) 'wall"):
+    with pytest.raises(
+        ValueError,
+        match=r"instances of environment \d, of seed \d, are not those of environment 0: it (lacks|has) 'wall",
+    ):
         worlds_of("test", {"scene": str(written(tmp_path, text)), "seed": 1, "envs": 8})
-
-
-def test_a_run_goes_on_with_the_bodies_that_it_has(tmp_path: Path) -> None:
-    text = MOVES.replace("bodies:\n  ", "bodies:\n  guest: {copies: {over: {k: {from: 1, to: 4}}}, shapes: []}\n  ", 1)
-    print(text)
-    worlds = worlds_of("test", {"scene": str(written(tmp_path, text)), "seed": 1})
-    counts = {seed: len(worlds_of("test", {"scene": worlds.scenes[0].path, "seed": seed}).scenes[0].bodies) for seed in range(2, 9)}
-    print(counts)
 
 
 def test_info_of_differing_cameras_is_split_and_joined(tmp_path: Path) -> None:
