@@ -15,7 +15,6 @@ several machines stand on one page and each is made anew by itself. Without a re
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
 from collections.abc import Mapping, Sequence
@@ -23,6 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from bench import command
 from bench.sections import as_markdown, columns
 
 PAGES = (Path("docs/performance.md"), Path("docs/dynamics.md"))
@@ -107,9 +107,7 @@ def _body(section: Mapping[str, Any], names: Sequence[str]) -> str:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Takes the command line's reports into the page."""
-    parser = argparse.ArgumentParser(
-        prog="python -m bench.documents", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command.parser_of("bench.documents", __doc__ or "")
     parser.add_argument(
         "reports", nargs="*", type=Path, metavar="REPORT.json", help="of `evis bench`, or of --out FILE"
     )

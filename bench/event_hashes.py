@@ -10,7 +10,6 @@ each polarity, and the first and last time; --events keeps the events themselves
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
 import multiprocessing
@@ -26,6 +25,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from bench import command
 from bench.event_differences import differences, file_of
 from bench.report import machine
 from evis.config import paths
@@ -142,7 +142,7 @@ def compare(old: Path, new: Path, scenes: Sequence[str]) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line: write a file of hashes, or compare two."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command.parser_of("bench.event_hashes", __doc__ or "")
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--out", type=Path, metavar="FILE", help="run the cases and write this JSON file")
     what.add_argument("--compare", nargs=2, type=Path, metavar=("OLD", "NEW"), help="compare two such files")
@@ -166,6 +166,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             return 1
     if args.jobs is not None and args.jobs < 1:
         parser.error(f"--jobs is {args.jobs}; it must be 1 or more")
+    command.check_file(parser, "--out", args.out)
+    command.check_device(parser, args.device or "cpu")
     return write(args.out, scenes, args.device or "cpu", args.jobs or 1, args.events)
 
 

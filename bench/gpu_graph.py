@@ -25,6 +25,7 @@ from bench.throughput.attempts import Limits
 from bench.throughput.cases import CASES
 from bench.throughput.errors import RATE
 from bench.throughput.sections import SECTIONS, Measurement
+from evis.config.suggestions import nearest
 
 COMMAND = "evis bench gpu_graph"
 
@@ -50,13 +51,29 @@ def measure(
         add: report of an earlier part of the measurement, whose rows are kept where none is measured now.
     """
     device = ("cuda" if wp.is_cuda_available() else "cpu") if device == "auto" else device
+    before = None if add is None else _earlier(add, device)
     until = time.monotonic() + budget
     limits = Limits(timeout or (60.0 if quick else 180.0), until, *((1, 5, 0.25) if quick else (3, 3, 0.5)))
     made: dict[str, Any] = {}
     for name in sections:
         made |= SECTIONS[name](Measurement(device, rows, quick, limits))
     made = {key: section | {"command": COMMAND} for key, section in made.items() if section["rows"]}
-    return made if add is None else with_rows_of(made, json.loads(add.read_text())["subjects"]["gpu_graph"])
+    return made if before is None else with_rows_of(made, before)
+
+
+def _earlier(report: Path, device: str) -> dict[str, Any]:
+    """Reads the sections of an earlier part. Raises SystemExit, before anything is measured to be put beside them."""
+    try:
+        found: dict[str, Any] = json.loads(report.read_text())["subjects"]["gpu_graph"]
+    except (OSError, ValueError) as error:
+        raise SystemExit(f"--add {report}: {error}") from None
+    except (KeyError, TypeError):
+        raise SystemExit(f"--add {report}: it has no figures of gpu_graph; name a report of it") from None
+    here = wp.get_device(device).name
+    for section in found.values():
+        if not section["title"].endswith(here):
+            raise SystemExit(f"--add {report}: it is of '{section['title']}', and this device is {here}")
+    return found
 
 
 def with_rows_of(made: dict[str, Any], before: dict[str, Any]) -> dict[str, Any]:
@@ -88,18 +105,28 @@ def plot(sections: dict[str, Any], out: Path) -> list[Path]:
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declares the options that choose rows and bound the time."""
-    words = lambda text: tuple(word.strip() for word in text.split(",") if word.strip())
     parser.add_argument(
-        "--rows", type=words, default=(), metavar="WORD,...", help="rows with one of these in their name"
+        "--rows", type=_words, default=(), metavar="WORD,...", help="rows with one of these in their name"
     )
     parser.add_argument(
-        "--sections", type=words, default=tuple(SECTIONS), metavar="NAME,...", help=f"of {', '.join(SECTIONS)}"
+        "--sections", type=_sections, default=tuple(SECTIONS), metavar="NAME,...", help=f"of {', '.join(SECTIONS)}"
     )
     parser.add_argument("--timeout", type=float, default=0.0, metavar="S", help="seconds that one run may take")
     parser.add_argument("--budget", type=float, default=3600.0, metavar="S", help="seconds after which no run is begun")
     parser.add_argument(
         "--add", type=Path, metavar="FILE", help="report of an earlier part, to put its rows beside these"
     )
+
+
+def _words(text: str) -> tuple[str, ...]:
+    return tuple(word.strip() for word in text.split(",") if word.strip())
+
+
+def _sections(text: str) -> tuple[str, ...]:
+    for name in _words(text):
+        if name not in SECTIONS:
+            raise argparse.ArgumentTypeError(f"no section '{name}'; {nearest(name, SECTIONS)}")
+    return _words(text)
 
 
 if __name__ == "__main__":

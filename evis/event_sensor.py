@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import operator
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +15,7 @@ import warp as wp
 from evis.config.suggestions import environments_there
 from evis.gpu.exchange import NUMPY, as_kind, as_warp, kind_of
 from evis.gpu.host_copies import host_array
+from evis.gpu.saved_arrays import joined, part_of
 from evis.media.frames.source import OF_SECONDS
 from nodes.event_sensor.effects import check_given
 from nodes.event_sensor.input.further import Further
@@ -21,6 +23,10 @@ from nodes.event_sensor.make import make_sensor
 from nodes.event_sensor.parameters import LARGEST_SIDE, frames_only, is_own_model, resolve_sensor
 
 _OWNER = "event sensor"
+STATE_VERSION = 1
+"""Of the dict that `EventSensor.state` gives: another one where its names or their meaning change."""
+_ALWAYS = ("height", "width", "envs", "colour", "parameters", "seed", "until", "batched", "episodes")
+"""What every state has beside its version."""
 
 
 @dataclass(frozen=True)
@@ -104,9 +110,9 @@ class EventSensor:
         else:
             self._sensor = self._made(device)
 
-    def _made(self, device: str) -> Any:
-        shape = (self.height, self.width)
-        return make_sensor(self.parameters, shape, self.envs, colour=self.colour, device=device, seed=self.seed)
+    def _made(self, device: str, seed: int | None = None) -> Any:
+        shape, seed = (self.height, self.width), self.seed if seed is None else seed
+        return make_sensor(self.parameters, shape, self.envs, colour=self.colour, device=device, seed=seed)
 
     def __call__(self, frames: Any, t: Any, dlog_dt: Any = None, further: Further | None = None) -> SensorEvents:
         """Takes T frames and gives the events between the last frame before them and the last of them.
@@ -199,6 +205,64 @@ class EventSensor:
             raise ValueError(f"{_OWNER}: no environment {chosen[-1]}; {environments_there(self.envs)}")
         self._episodes[chosen] += 1
 
+    def state(self) -> dict[str, Any]:
+        """Gives everything that the next events hang on, so that `restore` goes on from here with the same bytes.
+
+        A plain dict of numpy arrays, numbers and strings, all of them copies: `np.savez(path, **sensor.state())` writes
+        it, `sensor.restore(np.load(path))` reads it, without pickle. Of a sensor that has had no frame it is small.
+        """
+        kept = {"version": STATE_VERSION, **self._kind(), "seed": _wrapped(self.seed), "until": self._until}
+        kept |= {"batched": self._batched, "episodes": self._episodes.copy()}
+        if self._sensor is None:
+            return kept
+        return {**kept, "device": self._placed(), **joined({"sensor": self._sensor.state()})}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Goes on from a `state`, whatever came before: with the bytes of the sensor that gave it, seed included.
+
+        Args:
+            state: of a sensor of the same size and parameters, on the same kind of device; its own or another's, also
+                as `np.load` gives it.
+
+        Raises ValueError naming what does not fit; the sensor is then as it was.
+        """
+        given = _unpacked(state)
+        for name, own in self._kind().items():
+            if given[name] != own:
+                raise ValueError(f"{_OWNER}: {_unlike(name, given[name], own)}")
+        restored, seed = None, int(given["seed"])
+        if "device" in given:
+            device, own = str(given["device"]), self._device or (self._sensor and self._placed())
+            if own and own.partition(":")[0] != device.partition(":")[0]:
+                raise ValueError(
+                    f"{_OWNER}: the state is of a sensor on {device}, and this one is on {own}; take device={device!r}"
+                )
+            restored = self._made(own or device, seed)
+            try:
+                restored.restore(part_of(given, "sensor"))
+            except (ValueError, KeyError) as error:
+                why = f"it lacks sensor.{error.args[0]}" if isinstance(error, KeyError) else str(error)
+                raise ValueError(f"{_OWNER}: the state is damaged, or of another version of EVIS: {why}") from None
+        elif self._device is not None:
+            restored = self._made(self._device, seed)
+        self._sensor, self.seed = restored, seed
+        self._until, self._batched = int(given["until"]), bool(given["batched"])
+        self._episodes = np.array(given["episodes"], np.int32)
+
+    def _kind(self) -> dict[str, Any]:
+        """What a state must have in common with the sensor that goes on from it."""
+        return {
+            "height": self.height,
+            "width": self.width,
+            "envs": self.envs,
+            "colour": self.colour,
+            "parameters": json.dumps(self.parameters, sort_keys=True),
+        }
+
+    def _placed(self) -> str:
+        """The device that its pixels are on; other event models than its own are on the CPU."""
+        return "cpu" if self._is_peer else self._sensor.device
+
     def counts(self) -> dict[str, int]:
         """Counts samples and events set aside so far, by reason: nonfinite, clipped, dropped, ..."""
         return {} if self._sensor is None else dict(self._sensor.counts())
@@ -283,6 +347,36 @@ def _seed(value: Any) -> int:
         return operator.index(value)
     except TypeError:
         raise ValueError(f"{_OWNER}: seed is {value!r:.60}; it must be a whole number") from None
+
+
+def _wrapped(seed: int) -> int:
+    """The seed within 64 bits that has the same random numbers."""
+    return (seed + (1 << 63)) % (1 << 64) - (1 << 63)
+
+
+def _unpacked(state: Any) -> dict[str, Any]:
+    """A state as `EventSensor.state` gave it, whose numbers np.savez has made arrays of. Raises ValueError."""
+    if not isinstance(state, Mapping) or "version" not in state:
+        raise ValueError(f"{_OWNER}: {state!r:.60} is no state of a sensor; sensor.state() gives one")
+    given: dict[str, Any] = {name: state[name] for name in state}
+    given = {n: v.item() if isinstance(v, np.ndarray) and not v.ndim else v for n, v in given.items()}
+    if given["version"] != STATE_VERSION:
+        raise ValueError(
+            f"{_OWNER}: the state has version {given['version']}, and this EVIS reads version {STATE_VERSION}; run "
+            "from the start, or with the EVIS that has written it"
+        )
+    if lacking := [name for name in _ALWAYS if name not in given]:
+        raise ValueError(f"{_OWNER}: the state is damaged: it lacks {lacking[0]}")
+    return given
+
+
+def _unlike(name: str, given: Any, own: Any) -> str:
+    """Says in what a state is of another sensor, and what helps."""
+    if name == "parameters":
+        theirs, ours = json.loads(given), json.loads(own)
+        name = next(n for n in sorted({*theirs, *ours}) if theirs.get(n) != ours.get(n))
+        given, own = theirs.get(name), ours.get(name)
+    return f"the state is of a sensor with {name}={given!r}, and this one has {own!r}; make one that is alike"
 
 
 def _in_place(values: Any) -> Any:

@@ -43,7 +43,7 @@ def flood(rate: float, seconds: float, packet_ms: float) -> dict[str, Any]:
         out = Path(folder) / "result.json"
         graph = Path(folder) / "flood.yaml"
         graph.write_text(GRAPH.format(rate=rate, seconds=seconds, packet_ms=packet_ms, out=out))
-        summary = launch(str(graph), duration=seconds + 60)
+        summary = launch(str(graph))
         return {**json.loads(out.read_text()), "read": summary["nodes"]["sink"]["counters"]}
 
 

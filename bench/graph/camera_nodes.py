@@ -107,7 +107,7 @@ class FloodCameraNode(CameraNode):
             "wall_s": wall,
             "cpu_s": cpu,
             "emulator_cpu_s": self.meter.cpu_s,
-            "offered": self.feed.offered + self.feed.lost,
+            "offered": self.feed.offered,
             "lost_in_camera": self.feed.lost,
             "lost_in_driver": counters.get("bytes_lost", 0),
             "received": stream,

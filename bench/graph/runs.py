@@ -19,10 +19,13 @@ from bench import command
 NODES = ("physics", "renderer", "interpolator", "event_sensor", "labeler", "recorder")
 
 
-def launch(scene: str, *args: str, duration: float) -> dict[str, Any]:
-    """Runs `evis launch` as a process and returns its summary. Raises RuntimeError with its error text."""
-    command = [sys.executable, "-m", "evis", "launch", scene, *args]
-    command += ["--duration", str(duration), "--no-view", "--json"]
+def launch(scene: str, *args: str, duration: float | None = None) -> dict[str, Any]:
+    """Runs `evis launch` as a process and returns its summary. Raises RuntimeError with its error text.
+
+    duration: of --duration [s]; none for a graph whose source ends by itself.
+    """
+    command = [sys.executable, "-m", "evis", "launch", scene, *args, "--no-view", "--json"]
+    command += ["--duration", str(duration)] if duration is not None else []
     started = time.monotonic()
     result = subprocess.run(command, capture_output=True, text=True)
     if result.returncode:

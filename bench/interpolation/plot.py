@@ -30,11 +30,15 @@ def plot(sections: dict[str, Any], out: Path) -> list[Path]:
     from matplotlib.lines import Line2D
 
     scenes = [name for name, section in sections.items() if any("VP 10/ms" in row for row in section["rows"])]
-    figure, panels = plt.subplots(2, 2, figsize=(12, 9.5), dpi=120)
-    for axes, name in zip(panels.flat, scenes, strict=True):
+    columns = min(2, len(scenes))
+    rows = -(-len(scenes) // columns)
+    figure, panels = plt.subplots(rows, columns, figsize=(6 * columns, 1.1 + 4.2 * rows), dpi=120, squeeze=False)
+    for axes in panels.flat[len(scenes) :]:
+        axes.remove()
+    for axes, name in zip(panels.flat, scenes):
         _panel(axes, sections[name]["rows"])
         axes.set_title(sections[name]["title"], fontsize=11)
-    for axes in panels[1]:
+    for axes in panels[-1]:
         axes.set_xlabel("run time [s per simulated s], one core")
     for axes in panels[:, 0]:
         axes.set_ylabel("spike-train error (Victor-Purpura, 1/ms)")

@@ -8,17 +8,19 @@ again by MuJoCo itself, in a run as here; the last column counts these.
 
 from __future__ import annotations
 
-import argparse
 import math
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from bench import command
 from bench.physics import contacts, free, piles, springs
 from bench.physics.case import Case
 from bench.physics.trial import Method, Trial, run
 from evis.geometry import se3
+from nodes.physics.dynamics.batch.unsupported import Unsupported
 
 CASES = (
     "projectile",
@@ -46,15 +48,19 @@ HEAD = (
 
 
 def rows(device: str, most: int) -> list[str]:
-    """Runs the first `most` cases by both engines; returns the rows of a table."""
+    """Runs the first `most` cases by both engines; returns the rows of a table, each printed when it is there.
+
+    Raises Unsupported where MuJoCo Warp is not installed or cannot take a case.
+    """
     known = {case.name: case for room in (free, springs, contacts, piles) for case in room.cases(True)}
-    found = []
+    found: list[str] = []
     for step, names in STEPS.items():
         for name in names[:most]:
             with tempfile.TemporaryDirectory() as folder:
                 one, other = (run(known[name], Method(INTEGRATOR, step), Path(folder), warp) for warp in (None, device))
-            found.append(_row(known[name], one, other))
-            print(found[-1], flush=True)
+            row = _row(known[name], one, other)
+            print(row if found else f"{HEAD}\n{row}", flush=True)
+            found.append(row)
     return found
 
 
@@ -72,10 +78,19 @@ def _row(case: Case, one: Trial, other: Trial) -> str:
     return f"| {what} | {errors} | {apart:.1g} m, {angle:.1g} deg | {again} |"
 
 
+def main(argv: Sequence[str] | None = None) -> None:
+    """Runs the command line."""
+    parser = command.parser_of("bench.physics.engines", __doc__ or "")
+    parser.add_argument("--device", default="cpu", help="of MuJoCo Warp: cpu (when not given), cuda or cuda:N")
+    most = f"how many, from the first; all {len(CASES)} when not given"
+    parser.add_argument("--cases", type=command.count, default=len(CASES), metavar="N", help=most)
+    given = parser.parse_args(argv)
+    command.check_device(parser, given.device)
+    try:
+        rows(given.device, given.cases)
+    except Unsupported as why:
+        parser.exit(1, f"{parser.prog}: MuJoCo Warp: {why}\n")
+
+
 if __name__ == "__main__":
-    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    arguments.add_argument("--device", default="cpu", help="of MuJoCo Warp")
-    arguments.add_argument("--cases", type=int, default=len(CASES), help="how many, from the first")
-    given = arguments.parse_args()
-    print(HEAD)
-    rows(given.device, given.cases)
+    main()

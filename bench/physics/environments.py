@@ -7,12 +7,15 @@ The runs of one scene take turns, keyframe by keyframe, so that what else the ma
 
 from __future__ import annotations
 
-import argparse
 import time
+from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 
+from bench import command
 from evis.scene import load_scene
+from nodes.physics.dynamics.batch.unsupported import Unsupported
 from nodes.physics.mujoco_engine import MujocoEngine
 
 KEYFRAMES, COUNTED = 40, 20
@@ -22,8 +25,14 @@ HEAD = """| scene | environments | engine | ms a keyframe: min | median | max | 
 
 
 def rows(scene: str, envs: int, threads: list[int], device: str | None, keyframes: int) -> list[str]:
-    """Times a scene; returns the rows of a table."""
+    """Times a scene; returns the rows of a table.
+
+    threads: numbers of them with which MuJoCo runs. device: that of MuJoCo Warp, None = without it. Raises ValueError
+    for a scene without a MuJoCo model, Unsupported where MuJoCo Warp is not installed or cannot take the model.
+    """
     loaded = load_scene(scene, visuals=False)
+    if not loaded.dynamic:
+        raise ValueError(f"scene {scene} has no MuJoCo model: its bodies move in closed form; name one that has")
     engines = {f"MuJoCo, {count} threads": MujocoEngine(loaded, 0, envs, threads=count) for count in threads}
     if device is not None:
         engines[f"MuJoCo Warp, {device}"] = MujocoEngine(loaded, 0, envs, warp=device)
@@ -41,16 +50,36 @@ def rows(scene: str, envs: int, threads: list[int], device: str | None, keyframe
     return found
 
 
+def main(argv: Sequence[str] | None = None) -> None:
+    """Runs the command line."""
+    parser = command.parser_of("bench.physics.environments", __doc__ or "")
+    parser.add_argument("scenes", nargs="*", default=["falling_objects", "robot_arm"], help="with a MuJoCo model")
+    parser.add_argument("--envs", type=_counts, default=[64], metavar="E,...", help="how many, as 64,256; 64")
+    threads = "of MuJoCo, as 1,2 (when not given); empty = without it"
+    parser.add_argument("--threads", type=_counts, default=[1, 2], metavar="N,...", help=threads)
+    parser.add_argument("--device", help="of MuJoCo Warp: cpu, cuda or cuda:N; not given = without it")
+    most = f"simulated, {KEYFRAMES} when not given, of which the last {COUNTED} count"
+    parser.add_argument("--keyframes", type=command.count, default=KEYFRAMES, metavar="N", help=most)
+    given = parser.parse_args(argv)
+    if given.device is not None:
+        command.check_device(parser, given.device)
+    elif not given.threads:
+        parser.error("without --threads and without --device there is no engine to measure")
+    if not given.envs:
+        parser.error("--envs names no number of environments")
+    try:
+        for i, (scene, envs) in enumerate(product(given.scenes, given.envs)):
+            measured = rows(scene, envs, given.threads, given.device, given.keyframes)
+            print("\n".join(measured if i else [HEAD, *measured]), flush=True)
+    except Unsupported as why:
+        parser.exit(1, f"{parser.prog}: MuJoCo Warp cannot take scene {scene}: {why}\n")
+    except (ValueError, OSError) as error:
+        parser.exit(1, f"{parser.prog}: {error}\n")
+
+
+def _counts(text: str) -> list[int]:
+    return [command.count(word) for word in text.split(",") if word]
+
+
 if __name__ == "__main__":
-    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    arguments.add_argument("scenes", nargs="*", default=["falling_objects", "robot_arm"])
-    arguments.add_argument("--envs", default="64", help="how many, as 64,256")
-    arguments.add_argument("--threads", default="1,2", help="of MuJoCo, as 1,2; empty = without it")
-    arguments.add_argument("--device", help="of MuJoCo Warp; not given = without it")
-    arguments.add_argument("--keyframes", type=int, default=KEYFRAMES)
-    given = arguments.parse_args()
-    print(HEAD)
-    counts = [int(count) for count in given.threads.split(",") if count]
-    for scene in given.scenes:
-        for envs in given.envs.split(","):
-            print("\n".join(rows(scene, int(envs), counts, given.device, given.keyframes)), flush=True)
+    main()

@@ -109,7 +109,12 @@ def main(repeats: int, files: list[str]) -> dict[str, Any]:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("repeats", type=int, help="times that each file is read; the fastest counts")
+    parser.add_argument("repeats", type=int, help="times that each file is read, 1 or more; the fastest counts")
     parser.add_argument("files", nargs="*", metavar="PATH:FORMAT:WIDTH:HEIGHT")
     args = parser.parse_args()
+    if args.repeats < 1:
+        parser.error(f"REPEATS is {args.repeats}; it must be 1 or more")
+    for file in args.files:
+        if len(parts := file.rsplit(":", 3)) < 4 or not all(size.isdecimal() for size in parts[2:]):
+            parser.error(f"{file!r} is not PATH:FORMAT:WIDTH:HEIGHT, as events.raw:evt3:1280:720")
     print(json.dumps(main(args.repeats, args.files)))

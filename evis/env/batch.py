@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Never
 
 import numpy as np
@@ -17,6 +18,7 @@ from evis.env.task import Task
 from evis.env.tasks import TASKS
 from evis.runtime.clock import keyframe_stamp
 from evis.simulation.errors import Diverged, SimulationError
+from evis.simulation.saved import SimulationState
 from evis.simulation.simulation import Simulation
 from nodes.event_sensor.parameters import LOOK_AHEAD
 
@@ -28,6 +30,25 @@ _TAKEN = {
     "seed": "reset(seed=3) says it",
 }
 """Arguments of a simulation that environments give by themselves."""
+
+
+_KEPT = ("steps", "_seeds", "_episodes", "_begun", "_actions", "_seen")
+"""What a batch goes on from besides its simulation, its observations and its task."""
+
+
+@dataclass(frozen=True)
+class BatchState:
+    """Holds where the environments of a batch are. kinds, parts: what is observed, by name, and what that keeps.
+
+    kept: attributes of the batch. painted: what pictures are made of.
+    """
+
+    simulation: SimulationState
+    kinds: Mapping[str, type]
+    parts: Mapping[str, Any]
+    task: Any
+    kept: Mapping[str, Any]
+    painted: Mapping[int, Any]
 
 
 class Outcome(NamedTuple):
@@ -234,6 +255,36 @@ class Batch:
     def _stamps(self, steps: np.ndarray) -> np.ndarray:
         """Computes the stamps of each environment's keyframe of this number since its reset, int64 [E] ns."""
         return np.array([keyframe_stamp(k, self.rate) for k in steps.tolist()], np.int64)
+
+    def state(self) -> BatchState:
+        """Keeps where all environments are, and what was observed of them. Raises ValueError before the first reset,
+        and for what cannot be kept."""
+        if not self._seen:
+            raise ValueError("nothing has begun; reset() first")
+        try:
+            parts = {name: part.state() for name, part in self._parts.items()}
+        except TypeError as error:
+            raise ValueError(f"an observation keeps what cannot be copied, and has no state(): {error}") from None
+        kept = {name: copy.deepcopy(getattr(self, name)) for name in _KEPT}
+        painted = self._painter.steps() if self._painter else {}
+        kinds = {name: type(part) for name, part in self._parts.items()}
+        return BatchState(self.simulation.state(), kinds, parts, self.task.state(), kept, painted)
+
+    def restore(self, state: BatchState) -> Observed:
+        """Goes on from a `state`, and returns what all environments observed there. Raises ValueError for a state of
+        other environments; nothing has happened then."""
+        if {name: type(own) for name, own in self._parts.items()} != state.kinds:
+            raise ValueError("the state is of environments that observe something else; make some by the same options")
+        self.simulation.restore(state.simulation)
+        for name, part in self._parts.items():
+            part.restore(state.parts[name])
+        self.task.restore(state.task)
+        for name, value in copy.deepcopy(state.kept).items():
+            setattr(self, name, value)
+        if self._painter:
+            self._painter.restore(state.painted)
+        seen = {name: values.copy() for name, values in self._seen.items()}
+        return seen[""] if "" in seen else seen
 
     def paint(self, env: int) -> np.ndarray:
         """Returns the picture of an environment after the last step, uint8 [H, W, 3]. Raises ValueError."""

@@ -5,6 +5,7 @@ Each says what the simulation must make for it, what its space is, and makes the
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -73,6 +74,14 @@ class Observation:
 
     def forget(self, envs: np.ndarray) -> None:
         """Drops what was kept of environments that start anew; envs: their numbers."""
+
+    def state(self) -> Any:
+        """Returns a copy of what is kept of earlier steps: all attributes, unless a subclass knows which."""
+        return copy.deepcopy(vars(self))
+
+    def restore(self, state: Any) -> None:
+        """Goes on from what `state` gave, which stays as it is."""
+        vars(self).update(copy.deepcopy(state))
 
     def values(self, moment: Moment) -> np.ndarray:
         """Returns the values after a step, [E, ...] of the space's dtype, an array of its own.

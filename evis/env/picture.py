@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,14 @@ class Painter:
     def take(self, step: Any, fresh: np.ndarray) -> None:
         """Keeps a step of the environments bool [E] `fresh`, which is painted only when somebody looks."""
         self._steps.update(dict.fromkeys(np.flatnonzero(fresh).tolist(), step))
+
+    def steps(self) -> dict[int, Any]:
+        """Gives the steps that pictures are made of, by environment."""
+        return dict(self._steps)
+
+    def restore(self, steps: Mapping[int, Any]) -> None:
+        """Paints these steps from now on."""
+        self._steps = dict(steps)
 
     def picture(self, env: int) -> np.ndarray:
         """Returns the picture uint8 [H, W, 3]. Raises ValueError before the first reset."""

@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 
 from evis.client.resets import seeds_of
-from evis.env.batch import Batch, row
+from evis.env.batch import Batch, BatchState, row
 from evis.env.picture import RENDER_MODE, is_drawn
 from evis.env.task import Task
 from evis.simulation.simulation import Simulation
@@ -60,6 +60,25 @@ class EventEnv(gymnasium.Env):
         observed, reward, terminated, truncated, info = self._batch.step(np.asarray(action)[None])
         about = {name: value[0] for name, value in info.items()}
         return row(observed, 0), float(reward[0]), bool(terminated[0]), bool(truncated[0]), about
+
+    def state(self) -> BatchState:
+        """Keeps where the environment is, so that `restore` goes on from here, as often as wanted.
+
+        The same actions then give the same observations, rewards and ends as the first time. It can be restored in any
+        environment that is made by the same arguments, in this process. Raises ValueError before the first reset.
+        """
+        return self._batch.state()
+
+    def restore(self, state: BatchState) -> tuple[Any, dict[str, Any]]:
+        """Goes on from a `state`, whatever has happened since; returns what was observed there, as `reset` does.
+
+        Raises ValueError for what is no state, or that of another environment; nothing has happened then.
+        """
+        if not isinstance(state, BatchState):
+            raise ValueError(f"restore takes what state() gave, not {state!r:.60}")
+        observed = self._batch.restore(state)
+        self._begun = True
+        return row(observed, 0), {}
 
     def render(self) -> np.ndarray | None:  # type: ignore[override]
         """Returns the camera's picture with the events of the last step in it, uint8 [H, W, 3]."""

@@ -49,6 +49,13 @@ class Task:
         """Says which episodes have come to their end by what happened, bool [E]."""
         return np.zeros(len(state.seconds), bool) if self._terminated is None else self._terminated(state)
 
+    def state(self) -> Any:
+        """Returns what the task keeps of earlier steps: nothing, unless a subclass keeps something."""
+        return None
+
+    def restore(self, state: Any) -> None:
+        """Goes on from what `state` gave."""
+
     def info(self, state: State) -> Mapping[str, np.ndarray]:
         """Returns further values by name, each [E]; they go into `info`."""
         return {}

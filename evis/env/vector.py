@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
@@ -11,10 +12,18 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from evis.client.resets import seeds_of
-from evis.env.batch import Batch, Observed, row
+from evis.env.batch import Batch, BatchState, Observed, row
 from evis.env.picture import RENDER_MODE, is_drawn
 from evis.env.task import Task
 from evis.simulation.simulation import Simulation
+
+
+@dataclass(frozen=True)
+class VectorState:
+    """Holds where environments are. ended: bool [E], those that begin anew before they go on."""
+
+    batch: BatchState
+    ended: np.ndarray
 
 
 class EventVectorEnv(VectorEnv):
@@ -140,6 +149,25 @@ class EventVectorEnv(VectorEnv):
         info["_final_info"] = ended.copy()
         info.update({f"_{name}": ~ended for name in values})
         return self._batch.reset(np.flatnonzero(ended))
+
+    def state(self) -> VectorState:
+        """Keeps where all environments are, so that `restore` goes on from here, as often as wanted.
+
+        The same actions then give the same observations, rewards and ends as the first time. It can be restored in any
+        environments that are made by the same arguments, in this process. Raises ValueError before the first reset.
+        """
+        return VectorState(self._batch.state(), self._ended.copy())
+
+    def restore(self, state: VectorState) -> tuple[Observed, dict[str, Any]]:
+        """Goes on from a `state`, whatever has happened since; returns what was observed there, as `reset` does.
+
+        Raises ValueError for what is no state, or that of other environments; nothing has happened then.
+        """
+        if not isinstance(state, VectorState):
+            raise ValueError(f"restore takes what state() gave, not {state!r:.60}")
+        observed = self._batch.restore(state.batch)
+        self._ended, self._begun = state.ended.copy(), True
+        return observed, {}
 
     def render(self) -> tuple[np.ndarray, ...] | None:  # type: ignore[override]
         """Returns a picture of each environment, uint8 [H, W, 3]."""

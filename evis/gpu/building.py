@@ -34,7 +34,10 @@ _compiled: dict[Key, Future[None]] = {}
 
 @cache
 def _helpers() -> ThreadPoolExecutor:
-    """Starts threads that stay, for what they have read does; one less than there are cores: who waits builds too."""
+    """Makes the pool of threads that build kernels, one less than there are cores, as who waits builds too.
+
+    Its threads stay, and so do the headers that their compilers have read.
+    """
     return ThreadPoolExecutor(min(MOST_AT_ONCE, len(os.sched_getaffinity(0))) - 1, "build")
 
 

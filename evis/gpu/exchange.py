@@ -27,7 +27,7 @@ def kind_of(values: Any) -> str:
 
 
 def as_warp(values: Any, dtype: Any = None) -> wp.array:
-    """Gives the same memory as a Warp array, on the device where it lies; what is in no such memory is copied.
+    """Wraps a caller's array in a Warp array of the same memory, on the device where it lies; lists are copied.
 
     dtype: of what speaks DLPack, a Warp type that takes its last axis in (vec3f), as Warp's arrays have four at most.
     """
@@ -44,7 +44,7 @@ def as_warp(values: Any, dtype: Any = None) -> wp.array:
 
 
 def cpu_array(values: np.ndarray, dtype: Any = None) -> wp.array:
-    """Gives numpy's memory float64 or int32 to kernels of a CPU as it lies, so that what they write is there.
+    """Wraps a numpy array float64 or int32 in a Warp array of the CPU, whose kernels write into the same memory.
 
     dtype: a Warp type of its numbers that takes its last axis in (vec3d), None where there is none.
     """
@@ -60,7 +60,7 @@ def _start() -> None:
 
 
 def as_kind(array: wp.array, kind: str) -> Any:
-    """Gives a Warp array as the kind of array that the caller uses, in the same memory."""
+    """Wraps a Warp array in the kind of array that the caller uses, of the same memory."""
     if kind == NUMPY:
         return array.numpy()
     return sys.modules[TORCH].from_dlpack(array) if kind == TORCH else array

@@ -103,12 +103,12 @@ def _argument(name: str, entry: Table, nodes: Table, where: str, base: Argument 
 
 
 def _named(also: Table) -> list[str]:
-    """Further choices, or texts in place of a number, with what each means, as a help text has them."""
+    """Words further choices, or texts in place of a number, with what each means, as a help text has them."""
     return [f"{choice} = {meaning}" for choice, meaning in also.items()]
 
 
 def _by(name: str, entry: Table, nodes: Table, base: Argument | None) -> tuple[str, Mapping[Any, Any]]:
-    """What `by:` says; an inherited one holds unless the default is declared anew."""
+    """Reads what `by:` says; an inherited one holds unless the default is declared anew."""
     if "by" not in entry:
         return base.by if base and "default" not in entry else ("", {})
     value = entry["by"]
@@ -163,7 +163,7 @@ def resolve(
 
 
 def _later(error: Exception, name: str, declared: Mapping[str, Argument]) -> str:
-    """The remedy for a default that uses an argument which it does not find."""
+    """Words the remedy for a default that uses an argument which it does not find."""
     if not isinstance(error, UnknownName):
         return ""
     if error.name in declared and error.name != name:

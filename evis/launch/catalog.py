@@ -71,7 +71,7 @@ def load(node_type: str, where: str, folder: Path | None = None) -> tuple[str, t
 
 
 def _note(name: str, module: Any, before: set[str]) -> None:
-    """Keep which files the import of a module has brought; the second import of one brings none."""
+    """Keeps which files the import of a module has brought; the second import of one brings none."""
     known = [Path(ROOT, package) for package in (*PACKAGES, "evis")]
     known += [Path(place).resolve() for place in sysconfig.get_paths().values()]
     new = [m for key, m in list(sys.modules.items()) if key not in before and m is not module]

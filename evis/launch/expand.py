@@ -183,7 +183,7 @@ def _expand_node(result: Expanded, nodes: Table, name: str, scope: Mapping[str, 
 
 
 def _params(entry: Table, scope: Mapping[str, Any], where: str, room: Room) -> dict[str, Any]:
-    """A node's parameters: those that it sets, filled in, and those that are arguments as they are."""
+    """Fills in the parameters that a node sets, and adds those that are arguments as they are."""
     params = submap(entry, "params")
     # What `lookup` finds may be called as a parameter that means something else.
     others = {*OPTIONS, *submap(entry, "lookup")}
@@ -213,7 +213,10 @@ def turns(entry: Table, scope: Mapping[str, Any]) -> Iterator[tuple[dict[str, An
 
 
 def _looked_up(entry: Table, scope: Mapping[str, Any], items: list[str]) -> dict[str, Any]:
-    """The variables of `lookup`: of a `name=value` list, the value whose name is an item of this turn, or None."""
+    """Finds the variables of `lookup`: of a `name=value` list, the value whose name is an item of this turn.
+
+    None where it names none of them.
+    """
     found: dict[str, Any] = {}
     for variable in (lookup := submap(entry, "lookup")):
         known = pairs(_words(_fill(lookup, variable, scope)))
@@ -225,7 +228,7 @@ def _looked_up(entry: Table, scope: Mapping[str, Any], items: list[str]) -> dict
 
 
 def _named(table: Table, key: str, text: Any, scope: Mapping[str, Any], suffix: str) -> str:
-    """A name with its holes filled; one without a hole gets the values of the turn behind it when there are several."""
+    """Fills the holes of a name; one without a hole gets the values of the turn behind it when there are several."""
     try:
         filled = text_of(substitute(text, scope))
     except ExpressionError as error:

@@ -41,7 +41,8 @@ def load(path: Path) -> LaunchFile:
 
 
 def _load(path: Path, above: tuple[Path, ...], more: Iterator[int]) -> LaunchFile:
-    """above: the files that lead to this one by their includes. more: one item for each file that may yet be read."""
+    """Reads a launch file and its includes. above: the files that lead to this one by theirs. more: one item for each
+    file that may yet be read."""
     real = path.resolve()
     table = read(path)
     table.check_keys(TOP_KEYS, "a launch file")
@@ -76,7 +77,7 @@ def _entries(table: Table) -> list[Table]:
 
 
 def _entry(file: str, entry: Any, line: int) -> Table:
-    """An include as a map; a name alone stands for one with that `file`."""
+    """Gives an include as a map; a name alone stands for one with that `file`."""
     if isinstance(entry, str):
         named = Table(file, line)
         named["file"], named.lines["file"] = entry, line
@@ -89,7 +90,7 @@ def _entry(file: str, entry: Any, line: int) -> Table:
 
 
 def _include_path(entry: Table, own: Path) -> Path:
-    """The file of an include: beside the file `own` that names it, else one that comes with evis."""
+    """Finds the file of an include: beside the file `own` that names it, else one that comes with evis."""
     folder = own.parent
     try:
         name = str(substitute(entry["file"], {}))

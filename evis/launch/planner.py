@@ -164,7 +164,7 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
 
 
 def _share_words(plan: Plan, awake: list[WiredNode]) -> None:
-    """Lets one of the nodes that are alike say what all of them would."""
+    """Chooses one of the nodes that would give the same warnings to give them for all."""
     first: dict[Any, NodePlan] = {}
     for node in awake:
         if (known := node.cls.alike(node.params)) is not None:
@@ -176,18 +176,18 @@ def _share_words(plan: Plan, awake: list[WiredNode]) -> None:
 
 
 def _foreseen(plan: Plan, node: WiredNode) -> list[str]:
-    """What a node is going to warn of."""
+    """Lists what a node is going to warn of."""
     planned = plan.nodes[node.name]
     return [] if planned.told_by else [with_others(line, planned.tells_for) for line in node.cls.foreseen(node.params)]
 
 
 def _draws(node: WiredNode) -> bool:
-    """Whether the seed is the node's own, and not handed on for it to see the world that another one tells of."""
+    """Tells whether a node draws by its seed, and does not only load with it the world that another node moves."""
     return "seed" in node.cls.PARAMS and "random" in vars(node.cls)
 
 
 def _with_work(expanded: Expanded, nodes: list[WiredNode]) -> list[WiredNode]:
-    """The nodes that have something to do; the others become absent ones."""
+    """Selects the nodes that have something to do; the others become absent ones."""
     reasons = {node.name: why for node in nodes if (why := node.cls.pointless(node.params))}
     expanded.absent.update(reasons)
     expanded.nodes[:] = [spec for spec in expanded.nodes if spec.name not in reasons]
@@ -195,12 +195,12 @@ def _with_work(expanded: Expanded, nodes: list[WiredNode]) -> list[WiredNode]:
 
 
 def _folder(node: WiredNode) -> str:
-    """Of the topics of a camera's node: /cam0."""
+    """Gives what the topics of a camera's node begin with: /cam0."""
     return next(iter(node.outputs.values())).rpartition("/")[0]
 
 
 def _choose(nodes: list[WiredNode], demand: Demand) -> list[WiredNode]:
-    """Needed nodes, viewers, and nodes that can be started later from what will be there."""
+    """Selects needed nodes, viewers, and nodes that can be started later from what will be there."""
     needed = [n for n in nodes if n.name in demand.inputs or n.spec.tap]
     there = {t for n in needed for p, t in n.outputs.items() if _is_there(n, p, demand)} | set(SYSTEM_TOPICS)
     late: list[WiredNode] = []
@@ -271,7 +271,7 @@ def _is_there(node: WiredNode, port: str, demand: Demand) -> bool:
 
 
 def _idle_secrets(expanded: Expanded) -> Iterator[str]:
-    """Secrets that were meant for nodes which are not there, of the types that come with evis."""
+    """Finds secrets that were meant for nodes which are not there, of the types that come with evis."""
     for kind, params in expanded.idle:
         if kind in catalog.types() and any(isinstance(value, str) for value in params.values()):
             yield from secret_values(catalog.load(kind, expanded.file)[1], params)

@@ -36,7 +36,7 @@ def recorded(entry: Table, values: Mapping[str, Any], given: Mapping[str, Any]) 
 
 
 def _value(text: str, name: str) -> Any:
-    """A value that was written as Python's text: True, 0.2, ['cam0'], None. Raises LaunchError naming `name`.
+    """Reads a value that was written as Python's text: True, 0.2, ['cam0'], None. Raises LaunchError naming `name`.
 
     A secret was not written.
     """

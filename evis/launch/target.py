@@ -90,7 +90,7 @@ def values_of_scene(launch: LaunchFile, values: Mapping[str, Any]) -> dict[str, 
 
 
 def _scene(launch: LaunchFile, given: Mapping[str, Any]) -> str:
-    """The scene that is given, or that the file names; "" where it takes none with arguments."""
+    """Finds the scene that is given, or that the file names; "" where it takes none with arguments."""
     if not {"scene", "scene_args"} <= launch.arguments.keys():
         return ""
     scene = given.get("scene", launch.arguments["scene"].param.default)

@@ -69,7 +69,7 @@ def _uses(
     expanded: Expanded,
     plan: Plan,
 ) -> Iterator[str]:
-    """For each use of an argument in a file: why it changes nothing, "" where it does."""
+    """Says for each use of an argument in a file why it changes nothing, "" where it does."""
     table = launch.table
     if any(name in names_in(table[key]) for key in ("mode", "recorded", "args") if key in table):
         yield ""
@@ -105,8 +105,10 @@ def _uses(
 
 
 def _differs(entry: Table, text: Any, name: str, launch: LaunchFile, values: Mapping[str, Any]) -> bool:
-    """Whether what a parameter or a condition of a node's entry is made from is another value with an argument than
-    without it, in any turn of its `foreach`, as far as can be told: of one that is given its default nothing can."""
+    """Tells whether an argument makes another value of what a parameter or a condition of a node's entry is made from.
+
+    In any turn of its `foreach`, as far as can be told: of one that is given its default nothing can.
+    """
     if name not in launch.arguments or values.get(name) == launch.arguments[name].param.default:
         return True
     left_out = {**values, name: launch.arguments[name].param.default}
@@ -122,8 +124,8 @@ def _differs(entry: Table, text: Any, name: str, launch: LaunchFile, values: Map
 def _decides(
     entry: Table, part: str, name: str, given: Collection[str], launch: LaunchFile, expanded: Expanded
 ) -> bool:
-    """Whether an argument has a part in a condition of an entry: by itself or, of several that each suffice, beside
-    the others.
+    """Tells whether an argument has a part in a condition of an entry: by itself or, of several that each suffice,
+    beside the others.
 
     Of two that each leave a node out neither does it alone, so any of the others that are given may be taken away.
     """
@@ -138,7 +140,7 @@ def _decides(
 
 
 def _idle(spec: NodeSpec, param: str, plan: Plan) -> str:
-    """Why a parameter of a node that is there changes nothing, or ""."""
+    """Says why a parameter of a node that is there changes nothing, or ""."""
     # Where several devices share a node, one of its shares stands for all.
     planned = plan.nodes.get(spec.name) or plan.nodes.get(named_in_share(spec.name, 0))
     if planned is None:
@@ -159,6 +161,6 @@ def check_parameters(cls: Any, name: str, given: Mapping[str, Any]) -> None:
 
 
 def _why(node: str, expanded: Expanded) -> str:
-    """The reason of a node that is not there; `foreach` and includes put more about its name."""
+    """Finds the reason of a node that is not there; `foreach` and includes put more about its name."""
     names = (full for full in expanded.absent if full == node or full.rpartition("/")[2].startswith(node))
     return next((expanded.absent[full] for full in names), "its condition does not hold")

@@ -6,10 +6,11 @@ the bus only where its node can take it: so nothing is lost, and memory is bound
 
 from __future__ import annotations
 
+import copy
 import math
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import zmq
@@ -19,6 +20,7 @@ from evis.config.secret import Redactor
 from evis.gpu.early_context import begin_contexts
 from evis.runtime.hosting.host import AnyPublisher, Host, Subscription
 from evis.runtime.hosting.node_call import NodeCall, NodeFailed
+from evis.runtime.hosting.taps import Taps
 from evis.runtime.hosting.wiring import Wiring, load_class
 from evis.runtime.node import Node
 from evis.runtime.outputs import Outputs
@@ -64,12 +66,12 @@ class Executor(Outputs):
         self._tell = tell or (lambda name, text: print(f"{name}: {text}", file=sys.stderr, flush=True))
         self._context = zmq.Context()
         self._wakeup = Wakeup()
-        self._taps: list[TapSubscription] = []
         self.failure = ""
         self._last_idle = 0.0
-        self._wiring = Wiring(plan, process, self._context)
+        wiring = Wiring(plan, process, self._context)
+        self._taps = Taps(wiring, self._wakeup)
         self._telemetry = Telemetry(plan, process, self._context, profile, self._redactor, say)
-        hosts = self._wiring.hosts
+        hosts = wiring.hosts
         begin_contexts(host.node.computes_on() for host in hosts.values())
         scheduler = Scheduler(hosts, profile, self._telemetry, plan.mode == "realtime")
         super().__init__(plan, hosts, profile, scheduler)
@@ -221,6 +223,21 @@ class Executor(Outputs):
         self.profile.nodes.clear()
         self._telemetry.start_clock()
 
+    def state(self) -> dict[str, Any]:
+        """Gives what the nodes go on from besides the messages of the last stamp, and what they have counted. Raises
+        ValueError where one cannot tell."""
+        nodes = {host.name: (host.node.state(), host.node.totals()) for host in self._hosts.values()}
+        return {"nodes": nodes, "profile": copy.deepcopy(self.profile.nodes)}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Goes on from what `state` gave, once the nodes have had the messages of that stamp after a `rewind`."""
+        for name, (own, totals) in state["nodes"].items():
+            with NodeCall(None, name):
+                self._hosts[name].node.restore(own)
+                self._hosts[name].node.restart_totals(totals)
+        self.profile.nodes.clear()
+        self.profile.nodes.update(copy.deepcopy(state["profile"]))
+
     def _replace_node(self, host: Host) -> None:
         """Replaces a node that cannot be rewound by a new one, and gives it the latched messages."""
         host.node.close()
@@ -284,8 +301,7 @@ class Executor(Outputs):
         """Closes the sockets."""
         for outside in self._outside_inputs:
             outside.close()
-        for tap in list(self._taps):
-            tap.close()
+        self._taps.close()
         for subscription in self._subscriptions:
             subscription.subscriber.close()
         for publisher in self._publishers:
@@ -331,14 +347,7 @@ class Executor(Outputs):
             s.ended = s.declared and message is END
             if message is not END or s.declared:
                 self._scheduler.accept(s.host, s.port, s.topic, message)
-        for tap in list(self._taps):
-            for subscriber in tap.subscribers:
-                message = subscriber.receive(0)
-                if message is not None and message is not END:
-                    progress = True
-                    tap.callback(message)
-                    message.release()
-        return progress
+        return self._taps.pump() or progress
 
     def _drain(self, commands: Commands | None) -> None:
         """Waits, after the last node, until every consumer has returned its credits (ipc drops what is sent last)."""
@@ -409,24 +418,10 @@ class Executor(Outputs):
         self._redactor.add(secret)
 
     def open_tap(self, node: Node, topic: str, callback: Callable[[Message], None]) -> TapSubscription:
-        """Subscribes a running topic lossily. `callback` runs on this thread; arrays are valid while it runs."""
+        """Implements Runtime.open_tap. `callback` runs on this thread; arrays are valid while it runs."""
         if topic not in SYSTEM_TOPICS and topic not in self.plan.topics:
-            raise ValueError(f"{node.name}: nobody publishes {topic}")
-        subscribers = self._wiring.subscribe(topic, node.name, "tap", tap=True)
-        for subscriber in subscribers:
-            subscriber.start()
-            self._wakeup.hear(subscriber, subscriber.sockets())
-        tap = TapSubscription(topic, callback, subscribers, self.close_tap)
-        self._taps.append(tap)
-        return tap
-
-    def close_tap(self, tap: TapSubscription) -> None:
-        """Implements TapSubscription.close."""
-        if tap in self._taps:
-            self._taps.remove(tap)
-            for subscriber in tap.subscribers:
-                self._wakeup.forget(subscriber)
-                subscriber.close()
+            raise ValueError(f"{node.name}: nobody publishes {topic}; there are {', '.join(self.plan.open_topics())}")
+        return self._taps.open(node.name, topic, callback)
 
     def request(self, topic: str) -> None:
         """Asks the supervisor to start the dormant node that publishes `topic`."""

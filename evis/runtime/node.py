@@ -267,6 +267,11 @@ class Node:
         """
         return 1
 
+    @classmethod
+    def looks_back(cls, params: Mapping[str, Any]) -> int:
+        """Returns how many stamps before the last one the next outputs depend on, besides what `state` gives."""
+        return 0
+
     # -- what the executor calls -------------------------------------------------------------------------------------
 
     def computes_on(self) -> str:
@@ -337,6 +342,20 @@ class Node:
         False, unless a subclass knows how: then a new node takes its place. What `setup` has published stays published.
         """
         return False
+
+    def state(self) -> Any:
+        """Gives what the node goes on from besides the messages of the last stamp, as copies: None where that is
+        nothing.
+
+        Raises ValueError, unless a subclass knows how, in one line that says what cannot be kept.
+        """
+        raise ValueError(
+            f"{self.name} ({type(self).__name__}) does not tell what it goes on from; leave it out, or give its class "
+            "state() and restore()"
+        )
+
+    def restore(self, state: Any) -> None:
+        """Goes on from what `state` gave, after a `rewind` and the messages of the stamp at which it did."""
 
     def idle(self) -> None:
         """Does a node's work besides messages; called on the executor's thread at least every 50 ms."""
@@ -423,9 +442,13 @@ class Node:
         self._totals[name] = total
         return first
 
-    def restart_totals(self) -> None:
-        """Sets all running totals back to 0; what was counted stays in the node's counters."""
-        self._totals = {}
+    def totals(self) -> dict[str, float]:
+        """Gives the running totals that `count_total` has seen last."""
+        return dict(self._totals)
+
+    def restart_totals(self, totals: Mapping[str, float] | None = None) -> None:
+        """Sets all running totals back to 0, or to what they were; what was counted stays in the node's counters."""
+        self._totals = dict(totals or {})
 
     def warn_alike(self, text: str) -> None:
         """Gives a warning that holds for all nodes alike (see `alike`): one of them gives it, and names the others."""

@@ -49,7 +49,7 @@ class Telemetry:
         context: zmq.Context,
         profile: Profile,
         redactor: Redactor,
-        say: Say = say_in_log,
+        say: Say,
     ) -> None:
         self._say = say
         self._profile = profile

@@ -150,28 +150,42 @@ def stacked(motions: Sequence[Kind]) -> Kind:
     return type(motions[0])(**values)
 
 
-def local_state(
-    start: np.ndarray, shifts: Sequence[Shift], turns: Sequence[Rotation], t: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Computes poses [..., S, 7] and twists [..., S, 6] in the parent's frame, at times [S] s.
+def local_pose(
+    start: np.ndarray,
+    shifts: Sequence[Shift],
+    turns: Sequence[Rotation],
+    t: np.ndarray,
+    twist: np.ndarray | None = None,
+) -> np.ndarray:
+    """Computes poses [..., S, 7] in the parent's frame, at times [S] s.
 
-    start: float64 [..., 7]; the motions are stacked where it has a leading axis.
+    start: float64 [..., 7]; the motions are stacked where it has a leading axis. twist: zeros [..., S, 6], to which the
+    twists are written; None = they are left out, which takes two thirds of the time.
     """
     shape = (*start.shape[:-1], len(t))
     position, rotation = (
         np.broadcast_to(part[..., None, :], (*shape, part.shape[-1])).copy()
         for part in (start[..., :3], start[..., 3:])
     )
-    twist = np.zeros((*shape, 6))
     for shift in shifts:
         displacement, velocity = shift.shift(t)
         position += displacement
-        twist[..., :3] += velocity
+        if twist is not None:
+            twist[..., :3] += velocity
     for turn in turns:
         angle, rate = turn.turn(t)
-        twist[..., 3:] += rate[..., None] * se3.rotate(rotation, turn.axis)
+        if twist is not None:
+            twist[..., 3:] += rate[..., None] * se3.rotate(rotation, turn.axis)
         rotation = se3.multiply(rotation, se3.exp(angle[..., None] * turn.axis))
-    return se3.make_pose(position, rotation), twist
+    return se3.make_pose(position, rotation)
+
+
+def local_state(
+    start: np.ndarray, shifts: Sequence[Shift], turns: Sequence[Rotation], t: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Computes poses as `local_pose` does, and twists [..., S, 6] in the parent's frame."""
+    twist = np.zeros((*start.shape[:-1], len(t), 6))
+    return local_pose(start, shifts, turns, t, twist), twist
 
 
 def carried(
@@ -179,10 +193,6 @@ def carried(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Computes poses and twists in the world of what has this state in the frame of a carrier with that state."""
     return se3.compose(carrier[0], state[0]), se3.compose_twist(*carrier, *state)
-
-
-Known = dict["Prescribed", tuple[np.ndarray, np.ndarray]]
-"""Poses and twists at the same times."""
 
 
 class Prescribed:
@@ -227,22 +237,13 @@ class Prescribed:
         """Counts the parents above this motion, one on the other: 0 without one."""
         return 0 if self.parent is None else 1 + self.parent.depth
 
-    def state(self, t_ns: np.ndarray, known: Known | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Computes pose and twist at once, which costs no more than one of them.
-
-        known: what has been worked out for other bodies at the same times; this one's is added.
-        """
-        if known is not None and self in known:
-            return known[self]
+    def state(self, t_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Computes pose and twist at once, which costs no more than the twist alone."""
         if self._static:
             return self._still_pose(np.size(t_ns)), np.zeros((np.size(t_ns), 6))
         t = np.atleast_1d(np.asarray(t_ns, np.int64)) * NS
         pose, twist = local_state(self.start, self.shifts, self.turns, t)
-        if self.parent is not None:
-            pose, twist = carried(self.parent.state(t_ns, known), (pose, twist))
-        if known is not None:
-            known[self] = pose, twist
-        return pose, twist
+        return (pose, twist) if self.parent is None else carried(self.parent.state(t_ns), (pose, twist))
 
     def acceleration(self, t_ns: np.ndarray) -> np.ndarray:
         """Computes the accelerations float64 [S, 6] (linear, angular; world frame) at times int64 [S] ns.

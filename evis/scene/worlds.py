@@ -205,6 +205,7 @@ class Worlds:
                 worlds.scenes[env] = self._load(env, new)
                 worlds._check(env, worlds.scenes[env])
         if worlds.scenes[0] is not self.scenes[0]:
+            worlds._check_after(self.scenes[0])
             for env, scene in enumerate(worlds.scenes):
                 worlds._check(env, scene)
         kept = set(map(id, worlds.scenes))
@@ -250,27 +251,43 @@ class Worlds:
         return {place: [table.get(place) for table in tables] for place in places}
 
     def _check(self, env: int, scene: Scene) -> None:
+        """Raises ValueError where an environment has other things than environment 0."""
         first = self.scenes[0]
         if scene is first:
             return
-        for what, mine, other in (
-            ("bodies", _bodies(first), _bodies(scene)),
-            ("instances", [i.name for i in first.instances], [i.name for i in scene.instances]),
-            ("cameras", [_camera(c) for c in first.cameras], [_camera(c) for c in scene.cameras]),
-            ("timestep", [str(first.timestep_ns)], [str(scene.timestep_ns)]),
-        ):
-            if mine != other:
-                lacks = next((f"'{name}'" for name in mine if name not in other), "what environment 0 has")
-                extra = next((f", but has '{name}'" for name in other if name not in mine), "")
+        mine, other = ({**things_of(s), "instances": [i.name for i in s.instances]} for s in (first, scene))
+        for what, names in mine.items():
+            if names != other[what]:
                 raise ValueError(
-                    f"scene {first.name}: environment {env}, of seed {self.seeds[env]}, lacks {lacks} of the {what} of "
-                    f"environment 0{extra}; worlds side by side may differ in values but not in what there is: draw "
-                    "other things, or run one environment at a time"
+                    f"scene {first.name}: the {what} of environment {env}, of seed {self.seeds[env]}, are not those of "
+                    f"environment 0: {_difference(names, other[what])}; worlds side by side may differ in values but "
+                    "not in what there is: draw other things, or run one environment at a time"
+                )
+
+    def _check_after(self, before: Scene) -> None:
+        """Raises ValueError where environment 0 has other things than in a world before, whose nodes go on."""
+        other = things_of(self.scenes[0])
+        for what, names in things_of(before).items():
+            if names != other[what]:
+                raise ValueError(
+                    f"scene {before.name}: the {what} of seed {self.seeds[0]} are not those that the run has: "
+                    f"{_difference(names, other[what])}; a run keeps what there is: begin another one with this seed"
                 )
 
 
-def _bodies(scene: Scene) -> list[str]:
-    return [body.name for body in scene.bodies]
+def things_of(scene: Scene) -> dict[str, list[str]]:
+    """Lists what nodes are made for, by kind: they go on in another world that has the same."""
+    return {
+        "bodies": [body.name for body in scene.bodies],
+        "cameras": [_camera(camera) for camera in scene.cameras],
+        "time steps": [str(scene.timestep_ns)],
+    }
+
+
+def _difference(first: Sequence[str], other: Sequence[str]) -> str:
+    lacks = next((f"it lacks '{name}'" for name in first if name not in other), "")
+    extra = next((f"it has '{name}'" for name in other if name not in first), "")
+    return " and ".join(filter(None, (lacks, extra))) or "they are in another order"
 
 
 def _camera(camera: Any) -> str:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from msgs.fields import array_specs, environment_key
 from msgs.header import Message
 
@@ -35,7 +33,7 @@ def cut(message: Message, envs: slice) -> dict[str, Any]:
             found[name] = array[envs]
         elif key in arrays:
             rows = (arrays[key] >= envs.start) & (arrays[key] < envs.stop)
-            found[name] = array[rows] - envs.start if name == key else array[rows]
+            found[name] = (array[rows] - envs.start).astype(array.dtype) if name == key else array[rows]
         else:
             found[name] = array
-    return {name: np.asarray(array, arrays[name].dtype) for name, array in found.items()}
+    return found

@@ -81,8 +81,10 @@ def join(parts: Sequence[Message | None], envs: Sequence[slice]) -> Joined:
 
 
 def _over_gap(part: Message, parts: Sequence[Message]) -> dict[str, Any]:
-    """The arrays of a part. Where all its environments begin an episode while others go on, its one frame of each holds
-    for the whole gap, as it does among them.
+    """Gives the arrays of a part.
+
+    Where all its environments begin an episode while others go on, its one frame of each holds for the whole gap, as it
+    does among them.
     """
     arrays: dict[str, Any] = dict(part.arrays())
     if not isinstance(part, Frames | Samples):
@@ -111,7 +113,7 @@ def _pieces(name: str, kind: type[Message], pieces: list[np.ndarray], envs: Sequ
 
 
 def _ends(parts: Sequence[Message | None], envs: Sequence[slice]) -> list[np.ndarray]:
-    """Where the events of each environment end."""
+    """Finds where the events of each environment end."""
     made, last = [np.zeros(1, np.int64)], 0
     for part, own in zip(parts, envs):
         ends = np.zeros(own.stop - own.start + 1, np.int64)

@@ -59,7 +59,7 @@ def controls_of(action: Any, envs: int, actuators: Actuators) -> np.ndarray:
         if np.iscomplexobj(action):
             raise TypeError("it has complex ones")
         values = np.array(action, np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise SimulationError(f"the action is no array of numbers: {error}") from None
     if values.ndim == 1 and envs == 1:
         values = values[None]

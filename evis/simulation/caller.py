@@ -63,6 +63,8 @@ class CallerNode(Node):
         """How many environments the messages have, as states and events tell it."""
         self.poses: np.ndarray | None = None
         """Of its bodies, float64 [E, N, 7]."""
+        self.own: np.ndarray | None = None
+        """Its rows of msgs.own_time, int64 [E, 4]; None where all environments were reset together."""
 
     def rewind(self, params: Mapping[str, Any]) -> bool:
         """Forgets what was not taken."""
@@ -70,10 +72,14 @@ class CallerNode(Node):
         self.setup()
         return dict(params) == self.params
 
+    def state(self) -> None:
+        """Gives nothing: all that has arrived was taken."""
+
     def receive(self, port: str, message: Message) -> None:
         """Keeps a message of topic `port`; the arrays stay as they are until `take`."""
         if isinstance(message, WorldState):
             self.episodes, self.poses = np.array(message.episodes), message.kept_end_pose()
+            self.own = None if message.own is None else np.array(message.own)
             self.envs = len(self.episodes)
         elif isinstance(message, EventPacket):
             self.envs = len(message.env_offsets) - 1

@@ -13,10 +13,10 @@ from evis.config.params import EACH
 from evis.runtime.plan import Plan
 from evis.scene.parameters import SCENE, camera_of, scene_of
 from evis.scene.stereo import baseline
+from evis.shares.cut import cut
 from evis.simulation.errors import SimulationError
 from evis.simulation.step import IMAGE, IMAGES, CameraOutputs, Step, on_host
 from msgs.camera import CameraInfo, EventPacket, EventSignal, Image, Samples
-from msgs.fields import array_specs
 from msgs.header import Message
 from nodes.event_sensor.parameters import SENSOR
 
@@ -122,18 +122,8 @@ def _signal(told: EventSignal, env: int) -> EventSignal:
 
 
 def _message(message: Message, env: int) -> Message:
-    """Cuts an environment out of a message: of arrays that lead with E its own part, of tables its rows."""
-    found: dict[str, Any] = {}
-    specs = array_specs(type(message))
-    for name, array in message.arrays().items():
-        table = f"{name.split('_')[0]}_env"
-        if specs[name].dims[0] == "E":
-            found[name] = array[env : env + 1]
-        elif table in specs:
-            mine = getattr(message, table) == env
-            found[name] = np.zeros(int(mine.sum()), np.int32) if name == table else array[mine]
     whole: Any = message
-    part: Message = dataclasses.replace(whole, **found)
+    part: Message = dataclasses.replace(whole, **cut(message, slice(env, env + 1)))
     return part
 
 

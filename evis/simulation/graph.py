@@ -21,6 +21,7 @@ from evis.launch.planner import Options, plan_launch
 from evis.launch.target import read_target
 from evis.runtime.plan import COMPOSED, Plan
 from evis.scene.parameters import SCENE, SEED, scene_of
+from evis.scene.worlds import things_of
 from evis.simulation.actuators import actuators_of
 from evis.simulation.auto import Chosen, without_auto
 from evis.simulation.each import together
@@ -54,6 +55,8 @@ class Graph:
     controller: str = ""
     actuators: Actuators = field(default_factory=Actuators)
     start: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    things: Mapping[str, list[str]] = field(default_factory=dict)
+    """What nodes are made for, as `things_of` gives it, of environment 0."""
     each: Sequence[Plan] = ()
     """The plans of environments that have arguments of their own, as they would be by themselves."""
 
@@ -150,8 +153,10 @@ class Planner:
                 found.controller = spec.name
             if spec.type == "physics":
                 found.physics = spec.name
-                params = {name: spec.params[name] for name in SCENE if spec.params.get(name) is not None}
-                found.actuators, found.start = actuators_of(scene_of(spec.name, params, visuals=False))
+                params = {name: spec.params[name] for name in (*SCENE, "seed") if spec.params.get(name) is not None}
+                scene = scene_of(spec.name, params, visuals=False)
+                found.actuators, found.start = actuators_of(scene)
+                found.things = things_of(scene)
             device = str(spec.params.get("device") or device)
             if "," in device:
                 raise SimulationError(
@@ -206,7 +211,7 @@ def _plain(arguments: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _unsaid(line: str) -> None:
-    """Takes what is being measured: nobody is told of it."""
+    """Drops the line that says what is being measured."""
 
 
 def _warn(line: str) -> None:

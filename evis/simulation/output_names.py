@@ -1,4 +1,4 @@
-"""Names the outputs that there are, and tells who asks for another what may be meant."""
+"""Names the outputs of a simulation, and suggests one for a name that is none."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LABELS = "labels"
 
 
 def meant(parts: Sequence[str]) -> str:
-    """Suggests what an output may have been meant for, that is not there: labels are outputs by their kind."""
+    """Suggests an output for a name that is none: labels are outputs by their kind."""
     *camera, last = parts
     near = closest(last, (*NAMES, *KINDS))
     if near is None or near in NAMES:
@@ -28,7 +28,7 @@ def meant(parts: Sequence[str]) -> str:
 
 
 def how_to_get(name: str, there: Sequence[str]) -> str:
-    """Tells who looks for an attribute that a step has not how to get it. there: the attributes that it has."""
+    """Words how to get an attribute that a step does not have. there: the attributes that it has."""
     if name in KINDS and name not in NAMES and LABELS in there:
         return f"labels are in `labels`, as step.labels.{name}, where `outputs` has '{LABELS}.{name}'"
     if name in KINDS or name in NAMES:

@@ -11,6 +11,8 @@ import numpy as np
 
 from evis.media.colour import srgb_from_linear
 from evis.media.pictures.event_pictures import ON_BLACK
+from evis.scene.digest import appearance
+from evis.scene.model import Scene
 from msgs.camera import EventPacket
 
 DIMMED = 0.55
@@ -62,13 +64,17 @@ def as_png(picture: np.ndarray) -> bytes:
 class Viewer:
     """Draws the light that a camera sees, with a renderer of its own, made when a picture is first asked for."""
 
-    def __init__(self, scene: Any, params: Mapping[str, Any]) -> None:
+    def __init__(self, scene: Scene, params: Mapping[str, Any]) -> None:
         """Makes what draws a camera's pictures. params: of the graph's renderer node of that camera."""
         from nodes.renderer.parameters import light_options
         from nodes.renderer.renderer import Renderer
 
-        camera = scene.camera(params["camera"])
+        self._scene, camera = scene, scene.camera(params["camera"])
         self._renderer = Renderer(scene, camera, device=params["device"], **light_options(params))
+
+    def suits(self, scene: Scene) -> bool:
+        """Tells whether a scene looks as the one that it draws, but for where its bodies are."""
+        return scene is self._scene or appearance(scene) == appearance(self._scene)
 
     def luminance(self, poses: np.ndarray, t_ns: int) -> np.ndarray:
         """Renders luminance float32 [H, W] for body poses float64 [1, N, 7] at a time [ns]."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -20,9 +21,12 @@ from evis.simulation.errors import Diverged, SimulationError, SimulationWarning
 from evis.simulation.graph import CALLER, Graph, needs_sockets
 from evis.simulation.output_names import OF_CAMERA
 from evis.simulation.outputs import RequestedOutputs
+from evis.simulation.saved import Kind, Physics, RunState, take_again
 from evis.simulation.step import IMAGE, IMAGES, Step, value_of
 from evis.supervisor.run_directory import RunDirectory
+from msgs.own_time import STAMP
 from nodes.physics.actuators import NO_ACTUATORS
+from nodes.physics.resets import ResetRefused
 
 MOST_KEPT = 64_000_000
 """Most bytes of actions that are kept for `replay`."""
@@ -117,6 +121,11 @@ class Run:
         """Returns the poses of all bodies at that time, float64 [E, N, 7]; None in a graph without physics."""
         return self._caller.poses
 
+    def time_of(self, env: int) -> int:
+        """Returns the time [ns] of the last step since the reset of an environment."""
+        own = self._caller.own
+        return self.stamp_ns if own is None else int(own[env, STAMP])
+
     def parameter(self, name: str, otherwise: Any) -> Any:
         """Returns a parameter of the node that steps the world."""
         return self.graph.plan.nodes[self.graph.physics].params[name] if self.graph.physics else otherwise
@@ -182,7 +191,8 @@ class Run:
         return step
 
     def restart(self, envs: np.ndarray, seeds: np.ndarray) -> Step:
-        """Puts environments int64 [R] to their start, now; seeds int64 [R], -1 = it keeps its own."""
+        """Puts environments int64 [R] to their start, now; seeds int64 [R], -1 = it keeps its own. Raises
+        SimulationError; nothing has happened where a seed draws other things."""
         physics = self._executor.node(self.graph.physics) if self.graph.physics else None
         restart = getattr(physics, "restart", None)
         if restart is None:
@@ -212,6 +222,69 @@ class Run:
                 self.act(entry[1])
             elif len(entry) == 3:
                 self.restart(entry[1], entry[2])
+
+    def state(self) -> RunState:
+        """Gives where the run is, so that `restore` goes on from here. Raises SimulationError where it cannot."""
+        name = self.graph.plan.name
+        if not self.graph.physics:
+            raise SimulationError(f"{name} plays what was recorded, and its state is that of a file; open it again")
+        if self.graph.controller:
+            raise SimulationError(
+                f"{name} is driven by node {self.graph.controller}, whose state nobody knows; give the actions to step"
+            )
+        if self.k < 0 or self._finished or self.last is None:
+            what = "the run has ended" if self._finished else "nothing has run yet"
+            raise SimulationError(f"there is no state to keep: {what}; reset() first")
+        if not self.history.whole:
+            raise SimulationError("the run has more actions than are kept for a state; reset() begins a shorter one")
+        try:
+            nodes = self._executor.state()
+        except ValueError as error:
+            raise SimulationError(str(error)) from None
+        history = self.history
+        return RunState(kind_of(self.graph), tuple(history.done), history.size, self.k, self.over, self.last, nodes)
+
+    def restore(self, graph: Graph, state: RunState) -> Step:
+        """Goes back to before keyframe 0 and on to where a state was taken; gives the step that ended there.
+
+        Physics takes the steps again; of the rest a last keyframe is made, from which the next gap goes on, or as many
+        as that depends on.
+        """
+        self.rewind(graph)
+        with self._guarded():
+            physics = self._physics()
+            first = self._take_again(physics, state.done, state.k)
+            if first < state.k:
+                self._executor.rewind(graph.plan)
+                physics = self._physics()
+                self._take_again(physics, state.done, first)
+            self._executor.settle(physics.present)
+            self._taken()
+            self.k, self._episodes = first, physics.episodes.copy()
+            later = [entry for entry in state.done if entry[0] > first]
+        self.replay(History(later), state.k)
+        with self._guarded():
+            self._executor.restore(state.nodes)
+        self.history = History([*state.done], state.size)
+        self.over, self.last = state.over, state.last
+        return state.last
+
+    def _physics(self) -> Physics:
+        """Gives the node that steps the world."""
+        return cast(Physics, self._executor.node(self.graph.physics))
+
+    def _take_again(self, physics: Physics, done: Sequence[tuple[Any, ...]], last: int) -> int:
+        """Takes physics alone up to keyframe `last`; gives the one from which on all nodes have to see what goes on
+        from it: a camera with a rate of its own has not had every keyframe, and some interpolators look back."""
+        earlier = [entry for entry in done if entry[0] <= last]
+        self._controls = take_again(physics, earlier, last, self.graph.start, self.graph.acts)
+        every, back = 1, 0
+        for name, of_node in self.graph.plan.nodes.items():
+            node = self._executor.node(name)
+            back = max(back, node.looks_back(of_node.params))
+            if not node.SOURCE:
+                every = math.lcm(every, node.divides(of_node.params))
+        return max(physics.first, last - (last - physics.first) % every - back * every)
 
     def finish(self) -> Step:
         """Ends the run; gives what the nodes had held back."""
@@ -272,6 +345,8 @@ class Run:
         """Notes that the run is broken where it is left in the middle of something."""
         try:
             yield
+        except ResetRefused as refused:
+            raise SimulationError(str(refused)) from None
         except BaseException as error:
             cause = error.__cause__ if isinstance(error, NodeFailed) and error.__cause__ else error
             node = f"{error.node}: " if isinstance(error, NodeFailed) else ""
@@ -280,6 +355,11 @@ class Run:
             if isinstance(error, Exception):
                 raise SimulationError(self.broken + AGAIN) from cause
             raise
+
+
+def kind_of(graph: Graph) -> Kind:
+    """Gives what a graph computes, which the states of its runs have in common."""
+    return {name: (node.target, node.params) for name, node in graph.plan.nodes.items()}
 
 
 AGAIN = "; reset() begins anew"

@@ -16,14 +16,16 @@ from evis.client.resets import environments_of, seeds_of
 from evis.config.suggestions import environments_there
 from evis.runtime.garbage_collection import without_garbage_collection
 from evis.scene.model import Scene
-from evis.scene.parameters import SCENE, scene_of
+from evis.scene.parameters import SCENE, of_environment, scene_of
+from evis.scene.parameters import seeds_of as seeds_of_environments
 from evis.simulation.actuators import Actuator, each
 from evis.simulation.each import alone, info_of
 from evis.simulation.errors import SimulationError
-from evis.simulation.graph import Planner
+from evis.simulation.graph import Graph, Planner
 from evis.simulation.outputs import parse
 from evis.simulation.picture import Viewer, as_html, events_over_light
-from evis.simulation.run import AGAIN, Run
+from evis.simulation.run import AGAIN, Run, kind_of
+from evis.simulation.saved import SimulationState, check_kind
 from evis.simulation.step import Step, on_host
 from msgs.own_time import CONFIGURED
 
@@ -110,15 +112,21 @@ class Simulation:
 
     @property
     def scene(self) -> Scene:
-        """Returns the scene that is simulated; it is shared, and nobody may write to it.
+        """Returns the scene that is simulated, as environment 0 has it; it is shared, and nobody may write to it.
 
         Raises SimulationError without one.
         """
+        return self._scene_of(0)
+
+    def _scene_of(self, env: int) -> Scene:
+        """Returns the scene as an environment has it now, with arguments of its own and drawn by its seed."""
         graph = self._run.graph
         if not graph.physics:
             raise SimulationError(f"{graph.plan.name} simulates no scene")
         params = graph.plan.nodes[graph.physics].params
-        return scene_of("simulation", {name: params.get(name) for name in (*SCENE, "seed")})
+        own = of_environment(params, env)
+        seed = self._seeds.get(env, seeds_of_environments(params)[env])
+        return scene_of("simulation", {**{name: own.get(name) for name in SCENE}, "seed": seed})
 
     @property
     def chosen(self) -> Mapping[str, Any]:
@@ -156,11 +164,8 @@ class Simulation:
             return self._reset_some(chosen, seeds)
         single = seed is None or np.ndim(seed) == 0
         self._seed = self._own_seed if seeds is None or not single else seeds[chosen.tolist().index(0)]
-        if self._seed not in self._graphs:
-            own = self._graphs[self._own_seed]
-            self._graphs = {self._own_seed: own, self._seed: self._planner.plan(self._seed)}
-        graph = self._graphs[self._seed]
-        if self._run.broken:
+        graph = self._graph_of(self._seed)
+        if self._run.broken or self._run.graph.things != graph.things:
             self._run.close()
             self._run = Run(graph, self._asked)
         elif self._run.k >= 0 or self._run.graph is not graph:
@@ -285,6 +290,44 @@ class Simulation:
         finally:
             again.close()
 
+    # -- its state ---------------------------------------------------------------------------------------------------
+
+    def state(self) -> SimulationState:
+        """Keeps where all environments are, so that `restore` goes on from here, as often as wanted.
+
+        The same actions then give the same bytes as the first time. It can be restored in any simulation that is made
+        by the same arguments, in this process. Raises SimulationError where a node cannot tell its state: an audit,
+        one of your own without `state()`, a recording that is played.
+        """
+        self._check_usable()
+        return SimulationState(self.stamp_ns, self._seed, dict(self._seeds), self._run.state())
+
+    def restore(self, state: SimulationState) -> Step:
+        """Goes on from a `state`, whatever has happened since; returns the step at whose end it was taken.
+
+        Physics takes the steps up to there again, without pictures and events, and then one keyframe is rendered.
+        Raises SimulationError for the state of another simulation; nothing has happened then.
+        """
+        self._check_open()
+        if not isinstance(state, SimulationState):
+            raise SimulationError(f"restore takes what sim.state() gave, not {state!r:.60}")
+        graph = self._graph_of(state._seed)
+        check_kind(state._run.kind, kind_of(graph))
+        if self._run.broken or self._run.graph.things != graph.things:
+            self._run.close()
+            self._run = Run(graph, self._asked)
+        step = self._run.restore(graph, state._run)
+        self._seed, self._seeds = state._seed, dict(state._seeds)
+        self._run.warn()
+        return step
+
+    def _graph_of(self, seed: int) -> Graph:
+        """Gives the graph of a seed; that of the constructor's and the last one are kept."""
+        if seed not in self._graphs:
+            own = self._graphs[self._own_seed]
+            self._graphs = {self._own_seed: own, seed: self._planner.plan(seed)}
+        return self._graphs[seed]
+
     # -- how it looks ------------------------------------------------------------------------------------------------
 
     def show(self, env: int = 0) -> dict[str, np.ndarray]:
@@ -301,10 +344,11 @@ class Simulation:
         found = {}
         for node in self._run.graph.plan.nodes.values():
             if node.target.endswith(":RendererNode") and poses is not None:
-                camera = node.params["camera"]
-                if camera not in self._viewers:
-                    self._viewers[camera] = Viewer(self.scene, node.params)
-                light = self._viewers[camera].luminance(poses[env : env + 1], self.stamp_ns)
+                camera, scene = node.params["camera"], self._scene_of(env)
+                viewer = self._viewers.get(camera)
+                if viewer is None or not viewer.suits(scene):
+                    viewer = self._viewers[camera] = Viewer(scene, node.params)
+                light = viewer.luminance(poses[env : env + 1], self._run.time_of(env))
                 packet = vars(last.cameras[camera]).get("events")
                 found[camera] = events_over_light(light, packet if packet is None else on_host(packet), env)
         if not found:

@@ -20,6 +20,7 @@ NEEDS: dict[str, tuple[str, ...]] = {
     "bandwidth_level": ("bandwidth_hz", "bandwidth_exponent"),
     "bandwidth_exponent": ("bandwidth_hz", "bandwidth_level"),
     "bandwidth_poles": ("bandwidth_hz",),
+    "photoreceptor_noise_level": ("photoreceptor_noise",),
 }
 """Parameter -> parameters that must not be 0 for it to have an effect."""
 PAPER = {
@@ -35,6 +36,7 @@ RANDOM: dict[str, tuple[str, ...]] = {
     "leak": ("leak_rate",),
     "shot noise": ("shot_rate",),
     "hot pixels": ("hot_pixel_fraction", "hot_pixel_rate"),
+    "photoreceptor noise": ("photoreceptor_noise",),
     "timestamp jitter": ("timestamp_jitter_us",),
 }
 """What is random in a sensor -> the parameters that turn it on, all of them together."""

@@ -133,6 +133,12 @@ class EventSensorNode(Node):
                 f"{self.name}: event model {self._resolved['model']} does not say which events noise made; "
                 f"leave out labels:=events and the topic /{self.params['camera']}/signal, or take evis or evis-paper"
             )
+        if self._marked and self._resolved["photoreceptor_noise"] > 0:
+            raise ValueError(
+                f"{self.name}: with photoreceptor_noise light and noise make each crossing together, so that no event "
+                f"is of one of them; leave out labels:=events and the topic /{self.params['camera']}/signal, or the "
+                "noise"
+            )
         self._sensor: Any = None
         self._reset_groups: ResetGroups | None = None
         """The sensors, once an environment was reset by itself."""
@@ -165,14 +171,18 @@ class EventSensorNode(Node):
         episodes = np.zeros(self._warm_up_envs, np.int32)
         ones = np.ones((self._warm_up_envs, 2, 2, 3), np.float32)
         warm = self._images.read([Keyframe(Header(0), episodes, radiance=ones)])
-        for k in range(2):
-            sensor.process(warm, np.array([10 * k]), episodes)
+        instants = [0, 10]
+        if self._own_model and self._resolved["photoreceptor_noise"] > 0:
+            # A step in which the noise has samples of its own.
+            instants.append(10 + max(1, round(1e9 / self._resolved["bandwidth_hz"])))
+        for stamp in instants:
+            sensor.process(warm, np.array([stamp]), episodes)
         if self._source == "samples":
             from nodes.event_sensor.input.further import Further
 
             values = np.ones((1, 3) if self.params["colour"] else 1, np.float32)
             first = np.minimum(np.arange(4 * self._warm_up_envs + 1), 1)
-            sensor.advance(warm, np.array([20]), episodes, further=Further(first, np.array([5]), values))
+            sensor.advance(warm, np.array([instants[-1] + 10]), episodes, further=Further(first, np.array([5]), values))
 
     def _make_sensors(self, height: int, width: int, span: slice, seed: int | None = None, number: int = 0) -> Any:
         """Makes the sensor of some environments, or one for each where they have, or the scene draws, different
@@ -222,6 +232,25 @@ class EventSensorNode(Node):
         self._sensor, self._reset_groups, self._header = None, None, Header(0)
         self._episodes = np.zeros(0, np.int32)
         return True
+
+    def state(self) -> dict[str, Any]:
+        """Gives what the sensors go on from, and which they are."""
+        kept = {"header": self._header, "episodes": self._episodes.copy(), "size": self._packets.size}
+        if self._reset_groups is not None:
+            return {**kept, "groups": self._reset_groups.state()}
+        return kept if self._sensor is None else {**kept, "sensor": self._sensor.state()}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Goes on with sensors that are made anew, alike."""
+        self._header, self._episodes = state["header"], state["episodes"].copy()
+        height, width = self._packets.size = state["size"]
+        self._sensor, self._reset_groups = None, None
+        if "groups" in state:
+            self._reset_groups = self._groups(height, width)
+            self._reset_groups.restore(state["groups"])
+        elif "sensor" in state:
+            self._sensor = self._make_sensors(height, width, slice(0, len(self._episodes)))
+            self._sensor.restore(state["sensor"])
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         message, further = inputs[self._source], None
@@ -340,12 +369,7 @@ class EventSensorNode(Node):
     ) -> None:
         """Publishes the events of environments that were reset at different times."""
         if self._reset_groups is None:
-            from nodes.event_sensor.environments.reset_groups import ResetGroups
-
-            height, width = self._packets.size
-            self._reset_groups = ResetGroups(
-                partial(self._make_sensors, height, width), self.params["seed"], self._own_model
-            )
+            self._reset_groups = self._groups(*self._packets.size)
             if self._sensor is not None:
                 self._reset_groups.adopt(self._sensor, self._episodes, self._header.stamp_ns)
         self._header = message.header
@@ -354,6 +378,12 @@ class EventSensorNode(Node):
             own_t = message.own[:, [STAMP]]
         found = self._reset_groups.process(image, t, own_t, message.own, message.episodes, further)
         self._publish_columns(self._reset_groups, *found)
+
+    def _groups(self, height: int, width: int) -> ResetGroups:
+        """Makes what senses environments that were reset at different times."""
+        from nodes.event_sensor.environments.reset_groups import ResetGroups
+
+        return ResetGroups(partial(self._make_sensors, height, width), self.params["seed"], self._own_model)
 
     def finish(self) -> None:
         self._finish_calls()
@@ -393,7 +423,7 @@ def fires_in_constant_light(p: Mapping[str, Any]) -> bool:
     """Tells whether a sensor of these parameters may fire in constant light. p: all of SENSOR, resolved."""
     from nodes.event_sensor.model.features import background_rate
 
-    return p["model"] != "evis" or background_rate(p) > 0
+    return p["model"] != "evis" or p["photoreceptor_noise"] > 0 or background_rate(p) > 0
 
 
 def _unused_samples(source: str, resolved: Mapping[str, Any]) -> tuple[str, ...]:

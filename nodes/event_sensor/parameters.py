@@ -53,6 +53,10 @@ SENSOR: dict[str, Param] = {
     "bandwidth_level": Param(float, 0.0, "its intensity; below, it falls with I; 0 = constant", "W/(sr m^2)", 0),
     "bandwidth_exponent": Param(float, 1.0, "power of I by which it falls there; 0 = constant", "", 0, 2),
     "bandwidth_poles": Param(int, 1, "order of the photoreceptor's low pass", "", 1, 2),
+    "photoreceptor_noise": Param(float, 0.0, "standard deviation of the photoreceptor's noise", "ln I", 0, 1),
+    "photoreceptor_noise_level": Param(
+        float, 0.0, "intensity at which it is that; 0 = the same in any light", "W/(sr m^2)", 0
+    ),
     "readout_rate": Param(
         float, 0.0, "events per second that the readout carries, at least 1; 0 = all", "1/s", 0, 1e12
     ),
@@ -111,6 +115,8 @@ def resolve_sensor(owner: str, preset: str, given: Mapping[str, Any]) -> dict[st
             f"{owner}: dark_level is {dark:g}, below {FLOOR:.3g} W/(sr m^2), the least light that a pixel sees, which "
             "would take its place; give 0 or more than that, or the light and dark_level in larger units"
         )
+    if resolved["photoreceptor_noise"] > 0 and is_own_model(resolved["model"]):
+        _check_photoreceptor_noise(owner, resolved)
     floor, least = resolved["threshold_floor"], min(thresholds_of(resolved))
     if resolved["threshold_mismatch"] > 0 and floor > least:
         raise ParamError(
@@ -118,6 +124,24 @@ def resolve_sensor(owner: str, preset: str, given: Mapping[str, Any]) -> dict[st
             f"threshold is {least:g}; give a threshold_floor below it, or threshold_mismatch 0"
         )
     return {name: value for name, value in resolved.items() if name in SENSOR or name in chosen}
+
+
+def _check_photoreceptor_noise(owner: str, resolved: Mapping[str, Any]) -> None:
+    """Raises ParamError where the photoreceptor's noise has no spectrum, or nothing that takes its samples."""
+    noise = f"{owner}: photoreceptor_noise is {resolved['photoreceptor_noise']:g}"
+    if resolved["bandwidth_hz"] <= 0:
+        raise ParamError(
+            f"{noise} and bandwidth_hz 0: it has the photoreceptor's bandwidth; give one, as bandwidth_hz 300"
+        )
+    if resolved["model"] != "evis":
+        raise ParamError(
+            f"{noise}, which event model {resolved['model']} has none of; take model evis, or leave the noise out"
+        )
+    if resolved["crossing"] != "linear":
+        raise ParamError(
+            f"{noise} and crossing {resolved['crossing']}: it has samples of its own between the frames, with lines "
+            "between them; take crossing linear, or leave the noise out"
+        )
 
 
 def is_own_model(model: str) -> bool:

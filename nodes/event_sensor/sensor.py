@@ -27,6 +27,7 @@ time, photoreceptor and readout move its events and make none. Marks change no e
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -34,6 +35,7 @@ import numpy as np
 import warp as wp
 
 from evis.gpu.devices import device_named
+from evis.gpu.saved_arrays import joined, part_of, saved, write_back
 from nodes.event_sensor.cpu.event_list import HostEventList
 from nodes.event_sensor.engines.engine import make_engine, sensor_struct
 from nodes.event_sensor.input.arrays import on_device, shape_of
@@ -63,6 +65,8 @@ from nodes.event_sensor.readout.packet import merged
 
 wp.config.log_level = wp.LOG_WARNING
 
+STAMPS = ("settled", "settled_before")
+"""Stamps up to which events have been given, now and before the last frame [ns]."""
 Frames = np.ndarray | wp.array | Any
 """Images in memory: numpy, Warp, or anything with __cuda_array_interface__."""
 
@@ -110,15 +114,21 @@ class EventSensor:
             raise ValueError(f"event sensor cannot have {envs} x {height} x {width} pixels in {channels} channels")
         p = self.parameters = _resolved(preset, parameters)
         self.marked = marked
+        noisy = p["photoreceptor_noise"] > 0
+        if marked and noisy:
+            raise ValueError("with photoreceptor_noise light and noise make each crossing together; do not mark events")
         p = {**p, "marked": marked}
         self.height, self.width, self.envs, self.channels = height, width, envs, channels
         self.t_base = 0
         self._device = device_named(device)
         self._layout = KeyLayout.of(height, width, envs, marks(p))
         seed = (seed + (1 << 63)) % (1 << 64) - (1 << 63)
-        self._sensor = sensor_struct(p, (height, width, channels), self._layout, seed)
         size = self._size = Size(height, width, channels, envs)
-        self._engine: Any = make_engine(size, seed, p, self._device, self._layout)
+        self._noise = self._make_noise(size, seed) if noisy else None
+        # With the noise comes exp(L) itself, for in the dark it goes below the dark current.
+        of_light = {**p, "dark_level": 0.0} if noisy else p
+        self._sensor = sensor_struct(of_light, (height, width, channels), self._layout, seed)
+        self._engine: Any = make_engine(size, seed, of_light, self._device, self._layout)
         self._pixels = size.pixels
         self._background_rate = background_rate(p) * envs * size.pixels
         """Of all pixels [Hz]."""
@@ -140,6 +150,12 @@ class EventSensor:
         self._host_events: tuple[dict[str, np.ndarray], np.ndarray] | None = None
         """Columns and offsets of the last call's events, where these are not those of the event list: as they have left
         the readout, or none."""
+
+    def _make_noise(self, size: Size, seed: int) -> Any:
+        """Makes what adds the photoreceptor's noise to what it gives."""
+        from nodes.event_sensor.optics.photoreceptor_noise import PhotoreceptorNoise
+
+        return PhotoreceptorNoise(size, seed, self.parameters, self._device)
 
     def _make_readout(self, seed: int) -> Any:
         """Makes what delays events on their way out of the sensor; None where nothing does."""
@@ -170,10 +186,45 @@ class EventSensor:
         return [*self._engine.kernels(), *self._event_list.kernels()]
 
     @property
+    def device(self) -> str:
+        """Names the device that its pixels are on."""
+        return str(self._device)
+
+    @property
     def state_bytes(self) -> int:
         """Returns the bytes kept per pixel and channel, those of photoreceptor and readout apart."""
         kept = sum(a.capacity for a in self._engine.arrays())
         return round(kept / (self.envs * self._pixels)) + (4 if self._looks_ahead else 0)
+
+    def state(self) -> dict[str, Any]:
+        """Gives what the next events hang on, as plain arrays and numbers; the fixed pattern and the parameters are
+        those of a sensor that is made alike. No call may be in flight."""
+        parts: dict[str, dict[str, Any]] = {
+            "pixels": saved(self._engine.present()),
+            "optics": saved(self._optics.present()),
+            "time": self._timeline.state(),
+            "held": self._look_ahead.state(),
+        }
+        beside = {"readout": self._readout, "noise": self._noise}
+        parts |= {name: made.state() for name, made in beside.items() if made is not None}
+        stamps = {name: getattr(self, f"_{name}") for name in STAMPS}
+        return {**joined(parts), **stamps, "t_base": self.t_base, "counters": np.array(self._counters)}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Goes on from what `state` gave for a sensor of the same size, parameters, seed and kind of device.
+
+        Raises ValueError for a state whose arrays are others.
+        """
+        write_back(self._engine.present(), part_of(state, "pixels"))
+        write_back(self._optics.present(), part_of(state, "optics"))
+        self._timeline.restore(part_of(state, "time"))
+        self._look_ahead.restore(part_of(state, "held"))
+        for name, made in {"readout": self._readout, "noise": self._noise}.items():
+            if made is not None:
+                made.restore(part_of(state, name))
+        for name in STAMPS:
+            setattr(self, f"_{name}", int(state[name]))
+        self.t_base, self._counters = int(state["t_base"]), np.array(state["counters"], np.int64)
 
     begins_again = True
     """Another episode at the same times has other random numbers."""
@@ -352,7 +403,7 @@ class EventSensor:
             assert self._host_events is not None
             rest = self._readout.flush()
             if rest is not None:
-                self._host_events = merged(self._host_events, rest, self.envs)
+                self._host_events = merged([self._host_events, rest], self.envs)
         return len(self._event_list) if self._host_events is None else len(self._host_events[0]["t"])
 
     def _batch(
@@ -381,13 +432,29 @@ class EventSensor:
 
     def _settle(self, batch: Batch, begins: np.ndarray) -> int:
         """Lists the events of a batch, sorted; gives their number."""
-        self._event_list.fill(batch, self._settled)
+        if self._noise is None:
+            return self._settle_part(batch, begins, self._settled)
+        found: list[tuple[dict[str, np.ndarray], np.ndarray]] = []
+        for part in self._noise.parts(batch):
+            count = self._settle_part(part, begins, int(part.t[-1]))
+            begins = np.zeros_like(begins)
+            if part.count < batch.count:
+                own: dict[str, np.ndarray] = {name: np.empty(count, dtype) for name, dtype in self.columns().items()}
+                self.read(own)
+                found.append((own, self.env_offsets()))
+        if found:
+            self._host_events = merged(found, self.envs)
+        return len(self._event_list) if self._host_events is None else len(self._host_events[0]["t"])
+
+    def _settle_part(self, batch: Batch, begins: np.ndarray, stamp: int) -> int:
+        """Lists the events of frames up to `stamp` [ns], sorted; gives their number."""
+        self._event_list.fill(batch, stamp)
         self._host_events = None
         if self._readout is None:
             return len(self._event_list)
         out: dict[str, np.ndarray] = {n: np.empty(len(self._event_list), d) for n, d in self.columns().items()}
         self.read_call(self._event_list, out)
-        self._host_events = self._readout.apply_batch(out, self._event_list.env_offsets(), batch, begins, self._settled)
+        self._host_events = self._readout.apply_batch(out, self._event_list.env_offsets(), batch, begins, stamp)
         return len(self._host_events[0]["t"])
 
     def counts(self) -> dict[str, int]:

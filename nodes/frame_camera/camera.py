@@ -3,13 +3,15 @@ side."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import copy
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import warp as wp
 
+from evis.gpu.saved_arrays import saved, write_back
 from evis.random_numbers import GOLDEN, mix, seed_of_camera
 from msgs.own_time import CONFIGURED, NUMBER, ORIGIN, SEED
 from nodes.event_sensor.optics.defocus import Defocus
@@ -19,6 +21,10 @@ from nodes.frame_camera.timetable import Exposure, Timetable, quadrature, slots_
 
 SALT = np.uint64(0x4150533A6672616D)
 """Sets the streams of images apart from those of the event sensor with the same seed."""
+
+
+OTHERS = ("_at", "clipped", "nonfinite", "cut_off")
+"""What a camera goes on from besides light and times of exposures."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +91,19 @@ class FrameCamera:
         )  # fmt: skip
         self._at = np.where(moving | anew, t[:, -1], self._at)
         return sorted(shots, key=lambda shot: (shot.stamp_ns, shot.env))
+
+    def state(self) -> dict[str, Any]:
+        """Gives the light of open exposures, their times, the last frame, and what was counted."""
+        kept = saved({"light": self._light, "before": self._before})
+        return {**kept, "tables": copy.deepcopy(self.tables), **{name: getattr(self, name) for name in OTHERS}}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Goes on from what `state` gave for a camera of the same settings and environments."""
+        arrays = {"light": self._light, "before": self._before}
+        write_back(arrays, {name: state[name] for name in arrays})
+        self.tables = copy.deepcopy(state["tables"])
+        for name in OTHERS:
+            setattr(self, name, copy.copy(state[name]))
 
     @property
     def unfinished(self) -> int:

@@ -126,6 +126,15 @@ class FrameCameraNode(Node):
         self.restart_totals()
         return True
 
+    def state(self) -> Any:
+        """Gives the light that open exposures have gathered, and when exposures begin and end."""
+        return None if self._camera is None else self._camera.state()
+
+    def restore(self, state: Any) -> None:
+        """Goes on with these exposures."""
+        if self._camera is not None and state is not None:
+            self._camera.restore(state)
+
     def update(self, inputs: Mapping[str, Message]) -> None:
         """Takes the frames of a gap."""
         message = inputs[self.params["source"]]

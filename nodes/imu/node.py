@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -72,6 +73,14 @@ class ImuNode(Node):
         self.params = dict(params)
         self.setup()
         return True
+
+    def state(self) -> tuple[Any, ...]:
+        """Gives the unit, with its biases and the last velocities, and since when its time counts."""
+        return copy.deepcopy(self._unit), self._begun
+
+    def restore(self, state: tuple[Any, ...]) -> None:
+        """Goes on with this unit."""
+        self._unit, self._begun = copy.deepcopy(state)
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         """Publishes the samples of one interval; none at an episode's first stamp."""

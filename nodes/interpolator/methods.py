@@ -69,11 +69,13 @@ class Gap:
 
 @dataclass(frozen=True)
 class Registered:
-    """Holds one method. reads: inputs besides the keyframe, by the names of the node's ports."""
+    """Holds one method. reads: inputs besides the keyframe, by the names of the node's ports. looks_back: keyframes
+    before a gap that its frames depend on."""
 
     help: str
     make: Callable[[Gap], Method]
     reads: frozenset[str] = frozenset()
+    looks_back: int = 0
 
 
 def _rigid(gap: Gap) -> Method:
@@ -117,9 +119,9 @@ def _none(gap: Gap) -> Method:
 
 METHODS: Mapping[str, Registered] = {
     "rigid": Registered("by body poses", _rigid, frozenset({"state"})),
-    "splat": Registered("by motion vectors", _splat, frozenset({"depth", "motion"})),
+    "splat": Registered("by motion vectors", _splat, frozenset({"depth", "motion"}), looks_back=1),
     "splat-quadratic": Registered(
-        "along a parabola through three keyframes", _splat_quadratic, frozenset({"depth", "motion"})
+        "along a parabola through three keyframes", _splat_quadratic, frozenset({"depth", "motion"}), looks_back=2
     ),
     "none": Registered("render each", _none),
 }

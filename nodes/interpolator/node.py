@@ -277,6 +277,14 @@ class InterpolatorNode(Node):
             self._follow(self.worlds.from_seeds(seeds_of(params)))
         return True
 
+    @classmethod
+    def looks_back(cls, params: Mapping[str, Any]) -> int:
+        """Counts the keyframes before that at the start of a gap on which its frames depend, by the method."""
+        return METHODS[usable(params)].looks_back
+
+    def state(self) -> None:
+        """Gives nothing: a gap is made of the keyframes at its ends, and of those that it `looks_back` to."""
+
     def _follow(self, worlds: Worlds) -> None:
         """Knows these worlds from now on. Those that change begin with the next keyframe."""
         assert self.worlds is not None

@@ -26,6 +26,10 @@ class MotionHistory:
         self._motion: Motion | None = None
         self._device: Any = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Gives what a copy is made of: the states, without what was made of them on a device."""
+        return {**self.__dict__, "_motion": None, "_device": None}
+
     def add(self, state: WorldState) -> None:
         """Takes the next state; one that is not later than those before begins anew."""
         if self._states and state.t[-1] <= self._states[-1][0][-1]:

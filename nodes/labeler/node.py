@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from functools import partial
 from typing import Any, ClassVar
@@ -18,6 +19,9 @@ from msgs.world import WorldState
 from nodes.labeler.body_labels import add_body_labels
 from nodes.labeler.box_groups import OF, groups
 from nodes.labeler.kinds import DEFAULT, NEEDS, OF_MESHES, RAY_CAST, kinds_of
+
+KEPT = ("event_history", "flow_history", "pairing")
+"""What labels go on from besides the messages of their stamp, where there is any of it."""
 
 
 class LabelerNode(Node):
@@ -120,6 +124,14 @@ class LabelerNode(Node):
         if self.mesh_labels is not None:
             self.mesh_labels.follow(self.mesh_labels.worlds.from_seeds(seeds_of(params)))
         return True
+
+    def state(self) -> Any:
+        """Gives the motion of the last states, and labels and events that wait for one another."""
+        return copy.deepcopy({name: vars(self)[name] for name in KEPT if name in vars(self)})
+
+    def restore(self, state: Any) -> None:
+        """Goes on from these."""
+        vars(self).update(copy.deepcopy(state))
 
     def receive(self, port: str, message: Message) -> None:
         """Keeps the latched CameraInfo, and events until the labels of their stamp are there."""

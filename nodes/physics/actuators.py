@@ -63,7 +63,7 @@ def check_controls_in_range(controls: np.ndarray, envs: int, actuators: Actuator
 
 
 def _rounded(bounds: np.ndarray) -> np.ndarray:
-    """Bounds in float32, but those that are too large for it."""
+    """Rounds bounds to float32, but for those too large for it."""
     with np.errstate(over="ignore"):
         rounded = bounds.astype(np.float32).astype(np.float64)
     return np.where(np.isfinite(rounded), rounded, bounds)

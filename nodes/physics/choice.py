@@ -23,8 +23,11 @@ class EngineMaker:
     def __init__(
         self, params: Mapping[str, Any], sub_steps_read: Callable[[], bool], warn: Callable[[str], None]
     ) -> None:
-        """Takes what a node knows of its engine. params: of PhysicsNode. sub_steps_read: tells whether anybody reads
-        the sub-steps between two stamps now. warn: told once where MuJoCo takes the place of MuJoCo Warp."""
+        """Takes the parameters of a node, and what they do not tell.
+
+        params: of PhysicsNode. sub_steps_read: tells whether anybody reads the sub-steps between two stamps now. warn:
+        told once where MuJoCo takes the place of MuJoCo Warp.
+        """
         self._params, self._sub_steps_read, self._warn = params, sub_steps_read, warn
         self._told: set[str] = set()
 

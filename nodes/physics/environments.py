@@ -210,13 +210,8 @@ class Environments:
 
     @staticmethod
     def _contacts(parts: list[tuple[Group, Interval]]) -> Contacts | None:
-        found = []
-        for group, interval in parts:
-            if interval.contacts is None:
-                return None
-            live = group.live[interval.contacts.env]
-            columns = {name: values[live] for name, values in vars(interval.contacts).items()}
-            found.append(columns | {"env": group.envs[columns["env"]].astype(np.int32)})
-        joined = {name: np.concatenate([columns[name] for columns in found]) for name in found[0]}
-        order = np.argsort(joined["env"], kind="stable")
-        return Contacts(**{name: values[order] for name, values in joined.items()})
+        """Joins the contacts of all groups; None where nobody asked for them."""
+        found = [(group, interval.contacts) for group, interval in parts if interval.contacts is not None]
+        if len(found) < len(parts):
+            return None
+        return Contacts.joined([told.of(group.live) for group, told in found], [group.envs for group, _ in found])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,7 +13,7 @@ from msgs.world import moving_bodies
 
 @dataclass
 class Contacts:
-    """Holds the M contacts of all environments, ordered by environment; fields as in WorldState."""
+    """Holds M contacts, ordered by environment; fields as in WorldState."""
 
     env: np.ndarray
     body: np.ndarray
@@ -21,10 +22,23 @@ class Contacts:
     force: np.ndarray
     distance: np.ndarray
 
+    @classmethod
+    def joined(cls, parts: Sequence[Contacts], numbers: Sequence[Sequence[int] | np.ndarray]) -> Contacts:
+        """Joins the contacts of groups of environments. numbers: of each group, which of all its environments are."""
+        env = np.concatenate([np.asarray(own, np.int32)[part.env] for part, own in zip(parts, numbers)])
+        order = np.argsort(env, kind="stable")
+        columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])}
+        return cls(**{name: values[order] for name, values in (columns | {"env": env}).items()})
+
+    def of(self, chosen: np.ndarray) -> Contacts:
+        """Selects the contacts of some environments; chosen: bool, of each that there is."""
+        which = chosen[self.env]
+        return Contacts(**{name: values[which] for name, values in vars(self).items()})
+
 
 @dataclass(frozen=True)
 class Extras:
-    """Says what intervals of an engine have beside poses and twists.
+    """Selects what intervals of an engine have beside poses and twists.
 
     contacts: those with their forces. joints: positions and velocities of the joints. accelerations: of the bodies, NaN
     for cameras that MuJoCo has follow a body.
@@ -43,8 +57,8 @@ class Interval:
     [E, S, B, 6] as in WorldState; qpos [E, S, nq], qvel [E, S, nv] and acceleration [E, N, 6] where asked for.
     gravity [E, 3] where a model moves bodies.
     faults: (environment, text) of each environment that diverged and was put back to its start. warnings: the same of
-    what may be wrong without having diverged. own, own_t: as in WorldState, where environments were reset by
-    themselves. lasting: whether nobody writes to these arrays any more, so that they are published as they are; of
+    what may be wrong without having diverged. own_t: as in WorldState, where environments were reset by themselves.
+    lasting: whether nobody writes to these arrays any more, so that they are published as they are; of
     environments that move alike they may share memory.
     again: how many environments MuJoCo stepped again in the place of MuJoCo Warp.
     """
@@ -61,7 +75,6 @@ class Interval:
     gravity: np.ndarray | None = None
     faults: list[tuple[int, str]] = field(default_factory=list)
     warnings: list[tuple[int, str]] = field(default_factory=list)
-    own: np.ndarray | None = None
     own_t: np.ndarray | None = None
     lasting: bool = False
     again: int = 0

@@ -28,7 +28,7 @@ from nodes.physics.dynamics.batch.environment_data import EnvironmentData
 from nodes.physics.dynamics.batch.stepped_states import JOINTS, SteppedStates
 from nodes.physics.dynamics.batch.unsupported import Unsupported
 from nodes.physics.dynamics.checked_steps import take_checked_steps
-from nodes.physics.dynamics.contacts import contacts_of, gather
+from nodes.physics.dynamics.contacts import contacts_of
 from nodes.physics.dynamics.course.course import Course
 from nodes.physics.dynamics.course.recorded import RecordedCourse, Seen
 from nodes.physics.dynamics.rest import Rest
@@ -38,7 +38,7 @@ from nodes.physics.dynamics.states import State, snapshot
 from nodes.physics.dynamics.stepped_model import prepared_model
 from nodes.physics.dynamics.traced_steps import TracedSteps
 from nodes.physics.dynamics.watch import Watch
-from nodes.physics.interval import Extras, Interval
+from nodes.physics.interval import Contacts, Extras, Interval
 from nodes.physics.precision.errors import Errors
 from nodes.physics.precision.sampled import shadow_of
 from nodes.physics.precision.stepping import Stepping
@@ -99,8 +99,8 @@ class MujocoEngine:
         self._scratch = mujoco.MjData(self.model) if extras.contacts or extras.accelerations else None
         self._extras = extras
         finest = self.model.opt.timestep / (1 if tolerance is None else 2**FINEST)
-        limits = Limits(self.model, stepping.speed_limit, finest)
-        self._watch = Watch(limits, envs)
+        limits = self._limits = Limits(self.model, stepping.speed_limit, finest)
+        self._watch: Watch
         self._assembly = Assembly(scene, self.model)
         pool = Workers(threads, "states") if batched and threads > 1 else None
         self._course = Course(self._assembly, self.model, self.step_ns, extras.joints, extras.accelerations, pool)
@@ -134,6 +134,8 @@ class MujocoEngine:
     def rewind(self, seed: int) -> None:
         """Puts every environment to its start at stamp 0, in the first episode of seed + k."""
         self._warnings = []
+        # What was told in the run before is told again, and what was noted there is forgotten.
+        self._watch = Watch(self._limits, self.envs)
         self._begin([seed + k for k in range(self.envs)], [0] * self.envs)
 
     def _begin(self, seeds: list[int], numbers: list[int]) -> None:
@@ -271,7 +273,7 @@ class MujocoEngine:
             self._shadow.follow(data, steps, before, now, self._constrained, parts)
 
     def _go_on(self, to_ns: int) -> None:
-        """Begins the steps from where those of the open interval end to a stamp."""
+        """Begins the steps that follow those of the open interval, up to a stamp."""
         grid, awake, self._prepared = range(self._course.next_grid, to_ns, self.step_ns), self._awake(), to_ns
         if self._batch is not None and grid and awake:
             self.data.request(awake, grid)
@@ -332,7 +334,7 @@ class MujocoEngine:
         return odd
 
     def _take_recorded(self, envs: np.ndarray, found: SteppedStates, recorded: RecordedCourse) -> list[int]:
-        """Does as `_take_part` from what MuJoCo has recorded."""
+        """Writes environments without a fault to the course, as `_take_part` does, from MuJoCo's own records."""
         records, places = found.records, found.places
         assert records is not None and places is not None
         seen = recorded.write(records, places, envs, self._course)
@@ -355,7 +357,7 @@ class MujocoEngine:
         return envs[~quiet].tolist()
 
     def _take_part(self, envs: np.ndarray, found: SteppedStates, part: slice) -> list[int]:
-        """Writes those of some environments to the course in which nothing is wrong; gives the others."""
+        """Writes the states of environments without a fault to the course; gives the other environments."""
         state = found.part(part)
         quiet = self._watch.quiet(envs, found, self._watch.speed(state), state["twist"][:, -1], part)
         self._course.write(envs[quiet], {name: values[quiet] for name, values in state.items()})
@@ -367,7 +369,7 @@ class MujocoEngine:
             self._constrained = bool(of_shadowed[0])
 
     def _one_by_one(self, awake: list[int], grid: range) -> list[int]:
-        """Does as `_together`, one environment after the other."""
+        """Steps environments one after the other; gives those that need a check of each state, as `_together` does."""
         if self._traced is None or self._recorded is None:
             return awake
         odd = []
@@ -418,11 +420,12 @@ class MujocoEngine:
         return snapshot(self.model, [self.data[k]], self._assembly.followers)
 
     def _told(self, interval: Interval) -> Interval:
-        """Adds to an interval what else is to be told of its end."""
+        """Adds gravity and warnings to an interval, and contacts and accelerations at its end where asked for."""
         interval.gravity = np.tile(self.model.opt.gravity, (self.envs, 1))
         interval.warnings, self._warnings = self._warnings, []
         if self._extras.contacts:
-            interval.contacts = gather([contacts_of(self.model, data, self._scratch) for data in self.data])
+            each = [contacts_of(self.model, data, self._scratch) for data in self.data]
+            interval.contacts = Contacts.joined(each, [[k] for k in range(self.envs)])
         if self._extras.accelerations:
             end = self._course.last
             interval.acceleration = self._assembly.accelerations(

@@ -32,7 +32,7 @@ from nodes.physics.interval import Interval
 from nodes.physics.precision.errors import Errors
 from nodes.physics.precision.notice import notice
 from nodes.physics.precision.tolerance import Tolerance
-from nodes.physics.resets import checked
+from nodes.physics.resets import ResetRefused, checked
 from nodes.physics.told_together import named, told_together
 
 MOST_TOLD = 20
@@ -204,10 +204,10 @@ class PhysicsNode(Node):
         return True
 
     def _other_engines(self, envs: list[int], seeds: list[int]) -> list[tuple[list[int], Engine]]:
-        """Makes engines of those environments that move otherwise with the seeds that they are given."""
+        """Makes engines of those environments that move otherwise with the seeds that they are given. Raises ValueError
+        where one of them has other things, or other actuators, than the run."""
         worlds = self.worlds.with_seeds(*_given(envs, seeds))
         groups = worlds.groups(motion, worlds.changed(self.worlds, motion))
-        self.worlds = worlds
         made = []
         for scene, members in groups:
             engine = self._make.of_scene(scene, 0, len(members), self.errors if 0 in members else None)
@@ -219,6 +219,7 @@ class PhysicsNode(Node):
                 )
             own = [worlds.seeds[env] for env in members]
             made.append((members.tolist(), engine.anew(range(len(members)), own, [0] * len(members))))
+        self.worlds = worlds
         return made
 
     def _say_end(self, last: int) -> None:
@@ -271,7 +272,11 @@ class PhysicsNode(Node):
         action = inputs.get("action")
         controls = np.array(action.controls) if isinstance(action, Action) else None
         for envs, seeds in self._asked:
-            self._begin_anew(envs, seeds, self.k)
+            try:
+                self._begin_anew(envs, seeds, self.k)
+            except ResetRefused as error:
+                self._refuse(error)
+                continue
             self.count("resets", len(envs))
             if len(envs) == len(self.episodes):
                 self.first = self.k
@@ -300,8 +305,12 @@ class PhysicsNode(Node):
         try:
             self._asked.append(checked(message.envs, message.seeds, len(self.episodes)))
         except ValueError as error:
-            self.count("resets_refused")
-            self.warn(f"{error}; nothing is reset")
+            self._refuse(error)
+
+    def _refuse(self, why: ValueError) -> None:
+        """Tells of a reset that cannot be; the run goes on."""
+        self.count("resets_refused")
+        self.warn(f"{why}; nothing is reset")
 
     def restart(self, envs: Sequence[int] = (), seeds: Sequence[int] = ()) -> None:
         """Begins environments anew at once, and publishes their start.
@@ -313,7 +322,8 @@ class PhysicsNode(Node):
             envs: which; none = all.
             seeds: of each of these, -1 = it keeps its own; none = all keep theirs.
 
-        Raises ValueError for an environment that is not there and for seeds that do not fit.
+        Raises ValueError for an environment that is not there and for seeds that do not fit, ResetRefused where a seed
+        draws a world with other things.
         """
         chosen, given = checked(envs, seeds, len(self.episodes))
         if not self.k or len(chosen) == len(self.episodes):
@@ -327,18 +337,35 @@ class PhysicsNode(Node):
             interval = self.environments.present()
         self._publish(keyframe_stamp(self.k - 1, self.params["keyframe_rate"]), interval)
 
+    def present(self) -> None:
+        """Publishes the state of the stamp published last once more, of that one instant."""
+        self._publish(keyframe_stamp(self.k - 1, self.params["keyframe_rate"]), self.environments.present())
+
+    def state(self) -> int:
+        """Gives how many faults were told of: where the bodies are comes of the run's actions and resets alone, and who
+        goes on from a state takes these again."""
+        return self._faults_told
+
+    def restore(self, state: int) -> None:
+        """Has told of as many faults."""
+        self._faults_told = state
+
     def _begin_anew(self, envs: list[int], seeds: list[int], k: int) -> None:
-        """Begins environments anew at keyframe k, in time of their own."""
+        """Begins environments anew at keyframe k, in time of their own. Raises ResetRefused."""
+        try:
+            engines = self._other_engines(envs, seeds)
+        except ValueError as error:
+            raise ResetRefused(str(error)) from None
         if self.k:
             self.episodes[envs] += 1
         given = np.array(seeds) != CONFIGURED
         self._seeded[np.array(envs)[given]] = self.episodes[np.array(envs)[given]]
         numbers = (self.episodes - self._seeded)[envs].tolist()
-        self.environments.restart(envs, seeds, numbers, k, self._other_engines(envs, seeds))
+        self.environments.restart(envs, seeds, numbers, k, engines)
 
     def _faults(self, interval: Interval, stamp: int) -> None:
-        """Begins the next episode of each environment that diverged, at this stamp; where there is only one, the run
-        ends."""
+        """Begins the next episode of each environment that diverged, at this stamp; of a single one it is the run's
+        too."""
         if interval.again:
             self.count("stepped_again_by_mujoco", interval.again)
         for envs, text in told_together(interval.warnings):

@@ -9,10 +9,10 @@ import numpy as np
 
 from evis.scene.model import Scene, Trajectory
 from evis.scene.motion import Prescribed
+from evis.scene.prescribed_batch import PrescribedBatch
 from nodes.physics.accelerations import prescribed_accelerations
 from nodes.physics.actuators import Actuators
 from nodes.physics.closed_form.ahead import BLOCK, StatesAhead
-from nodes.physics.closed_form.prescribed_batch import PrescribedBatch
 from nodes.physics.interval import Interval
 
 
@@ -87,7 +87,7 @@ class PrescribedEngine:
         return interval
 
     def _of_all(self, values: np.ndarray) -> np.ndarray:
-        """Gives what all environments have in common for each of them, in the same memory."""
+        """Repeats values that all environments have in common for each of them, in the same memory."""
         if self.envs == 1:  # by far the usual case, and a tenth of the time
             return values[None]
         return np.broadcast_to(values, (self.envs, *values.shape))
@@ -139,5 +139,5 @@ class PrescribedStates:
 
 
 def prescribed_states(scene: Scene, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Computes what PrescribedStates.at gives, for a single call."""
+    """Computes poses and twists as PrescribedStates.at does, for a single call."""
     return PrescribedStates(scene).at(t)

@@ -10,6 +10,10 @@ from evis.config.suggestions import environments_there
 from msgs.own_time import CONFIGURED, LARGEST_SEED
 
 
+class ResetRefused(ValueError):
+    """Tells of a reset that cannot be, of which nothing has happened."""
+
+
 def checked(
     envs: Sequence[int] | np.ndarray, seeds: Sequence[int] | np.ndarray, count: int
 ) -> tuple[list[int], list[int]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
 
 import numpy as np
 
@@ -104,8 +103,5 @@ def merged(parts: Sequence[Interval]) -> Interval:
             setattr(result, name, np.concatenate(rows))
     contacts = [part.contacts for part in parts if part.contacts is not None]
     if len(contacts) == len(parts):
-        for env, one in enumerate(contacts):
-            one.env = np.full_like(one.env, env)
-        joined = {f.name: np.concatenate([getattr(one, f.name) for one in contacts]) for f in fields(Contacts)}
-        result.contacts = Contacts(**joined)
+        result.contacts = Contacts.joined(contacts, [[env] for env in range(len(parts))])
     return result

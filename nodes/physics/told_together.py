@@ -1,4 +1,4 @@
-"""Puts what is told of several environments into one line."""
+"""Groups warnings of environments by their text, to tell each once."""
 
 from __future__ import annotations
 

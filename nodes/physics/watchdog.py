@@ -23,7 +23,7 @@ SHORTEST = 1e-7
 
 
 class Limits:
-    """Holds what states of a model are measured by."""
+    """Holds the limits by which states of a model are judged: speed, reach and thickness of its bodies."""
 
     def __init__(self, model: Any, speed_limit: float, finest: float) -> None:
         """Computes the limits of a model. speed_limit: of a body [m/s]. finest: shortest step that the engine may take
@@ -71,7 +71,7 @@ class Watchdog:
         self._said: set[str] = set()
 
     def keep_in(self, counts: np.ndarray, spins: np.ndarray) -> None:
-        """Takes other arrays to write to, which hold what was written to those before."""
+        """Replaces the arrays to write to by others, which hold the same values."""
         self._counts, self._spins = counts, spins
 
     def restart(self, data: Any) -> None:
@@ -229,7 +229,7 @@ class Watchdog:
 
 
 def _alike(growing: Sequence[Mode], dt: float) -> list[list[Mode]]:
-    """Groups those of which `_remedy` says the same: a cable has hundreds of joints."""
+    """Groups modes with the same remedy: a cable has hundreds of joints."""
     groups: dict[tuple[bool, ...], list[Mode]] = {}
     for mode in growing:
         alike = mode.contact, mode.activation, mode.oscillates, mode.grows(dt / 2**FINEST)
@@ -255,7 +255,10 @@ def _growth(mode: Mode, dt: float) -> str:
 
 
 def _remedy(mode: Mode, dt: float, tolerant: bool) -> str:
-    """Tells what follows the motion, what keeps it stable, and what that costs. tolerant: as of `Limits`."""
+    """Words the remedies for an unstable mode: what follows its motion, what keeps it stable, and what that costs.
+
+    tolerant: as of `Limits`.
+    """
     followed = not tolerant and not mode.grows(dt / 2**FINEST)
     exact = "use physics_tolerance:=0.001,0.001, which follows it; " if followed else ""
     if mode.contact:  # a bounce of few steps gains or loses energy, however stable they are
@@ -289,7 +292,10 @@ def _time_constant(solref: np.ndarray, dt: float) -> float:
 
 
 def _firmer(constant: float, dt: float) -> str:
-    """Tells what makes contacts stop things within their thickness. MuJoCo takes no time constant below two steps."""
+    """Words the parameters with which contacts stop geoms within their thickness.
+
+    MuJoCo takes no time constant below two steps.
+    """
     constant = float(f"{constant:.1e}")
     shorter = f"a timestep below {0.5 * constant:.2g} s and " if 0.5 * constant <= dt else ""
     return f'use {shorter}solref="{constant:.2g} 1" solimp="0.99 0.999 0.001" for both geoms'

@@ -46,6 +46,9 @@ class RateDividerNode(Node):
         self.setup()
         return True
 
+    def state(self) -> None:
+        """Gives nothing: who goes on gives it all states again since the camera's last keyframe (`divides`)."""
+
     def update(self, inputs: Mapping[str, Message]) -> None:
         """Publishes a state where a keyframe of the camera is due."""
         state = inputs["states"]

@@ -81,10 +81,10 @@ class Shading:
     def __init__(
         self,
         visibility: Visibility,
-        options: ShadingOptions = ShadingOptions(),
+        options: ShadingOptions,
         meshes: dict[int, wp.Mesh] | None = None,
     ) -> None:
-        """meshes: see Occluders."""
+        """Takes what sees the scene. meshes: see Occluders."""
         scene, geometry = visibility.scene, visibility.geometry
         self.visibility, self.scene, self.device = visibility, scene, visibility.device
         self._half, paths, on_gpu = options.half, options.paths, self.device.is_cuda
@@ -197,7 +197,7 @@ class Shading:
         return self.set_times(np.full(self.visibility.envs, t_ns, np.int64))
 
     def set_times(self, t_ns: np.ndarray) -> bool:
-        """Gives the same with an instant for each environment, int64 [E] ns."""
+        """Sets flickering lights as `set_time` does, to an instant of each environment, int64 [E] ns."""
         return self.lights.set_times(t_ns)
 
     def place(self) -> None:
@@ -274,7 +274,7 @@ class Shading:
         self._run(launch, self._image(self._half, radiance, luminance), True)
 
     def _image(self, half: bool, radiance: wp.array | None, luminance: wp.array | None) -> Any:
-        """What kernels write light to."""
+        """Makes the struct of what kernels write light to."""
         if self._written and all(a is b for a, b in zip(self._written, (half, radiance, luminance))):
             return self._written[3]
         image = make_image(half)()
@@ -287,7 +287,7 @@ class Shading:
         return image
 
     def _run(self, launch: Callable[[wp.Kernel, list[Any]], None], image: Any, listed: bool) -> None:
-        """Launch what shades a whole image, or a list of its pixels."""
+        """Launches what shades a whole image, or a list of its pixels."""
         light = [self.seen, self.surfaces, self.lights.kernel, self.sky, self.occluders.casters]
         kernel = self._list_kernel if listed else self._kernel
         grid = self._no_grid if self._grid is None else self._grid.kernel
@@ -302,7 +302,7 @@ class Shading:
         return int(not_finite), int(clipped)
 
     def counts_later(self) -> Callable[[], tuple[int, int]]:
-        """Gives what finds `counts` of what is launched by now, and waits for no more than that."""
+        """Makes a function that gives `counts` of the images launched by now, and waits for these alone."""
         if self._host_counts is None:
             self._host_counts = HostCopies(self._counts)
         read = self._host_counts.take()
@@ -314,13 +314,13 @@ class Shading:
         return found
 
     def _cacheable(self) -> bool:
-        """Whether some light on some surface can stay the same while something moves."""
+        """Tells whether some light on some surface can stay the same while something moves."""
         lights = self.scene.lights
         still = all(is_static(self.scene, light.body) for light in lights) and len(lights) <= CACHED_LIGHTS
         return still and bool(self._still.any())
 
     def _make_surfaces(self) -> tuple[Any, bool]:
-        """The materials, and whether any is textured."""
+        """Makes the arrays of the materials, and tells whether any is textured."""
         scene, geometry, put = self.scene, self.visibility.geometry, self.visibility.put
         surfaces = Surfaces()
         for material in scene.materials:

@@ -13,7 +13,7 @@ from evis.config.params import Param
 from evis.gpu.in_a_row import parted
 from evis.runtime.node import Input, Node, Output
 from evis.scene.digest import appearance
-from evis.scene.model import Camera, Scene
+from evis.scene.model import Scene
 from evis.scene.parameters import SCENE, SEED, camera_of, ends_alone, foreseen_worlds, scene_of, seeds_of, worlds_of
 from evis.scene.parts import Parts
 from evis.scene.sampling import Turns, undersampled
@@ -24,6 +24,7 @@ from msgs.header import Header, Message
 from msgs.own_time import STAMP
 from msgs.world import WorldState
 from nodes.renderer import parameters
+from nodes.renderer.camera_info import camera_info
 from nodes.renderer.cores import threads_for
 from nodes.renderer.parameters import BATCH, LIGHT
 
@@ -155,7 +156,10 @@ class RendererNode(Node):
         self.renderer.prepare(self._wanted())
 
     def _at_once(self, samples: int) -> int:
-        """How many keyframes are rendered at once. Raises ValueError where they or the environments do not fit."""
+        """Computes how many keyframes are rendered at once.
+
+        Raises ValueError where they or the environments do not fit.
+        """
         from nodes.renderer.at_once import at_once, check_room, keyframes_of
 
         p, camera = self.params, camera_of(self.scene, self.params["camera"])
@@ -172,36 +176,8 @@ class RendererNode(Node):
         return count
 
     def _info(self, header: Header) -> CameraInfo:
-        """What readers are told of the camera and of the worlds that it sees."""
-        from evis.scene.stereo import baseline
-
-        p, worlds, camera = self.params, self.worlds, camera_of(self.scene, self.params["camera"])
-        kinds = ["background", *(i.semantic or i.name for i in self.scene.instances)]
-        classes = {kind: number for number, kind in enumerate(dict.fromkeys(kinds))}
-        info = CameraInfo(
-            header,
-            k=np.asarray(camera.k, np.float64),
-            distortion=np.asarray(camera.distortion, np.float64),
-            distortion_model=camera.distortion_model,
-            name=camera.name,
-            width=camera.width,
-            height=camera.height,
-            margin=p["margin"],
-            envs=p["envs"],
-            keyframe_rate=p["keyframe_rate"],
-            instances=["background", *(i.name for i in self.scene.instances)],
-            instance_bodies=["", *(self._names[i.body] if i.body >= 0 else "" for i in self.scene.instances)],
-            semantic=np.array([classes[kind] for kind in kinds], np.int32),
-            classes=list(classes),
-            baseline=baseline(self.scene, camera),
-            sensor=self.runtime.plan.sensor_beside(self.name, "info"),
-            drawn=worlds.drawn(),
-        )
-        lenses = [camera_of(scene, p["camera"]) for scene in worlds.scenes]
-        if any(lens is not camera and not same_lens(lens, camera) for lens in lenses):
-            info.env_k = np.stack([np.asarray(lens.k, np.float64) for lens in lenses])
-            info.env_distortion = np.array([lens.distortion for lens in lenses], np.float64).reshape(len(lenses), -1)
-        return info
+        """Makes the CameraInfo of the camera in the worlds that it sees."""
+        return camera_info(header, self.params, self.worlds, self.runtime.plan.sensor_beside(self.name, "info"))
 
     def _begin(self) -> None:
         """Stands before the first keyframe of a run."""
@@ -226,6 +202,14 @@ class RendererNode(Node):
         self.publish("info", self._info(Header(0)))
         return True
 
+    def state(self) -> tuple[Any, ...]:
+        """Gives the poses of the last keyframe and of the one before, by which motion is told at the next."""
+        return self._previous, self._earlier, self._stamp, self._episodes
+
+    def restore(self, state: tuple[Any, ...]) -> None:
+        """Knows these keyframes."""
+        self._previous, self._earlier, self._stamp, self._episodes = state
+
     def _follow(self, worlds: Worlds) -> None:
         """Sees these worlds from now on."""
         before, self.worlds, self.scene = self.worlds, worlds, worlds.scenes[0]
@@ -243,7 +227,7 @@ class RendererNode(Node):
             self.renderer.prepare(self._wanted())
 
     def _renderers(self, groups: Sequence[Group]) -> Renderer | SupersampledRenderer | SeparateRenderers:
-        """Makes what renders all environments."""
+        """Makes the renderer of all environments, or one for each world that looks differently."""
         from nodes.renderer.separate import SeparateRenderers
 
         if len(groups) == 1:
@@ -314,8 +298,10 @@ class RendererNode(Node):
             self.renderer.prepare(self._wanted())
 
     def _state(self, inputs: Mapping[str, Message]) -> WorldState:
-        """The state that comes; warns of what turns too fast in it, and at the first of what is not seen as it is.
-        Raises ValueError for one of another scene."""
+        """Takes the state that comes; warns of what turns too fast in it, and once of what is not seen as it is.
+
+        Raises ValueError for one of another scene.
+        """
         state = inputs["state"]
         assert isinstance(state, WorldState)
         if state.names != self._names:
@@ -361,7 +347,7 @@ class RendererNode(Node):
             self._report()
 
     def _wanted(self) -> dict[str, str]:
-        """What to render now, with the port that it goes to."""
+        """Names what is to be rendered now, with the port that it goes to."""
         wanted = {port: port for port in GEOMETRIC if self.wants(port)}
         if self.wants("keyframe"):
             grey = self.params["keyframes"] == "luminance"
@@ -371,7 +357,7 @@ class RendererNode(Node):
         return wanted
 
     def _before(self, poses: np.ndarray, state: WorldState) -> np.ndarray | str:
-        """Poses of the previous keyframe; this one's where an environment's episode begins.
+        """Gives poses of the previous keyframe; this one's where an environment's episode begins.
 
         A state of the last one's stamp is of environments that begin there; the others are as they were.
         """
@@ -393,7 +379,8 @@ class RendererNode(Node):
         return self.loan(port, **{field: self.renderer.array_shape(field)})[field]
 
     def _loaned(self, port: str, field: str, image: Any) -> Any:
-        """A copy on the device: the renderer draws into the same buffers again, as graphs record where they write."""
+        """Copies an image on its device: the renderer draws into the same buffers again, as graphs record where they
+        write."""
         import warp as wp
 
         loan = self.loan_on(port, image.device, **{field: (image.shape, image.dtype)})[field]
@@ -423,11 +410,6 @@ class RendererNode(Node):
             setattr(message, field, image)
             return message
         return GEOMETRIC[port](header, **{field: image, "margin": margin})
-
-
-def same_lens(a: Camera, b: Camera) -> bool:
-    """Tells whether two cameras see a point of their frame in the same pixel."""
-    return bool(np.array_equal(a.k, b.k)) and a.distortion == b.distortion
 
 
 def _between(params: Mapping[str, Any]) -> tuple[float, float]:

@@ -99,18 +99,8 @@ class Renderer:
         return self.shading.counts()
 
     def counts_later(self) -> Callable[[], tuple[int, int]]:
-        """Gives what finds `counts` of what is launched by now, and waits for no more than that."""
+        """Makes a function that gives `counts` of the images launched by now, and waits for these alone."""
         return self.shading.counts_later()
-
-    @property
-    def not_finite(self) -> int:
-        """Counts the pixels of the last image that were not finite."""
-        return self.counts()[0]
-
-    @property
-    def clipped(self) -> int:
-        """Counts the pixels of the last image that were clipped to float16."""
-        return self.counts()[1]
 
     def array_shape(self, name: str) -> tuple[tuple[int, ...], np.dtype]:
         """Gives the shape and dtype of an output."""
@@ -140,7 +130,7 @@ class Renderer:
         self._drawn, self._still = False, {}
 
     def _poses_at(self, t_ns: int) -> np.ndarray:
-        """Poses [E, N, 7] at a time [ns]; what physics moves is at the origin."""
+        """Gives poses [E, N, 7] at a time [ns]; what physics moves is at the origin."""
         t = np.array([t_ns], np.int64)
         paths = (body.trajectory for body in self.visibility.scene.bodies)
         return np.tile([se3.IDENTITY if path is None else path.pose(t)[0] for path in paths], (self.shape[0], 1, 1))
@@ -182,7 +172,7 @@ class Renderer:
         return {name: self.on_host(target, (out or {}).get(name)) for name, target in targets.items()}
 
     def _draw_next(self, poses: np.ndarray, previous: str | None, targets: Mapping[str, wp.array]) -> bool:
-        """The images after those of the last call, unless nothing has moved since.
+        """Draws the images after those of the last call; False, and none are drawn, where nothing has moved since.
 
         Of many bodies only those that may move are looked at before a GPU begins to draw, and the rest while it does;
         should they have moved too, all is drawn once more.
@@ -200,7 +190,7 @@ class Renderer:
         return True
 
     def _draw_all(self, poses: np.ndarray, previous: np.ndarray | str | None, targets: Mapping[str, wp.array]) -> None:
-        """The images, or what is kept of the last ones where nothing has moved."""
+        """Draws the images, or copies what is kept of the last ones where nothing has moved."""
         v = self.visibility
         frames = v.instance_poses(poses)
         before = None
@@ -217,7 +207,7 @@ class Renderer:
         self._draw(frames, targets)
 
     def _draw(self, frames: InstancePoses, targets: Mapping[str, wp.array]) -> None:
-        """The images of what the visibility has placed."""
+        """Draws the images of what the visibility has placed."""
         v = self.visibility
         if not targets.keys().isdisjoint(LIGHT):
             self.shading.update(frames)
@@ -232,7 +222,7 @@ class Renderer:
         v.drawn()
 
     def _launch(self, targets: Mapping[str, wp.array], everything: bool) -> None:
-        """The images of what is placed: launches only, told apart by the key that they are recorded under."""
+        """Launches what draws the images of all that is placed, and does nothing else: it is recorded under a key."""
         lit = not targets.keys().isdisjoint(LIGHT)
         ahead, shading = self._ahead, self.shading
         self.visibility.arrive()
@@ -255,7 +245,7 @@ class Renderer:
         ahead.join()
 
     def _repeat(self, frames: InstancePoses, targets: Mapping[str, wp.array]) -> None:
-        """Nothing moved since the last call: what has been drawn of this instant is copied."""
+        """Copies what has been drawn of this instant, where nothing has moved since the last call."""
         missing = {name: target for name, target in targets.items() if name not in self._still}
         if missing:
             self.visibility.place(frames)

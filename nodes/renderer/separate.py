@@ -25,7 +25,7 @@ class SeparateRenderers:
     """
 
     def __init__(self, parts: Parts[AnyRenderer], envs: int) -> None:
-        """parts: renderers for all of them."""
+        """Takes the renderers of all environments, in groups."""
         self._parts = parts
         self.device = parts.all[0].device
         self._count = envs
@@ -36,7 +36,7 @@ class SeparateRenderers:
         self._parts.change(groups, make)
 
     def counts_later(self) -> Callable[[], tuple[int, int]]:
-        """Gives what finds `counts`, as Renderer has it."""
+        """Makes a function that gives `counts`, as Renderer does."""
         later = [part.counts_later() for part in self._parts.all]
 
         def found() -> tuple[int, int]:
@@ -101,13 +101,13 @@ class SeparateRenderers:
 
 
 def _as_run(envs: np.ndarray) -> slice | None:
-    """The environments as a slice, where they follow one another."""
+    """Gives the environments as a slice, where they follow one another."""
     first, last = int(envs[0]), int(envs[-1])
     return slice(first, last + 1) if last - first + 1 == len(envs) else None
 
 
 def _scatter(images: wp.array, to: Any, envs: np.ndarray, live: np.ndarray) -> None:
-    """Copies the images of those of a group that are live to their places among all."""
+    """Copies the images of the live environments of a group to their places among all."""
     if isinstance(to, wp.array):
         for k in np.flatnonzero(live).tolist():
             wp.copy(to[int(envs[k]) : int(envs[k]) + 1], images[k : k + 1])

@@ -55,7 +55,7 @@ class SupersampledRenderer:
         return not_finite, clipped if self.apart else int(self._counts.numpy()[1, 0])
 
     def counts_later(self) -> Callable[[], tuple[int, int]]:
-        """Gives what finds `counts` of what is launched by now, and waits for no more than that."""
+        """Makes a function that gives `counts` of the images launched by now, and waits for these alone."""
         if self._host_counts is None:
             self._host_counts = HostCopies(self._counts)
         fine, own = self.fine.counts_later(), self._host_counts.take()
@@ -66,16 +66,6 @@ class SupersampledRenderer:
 
         return found
 
-    @property
-    def not_finite(self) -> int:
-        """Counts the samples of the last image that were not finite."""
-        return self.counts()[0]
-
-    @property
-    def clipped(self) -> int:
-        """Counts the pixels of the last image that were clipped to float16."""
-        return self.counts()[1]
-
     def array_shape(self, name: str) -> tuple[tuple[int, ...], np.dtype]:
         """Gives the shape and dtype of an output."""
         return self._whose(name).array_shape(name)
@@ -85,7 +75,7 @@ class SupersampledRenderer:
         return {name: self._whose(name).target(name, None) for name in outputs}
 
     def _whose(self, name: str) -> Renderer:
-        """The renderer that an output has its size of."""
+        """Gives the renderer that an output has its size of."""
         return self.fine if self.apart and name in LIGHT else self.plain
 
     def begin(self, outputs: Iterable[str]) -> None:

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from bench import command
+from bench import command, documents, event_hashes, gpu_graph
+from bench.physics import engines, environments
 from bench.report import BY_THEMSELVES, SUBJECTS
 from evis.cli import main
 
@@ -44,12 +45,16 @@ def test_a_benchmark_has_help(module, monkeypatch, capsys):
     assert end.value.code == 0 and told.startswith("usage:") and len(told.splitlines()) > 6
 
 
-def test_a_benchmark_says_how_it_is_run():
+def test_a_benchmark_says_how_it_is_run(capsys):
     """By its module's name, also as the main module; its report has the name of `evis bench`."""
     script = [sys.executable, "-m", "bench.measure.disks", "--help"]
     assert subprocess.run(script, capture_output=True, text=True).stdout.startswith(
         "usage: python -m bench.measure.disks"
     )
+    for made in (documents, engines, environments, event_hashes):
+        with pytest.raises(SystemExit):
+            made.main(["--help"])
+        assert capsys.readouterr().out.startswith(f"usage: python -m {made.__name__} ")
     assert (
         command.subject_of("bench.graph.runs") == "graph" and command.subject_of("bench.renderer.gpu") == "renderer.gpu"
     )
@@ -77,3 +82,57 @@ def test_a_benchmark_of_a_gpu_takes_no_other_device(capsys):
     with pytest.raises(SystemExit):
         command.run(measure, "about", device="cuda", argv=["--device", "cpu"])
     assert "--device is 'cpu'" in capsys.readouterr().err
+
+
+def refused(capsys, main, *words):
+    """Gives what a benchmark says that is given these words, which it must refuse before it measures anything."""
+    with pytest.raises(SystemExit) as end:
+        main(words)
+    told = capsys.readouterr()
+    assert end.value.code and not told.out
+    return told.err.splitlines()[-1] if told.err else str(end.value.code)
+
+
+def test_a_file_that_cannot_be_written_is_refused_before_anything_is_measured(tmp_path, capsys):
+    def fails(*_):
+        raise AssertionError("measured")
+
+    def run(words):
+        command.run(fails, "about", argv=words)
+
+    gone = tmp_path / "gone"
+    assert f"there is no folder {gone}; make it first" in refused(capsys, run, "--out", str(gone / "r.json"))
+    assert "is a folder" in refused(capsys, run, "--out", str(tmp_path))
+    hashes = ("--scenes", "spinning_disk", "--out", str(gone / "h.json"))
+    assert f"there is no folder {gone}" in refused(capsys, event_hashes.main, *hashes)
+
+
+def test_measuring_nothing_is_a_failure(tmp_path, capsys):
+    """Words of rows that no row has leave no report behind."""
+    out = tmp_path / "r.json"
+    words = ["--rows", "none such", "--sections", "frames", "--out", str(out)]
+    run = lambda words: command.run(gpu_graph.measure, "a", device="cpu", argv=words, options=gpu_graph.add_options)
+    assert "nothing was measured" in refused(capsys, run, *words) and not out.exists()
+    assert "no section 'frame'; did you mean 'frames'?" in refused(capsys, run, "--sections", "frame")
+    assert "No such file" in refused(capsys, run, "--add", str(out))
+    out.write_text('{"subjects": {}}')
+    assert "it has no figures of gpu_graph" in refused(capsys, run, "--add", str(out))
+    out.write_text('{"subjects": {"gpu_graph": {"frames": {"title": "Frames, one process, A GPU", "rows": []}}}}')
+    assert "it is of 'Frames, one process, A GPU'" in refused(capsys, run, "--add", str(out))
+
+
+@pytest.mark.parametrize("main, words, why", [
+    (engines.main, "--cases -1", "'-1' is not a number of 1 or more"),
+    (engines.main, "--device tpu", "--device is 'tpu'; it can be cpu, cuda or cuda:N"),
+    (engines.main, "--cases 1", 'MuJoCo Warp: it is not installed; pip install "evis[gpu]" brings it'),
+    (environments.main, "robot_arn --envs 2", "did you mean 'robot_arm'?"),
+    (environments.main, "spinning_disk --envs 2", "scene spinning_disk has no MuJoCo model"),
+    (environments.main, "falling_objects --envs 2,x", "'x' is not a number of 1 or more"),
+    (environments.main, "falling_objects --envs ,", "--envs names no number"),
+    (environments.main, "falling_objects --keyframes 0", "'0' is not a number of 1 or more"),
+    (environments.main, "falling_objects --threads ,", "no engine to measure"),
+    (environments.main, "falling_objects --envs 2 --device cpu", "Warp cannot take scene falling_objects: it is not"),
+])  # fmt: skip
+def test_words_that_mean_nothing_are_refused_in_one_line(main, words, why, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "mujoco_warp", None)  # as where it is not installed
+    assert why in refused(capsys, main, *words.split())

@@ -20,13 +20,14 @@ FAULTS = {
     "model.pixel_kernels",
     "model.pixel_step_kernels",
     "model.curve_kernels",
-    "model.faults.random_kernels",
 }
 PARTS = {
     "faults": FAULTS,
+    "random": {"model.faults.random_kernels"},
     "paper": {"model.paper_kernels", "engines.paper"},
     "defocus": {"optics.defocus", "optics.defocus_kernels"},
     "photoreceptor": {"optics.photoreceptor", "optics.photoreceptor_kernels", "optics.photoreceptor_simd_kernels"},
+    "noise": {"optics.photoreceptor_noise", "optics.photoreceptor_noise_kernels"},
     "readout": {"readout.readout", "readout.readout_kernels"},
     "models": {"peers", "peers.v2e", "peers.esim"},
 }
@@ -37,9 +38,10 @@ PARTS = {
     "given, has",
     [
         ({}, set()),
-        ({"leak_rate": 1.0}, {"faults"}),
-        ({"crossing": "cubic"}, {"faults"}),
+        ({"leak_rate": 1.0}, {"faults", "random"}),
+        ({"crossing": "cubic"}, {"faults", "random"}),
         ({"defocus_px": 0.5, "bandwidth_hz": 100.0}, {"defocus", "photoreceptor"}),
+        ({"photoreceptor_noise": 0.1, "bandwidth_hz": 100.0}, {"photoreceptor", "noise", "random"}),
         ({"readout_rate": 1e6}, {"readout"}),
     ],
 )

@@ -28,6 +28,7 @@ DRAWN: list[tuple[dict[str, Any], str]] = [
     ({"shot_rate": 200.0, "shot_white": 100.0}, "shot noise"),
     ({"hot_pixel_fraction": 0.2, "hot_pixel_rate": 1000.0}, "hot pixels"),
     ({"timestamp_jitter_us": 10.0}, "timestamp jitter"),
+    ({"photoreceptor_noise": 0.1, "bandwidth_hz": 100.0}, "photoreceptor noise"),
     ({"model": "evis-paper", "leak_rate": 20.0}, "leak"),
     ({"model": "esim", "threshold_mismatch": 0.05}, "threshold mismatch"),
     ({"model": "v2e", "leak_rate": 20.0, "leak_jitter": 0.5}, "leak"),

@@ -27,8 +27,10 @@ WHOLE = [
     "evis/env",
     "evis/events",
     "evis/gpu",
+    "evis/launch",
     "evis/remote",
     "evis/runtime",
+    "evis/shares",
     "evis/simulation",
     "evis/supervisor",
     "nodes/camera",
@@ -36,6 +38,7 @@ WHOLE = [
     "nodes/interpolator",
     "nodes/physics",
     "nodes/recorder",
+    "nodes/renderer",
     "nodes/replayer",
 ]
 

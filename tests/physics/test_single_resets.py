@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from physics_nodes import Wire, node_of
 
+from evis.scene import load_scene
 from msgs.header import Header
 from msgs.own_time import NUMBER, ORIGIN, SEED, STAMP
 from msgs.world import Action, Reset
@@ -198,3 +199,22 @@ def test_in_a_running_graph_a_single_environment_begins_an_episode():
     assert message.header == Header(stamps(4)[3], episode=1) and message.t.tolist() == [stamps(4)[3]]
     assert_same_course([message, *step(node, 3)], 0, step(node_of(scene="falling_objects", seed=6), 4))
     assert isinstance(node.runtime, Wire)
+
+
+def test_a_seed_that_draws_other_bodies_is_refused_and_the_run_goes_on(tmp_path):
+    path = tmp_path / "balls.yaml"
+    path.write_text(
+        "args: {count: {default: {from: 1, to: 4.99}, help: how many}}\n"
+        'bodies: {ball: {motion: {kind: spin, axis: [0, 0, 1], rate: 3}, copies: {over: {k: "${count // 1}"}}}}\n'
+        "cameras: {cam0: {fov: 50 deg}}\nenvironment: 0.3\n"
+    )
+    counts = [len(load_scene(str(path), seed=seed).bodies) for seed in range(20)]
+    other = next(seed for seed in range(20) if counts[seed] != counts[0])
+    node, undisturbed = (node_of(scene=str(path), seed=0) for _ in range(2))
+    step(node, 2)
+    step(undisturbed, 2)
+    node.receive("reset", Reset(Header(0), np.array([], np.int32), np.array([other])))
+    assert_same_course(step(node, 2), 0, step(undisturbed, 2))
+    (said,) = node.runtime.warnings
+    assert f"the bodies of seed {other} are not those that the run has" in said and "nothing is reset" in said
+    assert node.runtime.counts["resets_refused"] == 1 and not node.runtime.counts.get("resets")

@@ -53,7 +53,7 @@ def render(scene_: Scene, body: Any = NOWHERE, eye: Any = EYE, **more: Any) -> n
     """Radiance [H, W, 3]."""
     renderer = Renderer(scene_, scene_.cameras[0], **more)
     image = renderer.render(poses(body, eye))["radiance"][0].copy()
-    assert renderer.not_finite == 0
+    assert renderer.counts()[0] == 0
     return image
 
 

@@ -88,6 +88,7 @@ def test_one_of_sixteen(tmp_path, scene):
         {"timestamp_jitter_us": 200.0},
         {"crossing": "cubic", "timestamp_jitter_us": 200.0},
         {"model": "evis-paper", "leak_rate": 9.0},
+        {"bandwidth_hz": 60.0, "photoreceptor_noise": 0.1},
     ],
 )
 def test_what_a_sensor_holds_back_is_not_lost(tmp_path, more):

@@ -71,6 +71,7 @@ def test_a_live_graph_is_for_evis_launch(tmp_path: Path) -> None:
         (np.full((2, 6), np.nan), "nan for actuator 'yaw' of environment 0; it must be finite"),
         (np.array([[0.0] * 6, [0.0, 9.0, 0, 0, 0, 0]]), "9 for actuator 'shoulder' of environment 1; its range is"),
         ("left", "no array of numbers"),
+        ([10**400], "no array of numbers: int too large"),
         (np.full((2, 6), 0.1 + 0.1j), "no array of numbers: it has complex ones"),
     ],
 )

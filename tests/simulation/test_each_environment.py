@@ -29,6 +29,15 @@ CASES: dict[str, tuple[str, dict[str, Any], list[dict[str, Any]], list[str]]] = 
         [{"seed": 9}, {"seed": 3}],
         ["events", "info", "labels.events"],
     ),
+    "noise of the photoreceptor": (
+        "spinning_disk",
+        {"bandwidth_hz": 40.0, "bandwidth_poles": 2},
+        [
+            {"photoreceptor_noise": 0.1, "seed": 9},
+            {"photoreceptor_noise": 0.0, "seed": 3},
+        ],
+        ["events", "info"],
+    ),
     "images of a frame sensor": (
         "spinning_disk",
         {"image": True, "image_rate": 70.0, "photon_noise": True, "read_noise": 20.0},

@@ -15,6 +15,8 @@ import pytest
 import evis
 from evis.bag.decoded import decoded_events
 from evis.bag.reader import BagReader
+from evis.scene import load_scene
+from evis.scene.digest import appearance
 
 SIZE = {"width": 64, "height": 48}
 
@@ -46,6 +48,7 @@ def launch(folder: Path, *words: str) -> dict[str, bytes]:
     ("scene", "arguments"),
     [
         ("spinning_disk", {"omega": 30, "shot_rate": 5.0}),
+        ("spinning_disk", {"time_tolerance": 3e-4, "bandwidth_hz": 60.0, "photoreceptor_noise": 0.08}),
         ("robot_arm", {"threshold_mismatch": 0.03, "interpolator": "splat"}),
     ],
 )
@@ -244,6 +247,60 @@ def test_a_picture_shows_where_events_are() -> None:
     drawn[step.events.y, step.events.x] = True
     assert (grey == ~drawn).all()
     assert page.count("<img") == 1 and "data:image/png;base64," in page
+
+
+def test_a_picture_shows_the_world_that_its_environment_has_now() -> None:
+    """Which it has by arguments or a seed of its own, also after a reset: the picture is that of it by itself."""
+    drawn = {"vary": 1, **SIZE}
+
+    def picture(scene: str, **given: Any) -> np.ndarray:
+        with evis.Simulation(scene, **given) as sim:
+            sim.reset()
+            return sim.show()["cam0"]
+
+    wanted = {seed: picture("falling_objects", seed=seed, **drawn) for seed in (3, 4, 9)}
+    assert len({image.tobytes() for image in wanted.values()}) == 3
+    with evis.Simulation("falling_objects", envs=2, seed=3, **drawn) as two:
+        two.reset()
+        for env in (0, 1, 0):
+            assert (two.show(env)["cam0"] == wanted[3 + env]).all()
+        two.reset(seed=[9], envs=[0])
+        assert (two.show(0)["cam0"] == wanted[9]).all()
+        assert appearance(two.scene) == appearance(load_scene("falling_objects", drawn, seed=9))
+        two.reset(seed=8)
+        assert (two.show(1)["cam0"] == wanted[9]).all()
+    textures = [{"texture": 1}, {"texture": 2}]
+    with evis.Simulation("spinning_disk", each=textures, **SIZE) as sim:
+        sim.reset()
+        for env, own in enumerate(textures):
+            assert (sim.show(env)["cam0"] == picture("spinning_disk", **own, **SIZE)).all()
+
+
+FLICKER = """\
+cameras: {cam0: {position: [0, -2, 0], look_at: [0, 0, 0], fov: 60 deg}}
+materials: {plain: {albedo: 0.6}}
+bodies: {wall: {shapes: [{shape: box, size: [4, 0.1, 3], material: plain}]}}
+lights:
+  left: {kind: point, position: [-1, -1, 0], intensity: 2}
+  right: {kind: point, position: [1, -1, 0], intensity: 2, flicker: {kind: sine, frequency: 10, depth: 1}}
+"""
+
+
+def test_a_picture_shows_lamps_at_the_time_of_its_environment(tmp_path: Path) -> None:
+    """That of one that was reset by itself begins there; the other one's goes on."""
+    scene = tmp_path / "flicker.yaml"
+    scene.write_text(FLICKER)
+    wanted = []
+    with evis.Simulation(scene, outputs=["depth"], **SIZE) as sim:
+        for go_on in (sim.reset, sim.step):
+            go_on()
+            wanted.append(sim.show()["cam0"])
+    assert not (wanted[0] == wanted[1]).all()
+    with evis.Simulation(scene, outputs=["depth"], envs=2, **SIZE) as sim:
+        sim.step()
+        sim.reset(envs=[0])
+        for env in (0, 1):
+            assert (sim.show(env)["cam0"] == wanted[env]).all()
 
 
 def test_a_notebook_names_a_simulation_that_renders_nothing() -> None:

@@ -232,7 +232,7 @@ class SlotPool(Loans[Slot]):
     one more is made (`spares` counts them), up to MOST_SLOTS.
     """
 
-    def __init__(self, name: str, slots: int = 3, *, shared: bool = False) -> None:
+    def __init__(self, name: str, slots: int, *, shared: bool = False) -> None:
         super().__init__(name)
         self.slots = slots
         self.shared = shared

@@ -59,6 +59,9 @@ def add_frame_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--interpolator", metavar="MODULE:CLASS", help="a class of your own that makes them, named as nodes are"
     )
+    group.add_argument(
+        "--save-frames", metavar="DIR", help="write the frames that the sensor takes, those between included, as EXR"
+    )
 
 
 def selection_of(args: argparse.Namespace) -> Selection:

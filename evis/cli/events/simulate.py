@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from evis.cli.events.files import add_output, check_output, colourless, counted, holds_whole_us, rounded
 from evis.cli.events.frame_options import add_frame_options, selection_of, upsampler_of
+from evis.cli.events.saved_frames import SavedFrames
 from evis.cli.events.sensor_options import add_sensor_options, check_sensor_options, sensor_values
 from evis.cli.parser import UsageError
 
@@ -73,18 +74,23 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     hermite = known["crossing"] == "hermite"
     if hermite and upsampler is not None:
         raise UsageError("--crossing hermite needs dlog_dt, which sub-frames do not have; take cubic")
+    if hermite and args.save_frames is not None:
+        raise UsageError("--save-frames keeps no dlog_dt, which --crossing hermite needs; take cubic")
     with _part(args.source, options, chosen) as source, _finish_on_signal() as asked:
         if hermite and not source.has_slopes:
             raise ValueError(f"{args.source}: no dlog_dt, which --crossing hermite needs; take cubic")
         coding = Coding(
             source.tone, min(thresholds_of(known)), known["dark_level"], args.fps is None and args.slow_motion == 1
         )
+        saved = None if args.save_frames is None else SavedFrames(args.save_frames)
         with open_writer(args.out, source.width, source.height, args.encoding) as writer:
-            tally = _Tally(args.out, coding, upsampler)
+            tally = _Tally(args.out, coding, upsampler, saved)
             with counted(source.count, "simulating") as step:
                 frames = _frames(source, asked, step, args.rebase, coding)
                 if upsampler is not None:
                     frames = _until(asked, upsampler.blocks(frames))
+                if saved is not None:
+                    frames = saved.passing(frames)
                 failure = _pump(simulation, frames, writer, tally)
             if failure is not None and not simulation.frames:
                 raise failure
@@ -180,8 +186,8 @@ def _finish_on_signal() -> Iterator[threading.Event]:
 class _Tally:
     """What was written, and what the file's format could not keep."""
 
-    def __init__(self, out: str, coding: Coding, upsampler: Upsampler | None) -> None:
-        self._coding, self._upsampler = coding, upsampler
+    def __init__(self, out: str, coding: Coding, upsampler: Upsampler | None, saved: SavedFrames | None) -> None:
+        self._coding, self._upsampler, self._saved = coding, upsampler, saved
         self._out, self._raw = out, holds_whole_us(out)
         self._events = self._rounded = self._colourless = 0
 
@@ -204,6 +210,8 @@ class _Tally:
         }  # fmt: skip
         if self._upsampler is not None:
             result |= {"source_frames": self.taken(simulation), "upsampling": self._upsampler.report()}
+        if self._saved is not None:
+            result |= {"saved_frames": self._saved.count}
         result |= self._coding.report()
         if "readout_delay_ns" in counts:
             total_ns, delayed = counts.pop("readout_delay_ns"), counts["readout_delayed"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import numpy as np
@@ -52,6 +53,13 @@ class TimeSurface:
         self._height, self._width = height, width
         self._latest: Any = None
         self._seen = np.zeros(0, np.int64)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> TimeSurface:
+        """Copies the surface with what it has seen, on its device."""
+        made = copy.copy(self)
+        made._latest = None if self._latest is None else wp.clone(self._latest)
+        made._seen = self._seen.copy()
+        return made
 
     def update(self, events: Any, at: Any = None) -> Representation:
         """Adds events and returns the surface.

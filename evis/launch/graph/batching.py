@@ -63,7 +63,7 @@ def who_waits(plan: Plan, nodes: Sequence[WiredNode], stepped: bool) -> tuple[st
 
 
 def _waits(plan: Plan, stepped: bool) -> str:
-    """Why somebody in the graph, or who holds it, waits for each keyframe."""
+    """Says why somebody in the graph, or who holds it, waits for each keyframe; "" where nobody does."""
     if stepped:
         return "its caller takes one step at a time"
     if plan.mode != "lockstep":

@@ -50,7 +50,7 @@ def _check_scene(node: WiredNode, where: str) -> None:
 
 
 def _check_device(node: WiredNode) -> None:
-    """Whether the device is there only its kernels can say; whether it can be one is known now."""
+    """Checks that a name can be that of a device; whether that is there its kernels alone can say."""
     device = node.params.get("device")
     if isinstance(device, str) and not re.fullmatch(r"cpu|cuda(:\d{1,3})?", device):
         raise ArgumentError(f"device is '{device}', must be cpu, cuda or cuda:N")
@@ -82,7 +82,7 @@ def check_writable(path: Path, where: str) -> None:
 
 
 def _beside(path: Path) -> str:
-    """A hint from the same folder."""
+    """Suggests a file of the same folder."""
     if not path.parent.is_dir():
         return f"; there is no folder '{path.parent}'"
     near = closest(path.name, (p.name for p in path.parent.iterdir()))

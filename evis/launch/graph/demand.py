@@ -93,7 +93,7 @@ class Pruner:
             self._need(publisher, {port})
 
     def _read(self, node: WiredNode) -> None:
-        """Connect a reader of whatever it is told."""
+        """Connects a node that takes any topics, as a recorder does, to those chosen for it."""
         topics = self._chosen(node)
         self._need(node, set())
         self.demand.inputs[node.name][node.any_port or ""] = topics
@@ -101,7 +101,8 @@ class Pruner:
             self._want(topic)
 
     def _chosen(self, node: WiredNode) -> list[str]:
-        """What such a reader takes: its class says so, or `topics` are globs, or all that is recorded.
+        """Lists the topics that a node which takes any reads: by its class, by the globs of `topics`, or all recorded
+        ones.
 
         What is made on demand is read by default only where somebody has demanded it already.
         """
@@ -128,7 +129,7 @@ class Pruner:
         return [*sorted(set(self._publishers) - own - shares), *SYSTEM_TOPICS]
 
     def _named(self, node: WiredNode) -> set[str]:
-        """What such a reader is told to take by name."""
+        """Lists the topics that a node which takes any is told to take by name."""
         return {t for glob in globs_of(node) for t in fnmatch.filter(self._available(node), glob)}
 
     def _by_default(self, topic: str) -> bool:
@@ -139,7 +140,7 @@ class Pruner:
 
 
 def globs_of(node: WiredNode) -> list[str]:
-    """Lists the globs of topics that a node which takes what it is told was given."""
+    """Lists the globs under `topics` of a node that takes any topics."""
     return [g if g.startswith(("/", "*")) else f"/{g}" for g in map(str, node.params.get("topics") or [])]
 
 

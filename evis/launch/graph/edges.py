@@ -32,14 +32,14 @@ def connect(plan: Plan, chosen: list[WiredNode]) -> None:
 
 
 def _arrays_hz(node: WiredNode, port: str, topic: str, planned: NodePlan) -> float | None:
-    """How often a node reads arrays of a topic, of one whose messages can be sent with none."""
+    """Tells how often a node reads arrays of a topic, of one whose messages can be sent with none."""
     if not by_environment(find_topic(topic).type):
         return None
     return node.cls.arrays_hz(planned.params, node.port_of(port, topic))
 
 
 def _read_arrays(plan: Plan, topic: str, wired: Mapping[str, WiredNode]) -> list[str] | None:
-    """Arrays that the declared consumers of a topic need; None where one takes all, or there is none."""
+    """Lists arrays that the declared consumers of a topic need; None where one takes all, or there is none."""
     declared = [edge for edge in plan.topics[topic].edges if edge.kind != "tap"]
     ports = [wired[edge.node].port_of(edge.port, topic) for edge in declared]
     read = [wired[edge.node].cls.reads(plan.nodes[edge.node].params, port) for edge, port in zip(declared, ports)]

@@ -47,7 +47,7 @@ def left_out(
 
 
 def _merged(items: list[LeftOut]) -> list[LeftOut]:
-    """Two nodes may leave out the same package; one line is enough."""
+    """Makes one line of what several nodes leave out alike, as the same package."""
     seen: dict[str, LeftOut] = {}
     for item in items:
         seen.setdefault(item.what, item)

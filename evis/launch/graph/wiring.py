@@ -131,7 +131,7 @@ def secret_values(cls: type[Node], params: Mapping[str, Any]) -> list[str]:
 
 
 def _plain(cls: type[Node], key: str, value: Any) -> Any:
-    """A map given for a text parameter becomes `a=1,b=2`, without the entries that are null."""
+    """Writes a map that is given for a text parameter as `a=1,b=2`, without the entries that are null."""
     param = cls.PARAMS.get(key)
     if isinstance(value, dict) and param is not None and param.type is str:
         return ",".join(f"{k}={text_of(v)}" for k, v in value.items() if v is not None and v != "")
@@ -139,7 +139,7 @@ def _plain(cls: type[Node], key: str, value: Any) -> Any:
 
 
 def _outputs(node: WiredNode) -> dict[str, str]:
-    """Port -> topic pattern. A node whose outputs depend on its parameters (a replayer) says so itself."""
+    """Maps ports to topic patterns. A node whose outputs depend on its parameters (a replayer) says so itself."""
     dynamic = getattr(node.cls, "dynamic_outputs", None)
     if dynamic is None:
         return {port: output.topic for port, output in node.cls.OUTPUTS.items()}
@@ -166,7 +166,7 @@ def _named(node: WiredNode, pattern: str) -> str:
 
 
 def _topic(node: WiredNode, port: str, pattern: str) -> str:
-    """The topic of a port: parameters filled in, remapped by port or by name, below the namespace."""
+    """Names the topic of a port: parameters filled in, remapped by port or by name, below the namespace."""
     spec = node.spec
     declared = _named(node, pattern)
     row = row_of(declared, f"{spec.where}: '{spec.name}'")

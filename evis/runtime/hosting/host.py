@@ -141,10 +141,9 @@ class Host:
         return (not self.join.queues or self.join.over()) and not self.open_unjoined
 
     def delayed_inputs(self) -> dict[str, Message] | None:
-        """Returns the messages that close a loop back to this source, at the stamps that its next step needs; None
-        until they are there.
+        """Returns the messages that close a loop back to this source, at the stamps that its next step needs.
 
-        None: they are not there yet.
+        None where they are not there yet.
         """
         inputs: dict[str, Message] = {}
         held = {} if self.outside is None else self.outside.controlled

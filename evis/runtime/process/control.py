@@ -131,11 +131,9 @@ class ControlClient:
                 wait = 0
         return commands
 
-    def heartbeat(self, stats: dict[str, Any] | None = None) -> None:
+    def heartbeat(self, stats: dict[str, Any]) -> None:
         """Reports that the main loop runs; `stats` (plain numbers and maps of them) go with the next heartbeat."""
-        self._alive_at = time.monotonic()
-        if stats is not None:
-            self._stats = stats
+        self._alive_at, self._stats = time.monotonic(), stats
 
     def want(self, topic: str) -> None:
         """Asks the supervisor to start the dormant node of a topic for a viewer."""

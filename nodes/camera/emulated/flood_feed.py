@@ -17,7 +17,8 @@ class FloodFeed(Feed):
     """Supplies prepared bytes again and again at a steady rate [bytes/s], as a sensor that waits for nobody.
 
     repeat(turn) gives the bytes of one turn, so that their times can go on. fifo: bytes that the camera itself can hold
-    while nobody reads; what does not fit is lost in the camera and counted in `lost`.
+    while nobody reads; what does not fit is lost in the camera and counted in `lost`. `offered` counts all bytes, those
+    that were lost too.
     """
 
     def __init__(self, turns: Iterator[np.ndarray], rate: float, fifo: int = 1 << 20, seconds: float = 0.0) -> None:

@@ -92,6 +92,10 @@ class IdealEngine:
         """Returns all arrays of the pixels' state."""
         return self._state.last, self._state.low, self._state.high, self._state.level
 
+    def present(self) -> dict[str, wp.array]:
+        """Names the arrays that the next call goes on from."""
+        return {name: getattr(self._state, name) for name in ("last", "low", "high", "level")}
+
     def launch(self, sensor: Sensor, batch: Any, keys: wp.array, counters: wp.array, resume: int) -> None:
         """Writes the events of a batch to `keys`, as many as fit; resume > 0: go on where the last launch found them
         full."""

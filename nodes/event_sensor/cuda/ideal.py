@@ -44,6 +44,10 @@ class IdealPasses:
         s = self._state
         return s.last, s.low, s.high, s.counts, s.base, self._active
 
+    def present(self) -> dict[str, wp.array]:
+        """Names the arrays that the next call goes on from, once all calls in flight are done."""
+        return {name: getattr(self._state, name) for name in ("last", "low", "high", "counts", "base")}
+
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
         """Gives the kernels that are launched, as `build_together` takes them."""
         return [(self._kernel, BLOCK), (ideal_kernels.find_active, LAUNCH_BLOCK)]

@@ -28,6 +28,9 @@ class Engine(Protocol):
     def arrays(self) -> tuple[wp.array, ...]:
         """Returns all arrays of the pixels' state."""
 
+    def present(self) -> dict[str, wp.array]:
+        """Names the arrays that the next call goes on from."""
+
     def launch(self, sensor: Sensor, batch: Batch, keys: wp.array, counters: wp.array, resume: int) -> None:
         """Writes the events of a batch to `keys`, as many as fit.
 

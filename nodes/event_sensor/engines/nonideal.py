@@ -55,6 +55,12 @@ class NonIdealEngine:
         kept = (a for state, side in states for a in (*arrays_of(state), side))
         return *kept, self._rare
 
+    def present(self) -> dict[str, wp.array]:
+        """Names the arrays that the next call goes on from."""
+        state, side = self._before
+        kept = zip(("last", "low", "high", "early", "earlier", "wake"), arrays_of(state))
+        return {**dict(kept), "side": side, "rare": self._rare}
+
     def launch(self, sensor: Sensor, batch: Batch, keys: wp.array, counters: wp.array, resume: int) -> None:
         """Writes the events of a batch to `keys`, as many as fit.
 

@@ -41,6 +41,10 @@ class PaperEngine:
         """Returns all arrays of the pixels' state."""
         return self._before, self._after, *self._pattern
 
+    def present(self) -> dict[str, wp.array]:
+        """Names the arrays that the next call goes on from; the pattern is that of the seed."""
+        return {"pixel": self._before}
+
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
         """Gives the kernel that is launched, as `build_together` takes it."""
         return [(paper_kernels.paper, LAUNCH_BLOCK)]

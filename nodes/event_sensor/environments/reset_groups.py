@@ -8,8 +8,9 @@ added to the times of its events.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,8 +45,20 @@ class ResetGroup:
     origin: int
     leaving: np.ndarray
     """bool [n], those that were reset since its last frames: it may still hold back events of theirs."""
+    made: tuple[int | None, int] = (None, 0)
+    """Of what its sensor was made, as Make takes it after the environments."""
     moved: bool = True
     """Whether its environments were reset with the present message."""
+
+
+OF_GROUPS = ("_rows", "_episodes", "_since", "_past", "t_base")
+"""What groups go on from besides themselves."""
+
+
+def copied(group: ResetGroup) -> ResetGroup:
+    """Copies a group, but for its sensor."""
+    arrays = {name: getattr(group, name).copy() for name in ("live", "numbers", "leaving")}
+    return replace(group, **arrays)
 
 
 class ResetGroups:
@@ -71,6 +84,22 @@ class ResetGroups:
         live, numbers = np.ones(len(rows), bool), rows[:, NUMBER].astype(np.int32)
         self._groups = [ResetGroup(everyone, sensor, self._seed, live, numbers, stamp_ns, 0, ~live)]
         self._rows, self._episodes, self._since = rows, episodes.copy(), np.zeros(len(rows), np.int64)
+
+    def state(self) -> dict[str, Any]:
+        """Gives the groups with the states of their sensors, and where the environments are in time."""
+        groups = [replace(copied(group), sensor=group.sensor.state()) for group in self._groups]
+        kept = {name: copy.deepcopy(getattr(self, name)) for name in OF_GROUPS}
+        return {**kept, "groups": groups}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Goes on from what `state` gave, with sensors that are made anew."""
+        for name in OF_GROUPS:
+            setattr(self, name, copy.deepcopy(state[name]))
+        self._groups = []
+        for kept in state["groups"]:
+            sensor = self._make(kept.span, *kept.made)
+            sensor.restore(kept.sensor)
+            self._groups.append(replace(copied(kept), sensor=sensor))
 
     def process(
         self,
@@ -163,7 +192,8 @@ class ResetGroups:
         group = next((p for p in self._groups if p.span == span and p.seed == seed and not p.live.any()), None)
         if group is None or not number or not getattr(group.sensor, "begins_again", False):
             nobody = np.zeros(count, bool)
-            group = ResetGroup(span, self._make(span, given, since), seed, nobody, numbers, 0, 0, nobody)
+            sensor = self._make(span, given, since)
+            group = ResetGroup(span, sensor, seed, nobody, numbers, 0, 0, nobody, (given, since))
             self._groups.append(group)
         group.live, group.leaving = np.ones(count, bool), np.zeros(count, bool)
         group.numbers, group.moved, group.origin = numbers, True, int(row[ORIGIN])

@@ -23,6 +23,19 @@ class SeparateSensors:
         self._episodes: np.ndarray | None = None
         self.t_base = 0
 
+    def state(self) -> dict[str, Any]:
+        """Gives what all sensors go on from."""
+        episodes = None if self._episodes is None else self._episodes.copy()
+        sensors = [sensor.state() for sensor in self._sensors]
+        return {"sensors": sensors, "counts": self._counts.copy(), "episodes": episodes, "t_base": self.t_base}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Goes on from what `state` gave for sensors that are made alike."""
+        for sensor, own in zip(self._sensors, state["sensors"], strict=True):
+            sensor.restore(own)
+        self._counts, self.t_base = state["counts"].copy(), state["t_base"]
+        self._episodes = None if state["episodes"] is None else state["episodes"].copy()
+
     def kernels(self) -> list[Any]:
         """Gives the kernels that take long to compile, as EventSensor.kernels does."""
         return [kernel for sensor in self._sensors for kernel in sensor.kernels()]

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import warp as wp
+
+from evis.gpu.saved_arrays import saved
 
 
 @dataclass
@@ -28,6 +31,22 @@ class LookAhead:
     def __init__(self, envs: int, size: int, device: Any) -> None:
         self._envs, self._size, self._device = envs, size, device
         self.held: Held | None = None
+
+    def state(self) -> dict[str, Any]:
+        """Gives the frame that is held back, as plain values; empty without one."""
+        if self.held is None:
+            return {}
+        held = self.held
+        kept = {"stamp": held.stamp, "begins": np.array(held.begins), "episodes": np.array(held.episodes)}
+        return {**kept, **saved({"images": held.images})}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Holds back the frame of a state."""
+        self.held = None
+        if state:
+            images: wp.array = wp.array(state["images"], dtype=wp.float32, device=self._device)
+            begins, episodes = np.array(state["begins"], bool), np.array(state["episodes"], np.int32)
+            self.held = Held(images, int(state["stamp"]), begins, episodes)
 
     def release(self) -> Held | None:
         """Gives the frame that was held back, and holds none any more."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +26,16 @@ class Timeline:
         self.episodes: np.ndarray | None = None
         self.going_on = np.zeros(size.envs, bool)
         self.last_stamp = 0
+
+    def state(self) -> dict[str, Any]:
+        """Gives where the sensor is in time, as plain values."""
+        begun = {} if self.episodes is None else {"episodes": np.array(self.episodes)}
+        return {"last_stamp": self.last_stamp, **begun}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Stands where `state` was given."""
+        self.last_stamp = int(state["last_stamp"])
+        self.episodes = np.array(state["episodes"], np.int32) if "episodes" in state else None
 
     def fresh(self, shape: tuple[int, ...], t: np.ndarray, episodes: np.ndarray) -> np.ndarray:
         """Tells which environments begin an episode with the first frame of a message, bool [E].

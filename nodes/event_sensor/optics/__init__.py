@@ -2,5 +2,6 @@
 
 `defocus.py` blurs by `defocus_kernels.py` (`defocus.h`), slopes too (`slope_kernels.py`). `photoreceptor.py` is the low
 pass, by `photoreceptor_kernels.py` and, of many pixels at a time, `photoreceptor_simd_kernels.py`
-(`photoreceptor_simd.h`); `trace.py` and `trace_kernels.py` give its output between the samples.
+(`photoreceptor_simd.h`); `trace.py` and `trace_kernels.py` give its output between the samples, to which
+`photoreceptor_noise.py` and `photoreceptor_noise_kernels.py` add its noise.
 """

@@ -47,6 +47,10 @@ class Optics:
                 chord=CHORD * min(p["threshold_on"], p["threshold_off"]),
             )
 
+    def present(self) -> dict[str, wp.array]:
+        """Names the arrays that the next frames go on from; none without a photoreceptor, as the lens keeps none."""
+        return {} if self._photoreceptor is None else self._photoreceptor.present()
+
     @property
     def traces(self) -> bool:
         """Tells whether the output is a curve between the samples of the input."""

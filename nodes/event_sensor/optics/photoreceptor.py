@@ -32,6 +32,21 @@ from nodes.event_sensor.optics.photoreceptor_simd_kernels import Receptor
 from nodes.event_sensor.parameters import FLOOR
 
 
+def law_of(level: float, exponent: float) -> int:
+    """Chooses the law of the corner: the same in any light, proportional to it below `level`, or a power of it."""
+    if level <= 0 or exponent <= 0:
+        return simd.CONSTANT
+    return simd.PROPORTIONAL if exponent == 1 else simd.POWER
+
+
+def receptor_struct(size: int, bandwidth_hz: float, level: float, exponent: float, dark: float) -> Receptor:
+    """Fills in what kernels know of a photoreceptor; size: pixels and channels of an environment."""
+    receptor: Any = Receptor()
+    receptor.size, receptor.rate = size, 2.0 * math.pi * bandwidth_hz
+    receptor.level, receptor.exponent, receptor.dark, receptor.floor = level, exponent, dark, FLOOR
+    return receptor  # type: ignore[no-any-return]
+
+
 class Photoreceptor:
     """Filters the light of E cameras of height x width pixels and 1 or 3 channels.
 
@@ -63,9 +78,7 @@ class Photoreceptor:
         if poles not in (1, 2):
             raise ValueError(f"bandwidth_poles {poles} must be 1 or 2")
         self._device = wp.get_device(device)
-        law = simd.CONSTANT
-        if bandwidth_level > 0 and exponent > 0:
-            law = simd.PROPORTIONAL if exponent == 1 else simd.POWER
+        law = law_of(bandwidth_level, exponent)
         gpu = self._device.is_cuda
         self._kernel = (
             kernels.make_filter_pixel(poles, law != simd.CONSTANT) if gpu else kernels.make_filter_blocks(poles, law)
@@ -73,18 +86,8 @@ class Photoreceptor:
         self._kind, self._chord = (poles, law), chord
         self._tracer: Any = None
         self._envs, self._size = envs, height * width * channels
+        self._receptor = receptor_struct(self._size, bandwidth_hz, bandwidth_level, exponent, dark_level)
         self._rate = 2.0 * math.pi * bandwidth_hz
-        values = {
-            "size": self._size,
-            "rate": self._rate,
-            "level": bandwidth_level,
-            "exponent": exponent,
-            "dark": dark_level,
-            "floor": FLOOR,
-        }
-        self._receptor = Receptor()
-        for name, value in values.items():
-            setattr(self._receptor, name, value)
         total = envs * self._size
         self._last: wp.array = wp.full(total, -1.0, dtype=wp.float32, device=self._device)
         self._first: wp.array = wp.zeros(total, dtype=wp.float64, device=self._device)
@@ -144,6 +147,10 @@ class Photoreceptor:
             inputs.append(self._chord)
             outputs.append(bent)
         wp.launch(kernel, threads, [*inputs, *state], outputs, device=device)
+
+    def present(self) -> dict[str, wp.array]:
+        """Names the arrays that the next frames go on from."""
+        return dict(zip(("last", "first", "second"), self._state()))
 
     def _state(self) -> list[wp.array]:
         return [self._last, self._first, self._second]

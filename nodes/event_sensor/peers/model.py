@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from evis.config.params import Param, ParamError, resolve
+from evis.gpu.saved_arrays import joined, part_of, saved, write_back
 from nodes.event_sensor.messages.limit import MOST_BACKGROUND, REMEDY, check_background_rate, longest_step
 from nodes.event_sensor.parameters import LARGEST_SIDE, SENSOR, thresholds_of
 from nodes.event_sensor.peers import kernels
@@ -176,6 +177,20 @@ class Model:
         firsts = np.arange(self.envs, dtype=np.int64) << self._shift_env if self.envs > 1 else np.zeros(1, np.int64)
         offsets = np.append(np.searchsorted(keys, firsts), count).astype(np.int64)
         return Events(t, x.astype(np.uint16), y.astype(np.uint16), (keys & 1).astype(np.uint8), None, offsets)
+
+    def state(self) -> dict[str, Any]:
+        """Gives what the next events hang on, as plain values; the fixed pattern is that of the seed."""
+        kept: dict[str, Any] = {"last_stamp": self._last_stamp, "number": self._number, "t_base": self.t_base}
+        kept |= {"nonfinite": self.nonfinite} | joined({"pixels": saved({"pixel": self._before})})
+        return kept if self._episodes is None else {**kept, "episodes": np.array(self._episodes)}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Goes on from what `state` gave for a model of the same size, parameters and seed. Raises ValueError."""
+        write_back({"pixel": self._before}, part_of(state, "pixels"))
+        self._last_stamp, self._number, self.t_base, self.nonfinite = (
+            int(state[name]) for name in ("last_stamp", "number", "t_base", "nonfinite")
+        )
+        self._episodes = np.array(state["episodes"]) if "episodes" in state else None
 
     def counts(self) -> dict[str, int]:
         """Returns how many samples so far were not finite or negative."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,12 +29,12 @@ class Events:
 
 
 def merged(
-    a: tuple[dict[str, np.ndarray], np.ndarray], b: tuple[dict[str, np.ndarray], np.ndarray], envs: int
+    packets: Sequence[tuple[dict[str, np.ndarray], np.ndarray]], envs: int
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Joins columns and offsets of two packets, the second being later in every environment."""
-    parts = [(columns, slice(offsets[e], offsets[e + 1])) for e in range(envs) for columns, offsets in (a, b)]
-    columns = {name: np.concatenate([c[name][s] for c, s in parts]) for name in a[0]}
-    return columns, a[1] + b[1]
+    """Joins columns and offsets of packets, each being later in every environment than those before it."""
+    parts = [(columns, slice(offsets[e], offsets[e + 1])) for e in range(envs) for columns, offsets in packets]
+    columns = {name: np.concatenate([c[name][s] for c, s in parts]) for name in packets[0][0]}
+    return columns, np.sum([offsets for _, offsets in packets], axis=0)
 
 
 def parted(

@@ -18,6 +18,8 @@ into packets changes no event.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -32,6 +34,10 @@ from nodes.event_sensor.readout.packet import merged, parted
 
 SPAN_BITS = 62
 """The queue's clock counts up to 2^62 units after a packet's start."""
+
+OF_QUEUES = ("free", "origins", "seeds")
+"""Arrays [E] that a queue goes on from."""
+COUNTED = ("delayed", "delay_ns", "longest_ns", "dropped", "cut")
 
 NONE = np.zeros(0, np.uint8)
 """The colour channel of events without one."""
@@ -103,6 +109,22 @@ class Readout:
         """Returns the events held for a later packet."""
         return 0 if self._held is None else len(self._held["t"])
 
+    def state(self) -> dict[str, Any]:
+        """Gives the queues, the events that wait in them and what was counted, as plain values."""
+        kept: dict[str, Any] = {name: np.array(getattr(self, f"_{name}")) for name in OF_QUEUES}
+        kept |= {name: getattr(self, name) for name in COUNTED} | {"base": self._base}
+        return kept | {f"held_{name}": np.array(column) for name, column in (self._held or {}).items()}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Goes on from what `state` gave."""
+        for name in OF_QUEUES:
+            setattr(self, f"_{name}", np.array(state[name]))
+        for name in COUNTED:
+            setattr(self, name, int(state[name]))
+        self._base = int(state["base"])
+        held = {n.removeprefix("held_"): np.array(v) for n, v in state.items() if n.startswith("held_")}
+        self._held = held or None
+
     def begin(self, fresh: np.ndarray, stamp: int, episodes: np.ndarray) -> None:
         """Begins episodes with an empty queue and jitter of their own; what was still to leave is cut and counted.
 
@@ -164,7 +186,7 @@ class Readout:
         old, new = parted(columns, env_offsets, end)
         first = self.apply(*old, batch.t_base, end)
         self.begin(later != 0, int(batch.t[1]), batch.episodes[-1])
-        return merged(first, self.apply(*new, end, stamp), self._envs)
+        return merged([first, self.apply(*new, end, stamp)], self._envs)
 
     def flush(self) -> tuple[dict[str, np.ndarray], np.ndarray] | None:
         """Returns the events still held, at the end of a stream, as `apply` gives them; None when there are none."""

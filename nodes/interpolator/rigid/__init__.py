@@ -2,8 +2,8 @@
 
 The way of the data through a gap, which `method.py` leads; `layout.py` has its options and sizes:
 
-1. Poses: `placement.py` computes them at the sub-frames, of prescribed motion by `prescribed.py`; `slots.py` brings
-   them to the device.
+1. Poses: `placement.py` computes them at the sub-frames, of prescribed motion by `evis/scene/prescribed_batch.py`;
+   `slots.py` brings them to the device.
 2. Keyframes: `keyframes.py` holds A and B as `keyframe_kernels.py` prepares them: ln I, patches and inverse distances.
    `patches.py` divides surfaces into patches, whose shading has no step inside, and `patch_kernels.py` reads them.
 3. Visibility: the renderer's raster draws the sub-frames.

@@ -19,14 +19,14 @@ from evis.runtime.clock import NS, keyframe_stamp, subframe_stamps
 from evis.runtime.workers import Workers, edges_of
 from evis.scene.model import Scene, Trajectory
 from evis.scene.motion import Prescribed
+from evis.scene.prescribed_batch import PrescribedBatch
 from nodes.interpolator.keyframe import States
-from nodes.interpolator.rigid.prescribed import PrescribedPoses
 from nodes.renderer.geometry.poses import POSE_BYTES, of_bodies
 
 AHEAD = 1 << 17
 """Bytes of poses that are computed ahead at once, at most, where FEWEST gaps have fewer."""
 FEWEST = 2
-"""Gaps that are computed ahead: products of so few matrices as one has are rounded otherwise than those of many."""
+"""Gaps that are computed ahead at least: a call for one takes hardly less time."""
 APART = 16
 """Fewest environments that are worth a thread."""
 
@@ -46,12 +46,13 @@ class Placement:
         self._driven = np.array([m for m, path in moving if path is None], np.int64)
         together = [m for m, path in moving if isinstance(path, Prescribed)]
         self._together = np.array(together, np.int64)
-        # One for all environments, or one for each.
-        self._prescribed = [PrescribedPoses(self._paths(world, together)) for world in (worlds or (scene,))]
+        # One world for all environments, or one for each; those of all worlds together, one world after the other.
+        self._worlds = worlds or (scene,)
+        self._prescribed = PrescribedBatch([path for world in self._worlds for path in self._paths(world, together)])
         self._alone: list[tuple[int, Trajectory]] = [
             (m, path) for m, path in moving if path is not None and not isinstance(path, Prescribed)
         ]
-        # Of the gaps that are expected next, by the number of their stamps and then by these: [1 or E, bodies, K - 1,
+        # Of the gaps that are expected next, by the number of their stamps and then by these: [K - 1, 1 or E, bodies,
         # 7].
         self._ahead: dict[int, dict[bytes, np.ndarray]] = {}
         # How many gaps are computed ahead next, by the number of their stamps.
@@ -69,8 +70,9 @@ class Placement:
         return known
 
     def _known(self, stamps: np.ndarray) -> np.ndarray:
-        """Computes the poses in closed form float64 [1 or E, bodies, K, 7] at stamps int64 [K] ns."""
-        return np.stack([poses.at(stamps) for poses in self._prescribed])
+        """Computes the poses in closed form float64 [K, 1 or E, bodies, 7] at stamps int64 [K] ns."""
+        poses = self._prescribed.poses_at(stamps)
+        return poses.reshape(len(stamps), len(self._worlds), len(self._together), 7)
 
     def at(self, stamps: np.ndarray, states: States) -> np.ndarray:
         """Gives poses float64 [K, E, N, 7] at stamps int64 [K] ns within the interval of `states`; the last stamp is
@@ -97,8 +99,8 @@ class Placement:
             known = self._ahead.get(len(stamps), {}).get(stamps[:-1].tobytes())
             known = self._known(stamps[:-1]) if known is None else known
             # Worlds that move alike have one row in common.
-            known = known if envs is None or len(known) == 1 else known[envs]
-            poses[:-1, :, self._together] = known.transpose(2, 0, 1, 3)
+            known = known if envs is None or known.shape[1] == 1 else known[:, envs]
+            poses[:-1, :, self._together] = known
         for m, path in self._alone:
             poses[:-1, :, m] = path.pose(stamps[:-1])[:, None]
         if len(self._driven):
@@ -113,32 +115,29 @@ class Placement:
         start, count = int(stamps[-1]), len(stamps)
         # The gap began where its first frame is a K-th of it after.
         length = round((start - int(stamps[0])) * count / (count - 1))
-        one = len(self._prescribed) * len(self._together) * (count - 1) * POSE_BYTES
+        one = len(self._worlds) * len(self._together) * (count - 1) * POSE_BYTES
         (following,) = _sub_frames(_next_gaps(start, length, 1)[:1], count)
         if following.tobytes() in self._ahead.get(count, {}):
             return
         gaps = self._gaps.get(count, FEWEST)
         nexts = _sub_frames(_next_gaps(start, length, gaps), count)
         self._gaps[count] = max(min(2 * gaps, AHEAD // one), FEWEST)
-        poses = self._known(nexts.reshape(-1))
-        parts = np.split(poses, len(nexts), axis=2)
+        parts = np.split(self._known(nexts.reshape(-1)), len(nexts))
         self._ahead[count] = {t.tobytes(): part for t, part in zip(nexts, parts)}
 
     @property
     def in_closed_form(self) -> bool:
         """Tells whether all that moves is in closed form, one scene's in all environments."""
-        return len(self._prescribed) == 1 and len(self._together) == len(self.movers)
+        return len(self._worlds) == 1 and len(self._together) == len(self.movers)
 
     def closed_form(self, stamps: np.ndarray) -> np.ndarray:
         """Computes poses of the movers, all `in_closed_form`: float64 [G, K, M, 7], at stamps int64 [G, K] ns."""
-        poses = self._prescribed[0].at(stamps.reshape(-1))
-        return poses.reshape(len(self.movers), *stamps.shape, 7).transpose(1, 2, 0, 3)
+        return self._prescribed.poses_at(stamps.reshape(-1)).reshape(*stamps.shape, len(self.movers), 7)
 
     def foresee(self, stamps: np.ndarray) -> None:
         """Computes at once the poses of several gaps with sub-frames at stamps int64 [gaps, K] ns, for `moved`."""
         if len(self._together) and stamps.shape[1] > 1:
-            poses = self._known(stamps[:, :-1].reshape(-1))
-            parts = np.split(poses, len(stamps), axis=2)
+            parts = np.split(self._known(stamps[:, :-1].reshape(-1)), len(stamps))
             self._ahead[stamps.shape[1]] = {t[:-1].tobytes(): part for t, part in zip(stamps, parts)}
 
     def _drive(self, stamps: np.ndarray, states: States, poses: np.ndarray) -> None:

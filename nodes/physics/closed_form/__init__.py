@@ -1,1 +1,1 @@
-"""Computes closed-form motion of many bodies, and of many keyframes ahead."""
+"""Computes closed-form motion of many keyframes ahead."""

@@ -32,10 +32,12 @@ class StatesAhead:
         keyframe_rate: float | None,
         block: int = BLOCK,
     ) -> None:
-        """Takes what computes states. states: computes poses [S, B, 7] and twists [S, B, 6] of `bodies` B at times
-        int64 [S] ns. timestep_ns: sub-step. keyframe_rate: rate [Hz] of the stamps at which intervals begin and end,
-        None = unknown: a block is then one interval. block: most bytes of states in a block, unless one interval has
-        more."""
+        """Takes a function of closed-form states, and the grid of its times.
+
+        states: computes poses [S, B, 7] and twists [S, B, 6] of `bodies` B at times int64 [S] ns. timestep_ns:
+        sub-step. keyframe_rate: rate [Hz] of the stamps at which intervals begin and end, None = unknown: a block is
+        then one interval. block: most bytes of states in a block, unless one interval has more.
+        """
         self._states, self._bodies, self._timestep, self._rate = states, bodies, timestep_ns, keyframe_rate
         self._fits = block // (ROW * max(bodies, 1))
         self._stamps: list[int] = []

@@ -37,10 +37,3 @@ def contacts_of(model: Any, data: Any, scratch: Any) -> Contacts:
         force=force,
         distance=np.array(contact.dist, np.float64).reshape(-1)[active],
     )
-
-
-def gather(parts: list[Contacts]) -> Contacts:
-    """Joins the contacts of all environments, which follow one another, to one list."""
-    env = np.repeat(np.arange(len(parts), dtype=np.int32), [len(p.env) for p in parts])
-    rest = (np.concatenate([getattr(p, n) for p in parts]) for n in ("body", "position", "normal", "force", "distance"))
-    return Contacts(env, *rest)

@@ -1,4 +1,4 @@
-"""Words what a user is told of an error of physics that can be seen."""
+"""Words the warning of an error of physics that can be seen."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Says how an engine takes its steps."""
+"""Holds how an engine takes its steps."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from nodes.physics.precision.tolerance import Tolerance
 
 @dataclass(frozen=True)
 class Stepping:
-    """Holds how long steps are, and what ends a course.
+    """Holds length and tolerance of an engine's steps, and the speed at which an environment has diverged.
 
     timestep: sub-step [s], at most 1 ms; None = the model's own, cut into equal parts of at most 1 ms. speed_limit:
     speed [m/s] of a body beyond which an environment has diverged. tolerance: for which steps are taken in parts; None

@@ -107,7 +107,7 @@ class SubSteps:
         return data.xpos[1:].copy(), data.xquat[1:].copy(), data.cvel[1:].copy()
 
     def _off(self, coarse: tuple[np.ndarray, ...], fine: tuple[np.ndarray, ...], dt: float) -> float:
-        """Computes the largest difference over what is allowed."""
+        """Computes the largest difference of a body over the step's share of the tolerance."""
         shift = np.linalg.norm(fine[0] - coarse[0], axis=-1)
         turn = se3.multiply(se3.conjugate(se3.from_mujoco(coarse[1])), se3.from_mujoco(fine[1]))
         rate, drift = (HORIZON_S * np.linalg.norm((fine[2] - coarse[2])[:, part], axis=-1) for part in _PARTS)

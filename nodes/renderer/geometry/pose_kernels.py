@@ -108,7 +108,7 @@ def displace_instances(
     turn_out: wp.array2d(dtype=wp.mat33),
     shift_out: wp.array2d(dtype=wp.vec3),
 ):
-    """Computes D - 1 of the map D from a thing's point in this camera frame to the same point in that of `before`.
+    """Computes D - 1 of the map D from an instance's point in this camera frame to the same point in that of `before`.
 
     The entry after the last instance is the sky, which only turns. Exactly zero for what is where it was.
 

@@ -34,7 +34,7 @@ class PoseUpload:
     """
 
     def __init__(self, envs: int, bodies: int, movers: np.ndarray, device: Any, sparse: bool | None = None) -> None:
-        """sparse: None = where it pays."""
+        """Makes the buffers of a device. sparse: whether only `movers` are sent; None = where it pays."""
         self._device, shape = device, (envs, bodies)
         pays = envs * bodies * POSE_BYTES >= SPARSE_FROM and len(movers) * SPARSE <= bodies
         self.sparse = pays if sparse is None else sparse
@@ -140,7 +140,7 @@ class PoseUpload:
         self.arrived()
 
     def _buffers(self, shape: tuple[int, ...], count: int) -> list[Any]:
-        """Pinned arrays, their views, and events after which they may be written; none on a CPU."""
+        """Makes pinned arrays, their views, and events after which they may be written; none on a CPU."""
         slots = []
         for _ in range(0 if self._device.is_cpu else count):
             buffer = wp.empty(shape, dtype=wp.transformd, device="cpu", pinned=True)

@@ -70,7 +70,7 @@ def of_bodies(poses: np.ndarray, bodies: np.ndarray) -> np.ndarray:
 
 
 def _shared(poses: np.ndarray) -> bool:
-    """Whether there are several environments, which share memory."""
+    """Tells whether there are several environments, which share memory."""
     return poses.ndim == 3 and len(poses) > 1 and not poses.strides[0]
 
 
@@ -113,7 +113,7 @@ class InstancePoses:
         return place[:, self._on] + (turn[:, self._on] @ self._rest[1][..., None])[..., 0]
 
     def of_first(self) -> InstancePoses:
-        """Gives those of the first environment alone."""
+        """Gives the poses of the first environment alone."""
         return InstancePoses(self.bodies[:1], self._index, self._on, self._rest)
 
     def body(self, index: int) -> tuple[np.ndarray, np.ndarray]:
@@ -127,6 +127,6 @@ class InstancePoses:
 
     @cached_property
     def _all(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of all bodies and, as the last one, the world."""
+        """Gives rotations and translations of all bodies and, as the last one, of the world."""
         each = [self.body(k) for k in (*range(self.bodies.shape[1]), -1)]
         return np.stack([turn for turn, _ in each], 1), np.stack([place for _, place in each], 1)

@@ -64,7 +64,7 @@ class Geometry:
 
 
 class _Shape(NamedTuple):
-    """What all instances of a mesh have in common, about the middle of its box; see Geometry."""
+    """Holds what all instances of a mesh have in common, about the middle of its box; see Geometry."""
 
     centre: np.ndarray
     points: np.ndarray

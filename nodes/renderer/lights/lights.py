@@ -176,7 +176,10 @@ def check_colour(scene: Scene, what: str, colour: Any) -> None:
 
 
 def _cone(light: Light) -> tuple[float, float]:
-    """(1 - cos outer, 1 / (cos inner - cos outer)) of a spot light; an edge of no width is made 1e-6 of the cosine."""
+    """Computes (1 - cos outer, 1 / (cos inner - cos outer)) of a spot light.
+
+    An edge of no width is made 1e-6 of the cosine.
+    """
     if light.kind != "spot":
         return 0.0, 0.0
     inner, outer = (2 * np.sin(angle / 2) ** 2 for angle in light.cone)

@@ -94,7 +94,7 @@ def irradiance_map(radiance: np.ndarray) -> np.ndarray:
 
 
 def _direction_integrals(h: int, w: int) -> np.ndarray:
-    """Integral of the direction over each texel's solid angle, float64 [h, w, 3]."""
+    """Computes the integral of the direction over each texel's solid angle, float64 [h, w, 3]."""
     theta, phi = np.linspace(0, np.pi, h + 1), np.linspace(0, 2 * np.pi, w + 1)
     across = np.diff(theta / 2 - np.sin(2 * theta) / 4)[:, None]
     along = np.diff(np.sin(theta) ** 2 / 2)[:, None] * np.diff(phi)
@@ -111,7 +111,10 @@ def _reduced(image: np.ndarray, rows: int, columns: int) -> np.ndarray:
 
 
 def _overlap(size: int, parts: int, total: bool) -> np.ndarray:
-    """Matrix [parts, size] that sums (total) or averages `size` texels into equal parts, shared ones by their share."""
+    """Makes the matrix [parts, size] that sums (total) or averages `size` texels into equal parts.
+
+    A texel that two parts share counts in each by its share.
+    """
     edges, cuts = np.arange(size + 1), np.arange(parts + 1) * size / parts
     share = np.minimum(edges[None, 1:], cuts[1:, None]) - np.maximum(edges[None, :-1], cuts[:-1, None])
     share = np.maximum(share, 0)

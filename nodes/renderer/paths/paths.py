@@ -1,4 +1,4 @@
-"""Prepares what paths need besides a `Shading`, and launches their kernel."""
+"""Prepares the sources of light of a scene's paths, and launches their kernel after a `Shading`."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def emitter_kinds(scene: Scene, visibility: Visibility) -> np.ndarray:
 
 
 def _shows(light: Light, body: int, centre: np.ndarray, reach: float) -> bool:
-    """Whether a glowing thing on a body is what is seen of a light."""
+    """Tells whether a glowing surface on a body is the visible part of a light."""
     if light.kind == "directional" or light.body != body:
         return False
     return bool(np.linalg.norm(np.asarray(light.vector, np.float64) - centre) <= reach)

@@ -71,7 +71,8 @@ def vertex_blocks(geometry: Geometry, still: np.ndarray) -> Blocks:
 
 
 def _cut(edges: np.ndarray, still: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-    """Instance, first and last of the blocks of items edges[i]..edges[i + 1], still instances first; count of these."""
+    """Lists the blocks of items edges[i]..edges[i + 1]: instance, first and last of each, and the count of still ones,
+    which come first."""
     sizes = np.diff(edges)
     pieces = -(-sizes // SIZE)
     order = np.argsort(~still, kind="stable")

@@ -53,7 +53,7 @@ class RowRaster:
     local = False
 
     def __init__(self, arrays: SceneArrays, still: np.ndarray) -> None:
-        """still: bool [I], instances that stand still before a still camera; they are drawn apart."""
+        """Takes the scene. still: bool [I], instances that stand still before a still camera; they are drawn apart."""
         v = self._v = arrays
         pieces = clusters.triangle_blocks(v.geometry, still, v.sides), clusters.vertex_blocks(v.geometry, still)
         self.blocks = [put_blocks(p, v.put) for p in pieces]
@@ -87,7 +87,7 @@ class TiledRaster:
     local = True
 
     def __init__(self, arrays: SceneArrays, still: np.ndarray) -> None:
-        """still: bool [I], instances that stand still before a still camera; they are drawn apart."""
+        """Takes the scene. still: bool [I], instances that stand still before a still camera; they are drawn apart."""
         v = self._v = arrays
         pieces = clusters.triangle_blocks(v.geometry, still, v.sides)
         self._blocks, self._still, self._count = put_blocks(pieces, v.put), pieces.still, len(pieces.instance)
@@ -166,7 +166,7 @@ class NoRaster:
     kernels: Sequence[tuple[wp.Kernel, int]] = ()
 
     def __init__(self, arrays: SceneArrays, still: np.ndarray) -> None:
-        """still: of no use."""
+        """Takes what all rasters take. still: of no use."""
         self.vertices = arrays.points.reshape((1, -1))
 
     def clear(self) -> None:

@@ -22,7 +22,8 @@ class SceneArrays:
     """
 
     def __init__(self, scene: Scene, camera: Camera, envs: int, margin: int, device: str, threads: int) -> None:
-        """margin: pixels beyond the image on every side. threads: of the CPU, which share the image's rows."""
+        """Brings the scene to a device. margin: pixels beyond the image on every side. threads: of the CPU, which share
+        the image's rows."""
         self.scene, self.camera, self.envs, self.margin = scene, camera, envs, margin
         self.device = device_named(device)
         self.shape = (envs, camera.height + 2 * margin, camera.width + 2 * margin)

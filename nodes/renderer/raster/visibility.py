@@ -56,8 +56,11 @@ class Visibility(SceneArrays):
         sparse: bool | None = None,
         drawn: bool = True,
     ) -> None:
-        """sparse: whether only bodies that may move are sent from one instant to the next; None = where it pays. drawn:
-        False for who fills `packed` himself and never draws."""
+        """Brings the scene to a device.
+
+        sparse: whether only bodies that may move are sent from one instant to the next; None = where it pays. drawn:
+        False for who fills `packed` himself and never draws.
+        """
         super().__init__(scene, camera, envs, margin, device, threads)
         geometry = self.geometry
         still = geometry.static & is_static(scene, self.camera_body)
@@ -286,7 +289,7 @@ class Visibility(SceneArrays):
         wp.launch(pose_kernels.displace_instances, dim=dim, inputs=first, outputs=[turn, shift], device=self.device)
 
     def _still_same(self, a: np.ndarray, b: np.ndarray) -> bool:
-        """Whether the still bodies, in a scene with a layer, are at the same poses."""
+        """Tells whether the still bodies, in a scene with a layer, are at the same poses."""
         still = self._still_bodies
         return self._layered and (same_bytes(a, b) or np.array_equal(a[:, still], b[:, still]))
 

@@ -81,7 +81,7 @@ def make_cache(f: Features) -> tuple[Any, Any]:
         lit_mask: wp.uint32,
         radiance: wp.vec3,
     ):
-        """Keeps what was found out; radiance: without moving casters."""
+        """Remembers the light of a pixel's still surface; radiance: without moving casters."""
         still = casters.is_still[hit.instance] == 1
         shading_cache.triangle[pixel.env, pixel.y, pixel.x] = wp.where(still, hit.triangle, MISS)
         shading_cache.lit_mask[pixel.env, pixel.y, pixel.x] = lit_mask

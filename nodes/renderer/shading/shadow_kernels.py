@@ -122,7 +122,7 @@ def make_shadow_rays(
         # out
         shadow_mask: wp.array3d(dtype=wp.uint32),
     ):
-        """Finds the same of listed pixels.
+        """Finds the lights that are hidden from listed pixels.
 
         Args:
             workers: threads that share the list, for each light.

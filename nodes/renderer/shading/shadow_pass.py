@@ -49,7 +49,7 @@ class ShadowPass:
                 self._parts.append((self._receivers(part), Grid() if grid is None else grid.kernel, *kernels))
 
     def kernels(self, listed: bool) -> list[tuple[wp.Kernel, int]]:
-        """Gives those that trace rays of a whole image, or of a list of pixels, as `build_together` takes them."""
+        """Gives the kernels that trace the rays of an image, or of a list of pixels, as `build_together` takes them."""
         rays = [(of_list if listed else of_image, BLOCK) for _, _, of_image, of_list in self._parts]
         return [*rays, *(self._grid.kernels if self._grid else [])]
 
@@ -74,7 +74,7 @@ class ShadowPass:
             )
 
     def launch_list(self, workers: int, pixels: wp.array, count: wp.array) -> None:
-        """Traces those of count[0] pixels of a list, int32 indices into [E, H, W]."""
+        """Traces the shadow rays of count[0] pixels of a list, int32 indices into [E, H, W]."""
         self._place_once()
         v = self._visibility
         for on, grid, _, kernel in self._parts:

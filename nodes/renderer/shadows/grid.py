@@ -71,7 +71,7 @@ class ShadowGrid:
     """Makes `kernel` (grid_kernels.Grid) of some lights; `place` it for every new instant."""
 
     def __init__(self, visibility: Visibility, occluders: Occluders, lights: list[int]) -> None:
-        """lights: those that `suits` is true of."""
+        """Makes the grids of a scene. lights: those that `suits` is true of."""
         v = self._v = visibility
         self._occluders, self._lights = occluders, lights
         casters = occluders.casters
@@ -190,7 +190,7 @@ class ShadowGrid:
 
 
 def _placed(light: Light, pose: np.ndarray | None, beside: np.ndarray | float = 0.0) -> np.ndarray:
-    """A light's place, or one beside it, in the world [m]."""
+    """Computes a light's place, or one beside it, in the world [m]."""
     place = np.asarray(light.vector, np.float64) + beside
     return place if pose is None else se3.transform(pose, place)
 

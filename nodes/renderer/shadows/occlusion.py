@@ -42,7 +42,8 @@ class Occluders:
         merged: bool = False,
         meshes: dict[int, wp.Mesh] | None = None,
     ) -> None:
-        """meshes: ray-tracing structures by the id of their mesh, that others of the same scene have made already."""
+        """Takes what sees the scene. meshes: ray-tracing structures by the id of their mesh, which others of the same
+        scene have made already."""
         geometry, put = visibility.geometry, visibility.put
         self._visibility = visibility
         self.meshes: dict[int, wp.Mesh] = {} if meshes is None else meshes
@@ -126,7 +127,7 @@ class Occluders:
         wp.launch(occlusion_kernels.place_boxes, self._lower.shape, inputs, outputs, device=v.device)
 
     def _build_still(self, frames: InstancePoses) -> None:
-        """The tree of still instances in the world's axes, about their middle."""
+        """Builds the tree of still instances in the world's axes, about their middle."""
         # They are at the same places in all environments, of which there may be hundreds.
         frames = frames.of_first()
         rotation, translation = frames.body(-1)
@@ -146,7 +147,7 @@ class Occluders:
             self.casters.merged_face = merged.face
 
     def _build_moving(self, frames: InstancePoses) -> None:
-        """The tree of moving instances, if there is none or it fits badly."""
+        """Builds the tree of moving instances, if there is none or it fits badly."""
         v = self._visibility
         # Of many environments a part tells how far things have gone.
         some = frames.bodies[:: max(1, len(frames.bodies) * len(self._moving) // ASKED)]
@@ -168,7 +169,7 @@ class Occluders:
         self.casters.moving_tree = self._moving_tree.id
 
     def _mesh(self, mesh: Mesh) -> int:
-        """Id of the ray-tracing structure of a mesh, built once for all its instances; 0 for an empty one."""
+        """Gives the id of the ray-tracing structure of a mesh, built once for all its instances; 0 for an empty one."""
         if not len(mesh.faces):
             return 0
         if id(mesh) not in self.meshes:

@@ -53,6 +53,24 @@ def test_the_same_events_as_on_a_cpu(name):
     assert sum(len(e.t) for e in cpu) > 10_000
 
 
+@pytest.mark.parametrize("poles", [1, 2])
+def test_noise_of_the_photoreceptor_agrees(poles):
+    """exp and ln end on another last bit: where float32 light then does, a level is crossed some us later."""
+    frames = walk(3, 2, 16, 20, 24)
+    given = {
+        "bandwidth_hz": 300.0, "bandwidth_poles": poles, "bandwidth_level": 0.5, "photoreceptor_noise": 0.1,
+        "photoreceptor_noise_level": 0.3, "dark_level": 0.01,
+    }  # fmt: skip
+    made = []
+    for device in ("cpu", "cuda"):
+        parts, _ = run(frames, device, **given)
+        made.append(np.stack([np.concatenate([getattr(e, n) for e in parts]).astype(np.int64) for n in "yxpt"]))
+    a, b = (one[:, np.lexsort(one[::-1])] for one in made)
+    assert a.shape == b.shape and a.shape[1] > 3000 and (a[:3] == b[:3]).all()
+    late = np.abs(a[3] - b[3])
+    assert np.median(late) <= 2 and late.max() < 50_000
+
+
 @pytest.mark.parametrize("crossing", ["cubic", "hermite"])
 def test_curves_agree_to_a_nanosecond(crossing):
     """Newton's method ends on another last bit where a curve is nearly level."""

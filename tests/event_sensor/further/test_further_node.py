@@ -51,7 +51,14 @@ def message(gap: Gap, **more) -> Samples:
 
 
 @pytest.mark.parametrize(
-    "params", [{}, {"shot_rate": 30.0, "refractory_us": 200.0, "seed": 3}, {"bandwidth_hz": 300.0}, {"colour": True}]
+    "params",
+    [
+        {},
+        {"shot_rate": 30.0, "refractory_us": 200.0, "seed": 3},
+        {"bandwidth_hz": 300.0},
+        {"colour": True},
+        {"bandwidth_hz": 30.0, "bandwidth_poles": 2, "photoreceptor_noise": 0.1, "seed": 4},
+    ],
 )
 def test_packets_are_those_of_the_sensor(params):
     shape = (2, 3, 4, 3) if "colour" in params else (2, 3, 4)

@@ -36,6 +36,20 @@ def folder(tmp_path):
     return tmp_path / "f"
 
 
+@pytest.mark.parametrize("options", [[], ["--colour", "--white", 30], ["--upsample", 4, "--slow-motion", 10]])
+def test_frames_that_are_saved_give_the_same_events_again(options, capsys, tmp_path, folder):
+    """Byte for byte, from the light and the times of all frames that the sensor had."""
+    if "--upsample" in options:
+        pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'evis[video]')")
+    kept = tmp_path / "kept"
+    made = call(capsys, folder, tmp_path / "a.npz", "--fps", 25, "--save-frames", kept, *options)
+    assert made["saved_frames"] == made["frames"] == len(list(kept.iterdir())) >= N and made["events"] > 1000
+    again = call(capsys, kept, tmp_path / "b.npz", *options[:1] * ("--colour" in options))
+    assert again["frames"] == made["frames"]
+    a, b = (dict(np.load(tmp_path / name)) for name in ("a.npz", "b.npz"))
+    assert a.keys() == b.keys() and all(np.array_equal(a[name], b[name]) for name in a)
+
+
 @pytest.mark.parametrize(
     "options",
     [
@@ -208,6 +222,8 @@ def test_codes_of_10_bits_are_coarse_where_their_own_steps_are(capsys, tmp_path)
         (["--upsample", 999], "upsample is 999; it must be 1 to 256"),
         (["--interpolator", "m:C"], "--interpolator m:C has no effect without --upsample"),
         (["--upsample", 2, "--interpolator", "m"], "write it as my_module:MyInterpolator"),
+        (["--save-frames", "."], "--save-frames . is not empty; name a new folder"),
+        (["--save-frames", "new", "--crossing", "hermite"], "--save-frames keeps no dlog_dt"),
         (["--upsample", 2, "--crossing", "hermite"], "--crossing hermite needs dlog_dt, which sub-frames do not have"),
     ],
 )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 import pytest
 from plain_definitions import Columns, counts, some_events, surface, voxels
@@ -119,3 +121,16 @@ def test_no_events_make_an_empty_array() -> None:
     assert voxel_grid(nothing, 3, normalise=True, **SIZE).values.shape == (3, 6, 9)
     assert not count_image(nothing, **SIZE).values.any()
     assert not time_surface(nothing, 1000, **SIZE).values.any()
+
+
+def test_a_copy_of_a_surface_goes_its_own_way(events: Columns) -> None:
+    """Copied between two packets, it fades and grows as the one does that it was copied from."""
+    first, later = ({name: column[part] for name, column in events.items()} for part in (slice(-20), slice(-20, None)))
+    one = TimeSurface(10_000_000, **SIZE)
+    empty = copy.deepcopy(one)
+    one.update(first)
+    copied = copy.deepcopy(one)
+    expected = one.update(later).values
+    assert np.array_equal(copied.update(later).values, expected)
+    np.testing.assert_allclose(empty.update(events).values, expected, atol=FLOAT)
+    assert (TimeSurface(10_000_000, **SIZE).update(later).values != expected).any()

@@ -38,6 +38,7 @@ def plan(name, held=None, **given):
         ({"model": "esim", "leak_rate": 1}, "leak_rate:=1.0 has no effect: event model esim has none; it has"),
         ({"model": "evis-paper", "shot_rate": 5, "shot_on_share": 0.9}, "shot_on_share:=0.9 has no effect: event"),
         ({"bandwidth_hz": 9, "bandwidth_exponent": 0, "bandwidth_level": 2}, "bandwidth_level:=2.0 has no effect: ban"),
+        ({"photoreceptor_noise_level": 5}, "photoreceptor_noise_level:=5.0 has no effect: photoreceptor_noise is 0"),
         ({"hot_pixel_rate": 5}, "hot_pixel_rate:=5.0 has no effect: hot_pixel_fraction is 0"),
         ({"threshold": 0.2, "threshold_on": 0.1, "threshold_off": 0.3}, "threshold:=0.2 has no effect: threshold_on"),
     ],

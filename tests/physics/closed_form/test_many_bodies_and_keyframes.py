@@ -11,13 +11,13 @@ from evis.runtime.clock import keyframe_stamp
 from evis.scene.load import load_scene
 from evis.scene.model import Body, Scene
 from evis.scene.motion import Linear, Path, Prescribed, Sinusoid, Spin, Swing, Turn
+from evis.scene.prescribed_batch import PrescribedBatch
 from evis.scene.spline import Spline
 from evis.simulation.simulation import Simulation
 from msgs.codec import decode, encode
 from msgs.header import Header
 from msgs.world import WorldState
 from nodes.physics.closed_form.ahead import BLOCK
-from nodes.physics.closed_form.prescribed_batch import PrescribedBatch
 from nodes.physics.interval import grid_inside
 from nodes.physics.prescribed import PrescribedEngine, PrescribedStates
 
@@ -53,7 +53,9 @@ def drawn_paths(count: int, seed: int) -> list[Prescribed]:
 def test_many_bodies_are_as_each_by_itself(count):
     paths = drawn_paths(count, seed=count)
     t = np.concatenate([[0, 1], np.sort(np.random.default_rng(1).integers(0, 10**11, 301))])
-    pose, twist = PrescribedBatch(paths).at(t)
+    batch = PrescribedBatch(paths)
+    pose, twist = batch.at(t)
+    assert batch.poses_at(t).tobytes() == pose.tobytes()
     assert pose.shape == (303, count, 7) and twist.shape == (303, count, 6)
     for n, path in enumerate(paths):
         for part in (slice(0, 1), slice(1, 35), slice(0, 303)):

@@ -53,6 +53,17 @@ def test_a_notice_is_not_said_again_in_the_next_episode(engine):
     assert interval.faults == [] and interval.warnings == []
 
 
+def test_another_run_is_told_of_as_the_first(engine):
+    """What a run says, and which of its steps are looked at one by one, does not hang on the runs before it."""
+    spoil(engine, 0)
+    first = engine.advance(10 * MS).warnings
+    engine.rewind(0)
+    assert first == [(0, TAKEN_AS_ZERO)]
+    assert engine.advance(10 * MS).warnings == []
+    spoil(engine, 0)
+    assert engine.advance(20 * MS).warnings == first
+
+
 def test_what_has_no_name_is_called_by_its_number():
     """Geoms and the bodies that they are on."""
     from nodes.physics.stiffness import geom_name

@@ -135,3 +135,20 @@ def test_that_a_body_does_not_sleep_from_the_start_is_said(tmp_path: Path) -> No
         notes = load_scene(str(tmp_path / f"{name}.xml"), visuals=False).notes
         assert [note for note in notes if "sleep" in note] == ['sleep="init" counts as sleep="allowed", so at the '
                                                               "start body 'far' may move"] * said  # fmt: skip
+
+
+@pytest.mark.parametrize("envs", [1, 2])
+def test_steps_with_checks_tell_the_same_velocities(tmp_path: Path, envs: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """That of the last steps before a body falls asleep is told to be none, whoever takes the steps."""
+    plain, checked = engine_of(tmp_path, envs), engine_of(tmp_path, envs)
+    for n in range(1, 41):
+        truth = plain.advance(n * 50_000_000)
+        falls = any((data.tree_asleep >= 0).any() for data in plain.data)
+        with monkeypatch.context() as patch:
+            if falls:
+                patch.setattr(checked._watch, "quiet", lambda envs, *_: np.zeros(len(envs), bool))
+            found = checked.advance(n * 50_000_000)
+        assert told(found, 0) == told(truth, 0)
+        if falls:
+            break
+    assert falls and checked.checked == envs

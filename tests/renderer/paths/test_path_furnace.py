@@ -18,7 +18,7 @@ SIZE = camera(24, 18, 20.0)
 def image_of(scene_, where, options, **more):
     renderer = Renderer(scene_, scene_.cameras[0], paths=options, **more)
     image = renderer.render(poses(*where))["radiance"][0].copy()
-    assert renderer.not_finite == 0
+    assert renderer.counts()[0] == 0
     return image
 
 

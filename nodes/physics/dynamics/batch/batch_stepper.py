@@ -1,4 +1,4 @@
-"""Chooses what steps several environments of a model in one batch: MuJoCo's threads or MuJoCo Warp."""
+"""Chooses the stepper that takes the steps of several environments in one batch: MuJoCo's threads or MuJoCo Warp."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def why_not_batched(scene: Scene, tolerance: Tolerance | None) -> str:
 
 
 def make_batch_stepper(model: Any, envs: int, threads: int, warp: str | None) -> BatchStepper:
-    """Makes what steps the environments of a model: MuJoCo's threads, or MuJoCo Warp on the device `warp`.
+    """Makes the stepper of the environments of a model: MuJoCo's threads, or MuJoCo Warp on the device `warp`.
 
     Raises Unsupported for a model that MuJoCo Warp cannot take.
     """

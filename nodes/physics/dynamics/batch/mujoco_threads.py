@@ -58,7 +58,7 @@ def stand_back() -> None:
 
 @dataclass
 class _Taken:
-    """Holds what environments did in a call.
+    """Holds the steps that one call of MuJoCo took of n environments.
 
     number: of the arrays that it was recorded in. rows: int [n], ascending, which they are. left: those of them whose
     result was not fetched yet. nearest, constrained: as of SteppedStates.
@@ -165,7 +165,7 @@ class MujocoThreads:
         data.warning.number[:] = self._warned[row, :, 1]
 
     def _wake(self, rows: Sequence[int]) -> None:
-        """Does as `wake` to environments."""
+        """Wakes all bodies of environments, as `sleep.wake` does."""
         if not self._sleeps:
             return
         batch, chosen = self._made(), np.array(rows, np.int32)

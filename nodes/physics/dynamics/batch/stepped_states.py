@@ -41,7 +41,7 @@ class Records:
 
 @dataclass
 class SteppedStates:
-    """Holds the states of n environments after each of S steps, as what stepped them left them.
+    """Holds the states of n environments after each of S steps, in the form that their stepper keeps them in.
 
     nearest: float64 [n] m, least distance of a contact in any of them. warnings: int [n, W], how often MuJoCo had
     warned of each of its warnings, after them. constrained: bool [n], whether anything was touched or limited at the

@@ -20,7 +20,7 @@ Launched = list[tuple[wp.Kernel, int]]
 
 
 def launches(work: Callable[[], None]) -> Launched:
-    """Runs `work` without what it launches on a device, and returns that."""
+    """Runs `work` with its kernel launches noted in place of done, and returns these."""
     found: Launched = []
     with _noted(found):
         work()

@@ -33,7 +33,7 @@ class Recorded:
 
 @wp.struct
 class Written:
-    """Holds the arrays that what is told of m environments is written to.
+    """Holds the arrays that `write_course` writes of m environments, beside their course.
 
     state_pose, state_twist: [m, 2, bodies without the world, ...] after the last two steps. speed: [m], greatest speed
     of a point of a body, not finite where anything is not. fastest: [m], greatest component of a velocity before the

@@ -17,11 +17,14 @@ KERNELS = [(place_mounted, LAUNCH_BLOCK)]
 
 
 class Mounted:
-    """Writes poses and twists of what is mounted on other bodies, to the bit as se3.compose and se3.compose_twist."""
+    """Computes poses and twists of bodies mounted on others, to the bit as se3.compose and se3.compose_twist."""
 
     def __init__(self, mounted: Sequence[tuple[int, int, np.ndarray]]) -> None:
-        """Takes what is fixed on other bodies. mounted: of each, which of M bodies it is, which it is fixed on, and its
-        pose float64 [7] there; what others are fixed on comes first."""
+        """Takes the bodies that are fixed on others.
+
+        mounted: of each, which of M bodies it is, which it is fixed on, and its pose float64 [7] there; a body comes
+        before those that are fixed on it.
+        """
         below = np.array([m for m, _, _ in mounted], np.int32)
         above = np.array([parent for _, parent, _ in mounted], np.int32)
         offsets = np.array([offset for _, _, offset in mounted], np.float64)

@@ -26,11 +26,11 @@ SHARE = 16
 
 @dataclass
 class Seen:
-    """Holds what is known of m environments after their steps.
+    """Holds the last states and the greatest speeds of m environments in their steps.
 
-    pose, twist: [m, 2, bodies, ...] after the last two steps, the first of which counts only of two or more. speed: the
-    greatest of any point [m], not finite where anything is not. fastest: the greatest component of a velocity before
-    the last step [m].
+    pose, twist: [m, 2, bodies, ...] after the last two steps, the first of which counts only of two or more. speed,
+    fastest: float64 [m], the greatest speed of a point [m/s], not finite where anything is not, and the greatest
+    component of a twist before the last step [m/s, rad/s].
     """
 
     pose: np.ndarray

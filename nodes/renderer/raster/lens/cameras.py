@@ -124,5 +124,5 @@ def cones_of(rays: np.ndarray) -> np.ndarray:
 
 
 def _slopes(count: int, margin: int, focal: float, centre: float) -> np.ndarray:
-    """(i - margin - centre) / focal for i < count, in float32."""
+    """Computes (i - margin - centre) / focal for i < count, in float32."""
     return (np.arange(count, dtype=np.float32) - np.float32(margin) - np.float32(centre)) / np.float32(focal)

@@ -1,4 +1,7 @@
-"""Computes states of many bodies with prescribed motion at once: one pass over all with the same kinds of motion."""
+"""Computes prescribed motion of many bodies at once: one pass over all with the same kinds of motion.
+
+Physics takes their states from it, the interpolator their poses alone.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,19 @@ from typing import Any
 
 import numpy as np
 
-from evis.scene.motion import NS, Prescribed, Rotation, Shift, carried, kind, local_state, stacked, with_parents
+from evis.geometry import se3
+from evis.scene.motion import (
+    NS,
+    Prescribed,
+    Rotation,
+    Shift,
+    carried,
+    kind,
+    local_pose,
+    local_state,
+    stacked,
+    with_parents,
+)
 
 
 @dataclass(frozen=True)
@@ -27,7 +42,8 @@ class SameMotion:
 
 
 class PrescribedBatch:
-    """Computes `Prescribed.state` of several bodies at once, to the bit."""
+    """Computes `Prescribed.state` and `Prescribed.pose` of several bodies at once, to the bit: a pose does not hang on
+    how many times and bodies are asked for with it."""
 
     def __init__(self, paths: Sequence[Prescribed]) -> None:
         nodes = with_parents(paths)
@@ -62,6 +78,16 @@ class PrescribedBatch:
                 state = carried((pose[group.parents], twist[group.parents]), state)
             pose[group.rows], twist[group.rows] = state
         return _by_time(pose[self._rows]), _by_time(twist[self._rows])
+
+    def poses_at(self, t_ns: np.ndarray) -> np.ndarray:
+        """Computes the poses of `at` alone."""
+        t = np.asarray(t_ns, np.int64) * NS
+        pose = np.empty((self._count, len(t), 7))
+        pose[self._still] = self._rest
+        for group in self._groups:
+            local = local_pose(group.start, group.shifts, group.turns, t)
+            pose[group.rows] = se3.compose(pose[group.parents], local) if len(group.parents) else local
+        return _by_time(pose[self._rows])
 
 
 def _motions(paths: Sequence[Prescribed]) -> tuple[list[list[Shift]], list[list[Rotation]]]:

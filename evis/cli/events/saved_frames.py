@@ -1,0 +1,38 @@
+"""Saves the frames that the sensor takes, sub-frames included, as a folder that `evis events simulate` reads again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from evis.cli.parser import UsageError
+
+if TYPE_CHECKING:
+    from evis.media.frames.source import FrameBlock
+
+
+class SavedFrames:
+    """Writes frames to a folder, 000000.exr and so on: float32, linear, R, G and B or luminance Y, with their times.
+
+    count: frames that are whole so far. Raises UsageError for a folder that holds something.
+    """
+
+    def __init__(self, folder: str) -> None:
+        self.folder, self.count = Path(folder), 0
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            if any(self.folder.iterdir()):
+                raise UsageError(f"--save-frames {folder} is not empty; name a new folder")
+        except OSError as error:
+            raise UsageError(f"--save-frames {folder}: {error.strerror}") from None
+
+    def passing(self, blocks: Iterator[FrameBlock]) -> Iterator[FrameBlock]:
+        """Gives the blocks on, each once its frames are written. Raises OSError where one could not be."""
+        from evis.bag.export import exr
+
+        for block in blocks:
+            for t, image in zip(block.t.tolist(), block.image):
+                exr.write(self.folder / f"{self.count:06d}.exr", {"RGB" if image.ndim == 3 else "Y": image}, t)
+                self.count += 1
+            yield block
