@@ -122,7 +122,7 @@ class EventSensorNode(Node):
         from evis.gpu.devices import device_named
 
         self._resolved = resolve_with_scene(self.name, self.params)
-        resolve_each(self.name, self.params, self.params["envs"])  # says what is wrong before anything runs
+        each = resolve_each(self.name, self.params, self.params["envs"])  # says what is wrong before anything runs
         self._source = source_of(self.params["source"], lambda: self._resolved)
         for text in _unused_samples(self.params["source"], self._resolved):
             self.warn(text)
@@ -133,12 +133,7 @@ class EventSensorNode(Node):
                 f"{self.name}: event model {self._resolved['model']} does not say which events noise made; "
                 f"leave out labels:=events and the topic /{self.params['camera']}/signal, or take evis or evis-paper"
             )
-        if self._marked and self._resolved["photoreceptor_noise"] > 0:
-            raise ValueError(
-                f"{self.name}: with photoreceptor_noise light and noise make each crossing together, so that no event "
-                f"is of one of them; leave out labels:=events and the topic /{self.params['camera']}/signal, or the "
-                "noise"
-            )
+        self._check_marked(each)
         self._sensor: Any = None
         self._reset_groups: ResetGroups | None = None
         """The sensors, once an environment was reset by itself."""
@@ -161,9 +156,20 @@ class EventSensorNode(Node):
         if self._own_model and EACH not in self.params:
             begin_building(self._device, self._warm_up_sensor.kernels())
 
+    def _check_marked(self, each: Sequence[Mapping[str, Any]]) -> None:
+        """Raises ValueError where events are to be marked and some environment's noise makes crossings with the light.
+        each: all of SENSOR, resolved, of the environments."""
+        if self._marked and any(p["photoreceptor_noise"] > 0 for p in each):
+            raise ValueError(
+                f"{self.name}: with photoreceptor_noise light and noise make each crossing together, so that no event "
+                f"is of one of them; leave out labels:=events and the topic /{self.params['camera']}/signal, or the "
+                "noise"
+            )
+
     def warm_up(self) -> None:
         """Compiles what is launched for every frame."""
         from evis.gpu.building import build_together
+        from nodes.event_sensor.input.further import LONGEST, Further
 
         sensor, self._warm_up_sensor = self._warm_up_sensor, None
         if self._own_model and EACH not in self.params:
@@ -173,13 +179,11 @@ class EventSensorNode(Node):
         warm = self._images.read([Keyframe(Header(0), episodes, radiance=ones)])
         instants = [0, 10]
         if self._own_model and self._resolved["photoreceptor_noise"] > 0:
-            # A step in which the noise has samples of its own.
-            instants.append(10 + max(1, round(1e9 / self._resolved["bandwidth_hz"])))
+            # A step in which the noise has samples of its own, unless these are further apart than frames may be.
+            instants.append(10 + min(max(1, round(1e9 / self._resolved["bandwidth_hz"])), LONGEST))
         for stamp in instants:
             sensor.process(warm, np.array([stamp]), episodes)
         if self._source == "samples":
-            from nodes.event_sensor.input.further import Further
-
             values = np.ones((1, 3) if self.params["colour"] else 1, np.float32)
             first = np.minimum(np.arange(4 * self._warm_up_envs + 1), 1)
             sensor.advance(warm, np.array([instants[-1] + 10]), episodes, further=Further(first, np.array([5]), values))
@@ -195,6 +199,7 @@ class EventSensorNode(Node):
         each = resolve_each(self.name, params, envs)
         seeds = seeds_of({**params, "envs": envs})
         check_shared(self.name, each[0], f"with seed {seeds[0]}", self._resolved, "before")
+        self._check_marked(each)
         self._fires_in_constant_light = self._fires_in_constant_light or any(map(fires_in_constant_light, each))
         if len(each) == 1 and seeds == list(range(seeds[0], seeds[0] + envs)):
             return self._make_sensor(height, width, envs, each[0], seeds[0], number)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from evis.config.params import ParamError
+from evis.config.params import EACH, ParamError
 from msgs.camera import Frames, Keyframe
 from msgs.header import Header
 from nodes.event_sensor.node import EventSensorNode
@@ -84,6 +84,9 @@ def test_what_is_signal_goes_out_beside_the_events(video):
     assert 0 < np.concatenate([s.signal for s in signals]).mean() < 1
     with pytest.raises(ValueError, match="event model v2e does not say which events noise made"):
         start(("events", "signal"), model="v2e")
+    each = [{"photoreceptor_noise": noise, "bandwidth_hz": 60.0, "seed": 1} for noise in (0.0, 0.1)]
+    with pytest.raises(ValueError, match=r"light and noise make each crossing together, .*leave out labels:=events"):
+        start(("events", "signal"), envs=2, **{EACH: each})
 
 
 def test_the_rate_of_events_in_light_that_swings_is_that_of_the_closed_form():

@@ -41,6 +41,8 @@ PARTS = {1: 8, 2: 4}
 """Instants of the noise within a time constant in full light, by the number of poles."""
 AT_ONCE = 1 << 23
 """Samples of all pixels above which a message is sensed frame by frame: 64 MB of them."""
+LONGEST_STEP = 2.0**61
+"""Most time from one instant of the noise to the next [ns], 73 years, that an instant after the last stamp is int64."""
 MOST_SAMPLES = 1 << 28
 """Most samples between two frames: 2 GB of them."""
 
@@ -56,7 +58,7 @@ class PhotoreceptorNoise:
         self._receptor = receptor_struct(size.pixels, self._hz, level, exponent, p["dark_level"])
         self._kernel = kernels.make_add_noise(poles, law)
         at = p["photoreceptor_noise_level"]
-        self._step_ns = max(1, round(1e9 / (PARTS[poles] * self._receptor.rate)))
+        self._step_ns = max(1, round(min(1e9 / (PARTS[poles] * self._receptor.rate), LONGEST_STEP)))
         """From one instant of the noise to the next."""
         noise: Any = kernels.Noise()
         noise.sigma, noise.level, noise.step, noise.seed = p["photoreceptor_noise"], at, self._step_ns, seed

@@ -58,12 +58,15 @@ def message(gap: Gap, **more) -> Samples:
         {"bandwidth_hz": 300.0},
         {"colour": True},
         {"bandwidth_hz": 30.0, "bandwidth_poles": 2, "photoreceptor_noise": 0.1, "seed": 4},
+        # So slow that the step by which its kernels are compiled would be longer than a message may be.
+        {"bandwidth_hz": 0.25, "photoreceptor_noise": 0.1, "threshold": 0.001, "threshold_floor": 0.001},
     ],
 )
 def test_packets_are_those_of_the_sensor(params):
     shape = (2, 3, 4, 3) if "colour" in params else (2, 3, 4)
     gaps = random_gaps(np.random.default_rng(1), shape, 3, 4, 8.0)
     node = start(**params)
+    node.warm_up()
     assert EventSensorNode.needs(node.params, frozenset({"events"})) == {"samples"}
     for gap in gaps:
         node.update({"samples": message(gap)})

@@ -329,3 +329,11 @@ def test_frames_that_are_too_far_apart_are_refused_before_anything_moves():
     with pytest.raises(ValueError, match=r"bandwidth_hz 0.1 .* 2.15 s between two frames"):
         slow = EventSensor(4, 4, bandwidth_hz=0.1, photoreceptor_noise=0.1)
         slow.process(np.ones((1, 2, 4, 4), np.float32), np.array([0, 3 * S]), NONE)
+
+
+@pytest.mark.parametrize("hz", [1e-12, 1e-320])
+def test_a_corner_that_nothing_passes_gives_no_events(hz):
+    """What moves by less than 1e-10 ln I in the time of these frames, light and noise, crosses nothing."""
+    sensor = EventSensor(4, 4, bandwidth_hz=hz, bandwidth_poles=2, photoreceptor_noise=0.5, threshold=0.01)
+    t = np.array([0, 1, 2]) * 2 * S
+    assert len(sensor.process(walk((1, 3, 4, 4)), t, NONE).t) == 0
