@@ -183,8 +183,6 @@ class PhysicsNode(Node):
         self.names = [body.name for body in scene.bodies]
         self._begin()
         self.count_all = keyframe_count(round(p["duration"] * NS), p["keyframe_rate"]) if p["duration"] else None
-        self._faults_told = 0
-        """Faults that were told of."""
         if self.count_all is not None:
             self._say_end(self.count_all - 1)
 
@@ -203,6 +201,8 @@ class PhysicsNode(Node):
         """Whether an action differed from the one before: then no keyframe is begun before its action is there."""
         self.first = 0
         """Number of the stamp at which the run's episode began: cameras and actions are counted from it."""
+        self._faults_told = 0
+        """Faults of the run that were told of."""
 
     def rewind(self, params: Mapping[str, Any]) -> bool:
         """Puts the engine back to time 0, with another seed where that is all that differs and moves nothing else."""
