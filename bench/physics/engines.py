@@ -53,7 +53,7 @@ def rows(device: str, most: int) -> list[str]:
     Raises Unsupported where MuJoCo Warp is not installed or cannot take a case.
     """
     known = {case.name: case for room in (free, springs, contacts, piles) for case in room.cases(True)}
-    found = []
+    found: list[str] = []
     for step, names in STEPS.items():
         for name in names[:most]:
             with tempfile.TemporaryDirectory() as folder:
