@@ -21,7 +21,7 @@ from evis.simulation.errors import Diverged, SimulationError, SimulationWarning
 from evis.simulation.graph import CALLER, Graph, needs_sockets
 from evis.simulation.output_names import OF_CAMERA
 from evis.simulation.outputs import RequestedOutputs
-from evis.simulation.saved import Kind, Physics, RunState, take_again
+from evis.simulation.saved import Copied, Kind, Physics, RunState, take_again
 from evis.simulation.step import IMAGE, IMAGES, Step, value_of
 from evis.supervisor.run_directory import RunDirectory
 from msgs.own_time import STAMP
@@ -235,33 +235,38 @@ class Run:
         if self.k < 0 or self._finished or self.last is None:
             what = "the run has ended" if self._finished else "nothing has run yet"
             raise SimulationError(f"there is no state to keep: {what}; reset() first")
-        if not self.history.whole:
+        physics, first = self._executor.node(self.graph.physics), self._made_from()
+        copied = physics.kept() if first == self.k and isinstance(physics, Copied) else None
+        if copied is None and not self.history.whole:
             raise SimulationError("the run has more actions than are kept for a state; reset() begins a shorter one")
         try:
             nodes = self._executor.state()
         except ValueError as error:
             raise SimulationError(str(error)) from None
-        history = self.history
-        return RunState(kind_of(self.graph), tuple(history.done), history.size, self.k, self.over, self.last, nodes)
+        done, kind, controls = self.history, kind_of(self.graph), self._controls.copy()
+        where = self.k, self.over, controls, self.last, first, copied
+        return RunState(kind, tuple(done.done), done.size, *where, nodes)
 
     def restore(self, graph: Graph, state: RunState) -> Step:
-        """Goes back to before keyframe 0 and on to where a state was taken; gives the step that ended there.
+        """Goes to where a state was taken; gives the step that ended there.
 
-        Physics takes the steps again; of the rest a last keyframe is made, from which the next gap goes on, or as many
-        as that depends on.
+        Physics is copied, or takes the steps again; of the rest a last keyframe is made, from which the next gap goes
+        on, or as many as that depends on.
         """
         self.rewind(graph)
         with self._guarded():
             physics = self._physics()
-            first = self._take_again(physics, state.done, state.k)
-            if first < state.k:
-                self._executor.rewind(graph.plan)
-                physics = self._physics()
-                self._take_again(physics, state.done, first)
+            if state.physics is not None:
+                assert isinstance(physics, Copied)
+                physics.go_on(state.physics)
+                self._controls = state.controls.copy()
+            else:
+                earlier = [entry for entry in state.done if entry[0] <= state.first]
+                self._controls = take_again(physics, earlier, state.first, graph.start, graph.acts)
             self._executor.settle(physics.present)
             self._taken()
-            self.k, self._episodes = first, physics.episodes.copy()
-            later = [entry for entry in state.done if entry[0] > first]
+            self.k, self._episodes = state.first, physics.episodes.copy()
+            later = [entry for entry in state.done if entry[0] > state.first]
         self.replay(History(later), state.k)
         with self._guarded():
             self._executor.restore(state.nodes)
@@ -273,18 +278,16 @@ class Run:
         """Gives the node that steps the world."""
         return cast(Physics, self._executor.node(self.graph.physics))
 
-    def _take_again(self, physics: Physics, done: Sequence[tuple[Any, ...]], last: int) -> int:
-        """Takes physics alone up to keyframe `last`; gives the one from which on all nodes have to see what goes on
-        from it: a camera with a rate of its own has not had every keyframe, and some interpolators look back."""
-        earlier = [entry for entry in done if entry[0] <= last]
-        self._controls = take_again(physics, earlier, last, self.graph.start, self.graph.acts)
-        every, back = 1, 0
+    def _made_from(self) -> int:
+        """Gives the number of the keyframe from which on all have to be made for every node to go on from the present
+        one: a camera with a rate of its own has not had every keyframe, and some interpolators look back."""
+        physics, every, back = self._physics(), 1, 0
         for name, of_node in self.graph.plan.nodes.items():
             node = self._executor.node(name)
             back = max(back, node.looks_back(of_node.params))
             if not node.SOURCE:
                 every = math.lcm(every, node.divides(of_node.params))
-        return max(physics.first, last - (last - physics.first) % every - back * every)
+        return max(physics.first, self.k - (self.k - physics.first) % every - back * every)
 
     def finish(self) -> Step:
         """Ends the run; gives what the nodes had held back."""

@@ -1,10 +1,11 @@
-"""Holds the state of a simulation, and takes physics through a run once more, up to where the state was taken."""
+"""Holds the state of a simulation; of physics that cannot be copied it is what was done: that takes it through the run
+once more."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -21,14 +22,19 @@ Kind = Mapping[str, tuple[str, Mapping[str, Any]]]
 @dataclass(frozen=True)
 class RunState:
     """Holds where a run of a graph is: what was done in it, as `evis.simulation.run.History` has it, and what its nodes
-    go on from. kind: of the graph. k: number of the last keyframe. last: the step that ends there."""
+    go on from. kind: of the graph. k: number of the last keyframe. controls: in force there. last: the step that ends
+    there. first: keyframe from which on all are made again. physics: a copy of physics at keyframe `first`, None = it
+    takes the steps up to there again."""
 
     kind: Kind
     done: tuple[tuple[Any, ...], ...]
     size: int
     k: int
     over: bool
+    controls: np.ndarray
     last: Step
+    first: int
+    physics: Any
     nodes: Mapping[str, Any]
 
 
@@ -79,6 +85,17 @@ class Physics(Protocol):
 
     def present(self) -> None:
         """Publishes the state of the stamp published last once more."""
+
+
+@runtime_checkable
+class Copied(Protocol):
+    """Defines physics that can be copied, as PhysicsNode; a node of one's own need not."""
+
+    def kept(self) -> Any:
+        """Gives where physics is, as copies; None where it cannot be copied."""
+
+    def go_on(self, state: Any) -> None:
+        """Goes on from what `kept` gave, after a `rewind`."""
 
 
 class Unheard:

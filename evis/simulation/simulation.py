@@ -305,7 +305,7 @@ class Simulation:
     def restore(self, state: SimulationState) -> Step:
         """Goes on from a `state`, whatever has happened since; returns the step at whose end it was taken.
 
-        Physics takes the steps up to there again, without pictures and events, and then one keyframe is rendered.
+        One keyframe is rendered for that. Physics that cannot be copied takes the steps up to there again.
         Raises SimulationError for the state of another simulation; nothing has happened then.
         """
         self._check_open()

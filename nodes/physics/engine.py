@@ -8,7 +8,7 @@ that are reset at different times.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol, TypeGuard
+from typing import Any, Protocol, TypeGuard
 
 import numpy as np
 
@@ -45,6 +45,16 @@ class Engine(Protocol):
 
         seeds: of each, None = its own of now. numbers: how often each has begun anew since it got its seed.
         """
+
+    def part(self, envs: Sequence[int]) -> Engine:
+        """Makes an engine of these environments alone, for `restore`: it stands nowhere yet."""
+
+    def state(self) -> Any:
+        """Gives where its environments are, as copies, or None where that cannot be copied."""
+
+    def restore(self, state: Any) -> None:
+        """Goes on from what `state` gave of as many environments of the same scene, as if nothing had happened since;
+        any number of times."""
 
 
 class Preparing(Engine, Protocol):

@@ -7,12 +7,15 @@ is passed on as it is.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import copy
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from evis.runtime.clock import keyframe_stamp
+from evis.scene.model import Scene
 from msgs.own_time import CONFIGURED, NUMBER, ORIGIN, SEED, STAMP
 from nodes.physics.actuators import check_controls
 from nodes.physics.engine import Engine, prepares
@@ -27,14 +30,38 @@ class Group:
     """Holds environments that were reset together.
 
     envs: int [n], which they are. engine: of n environments. first: number of the keyframe at which its time is 0.
-    live: bool [n], those of them that were not reset since. interval: what the engine gave last.
+    live: bool [n], those of them that were not reset since. scene: what it moves, None = that of the run. interval:
+    what the engine gave last.
     """
 
     envs: np.ndarray
     engine: Engine
     first: int
     live: np.ndarray
+    scene: Scene | None = None
     interval: Interval | None = None
+
+
+@dataclass(frozen=True)
+class GroupState:
+    """Holds a group as it was; engine: the state of its engine."""
+
+    envs: np.ndarray
+    engine: Any
+    first: int
+    live: np.ndarray
+    scene: Scene | None
+    interval: Interval
+
+
+@dataclass(frozen=True)
+class EnvironmentsState:
+    """Holds where all environments were, as Environments has it."""
+
+    groups: list[GroupState]
+    seeds: np.ndarray
+    configured: bool
+    now: int
 
 
 class Environments:
@@ -108,19 +135,19 @@ class Environments:
         seeds: Sequence[int],
         numbers: Sequence[int],
         k: int,
-        engines: Sequence[tuple[list[int], Engine]] = (),
+        engines: Sequence[tuple[list[int], Engine, Scene]] = (),
     ) -> None:
         """Begins environments anew at keyframe k, the present or the next one.
 
         seeds: of each, CONFIGURED = as before. numbers: how often each has begun anew with its seed, this time
-        counted. engines: of those of them that do not move as before, at their start.
+        counted. engines: of those of them that do not move as before, at their start, and what they move.
         """
         parts: dict[int, list[int]] = {}
         for place, env in enumerate(envs):
             owner = next(n for n, g in enumerate(self._groups) if env in g.envs[g.live])
             parts.setdefault(owner, []).append(place)
         made: list[Group] = []
-        others = {env for who, _ in engines for env in who}
+        others = {env for who, _, _ in engines for env in who}
         for owner, places in parts.items():
             group = self._groups[owner]
             for p in places:
@@ -133,8 +160,8 @@ class Environments:
             inner = [int(np.flatnonzero(group.envs == envs[p])[0]) for p in places]
             given = [None if seeds[p] == CONFIGURED else seeds[p] for p in places]
             engine = group.engine.anew(inner, given, [numbers[p] for p in places])
-            made.append(Group(np.array([envs[p] for p in places]), engine, k, np.ones(len(places), bool)))
-        made += [Group(np.array(who), engine, k, np.ones(len(who), bool)) for who, engine in engines]
+            made.append(Group(np.array([envs[p] for p in places]), engine, k, np.ones(len(places), bool), group.scene))
+        made += [Group(np.array(who), engine, k, np.ones(len(who), bool), scene) for who, engine, scene in engines]
         self._groups = [group for group in self._groups if group.live.any()] + made
         for env, seed in zip(envs, seeds):
             if seed != CONFIGURED:
@@ -142,6 +169,36 @@ class Environments:
         self._configured = bool((self._seeds == CONFIGURED).all())
         # Time goes back where all begin at stamp 0 again.
         self._now = min(self._now, k)
+
+    def state(self) -> EnvironmentsState | None:
+        """Gives where all environments are, as copies; None where an engine cannot tell."""
+        groups = []
+        for group in self._groups:
+            engine, last = group.engine.state(), group.interval
+            if engine is None or last is None:
+                return None
+            last = replace(last)
+            last.keep_last()
+            who, live = group.envs.copy(), group.live.copy()
+            groups.append(GroupState(who, engine, group.first, live, group.scene, copy.deepcopy(last)))
+        return EnvironmentsState(groups, self._seeds.copy(), self._configured, self._now)
+
+    def restore(self, state: EnvironmentsState, make: Callable[[Scene, np.ndarray], Engine]) -> None:
+        """Goes on from what `state` gave; this one was not moved yet.
+
+        make: makes the engine of some environments int [n] of a scene that is not the run's.
+        """
+        own = self._groups[0].engine
+        self._groups = []
+        for kept in state.groups:
+            if kept.scene is not None:
+                engine = make(kept.scene, kept.envs)
+            else:
+                engine = own if len(kept.envs) == self._envs else own.part(kept.envs.tolist())
+            engine.restore(kept.engine)
+            last = copy.deepcopy(kept.interval)
+            self._groups.append(Group(kept.envs.copy(), engine, kept.first, kept.live.copy(), kept.scene, last))
+        self._seeds, self._configured, self._now = state.seeds.copy(), state.configured, state.now
 
     def own(self, numbers: np.ndarray) -> np.ndarray:
         """Gives the rows of msgs.own_time, int64 [E, 4]; numbers: int [E], of their resets."""

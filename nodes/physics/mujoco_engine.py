@@ -9,7 +9,8 @@ at or after its stamp: at once where the keyframe interval is a multiple of the 
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Sequence, Set
+from collections.abc import Callable, Iterable, Sequence, Set
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
@@ -29,10 +30,12 @@ from nodes.physics.dynamics.batch.stepped_states import JOINTS, SteppedStates
 from nodes.physics.dynamics.batch.unsupported import Unsupported
 from nodes.physics.dynamics.checked_steps import take_checked_steps
 from nodes.physics.dynamics.contacts import contacts_of
-from nodes.physics.dynamics.course.course import Course
+from nodes.physics.dynamics.course.course import Course, CourseState
 from nodes.physics.dynamics.course.recorded import RecordedCourse, Seen
+from nodes.physics.dynamics.kept_data import KeptData, TakenSteps
 from nodes.physics.dynamics.rest import Rest
 from nodes.physics.dynamics.saved_state import SavedState
+from nodes.physics.dynamics.sleep import is_slow, wake
 from nodes.physics.dynamics.start import put_to_start
 from nodes.physics.dynamics.states import State, snapshot
 from nodes.physics.dynamics.stepped_model import prepared_model
@@ -47,6 +50,29 @@ from nodes.physics.watchdog import Limits
 
 PART = 1 << 18
 """Numbers of a state, of all environments and steps whose states are worked on at once: they stay in a core's cache."""
+
+
+@dataclass(frozen=True)
+class MujocoState:
+    """Holds where an engine's environments are, as MujocoEngine has it.
+
+    data: of those that it steps. sub_steps: of each environment. taken_to: the stamp [ns] to which steps lead that were
+    taken already.
+    """
+
+    seeds: list[int]
+    numbers: list[int]
+    left: frozenset[int]
+    rests: list[Rest]
+    controls: np.ndarray
+    data: dict[int, KeptData]
+    course: CourseState
+    watch: tuple[Any, ...]
+    sub_steps: list[tuple[int, int]]
+    shadow: Any
+    constrained: bool
+    warnings: list[tuple[int, str]]
+    taken_to: int
 
 
 class MujocoEngine:
@@ -109,9 +135,8 @@ class MujocoEngine:
         # What follows a body is looked up after each step.
         if warp is None and not len(self._assembly.followers):
             self._recorded = RecordedCourse(self.model, limits.reach.of_body, self._assembly.own, threads)
-            if self._batch is None:
-                whole = tolerance is None and self.model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4
-                self._traced = TracedSteps(self.model, whole)
+            whole = tolerance is None and self.model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4
+            self._traced = TracedSteps(self.model, whole)
         # Otherwise the first gap waits for them, or all threads at once.
         kernels = [(place_between, LAUNCH_BLOCK), *self._assembly.kernels()]
         build_together("cpu", kernels + ([] if self._recorded is None else self._recorded.kernels()))
@@ -149,6 +174,12 @@ class MujocoEngine:
         if self._shadow is not None:
             self._shadow.begin(self.data[self._shadowed])
         self._prepared, self._foreseen, self._constrained = -1, set(), False
+        self._slow: set[int] = set()
+        """Environments that a batch would step otherwise: of bodies that sleep, or are about to, it knows nothing but
+        what came of its own steps. They are stepped by themselves until all is awake."""
+        self._taken: dict[int, TakenSteps] = {}
+        """Steps of environments that were taken before, which lead to the stamp `_taken_to`."""
+        self._taken_to = -1
         self._begin_course()
 
     def _begin_course(self) -> None:
@@ -158,6 +189,7 @@ class MujocoEngine:
     def leave(self, env: int) -> None:
         """Stops stepping an environment."""
         self._left.add(env)
+        self._taken.pop(env, None)
         self._foreseen = self._foreseen - {env}
 
     def anew(self, envs: Sequence[int], seeds: Sequence[int | None], numbers: Sequence[int]) -> MujocoEngine:
@@ -165,16 +197,67 @@ class MujocoEngine:
 
         seeds: of each, None = its own of now. numbers: how often each has begun anew since it got its seed.
         """
+        engine = self.part(envs)
+        engine._begin([self._seeds[k] if s is None else s for k, s in zip(envs, seeds)], list(numbers))
+        return engine
+
+    def part(self, envs: Sequence[int]) -> MujocoEngine:
+        """Makes an engine of these environments alone, for `restore`; they are moved by it from then on."""
         engine = copy.copy(self)
         engine.envs, engine._warnings = len(envs), []
         if self._shadowed in envs:
-            engine._shadowed, self._shadow = list(envs).index(self._shadowed), None
+            engine._shadowed = list(envs).index(self._shadowed)
         else:
             engine._shadow = None
         engine.data, engine._watch, engine._course = self.data.of(envs), self._watch.of(envs), self._course.anew()
         engine._sub_steps = [self._sub_steps[k] for k in envs] if self._sub_steps is not None else None
-        engine._begin([self._seeds[k] if s is None else s for k, s in zip(envs, seeds)], list(numbers))
         return engine
+
+    def state(self) -> MujocoState | None:
+        """Gives where its environments are, as copies; None where MuJoCo Warp has them."""
+        if self._warp:
+            return None
+        mine = [k for k in range(self.envs) if k not in self._left]
+        data = {k: self.data.keep(k) for k in mine}
+        # Steps that `restore` has brought are still ahead.
+        data |= {k: replace(data[k], taken=taken) for k, taken in self._taken.items()}
+        fetched = all(kept.taken is None for kept in data.values())
+        return MujocoState(
+            [*self._seeds], [*self._numbers], frozenset(self._left), copy.deepcopy(self._rests), self._controls.copy(),
+            data, self._course.state(), self._watch.state(), [parts.state() for parts in self._sub_steps or ()],
+            self._shadow.state() if self._shadow is not None and self._shadowed in mine else None, self._constrained,
+            [*self._warnings], -1 if fetched else self._taken_to if self._taken else self._prepared,
+        )  # fmt: skip
+
+    def restore(self, state: MujocoState) -> None:
+        """Goes on from what `state` gave of as many environments of the same model."""
+        self._seeds, self._numbers, self._left = [*state.seeds], [*state.numbers], set(state.left)
+        self._rests, self._controls = copy.deepcopy(state.rests), state.controls.copy()
+        for k, kept in state.data.items():
+            self.data.put_back(k, kept)
+        self._course.restore(state.course)
+        self._watch.restore(state.watch)
+        for parts, own in zip(self._sub_steps or (), state.sub_steps, strict=True):
+            parts.go_on(own)
+        if self._shadow is not None and state.shadow is not None:
+            self._shadow.restore(state.shadow)
+        self._constrained, self._warnings = state.constrained, [*state.warnings]
+        self._prepared, self._foreseen = -1, set()
+        self._taken = {k: kept.taken for k, kept in state.data.items() if kept.taken is not None}
+        self._taken_to = state.taken_to
+        self._slow = set()
+        self._find_slow(state.data)
+
+    def _find_slow(self, envs: Iterable[int]) -> None:
+        """Finds those of some environments that a batch cannot take over yet."""
+        self._slow = {k for k in envs if self._batch is not None and is_slow(self.model, self.data.look(k))}
+
+    def _take_back(self, envs: Iterable[int]) -> None:
+        """Puts environments to before steps that were taken, for nobody will want these."""
+        for k in envs:
+            self._taken.pop(k).before.restore(self.model, self.data[k])
+            wake(self.model, self.data[k])
+            self._slow.discard(k)
 
     def start(self) -> Interval:
         """Gives the state at stamp 0."""
@@ -193,21 +276,24 @@ class MujocoEngine:
         if wrong:
             self.data.cancel(sorted(wrong))
             self._foreseen = self._foreseen - wrong
+        self._take_back([k for k in self._taken if self._taken_to != to_ns or k in others])
         for k in others:
             self._rests[k].wake()
+        # To have other controls wakes all.
+        self._slow -= {*others}
         if controls is not None:
             self.data.control(others, controls[others])
             self._controls = controls.copy()
         self._prepared = to_ns
         grid = range(self._course.grid, to_ns, self.step_ns)
         if self._batch is not None and grid:
-            self.data.request([k for k in self._awake() if k not in self._foreseen], grid)
+            self.data.request([k for k in self._in_batch() if k not in self._foreseen], grid)
 
     def foresee(self, to_ns: int) -> None:
         """Asks for the steps up to a stamp that will come, as far as can be told now; `begin` then takes them."""
         if self._batch is not None:
             self.prepare(to_ns)
-            self._foreseen = set(self._awake()) if to_ns > self._course.grid else set()
+            self._foreseen = set(self._in_batch()) if to_ns > self._course.grid else set()
 
     def begin(self) -> None:
         """Begins to take the steps asked for while others work."""
@@ -239,6 +325,10 @@ class MujocoEngine:
     def _awake(self) -> list[int]:
         """Gives the environments that are to be stepped."""
         return [k for k in range(self.envs) if k not in self._left and not self._rests[k].now]
+
+    def _in_batch(self) -> list[int]:
+        """Gives those of them that the batch steps."""
+        return [k for k in self._awake() if k not in self._slow]
 
     def _watch_rest(self, start_ns: int) -> None:
         """Puts environments to rest that do not move any more, each by itself, at their last step."""
@@ -274,7 +364,7 @@ class MujocoEngine:
 
     def _go_on(self, to_ns: int) -> None:
         """Begins the steps that follow those of the open interval, up to a stamp."""
-        grid, awake, self._prepared = range(self._course.next_grid, to_ns, self.step_ns), self._awake(), to_ns
+        grid, awake, self._prepared = range(self._course.next_grid, to_ns, self.step_ns), self._in_batch(), to_ns
         if self._batch is not None and grid and awake:
             self.data.request(awake, grid)
             self._foreseen = set(awake)
@@ -292,17 +382,17 @@ class MujocoEngine:
         checked = self.checked
         if len(grid):
             # Those that were foreseen may have been taken in one call, and the others in another.
-            parts = [k for k in awake if k in ahead], [k for k in awake if k not in ahead]
-            if self._batch is not None:
-                odd = [k for part in parts for k in self._together(part, grid)]
-            else:
-                odd = self._one_by_one(awake, grid)
+            alone = [k for k in awake if self._batch is None or k in self._slow]
+            batched = [k for k in awake if k not in alone]
+            parts = [k for k in batched if k in ahead], [k for k in batched if k not in ahead]
+            odd = [k for part in parts for k in self._together(part, grid)] + self._one_by_one(alone, grid)
             for k in sorted(odd):
                 course.write(np.array([k]), self._stepped_with_checks(k, grid, faults))
             for k in {*range(self.envs)} - self._left:
                 self._watch.dogs[k].passed((grid[-1] + self.step_ns) * 1e-9)
             for k in sorted(faults):
                 course.restart(k, self._restart(k))
+            self._find_slow(self._slow)
         # After this the batch may be ahead.
         shadowed = self.data.look(self._shadowed) if self._followed() else None
         if then_ns is not None:
@@ -374,9 +464,12 @@ class MujocoEngine:
             return awake
         odd = []
         for k in awake:
-            before = SavedState(self.model, self.data[k])
-            level = self._sub_steps[k].snapshot() if self._sub_steps is not None else None
-            alone = self._traced.take(self.data[k], grid, self._step_function(k))
+            before, level = SavedState(self.model, self.data[k]), None
+            if (taken := self._taken.pop(k, None)) is not None:
+                before, alone = taken.before, taken.found
+            else:
+                level = self._sub_steps[k].snapshot() if self._sub_steps is not None else None
+                alone = self._traced.take(self.data[k], grid, self._step_function(k))
             if self._take_recorded(np.array([k]), alone, self._recorded):
                 before.restore(self.model, self.data[k])
                 if self._sub_steps is not None and level is not None:

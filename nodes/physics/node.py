@@ -8,7 +8,9 @@ steps the graph.
 from __future__ import annotations
 
 import contextlib
+import copy
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar
 
@@ -19,7 +21,9 @@ from evis.runtime.clock import NS, keyframe_count, keyframe_stamp, times_slower
 from evis.runtime.node import Input, Node, Output
 from evis.scene.digest import motion
 from evis.scene.load import drawn_places, is_dynamic, may_be_driven, parse_args, starts_at_random
+from evis.scene.model import Scene
 from evis.scene.parameters import SCENE, seeds_of, worlds_of
+from evis.scene.worlds import Worlds
 from msgs.header import Header, Message
 from msgs.own_time import CONFIGURED
 from msgs.physics_error import PhysicsError
@@ -27,16 +31,27 @@ from msgs.world import Action, Reset, WorldState
 from nodes.physics.actuators import NO_ACTUATORS, check_controls_in_range
 from nodes.physics.choice import EngineMaker
 from nodes.physics.engine import Engine
-from nodes.physics.environments import Environments
+from nodes.physics.environments import Environments, EnvironmentsState
 from nodes.physics.interval import Interval
-from nodes.physics.precision.errors import Errors
+from nodes.physics.precision.errors import Errors, Kept
 from nodes.physics.precision.notice import notice
 from nodes.physics.precision.tolerance import Tolerance
 from nodes.physics.resets import ResetRefused, checked
 from nodes.physics.told_together import named, told_together
 
+_KEPT = ("episodes", "_seeded", "_asked", "episode", "k", "_held", "_driven", "first")
 MOST_TOLD = 20
 """Lines on faults of a run: a model that always diverges would fill the log."""
+
+
+@dataclass(frozen=True)
+class PhysicsState:
+    """Holds where the node is: node by the names of _KEPT."""
+
+    environments: EnvironmentsState
+    worlds: Worlds
+    errors: Kept
+    node: dict[str, Any]
 
 
 class PhysicsNode(Node):
@@ -168,8 +183,6 @@ class PhysicsNode(Node):
         self.names = [body.name for body in scene.bodies]
         self._begin()
         self.count_all = keyframe_count(round(p["duration"] * NS), p["keyframe_rate"]) if p["duration"] else None
-        self._faults_told = 0
-        """Faults that were told of."""
         if self.count_all is not None:
             self._say_end(self.count_all - 1)
 
@@ -188,6 +201,8 @@ class PhysicsNode(Node):
         """Whether an action differed from the one before: then no keyframe is begun before its action is there."""
         self.first = 0
         """Number of the stamp at which the run's episode began: cameras and actions are counted from it."""
+        self._faults_told = 0
+        """Faults of the run that were told of."""
 
     def rewind(self, params: Mapping[str, Any]) -> bool:
         """Puts the engine back to time 0, with another seed where that is all that differs and moves nothing else."""
@@ -203,7 +218,7 @@ class PhysicsNode(Node):
         self._begin()
         return True
 
-    def _other_engines(self, envs: list[int], seeds: list[int]) -> list[tuple[list[int], Engine]]:
+    def _other_engines(self, envs: list[int], seeds: list[int]) -> list[tuple[list[int], Engine, Scene]]:
         """Makes engines of those environments that move otherwise with the seeds that they are given. Raises ValueError
         where one of them has other things, or other actuators, than the run."""
         worlds = self.worlds.with_seeds(*_given(envs, seeds))
@@ -218,7 +233,7 @@ class PhysicsNode(Node):
                     f"and had {before}; worlds side by side need the same ones"
                 )
             own = [worlds.seeds[env] for env in members]
-            made.append((members.tolist(), engine.anew(range(len(members)), own, [0] * len(members))))
+            made.append((members.tolist(), engine.anew(range(len(members)), own, [0] * len(members)), scene))
         self.worlds = worlds
         return made
 
@@ -341,9 +356,29 @@ class PhysicsNode(Node):
         """Publishes the state of the stamp published last once more, of that one instant."""
         self._publish(keyframe_stamp(self.k - 1, self.params["keyframe_rate"]), self.environments.present())
 
+    def kept(self) -> PhysicsState | None:
+        """Gives where physics is, as copies; None where an engine cannot tell, as one of MuJoCo Warp."""
+        environments = self.environments.state()
+        if environments is None:
+            return None
+        node = {name: copy.deepcopy(getattr(self, name)) for name in _KEPT}
+        return PhysicsState(environments, self.worlds, self.errors.snapshot(), node)
+
+    def go_on(self, state: PhysicsState) -> None:
+        """Goes on from what `kept` gave, after a `rewind`."""
+
+        def make(scene: Scene, envs: np.ndarray) -> Engine:
+            return self._make.of_scene(scene, 0, len(envs), self.errors if 0 in envs else None)
+
+        self.environments.restore(state.environments, make)
+        for name, value in state.node.items():
+            setattr(self, name, copy.deepcopy(value))
+        self.worlds = state.worlds
+        self.errors.restore(state.errors)
+
     def state(self) -> int:
-        """Gives how many faults were told of: where the bodies are comes of the run's actions and resets alone, and who
-        goes on from a state takes these again."""
+        """Gives how many faults were told of. Where the bodies are is in `kept`, or comes of the run's actions and
+        resets, which are taken again."""
         return self._faults_told
 
     def restore(self, state: int) -> None:

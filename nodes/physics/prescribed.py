@@ -71,10 +71,23 @@ class PrescribedEngine:
 
     def anew(self, envs: Sequence[int], seeds: Sequence[int | None], numbers: Sequence[int]) -> PrescribedEngine:
         """Makes an engine of as many environments, at stamp 0; nothing depends on seeds and numbers."""
+        return self.part(envs)
+
+    def part(self, envs: Sequence[int]) -> PrescribedEngine:
+        """Makes an engine of as many environments, at stamp 0."""
         engine = copy.copy(self)
         engine.envs = len(envs)
         engine._begin()
         return engine
+
+    def state(self) -> int:
+        """Gives the stamp [ns] that it is at."""
+        return self._now
+
+    def restore(self, state: int) -> None:
+        """Goes on from a stamp [ns]."""
+        self._begin()
+        self._now = state
 
     def _interval(self, t: np.ndarray, pose: np.ndarray, twist: np.ndarray) -> Interval:
         states = self._states

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -70,6 +71,21 @@ class SeparateEngines:
         """Makes an engine of these environments alone, at their start and stamp 0, as Engine.anew does."""
         made = [self.engines[k].anew([0], [seed], [number]) for k, seed, number in zip(envs, seeds, numbers)]
         return made[0] if len(made) == 1 else SeparateEngines(made)
+
+    def part(self, envs: Sequence[int]) -> Engine:
+        """Makes an engine of these environments alone, for `restore`."""
+        made = [self.engines[k].part([0]) for k in envs]
+        return made[0] if len(made) == 1 else SeparateEngines(made)
+
+    def state(self) -> list[Any] | None:
+        """Gives where each environment is, as copies; None where an engine cannot tell."""
+        states = [engine.state() for engine in self.engines]
+        return None if any(state is None for state in states) else states
+
+    def restore(self, state: Sequence[Any]) -> None:
+        """Goes on from what `state` gave."""
+        for engine, own in zip(self.engines, state, strict=True):
+            engine.restore(own)
 
 
 def merged(parts: Sequence[Interval]) -> Interval:

@@ -74,6 +74,14 @@ class Watchdog:
         """Replaces the arrays to write to by others, which hold the same values."""
         self._counts, self._spins = counts, spins
 
+    def state(self) -> tuple[float, frozenset[str]]:
+        """Gives what is not in the arrays: the time [s] of the last step, and what was told."""
+        return self._time, frozenset(self._said)
+
+    def restore(self, state: tuple[float, frozenset[str]]) -> None:
+        """Goes on from what `state` gave."""
+        self._time, self._said = state[0], set(state[1])
+
     def restart(self, data: Any) -> None:
         """Begins anew from the state of `data`."""
         self._counts[:] = [data.warning[w].number for w in BAD]

@@ -12,6 +12,7 @@ import pytest
 import evis
 from evis.simulation.errors import Diverged, SimulationError
 from evis.simulation.step import Step
+from nodes.physics.node import PhysicsNode
 
 SIZE = {"width": 40, "height": 30}
 IMAGES = ["events", "frames", "keyframe", "depth", "motion", "ids", "normal", "labels", "state"]
@@ -155,6 +156,44 @@ def test_divergences_before_and_after(tmp_path: Path, envs: int) -> None:
     (tmp_path / "fall.yaml").write_text(FALLING)
     for seed in range(2):
         check(str(tmp_path / "fall.yaml"), seed, ["events", "state"], 14, envs=envs, **NOISE)
+
+
+@pytest.mark.parametrize(
+    ("scene", "more"),
+    [("robot_arm", {"envs": 3}), ("falling_objects", {}), ("spinning_disk", {"interpolator": "splat", "envs": 2})],
+)
+def test_physics_that_cannot_be_copied_takes_its_steps_again(
+    monkeypatch: pytest.MonkeyPatch, scene: str, more: dict[str, Any]
+) -> None:
+    monkeypatch.setattr(PhysicsNode, "kept", lambda self: None)
+    check(scene, 7, ["events", "state"], 10, **more, **NOISE)
+
+
+def test_to_go_back_takes_no_steps_and_needs_no_history(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However long the run is: of one with more actions than are kept there is a state."""
+    monkeypatch.setattr("evis.simulation.run.MOST_KEPT", 10)
+    actions = [[0.5], [-0.5], [0.2], [0.1]]
+    with evis.Simulation("cart_pole", **SIZE, outputs=["events", "state"]) as sim:
+        sim.reset()
+        gone(sim, [(action,) for action in actions])
+        state = sim.state()
+        expected = gone(sim, [(action,) for action in actions])
+        with monkeypatch.context() as patch:
+            patch.delattr(PhysicsNode, "step")
+            sim.restore(state)
+        assert_same(gone(sim, [(action,) for action in actions]), expected)
+        with pytest.raises(SimulationError, match="more actions than are kept for `save`"):
+            sim.save("run.mcap")
+
+
+def test_steps_that_are_taken_again_need_all_actions(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the keyframe before does, which `splat` looks back to."""
+    monkeypatch.setattr("evis.simulation.run.MOST_KEPT", 10)
+    with evis.Simulation("cart_pole", **SIZE, interpolator="splat") as sim:
+        sim.reset()
+        gone(sim, [([0.5],), ([-0.5],)])
+        with pytest.raises(SimulationError, match="more actions than are kept for a state"):
+            sim.state()
 
 
 def test_a_reset_right_behind_a_state() -> None:

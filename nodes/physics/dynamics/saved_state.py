@@ -19,6 +19,13 @@ class SavedState:
         mujoco.mj_getState(model, data, self._state, STATE)
         self._counts = np.array(data.warning.number)
 
+    @classmethod
+    def of(cls, state: np.ndarray, counts: np.ndarray) -> SavedState:
+        """Makes it of copies of MuJoCo's state, float64 [mj_stateSize], and of the counts of its warnings."""
+        saved = cls.__new__(cls)
+        saved._state, saved._counts = np.array(state), np.array(counts)
+        return saved
+
     def restore(self, model: Any, data: Any) -> None:
         """Writes the state back into the environment's MjData, and how often MuJoCo had warned."""
         mujoco.mj_setState(model, data, self._state, STATE)

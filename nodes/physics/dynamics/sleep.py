@@ -46,12 +46,17 @@ def fell_asleep(model: Any, before: np.ndarray, now: np.ndarray) -> np.ndarray:
     return fell[..., model.body_treeid] & (model.body_treeid >= 0)
 
 
+def is_slow(model: Any, data: Any) -> bool:
+    """Tells whether a body of an environment sleeps, or was slow enough to be about to."""
+    return sleeps(model) and not np.all(data.tree_asleep == AWAKE)
+
+
 def wake(model: Any, data: Any) -> None:
     """Wakes all bodies of an environment, whose state stays as it is.
 
     Nothing but a reset tells MuJoCo that a body is awake and was not slow.
     """
-    if not sleeps(model) or np.all(data.tree_asleep == AWAKE):
+    if not is_slow(model, data):
         return
     saved = SavedState(model, data)
     mujoco.mj_resetData(model, data)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -36,6 +37,17 @@ class Watch:
         for dog, *rows in zip(part.dogs, part._counts[:, : len(BAD)], part._spins):
             dog.keep_in(*rows)
         return part
+
+    def state(self) -> tuple[Any, ...]:
+        """Gives what the watchdogs have seen and told, as copies."""
+        return self._counts.copy(), self._spins.copy(), [dog.state() for dog in self.dogs]
+
+    def restore(self, state: tuple[Any, ...]) -> None:
+        """Goes on from what `state` gave."""
+        # In place: the watchdogs write there.
+        self._counts[:], self._spins[:], dogs = state
+        for dog, own in zip(self.dogs, dogs, strict=True):
+            dog.restore(own)
 
     def quiet(
         self, envs: np.ndarray, found: SteppedStates, speed: np.ndarray, twist: np.ndarray, part: slice = slice(None)

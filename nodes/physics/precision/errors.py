@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-Kept = tuple[np.ndarray, np.ndarray]
-"""Errors as they were: of position and of rotation."""
+Kept = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Errors as they were: of position and of rotation, and how far the bodies extend."""
 
 
 @dataclass(frozen=True)
@@ -40,16 +40,16 @@ class Errors:
         self._reach = reach
 
     def snapshot(self) -> Kept:
-        """Returns the present errors, for `restore`."""
-        return self._position, self._rotation
+        """Returns the present errors, for `restore`; nobody writes to these arrays."""
+        return self._position, self._rotation, self._reach
 
     def clear(self) -> None:
         """Sets all errors back to zero."""
-        self.restore((np.zeros(0), np.zeros(0)))
+        self.restore((np.zeros(0), np.zeros(0), np.zeros(0)))
 
     def restore(self, kept: Kept) -> None:
         """Restores errors that `snapshot` has returned."""
-        self._position, self._rotation = kept
+        self._position, self._rotation, self._reach = kept
 
     def worst(self) -> Estimate | None:
         """Gives the errors of the body whose farthest point is furthest off; None where nothing is known."""

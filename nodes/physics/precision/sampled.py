@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,17 @@ class SampledShadow:
         self._position = self._rotation = np.zeros(1)
         self._start(data)
 
+    def state(self) -> dict[str, Any]:
+        """Gives where the estimate is, as copies."""
+        own = {"position": self._position, "rotation": self._rotation, "count": self._count}
+        return own | {"errors": self._own.snapshot(), "shadow": self._shadow.state()}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Goes on from what `state` gave."""
+        self._position, self._rotation, self._count = (state[name] for name in ("position", "rotation", "count"))
+        self._own.restore(state["errors"])
+        self._shadow.restore(state["shadow"])
+
     def follow(
         self,
         data: Any,
@@ -51,7 +62,7 @@ class SampledShadow:
             return
         if self._count == 0:
             self._shadow.follow(data, steps, before, now, constrained, parts)
-            position, rotation = self._own.snapshot()
+            position, rotation, _reach = self._own.snapshot()
             if len(position):
                 self._position = self._position + EVERY * position
                 self._rotation = np.minimum(self._rotation + EVERY * rotation, np.pi)

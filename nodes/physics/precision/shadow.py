@@ -10,14 +10,15 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from evis.geometry import se3
+from nodes.physics.dynamics.kept_data import KeptData
 from nodes.physics.dynamics.saved_state import STATE
 from nodes.physics.mujoco_warnings import BAD
 from nodes.physics.precision.errors import Errors, Kept
@@ -35,6 +36,8 @@ KEPT = 4
 GROWTH, LARGE, TURNED = 4.0, 0.01, 0.5
 """What gives rise to doubt in free motion: a growth of the error within a keyframe, if it reaches so many metres; a
 rotation [rad] that is no longer small."""
+
+_KEPT = ("_behind", "_long", "_short", "_length", "_halved", "_smooth", "_off")
 
 
 @dataclass
@@ -75,6 +78,19 @@ class Shadow:
         self._off = np.inf
         self._past: deque[Past] = deque(maxlen=KEPT)
         self._remember(data)
+
+    def state(self) -> dict[str, Any]:
+        """Gives where the second simulation is, as copies."""
+        kept = {name: getattr(self, name) for name in _KEPT}
+        past = [replace(one, since=[*one.since]) for one in self._past]
+        return kept | {"data": KeptData.of(self._model, self._data), "past": past}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Goes on from what `state` gave."""
+        for name in _KEPT:
+            setattr(self, name, state[name])
+        state["data"].write(self._model, self._data)
+        self._past = deque((replace(one, since=[*one.since]) for one in state["past"]), maxlen=KEPT)
 
     def follow(
         self,

@@ -75,6 +75,14 @@ class SubSteps:
         self.level, self.missed, count = kept
         del self.taken[count:]
 
+    def state(self) -> tuple[int, int]:
+        """Gives what the next interval goes on from, where nobody asks for the parts of the last one any more."""
+        return self.level, self.missed
+
+    def go_on(self, state: tuple[int, int]) -> None:
+        """Goes on from what `state` gave."""
+        (self.level, self.missed), self.taken = state, []
+
     def step(self, model: Any, data: Any) -> None:
         """Takes a step of the grid; poses and velocities are those after it."""
         mujoco.mj_getState(model, data, self._state, STATE)

@@ -10,6 +10,8 @@ import mujoco
 import numpy as np
 
 from nodes.physics.dynamics.batch.batch_stepper import BatchStepper
+from nodes.physics.dynamics.batch.mujoco_threads import MujocoThreads
+from nodes.physics.dynamics.kept_data import KeptData
 from nodes.physics.dynamics.sleep import wake
 
 
@@ -104,6 +106,23 @@ class EnvironmentData:
         """Notes that the batch has taken the steps requested of environments."""
         for env in envs:
             self._all[env].behind = True
+
+    def keep(self, env: int) -> KeptData:
+        """Copies where an environment is, without the steps that were requested and whose result nobody has fetched.
+
+        Of a batch MuJoCo's threads alone can.
+        """
+        own = self._all[env]
+        if not own.behind:
+            return KeptData.of(self._model, own.data)
+        assert isinstance(self._batch, MujocoThreads)
+        return self._batch.keep(own.row)
+
+    def put_back(self, env: int, kept: KeptData) -> None:
+        """Puts an environment to where `keep` has copied it."""
+        own = self._all[env]
+        kept.write(self._model, own.data)
+        own.behind, own.given = False, True
 
     def restore_before_steps(self, env: int) -> None:
         """Puts the MjData of an environment to its state before the steps that the batch took last."""

@@ -24,7 +24,8 @@ from mujoco.batch import Batch
 
 from nodes.physics.dynamics.batch.forked import keep_when_forked
 from nodes.physics.dynamics.batch.stepped_states import JOINTS, PLACES, Records, SteppedStates
-from nodes.physics.dynamics.saved_state import STATE
+from nodes.physics.dynamics.kept_data import KeptData, TakenSteps
+from nodes.physics.dynamics.saved_state import STATE, SavedState
 from nodes.physics.dynamics.sleep import AWAKE, fell_asleep, sleeps
 from nodes.physics.dynamics.states import State
 
@@ -74,6 +75,17 @@ class _Taken:
     def part(self, model: Any, places: np.ndarray, which: slice) -> State:
         """Computes the states of some environments. places: of those that were asked for, in `rows`."""
         return self.records.states(model, places[which])
+
+    def alone(self, model: Any, row: int, warnings: np.ndarray) -> SteppedStates:
+        """Copies the states of one environment. warnings: int [W], as of SteppedStates."""
+        place = int(np.searchsorted(self.rows, row))
+        own = slice(place, place + 1)
+        each = {name: self.records.each[name][own].copy() for name in (*PLACES, *JOINTS)}
+        now = None if self.records.now is None else {n: values[own].copy() for n, values in self.records.now.items()}
+        records = Records(each, now)
+        seen = self.nearest[own].copy(), warnings[None].copy(), self.constrained[own].copy()
+        lost, places = np.zeros(1, bool), np.zeros(1, np.int32)
+        return SteppedStates(*seen, partial(records.states, model), lost, records, places)
 
 
 class MujocoThreads:
@@ -164,6 +176,24 @@ class MujocoThreads:
         mujoco.mj_setState(self._model, data, self._before[row], STATE)
         data.warning.number[:] = self._warned[row, :, 1]
 
+    def keep(self, row: int) -> KeptData:
+        """Copies where an environment is, without requested steps whose result nobody has fetched.
+
+        Of bodies that sleep, or are about to, MuJoCo's states say nothing, and the MjData from before steps that have
+        begun is gone: of such the one after them is copied, and what they gave.
+        """
+        batch = self._made()
+        taken = next((one for one in self._taken if row in one.left), None)
+        now, before = (batch.state, batch.warning, self._asleep), (self._before, self._warned, self._slept)
+        state, warning, asleep = (values[row] for values in (now if taken is None else before))
+        saved = SavedState.of(state, warning[:, 1])
+        if not self._sleeps or (asleep == AWAKE).all():
+            return KeptData(saved)
+        data = batch.get_data(row)
+        if taken is None:
+            return KeptData(data=data)
+        return KeptData(data=data, taken=TakenSteps(saved, taken.alone(self._model, row, batch.warning[row, :, 1])))
+
     def _wake(self, rows: Sequence[int]) -> None:
         """Wakes all bodies of environments, as `sleep.wake` does."""
         if not self._sleeps:
@@ -186,6 +216,7 @@ class MujocoThreads:
         assert batch is not None
         rows = np.array(sorted(asked), np.int32)
         self._before[rows], self._warned[rows] = batch.state[rows], batch.warning[rows]
+        self._slept[rows] = self._asleep[rows]
         self._asked, self._taken = {}, [taken for taken in self._taken if taken.left]
         for count in sorted({len(grid) for grid in asked.values()}):
             alike = np.array([row for row in rows.tolist() if len(asked[row]) == count], np.int32)
@@ -263,4 +294,5 @@ class MujocoThreads:
             keep_when_forked(self._batch)
             self._before, self._warned = self._batch.state.copy(), self._batch.warning.copy()
             self._asleep = self._batch.bind("tree_asleep")
+            self._slept = self._asleep.copy()
         return self._batch

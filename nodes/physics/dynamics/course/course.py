@@ -8,6 +8,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,17 @@ from nodes.physics.room import check_room
 
 PART = 1 << 19
 """Numbers of environments' poses that are worked on at once: with fewer, calls take longer than what they do."""
+
+
+@dataclass(frozen=True)
+class CourseState:
+    """Holds where a course is, as Course has it."""
+
+    stamp: int
+    grid: int
+    before: State
+    now: State
+    last: State
 
 
 class Course:
@@ -51,6 +63,20 @@ class Course:
         self.before, self.now = ({name: value[:, k] for name, value in two.items()} for k in (0, 1))
         self.last = {name: value.copy() for name, value in state.items()}
         self._poses_between = PosesBetween(two["pose"], two["twist"], self.last["pose"])
+
+    def state(self) -> CourseState:
+        """Gives where the course is between two intervals, as copies."""
+        ends = ({name: value.copy() for name, value in state.items()} for state in (self.before, self.now, self.last))
+        return CourseState(self.stamp, self.grid, *ends)
+
+    def restore(self, state: CourseState) -> None:
+        """Goes on from what `state` gave."""
+        self.begin(state.now)
+        self.stamp, self.grid = state.stamp, state.grid
+        # In place: kernels know these arrays.
+        for own, kept in ((self.before, state.before), (self.last, state.last)):
+            for name, value in kept.items():
+                own[name][:] = value
 
     def start(self) -> Interval:
         """Gives the state at stamp 0, S = 1."""
