@@ -9,7 +9,7 @@ at or after its stamp: at once where the keyframe interval is a multiple of the 
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterable, Sequence, Set
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,21 +20,18 @@ from evis.geometry.interpolate_kernels import place_between
 from evis.gpu.building import LAUNCH_BLOCK, build_together
 from evis.runtime.workers import Workers
 from evis.scene.model import Scene
-from msgs.world import EVERY
 from nodes.physics.actuators import check_controls
 from nodes.physics.dynamics.actuators import actuators_of
 from nodes.physics.dynamics.assembly import Assembly
 from nodes.physics.dynamics.batch.batch_stepper import BatchStepper, make_batch_stepper, why_not_batched
 from nodes.physics.dynamics.batch.environment_data import EnvironmentData
-from nodes.physics.dynamics.batch.stepped_states import JOINTS, SteppedStates
 from nodes.physics.dynamics.batch.unsupported import Unsupported
-from nodes.physics.dynamics.checked_steps import take_checked_steps
 from nodes.physics.dynamics.contacts import contacts_of
 from nodes.physics.dynamics.course.course import Course, CourseState
-from nodes.physics.dynamics.course.recorded import RecordedCourse, Seen
-from nodes.physics.dynamics.kept_data import KeptData, TakenSteps
+from nodes.physics.dynamics.course.recorded import RecordedCourse
+from nodes.physics.dynamics.gap_steps import GapSteps
+from nodes.physics.dynamics.kept_data import KeptData
 from nodes.physics.dynamics.rest import Rest
-from nodes.physics.dynamics.saved_state import SavedState
 from nodes.physics.dynamics.sleep import is_slow, wake
 from nodes.physics.dynamics.start import put_to_start
 from nodes.physics.dynamics.states import State, snapshot
@@ -47,9 +44,6 @@ from nodes.physics.precision.sampled import shadow_of
 from nodes.physics.precision.stepping import Stepping
 from nodes.physics.precision.sub_steps import FINEST, SubSteps
 from nodes.physics.watchdog import Limits
-
-PART = 1 << 18
-"""Numbers of a state, of all environments and steps whose states are worked on at once: they stay in a core's cache."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +64,7 @@ class MujocoState:
     watch: tuple[Any, ...]
     sub_steps: list[tuple[int, int]]
     shadow: Any
-    constrained: bool
+    constrained: np.ndarray
     warnings: list[tuple[int, str]]
     taken_to: int
 
@@ -130,25 +124,23 @@ class MujocoEngine:
         self._assembly = Assembly(scene, self.model)
         pool = Workers(threads, "states") if batched and threads > 1 else None
         self._course = Course(self._assembly, self.model, self.step_ns, extras.joints, extras.accelerations, pool)
-        self._traced: TracedSteps | None = None
-        self._recorded: RecordedCourse | None = None
+        traced: TracedSteps | None = None
+        recorded: RecordedCourse | None = None
         # What follows a body is looked up after each step.
         if warp is None and not len(self._assembly.followers):
-            self._recorded = RecordedCourse(self.model, limits.reach.of_body, self._assembly.own, threads)
+            recorded = RecordedCourse(self.model, limits.reach.of_body, self._assembly.own, threads)
             whole = tolerance is None and self.model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4
-            self._traced = TracedSteps(self.model, whole)
+            traced = TracedSteps(self.model, whole)
         # Otherwise the first gap waits for them, or all threads at once.
         kernels = [(place_between, LAUNCH_BLOCK), *self._assembly.kernels()]
-        build_together("cpu", kernels + ([] if self._recorded is None else self._recorded.kernels()))
+        build_together("cpu", kernels + ([] if recorded is None else recorded.kernels()))
+        followers = self._assembly.followers
+        self._steps = GapSteps(self.model, self.data, self._batch, self._sub_steps, followers, traced, recorded)
         self._warp = warp is not None
         self._prepared = -1
         """The stamp up to which steps were requested."""
         self._foreseen: set[int] = set()
         """Environments whose steps were requested before it was known that they will be wanted."""
-        self.checked = 0
-        """How often an environment was stepped to a stamp with a check of each state."""
-        self._constrained = False
-        """Whether anything was touched or limited, in the environment that the shadow follows, at its last step."""
         self._shadow = shadow_of(self.model, errors) if errors is not None else None
         self._shadowed = 0
         """Which environment the shadow follows."""
@@ -173,13 +165,13 @@ class MujocoEngine:
             self._reset(k)
         if self._shadow is not None:
             self._shadow.begin(self.data[self._shadowed])
-        self._prepared, self._foreseen, self._constrained = -1, set(), False
+        self._prepared, self._foreseen = -1, set()
+        self._steps.begin()
         self._slow: set[int] = set()
         """Environments that a batch would step otherwise: of bodies that sleep, or are about to, it knows nothing but
         what came of its own steps. They are stepped by themselves until all is awake."""
-        self._taken: dict[int, TakenSteps] = {}
-        """Steps of environments that were taken before, which lead to the stamp `_taken_to`."""
         self._taken_to = -1
+        """The stamp to which steps lead that were taken before."""
         self._begin_course()
 
     def _begin_course(self) -> None:
@@ -189,7 +181,7 @@ class MujocoEngine:
     def leave(self, env: int) -> None:
         """Stops stepping an environment."""
         self._left.add(env)
-        self._taken.pop(env, None)
+        self._steps.taken.pop(env, None)
         self._foreseen = self._foreseen - {env}
 
     def anew(self, envs: Sequence[int], seeds: Sequence[int | None], numbers: Sequence[int]) -> MujocoEngine:
@@ -211,6 +203,7 @@ class MujocoEngine:
             engine._shadow = None
         engine.data, engine._watch, engine._course = self.data.of(envs), self._watch.of(envs), self._course.anew()
         engine._sub_steps = [self._sub_steps[k] for k in envs] if self._sub_steps is not None else None
+        engine._steps = self._steps.of(envs, engine.data, engine._sub_steps)
         return engine
 
     def state(self) -> MujocoState | None:
@@ -220,14 +213,24 @@ class MujocoEngine:
         mine = [k for k in range(self.envs) if k not in self._left]
         data = {k: self.data.keep(k) for k in mine}
         # Steps that `restore` has brought are still ahead.
-        data |= {k: replace(data[k], taken=taken) for k, taken in self._taken.items()}
-        fetched = all(kept.taken is None for kept in data.values())
+        data |= {k: replace(data[k], taken=taken) for k, taken in self._steps.taken.items()}
+        taken_to = self._taken_to if self._steps.taken else self._prepared
+        shadow = self._shadow if self._shadowed in mine else None
         return MujocoState(
-            [*self._seeds], [*self._numbers], frozenset(self._left), copy.deepcopy(self._rests), self._controls.copy(),
-            data, self._course.state(), self._watch.state(), [parts.state() for parts in self._sub_steps or ()],
-            self._shadow.state() if self._shadow is not None and self._shadowed in mine else None, self._constrained,
-            [*self._warnings], -1 if fetched else self._taken_to if self._taken else self._prepared,
-        )  # fmt: skip
+            seeds=[*self._seeds],
+            numbers=[*self._numbers],
+            left=frozenset(self._left),
+            rests=copy.deepcopy(self._rests),
+            controls=self._controls.copy(),
+            data=data,
+            course=self._course.state(),
+            watch=self._watch.state(),
+            sub_steps=[parts.state() for parts in self._sub_steps or ()],
+            shadow=None if shadow is None else shadow.state(),
+            constrained=self._steps.constrained.copy(),
+            warnings=[*self._warnings],
+            taken_to=taken_to if any(kept.taken is not None for kept in data.values()) else -1,
+        )
 
     def restore(self, state: MujocoState) -> None:
         """Goes on from what `state` gave of as many environments of the same model."""
@@ -241,9 +244,9 @@ class MujocoEngine:
             parts.go_on(own)
         if self._shadow is not None and state.shadow is not None:
             self._shadow.restore(state.shadow)
-        self._constrained, self._warnings = state.constrained, [*state.warnings]
+        self._steps.constrained, self._warnings = state.constrained.copy(), [*state.warnings]
         self._prepared, self._foreseen = -1, set()
-        self._taken = {k: kept.taken for k, kept in state.data.items() if kept.taken is not None}
+        self._steps.taken = {k: kept.taken for k, kept in state.data.items() if kept.taken is not None}
         self._taken_to = state.taken_to
         self._slow = set()
         self._find_slow(state.data)
@@ -255,7 +258,7 @@ class MujocoEngine:
     def _take_back(self, envs: Iterable[int]) -> None:
         """Puts environments to before steps that were taken, for nobody will want these."""
         for k in envs:
-            self._taken.pop(k).before.restore(self.model, self.data[k])
+            self._steps.taken.pop(k).before.restore(self.model, self.data[k])
             wake(self.model, self.data[k])
             self._slow.discard(k)
 
@@ -276,7 +279,7 @@ class MujocoEngine:
         if wrong:
             self.data.cancel(sorted(wrong))
             self._foreseen = self._foreseen - wrong
-        self._take_back([k for k in self._taken if self._taken_to != to_ns or k in others])
+        self._take_back([k for k in self._steps.taken if self._taken_to != to_ns or k in others])
         for k in others:
             self._rests[k].wake()
         # To have other controls wakes all.
@@ -360,7 +363,7 @@ class MujocoEngine:
         else:
             before, now = (state["pose"][env, :bodies] for state in (self._course.before, self._course.now))
             parts = self._sub_steps[env].taken if self._sub_steps is not None else None
-            self._shadow.follow(data, steps, before, now, self._constrained, parts)
+            self._shadow.follow(data, steps, before, now, bool(self._steps.constrained[env]), parts)
 
     def _go_on(self, to_ns: int) -> None:
         """Begins the steps that follow those of the open interval, up to a stamp."""
@@ -381,13 +384,8 @@ class MujocoEngine:
         faults: dict[int, str] = {}
         checked = self.checked
         if len(grid):
-            # Those that were foreseen may have been taken in one call, and the others in another.
-            alone = [k for k in awake if self._batch is None or k in self._slow]
-            batched = [k for k in awake if k not in alone]
-            parts = [k for k in batched if k in ahead], [k for k in batched if k not in ahead]
-            odd = [k for part in parts for k in self._together(part, grid)] + self._one_by_one(alone, grid)
-            for k in sorted(odd):
-                course.write(np.array([k]), self._stepped_with_checks(k, grid, faults))
+            faults, notices = self._steps.take(course, self._watch, grid, awake, self._slow, ahead)
+            self._warnings += notices
             for k in {*range(self.envs)} - self._left:
                 self._watch.dogs[k].passed((grid[-1] + self.step_ns) * 1e-9)
             for k in sorted(faults):
@@ -404,94 +402,10 @@ class MujocoEngine:
         self._measure(shadowed, len(grid), self._shadowed in faults)
         return self._told(interval)
 
-    def _together(self, awake: list[int], grid: range) -> list[int]:
-        """Takes a step from each time of `grid` in all environments at once, and writes those to the course in which
-        nothing is wrong. Gives the others: a check of each state must tell what it is."""
-        if not awake:
-            return []
-        assert self._batch is not None
-        found = self._batch.result([self.data.row(k) for k in awake])
-        self.data.stepped(awake)
-        envs = np.array(awake)
-        if self._recorded is not None:
-            odd = self._take_recorded(envs, found, self._recorded)
-        else:
-            each = len(grid) * (13 * (self.model.nbody - 1) + self.model.nq + self.model.nv)
-            parts = [slice(k, k + max(1, PART // each)) for k in range(0, len(awake), max(1, PART // each))]
-            odd = [k for part in parts for k in self._take_part(envs[part], found, part)]
-        for k in odd:
-            self.data.restore_before_steps(k)
-        return odd
-
-    def _take_recorded(self, envs: np.ndarray, found: SteppedStates, recorded: RecordedCourse) -> list[int]:
-        """Writes environments without a fault to the course, as `_take_part` does, from MuJoCo's own records."""
-        records, places = found.records, found.places
-        assert records is not None and places is not None
-        seen = recorded.write(records, places, envs, self._course)
-        quiet = self._watch.quiet(envs, found, seen.speed, seen.twist[:, 1])
-        if not quiet.all():
-            seen = Seen(seen.pose[quiet], seen.twist[quiet], seen.speed[quiet], seen.fastest[quiet])
-            places = places[quiet]
-        # To choose all of them would copy them.
-        well = envs[quiet]
-        chosen = EVERY if len(well) == self.envs else well
-        in_order = len(places) == len(records.each["qpos"]) and (places[1:] > places[:-1]).all()
-        rows = EVERY if in_order else places
-        last_two = {"pose": seen.pose, "twist": seen.twist}
-        last_two |= {name: records.each[name][rows, -2:] for name in JOINTS}
-        self._course.stepped(chosen, last_two)
-        self._course.fastest[chosen] = seen.fastest
-        for name, values in self._course.of_joints.items():
-            values[chosen, self._course.first : -1] = records.each[name][rows, :-1]
-        self._note_constrained(well, found.constrained[quiet])
-        return envs[~quiet].tolist()
-
-    def _take_part(self, envs: np.ndarray, found: SteppedStates, part: slice) -> list[int]:
-        """Writes the states of environments without a fault to the course; gives the other environments."""
-        state = found.part(part)
-        quiet = self._watch.quiet(envs, found, self._watch.speed(state), state["twist"][:, -1], part)
-        self._course.write(envs[quiet], {name: values[quiet] for name, values in state.items()})
-        self._note_constrained(envs[quiet], found.constrained[part][quiet])
-        return envs[~quiet].tolist()
-
-    def _note_constrained(self, envs: np.ndarray, constrained: np.ndarray) -> None:
-        if len(of_shadowed := constrained[envs == self._shadowed]):
-            self._constrained = bool(of_shadowed[0])
-
-    def _one_by_one(self, awake: list[int], grid: range) -> list[int]:
-        """Steps environments one after the other; gives those that need a check of each state, as `_together` does."""
-        if self._traced is None or self._recorded is None:
-            return awake
-        odd = []
-        for k in awake:
-            before, level = SavedState(self.model, self.data[k]), None
-            if (taken := self._taken.pop(k, None)) is not None:
-                before, alone = taken.before, taken.found
-            else:
-                level = self._sub_steps[k].snapshot() if self._sub_steps is not None else None
-                alone = self._traced.take(self.data[k], grid, self._step_function(k))
-            if self._take_recorded(np.array([k]), alone, self._recorded):
-                before.restore(self.model, self.data[k])
-                if self._sub_steps is not None and level is not None:
-                    self._sub_steps[k].restore(level)
-                odd.append(k)
-        return odd
-
-    def _stepped_with_checks(self, k: int, grid: range, faults: dict[int, str]) -> State:
-        """Takes the steps of environment k, checking each state; adds to `faults` if the environment diverges."""
-        self.checked += 1
-        dog, followers = self._watch.dogs[k], self._assembly.followers
-        found = take_checked_steps(self.model, self.data[k], grid, self._step_function(k), dog, followers)
-        self._warnings += [(k, text) for text in found.notices]
-        if found.fault:
-            faults[k] = found.fault
-        if k == self._shadowed:
-            self._constrained = bool(self.data[k].nefc)
-        return found.state
-
-    def _step_function(self, k: int) -> Callable[[Any, Any], None]:
-        """Gives the function that steps environment k."""
-        return mujoco.mj_step if self._sub_steps is None else self._sub_steps[k].step
+    @property
+    def checked(self) -> int:
+        """Counts how often an environment was stepped to a stamp with a check of each state."""
+        return self._steps.checked
 
     def missed(self) -> int:
         """Counts the steps that were not exact enough in as many parts as there may be."""
