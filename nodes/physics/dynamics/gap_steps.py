@@ -44,8 +44,10 @@ class GapSteps:
         traced: TracedSteps | None,
         recorded: RecordedCourse | None,
     ) -> None:
-        """batch: steps environments together. sub_steps: divide the steps of each, where there is a tolerance.
-        followers: what is mounted on bodies. traced, recorded: take and write steps without a look at each state.
+        """Takes what steps are taken with.
+
+        batch: steps environments together. sub_steps: divide the steps of each, where there is a tolerance. followers:
+        what is mounted on bodies. traced, recorded: take and write steps without a look at each state.
         """
         self._model, self._data, self._batch, self._sub_steps = model, data, batch, sub_steps
         self._followers, self._traced, self._recorded = followers, traced, recorded
