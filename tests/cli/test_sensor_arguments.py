@@ -50,14 +50,14 @@ def test_what_is_not_given_is_the_presets() -> None:
 
 @pytest.mark.parametrize("key", SENSOR)
 def test_every_argument_reaches_the_node(key: str) -> None:
-    """By its own name; defocus in px."""
-    param = SENSOR[key]
+    """By its own name; defocus in px. The photoreceptor's noise has a bandwidth beside it, without which it is refused."""
+    param, beside = SENSOR[key], {"photoreceptor_noise": {"bandwidth_hz": "300"}}
     value = (
         [c for c in param.choices if c not in NEED_SLOPES][-1]
         if param.choices
         else max(param.minimum or 0, min(param.maximum or 2, 2))
     )
-    assert sensor_params("spinning_disk", **{ARGUMENT[key]: str(value)})[key] == value
+    assert sensor_params("spinning_disk", **{ARGUMENT[key]: str(value)}, **beside.get(key, {}))[key] == value
 
 
 def test_a_wrong_value_is_found_before_anything_starts() -> None:
