@@ -50,7 +50,7 @@ def test_what_is_not_given_is_the_presets() -> None:
 
 @pytest.mark.parametrize("key", SENSOR)
 def test_every_argument_reaches_the_node(key: str) -> None:
-    """By its own name; defocus in px. The photoreceptor's noise has a bandwidth beside it, without which it is refused."""
+    """By its own name; defocus in px. The photoreceptor's noise is refused without a bandwidth."""
     param, beside = SENSOR[key], {"photoreceptor_noise": {"bandwidth_hz": "300"}}
     value = (
         [c for c in param.choices if c not in NEED_SLOPES][-1]
