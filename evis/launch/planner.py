@@ -24,7 +24,7 @@ from evis.launch.graph.wiring import WiredNode, publishers, secret_values, wire
 from evis.launch.resolved_file import as_written, resolved_file
 from evis.launch.target import read_target, values_of_scene, with_scene_arguments
 from evis.launch.unused_arguments import check_effect, check_options
-from evis.runtime.node import with_others
+from evis.runtime.node import Node, with_others
 from evis.runtime.plan import COMPOSED, NodePlan, Plan
 from msgs.topics import SYSTEM_TOPICS
 
@@ -258,6 +258,7 @@ def _node_plan(node: WiredNode, demand: Demand, grouping: str, together: Collect
         keep=list(node.spec.keep),
         part=node.part,
         joins=node.joins,
+        refuses=any("check_seed" in vars(cls) for cls in node.cls.__mro__ if cls is not Node),
         outside={p: node.inputs[p] for p, port in node.cls.INPUTS.items() if port.outside and p not in inputs},
     )
 

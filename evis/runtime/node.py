@@ -272,6 +272,13 @@ class Node:
         """Returns how many stamps before the last one the next outputs depend on, besides what `state` gives."""
         return 0
 
+    @classmethod
+    def check_seed(cls, params: Mapping[str, Any], wanted: frozenset[str], env: int, seed: int) -> None:
+        """Raises ValueError, in one line, where an environment cannot begin anew with a seed while the graph runs.
+
+        wanted: the output ports that are made. A subclass that overrides it is asked before anything is reset.
+        """
+
     # -- what the executor calls -------------------------------------------------------------------------------------
 
     def computes_on(self) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from evis.config.params import EACH, Param
 from evis.runtime.node import Input, Node, Output
-from evis.scene.parameters import SCENE, seeds_of
+from evis.scene.parameters import SCENE, of_environment, seeds_of
 from msgs.camera import Frames, Keyframe, Samples
 from msgs.header import Header, Message
 from msgs.own_time import STAMP
@@ -20,7 +20,7 @@ from nodes.event_sensor.messages.in_a_row import runs, stamps
 from nodes.event_sensor.messages.packets import PacketPublisher
 from nodes.event_sensor.parameters import NODE, PRESET, frames_only, is_own_model, preset_name, source_of
 from nodes.event_sensor.presets import PRESETS
-from nodes.event_sensor.scene_parameters import check_shared, resolve_each, resolve_with_scene
+from nodes.event_sensor.scene_parameters import check_shared, has_parameters, resolve_each, resolve_with_scene
 
 if TYPE_CHECKING:
     from nodes.event_sensor.environments.reset_groups import ResetGroups
@@ -113,6 +113,17 @@ class EventSensorNode(Node):
             return frozenset({"rgb", "further_rgb"} if params["colour"] else {"luminance", "further"})
         return frozenset({"radiance" if params["colour"] else "luminance"}) if port == "keyframe" else None
 
+    @classmethod
+    def check_seed(cls, params: Mapping[str, Any], wanted: frozenset[str], env: int, seed: int) -> None:
+        """Raises ValueError where a seed draws a sensor that cannot be there, or not in place of the run's."""
+        if not has_parameters(params):
+            return
+        own = {name: value for name, value in of_environment(params, env).items() if name != EACH}
+        drawn = resolve_with_scene("event sensor", {**own, "seed": seed})
+        check_shared("event sensor", drawn, f"with seed {seed}", resolve_with_scene("event sensor", params), "before")
+        if "signal" in wanted:
+            _check_marked("event sensor", params["camera"], [drawn])
+
     def computes_on(self) -> str:
         """Names its device."""
         return str(self.params["device"])
@@ -133,7 +144,8 @@ class EventSensorNode(Node):
                 f"{self.name}: event model {self._resolved['model']} does not say which events noise made; "
                 f"leave out labels:=events and the topic /{self.params['camera']}/signal, or take evis or evis-paper"
             )
-        self._check_marked(each)
+        if self._marked:
+            _check_marked(self.name, self.params["camera"], each)
         self._sensor: Any = None
         self._reset_groups: ResetGroups | None = None
         """The sensors, once an environment was reset by itself."""
@@ -155,16 +167,6 @@ class EventSensorNode(Node):
         """A sensor to compile what all need, rather than at the first frame."""
         if self._own_model and EACH not in self.params:
             begin_building(self._device, self._warm_up_sensor.kernels())
-
-    def _check_marked(self, each: Sequence[Mapping[str, Any]]) -> None:
-        """Raises ValueError where events are to be marked and some environment's noise makes crossings with the light.
-        each: all of SENSOR, resolved, of the environments."""
-        if self._marked and any(p["photoreceptor_noise"] > 0 for p in each):
-            raise ValueError(
-                f"{self.name}: with photoreceptor_noise light and noise make each crossing together, so that no event "
-                f"is of one of them; leave out labels:=events and the topic /{self.params['camera']}/signal, or the "
-                "noise"
-            )
 
     def warm_up(self) -> None:
         """Compiles what is launched for every frame."""
@@ -199,7 +201,8 @@ class EventSensorNode(Node):
         each = resolve_each(self.name, params, envs)
         seeds = seeds_of({**params, "envs": envs})
         check_shared(self.name, each[0], f"with seed {seeds[0]}", self._resolved, "before")
-        self._check_marked(each)
+        if self._marked:
+            _check_marked(self.name, self.params["camera"], each)
         self._fires_in_constant_light = self._fires_in_constant_light or any(map(fires_in_constant_light, each))
         if len(each) == 1 and seeds == list(range(seeds[0], seeds[0] + envs)):
             return self._make_sensor(height, width, envs, each[0], seeds[0], number)
@@ -422,6 +425,16 @@ class EventSensorNode(Node):
             kinds = "or negative" if dark else "negative or black (ln 0; a light or a dark_level helps against those)"
             when = self._header.stamp_ns
             self.warn(f"{counts['nonfinite']} samples at {when} ns are NaN, infinite, {kinds}; they are skipped")
+
+
+def _check_marked(owner: str, camera: str, each: Sequence[Mapping[str, Any]]) -> None:
+    """Raises ValueError where some environment's noise makes crossings with the light, so that none can be marked.
+    each: all of SENSOR, resolved, of the environments."""
+    if any(p["photoreceptor_noise"] > 0 for p in each):
+        raise ValueError(
+            f"{owner}: with photoreceptor_noise light and noise make each crossing together, so that no event is of "
+            f"one of them; leave out labels:=events and the topic /{camera}/signal, or the noise"
+        )
 
 
 def fires_in_constant_light(p: Mapping[str, Any]) -> bool:

@@ -19,6 +19,7 @@ import numpy as np
 from evis.config.params import EACH, Param
 from evis.runtime.clock import NS, keyframe_count, keyframe_stamp, times_slower
 from evis.runtime.node import Input, Node, Output
+from evis.runtime.seeds import check_seeds
 from evis.scene.digest import motion
 from evis.scene.load import drawn_places, is_dynamic, may_be_driven, parse_args, starts_at_random
 from evis.scene.model import Scene
@@ -338,7 +339,7 @@ class PhysicsNode(Node):
             seeds: of each of these, -1 = it keeps its own; none = all keep theirs.
 
         Raises ValueError for an environment that is not there and for seeds that do not fit, ResetRefused where a seed
-        draws a world with other things.
+        draws a world with other things, or a node cannot go on with it.
         """
         chosen, given = checked(envs, seeds, len(self.episodes))
         if not self.k or len(chosen) == len(self.episodes):
@@ -388,6 +389,7 @@ class PhysicsNode(Node):
     def _begin_anew(self, envs: list[int], seeds: list[int], k: int) -> None:
         """Begins environments anew at keyframe k, in time of their own. Raises ResetRefused."""
         try:
+            check_seeds(self.runtime.plan, self.name, dict(zip(*_given(envs, seeds))))
             engines = self._other_engines(envs, seeds)
         except ValueError as error:
             raise ResetRefused(str(error)) from None
