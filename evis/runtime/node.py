@@ -190,6 +190,12 @@ class Node:
         return frozenset(cls.INPUTS)
 
     @classmethod
+    def missing(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
+        """Returns the output ports that there are not with these parameters, with the reason and, after a semicolon,
+        the remedy for who reads them."""
+        return {}
+
+    @classmethod
     def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
         """Returns the arrays that this node needs of an input's messages, where others may be left out.
 

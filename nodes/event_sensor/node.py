@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -104,6 +105,14 @@ class EventSensorNode(Node):
         return frozenset({source_of(params["source"], lambda: resolve_with_scene("event sensor", params))})
 
     @classmethod
+    def missing(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
+        """Names the marks of events, where the sensor cannot tell which of them noise made."""
+        with contextlib.suppress(OSError, ValueError):  # who loads the scene says so
+            why = _unmarked(params["camera"], [resolve_with_scene("event sensor", params)])
+            return {"signal": why} if why else {}
+        return {}
+
+    @classmethod
     def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
         """Says that of keyframes luminance will do, unless there are sensors for each colour, and that nobody needs the
         frames' counts."""
@@ -121,8 +130,8 @@ class EventSensorNode(Node):
         own = {name: value for name, value in of_environment(params, env).items() if name != EACH}
         drawn = resolve_with_scene("event sensor", {**own, "seed": seed})
         check_shared("event sensor", drawn, f"with seed {seed}", resolve_with_scene("event sensor", params), "before")
-        if "signal" in wanted:
-            _check_marked("event sensor", params["camera"], [drawn])
+        if "signal" in wanted and (why := _unmarked(params["camera"], [drawn])):
+            raise ValueError(f"event sensor: {why}")
 
     def computes_on(self) -> str:
         """Names its device."""
@@ -139,13 +148,7 @@ class EventSensorNode(Node):
             self.warn(text)
         self._own_model = is_own_model(self._resolved["model"])
         self._marked = self.wants("signal")
-        if self._marked and not self._own_model:
-            raise ValueError(
-                f"{self.name}: event model {self._resolved['model']} does not say which events noise made; "
-                f"leave out labels:=events and the topic /{self.params['camera']}/signal, or take evis or evis-paper"
-            )
-        if self._marked:
-            _check_marked(self.name, self.params["camera"], each)
+        self._check_marked(each)
         self._sensor: Any = None
         self._reset_groups: ResetGroups | None = None
         """The sensors, once an environment was reset by itself."""
@@ -167,6 +170,11 @@ class EventSensorNode(Node):
         """A sensor to compile what all need, rather than at the first frame."""
         if self._own_model and EACH not in self.params:
             begin_building(self._device, self._warm_up_sensor.kernels())
+
+    def _check_marked(self, each: Sequence[Mapping[str, Any]]) -> None:
+        """Raises ValueError where events are to be marked and cannot. each: as of `_unmarked`."""
+        if self._marked and (why := _unmarked(self.params["camera"], each)):
+            raise ValueError(f"{self.name}: {why}")
 
     def warm_up(self) -> None:
         """Compiles what is launched for every frame."""
@@ -201,8 +209,7 @@ class EventSensorNode(Node):
         each = resolve_each(self.name, params, envs)
         seeds = seeds_of({**params, "envs": envs})
         check_shared(self.name, each[0], f"with seed {seeds[0]}", self._resolved, "before")
-        if self._marked:
-            _check_marked(self.name, self.params["camera"], each)
+        self._check_marked(each)
         self._fires_in_constant_light = self._fires_in_constant_light or any(map(fires_in_constant_light, each))
         if len(each) == 1 and seeds == list(range(seeds[0], seeds[0] + envs)):
             return self._make_sensor(height, width, envs, each[0], seeds[0], number)
@@ -427,14 +434,22 @@ class EventSensorNode(Node):
             self.warn(f"{counts['nonfinite']} samples at {when} ns are NaN, infinite, {kinds}; they are skipped")
 
 
-def _check_marked(owner: str, camera: str, each: Sequence[Mapping[str, Any]]) -> None:
-    """Raises ValueError where some environment's noise makes crossings with the light, so that none can be marked.
-    each: all of SENSOR, resolved, of the environments."""
-    if any(p["photoreceptor_noise"] > 0 for p in each):
-        raise ValueError(
-            f"{owner}: with photoreceptor_noise light and noise make each crossing together, so that no event is of "
-            f"one of them; leave out labels:=events and the topic /{camera}/signal, or the noise"
-        )
+def _unmarked(camera: str, each: Sequence[Mapping[str, Any]]) -> str:
+    """Tells why events cannot be marked as of light or of noise, and what to do; "" where they can.
+
+    each: all of SENSOR, resolved, of the environments.
+    """
+    leave = f"leave out labels:=events and the topic /{camera}/signal, or"
+    for p in each:
+        if not is_own_model(p["model"]):
+            return f"event model {p['model']} does not say which events noise made; {leave} take evis or evis-paper"
+        if p["photoreceptor_noise"] > 0:
+            # Some environment's will do: all have the same outputs.
+            return (
+                "with photoreceptor_noise light and noise make each crossing together, so that no event is of one of "
+                f"them; {leave} the noise"
+            )
+    return ""
 
 
 def fires_in_constant_light(p: Mapping[str, Any]) -> bool:

@@ -27,7 +27,7 @@ class WiredNode:
 
     group: its process where all others are composed, for it is on another device than they are. part: it has a share of
     the environments, and its topics are for the one that joins the shares (`joins`), whose topics are those of all.
-    open: who comes while the graph runs may have these.
+    open: who comes while the graph runs may have these. missing: topics that its parameters leave no output for -> why.
     """
 
     spec: NodeSpec
@@ -36,6 +36,7 @@ class WiredNode:
     params: dict[str, Any]
     inputs: dict[str, str] = field(default_factory=dict)
     outputs: dict[str, str] = field(default_factory=dict)
+    missing: dict[str, str] = field(default_factory=dict)
     group: str = ""
     part: bool = False
     joins: bool = False
@@ -117,6 +118,10 @@ def wire(spec: NodeSpec, folder: Path) -> WiredNode:
             raise LaunchError(
                 f"{spec.where}: '{spec.name}' has nothing called '{name}' to remap; {nearest(name, known)}"
             )
+    for port, why in cls.missing(params).items():
+        node.missing[node.outputs.pop(port)] = why
+        if port in spec.keep:
+            raise LaunchError(f"{spec.where}: '{spec.name}' has no output '{port}': {why}")
     if spec.keep == [ANY]:
         spec.keep = list(node.outputs)
     for port in spec.keep:
