@@ -9,7 +9,8 @@ The way of a message through a process:
 4. A node (`node.py`) publishes through `outputs.py`, and `delivery.py` hands the message to the nodes of the same
    process and to the bus.
 
-`clock.py` computes stamps; `profile.py` measures where time goes, with `workers.py` for threads, and `telemetry.py`
-publishes it. `tap.py` lets a node read a topic lossily, `outside/` lets programs outside of the graph give messages.
+`clock.py` computes stamps; `profile.py` measures where time goes, with `workers.py` for threads, `telemetry.py`
+publishes it, and `whereabouts.py` notes in which node the process is. `tap.py` lets a node read a topic lossily,
+`outside/` lets programs outside of the graph give messages, and `seeds.py` asks whether seeds can be had.
 `wakeup.py` ends the executor's wait; `garbage_collection.py` holds Python's collector back while a process gets ready.
 """
