@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from evis.config.document import LaunchError
+from evis.config.params import ParamError
 from evis.config.secret import Redactor
 from evis.launch import catalog
+from evis.launch.arguments import ArgumentError
 from evis.launch.catalog import comes_with_evis, files_of
 from evis.launch.expand import Expanded, expand
 from evis.launch.files import LaunchFile, load
@@ -102,6 +104,8 @@ def plan_launch(
             check_effect(launch, list(given) if must_have_effect is None else must_have_effect, expanded, plan)
     except LaunchError as error:
         raise type(error)(hide.text(str(error))) from None
+    except ParamError as error:  # of a node's class, about parameters that do not go together
+        raise ArgumentError(hide.text(str(error))) from None
     plan.args |= values_of_scene(launch, plan.args)
     plan.name = launch.path.stem
     return plan

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from evis.config.document import LaunchError
 from evis.config.suggestions import nearest
+from evis.launch.arguments import ArgumentError
 from evis.launch.graph.wiring import WiredNode
 from msgs.topics import SYSTEM_TOPICS, find_topic
 
@@ -67,7 +68,7 @@ class Pruner:
 
     def _unpublished(self, node: WiredNode, topic: str) -> LaunchError:
         if topic in self._missing:
-            return LaunchError(f"{node.spec.where}: '{node.name}' reads {topic}, but {self._missing[topic]}")
+            return ArgumentError(f"{node.spec.where}: '{node.name}' reads {topic}, but {self._missing[topic]}")
         remedies = {source.cls.REMEDY.format(topic=topic) for source in self._nodes if source.cls.REMEDY}
         remedy = "; ".join(sorted(remedies)) or nearest(topic, self._publishers)
         return LaunchError(f"{node.spec.where}: '{node.name}' reads {topic}, which nobody publishes; {remedy}")

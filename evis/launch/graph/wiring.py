@@ -150,6 +150,8 @@ def _outputs(node: WiredNode) -> dict[str, str]:
         return {port: output.topic for port, output in node.cls.OUTPUTS.items()}
     try:
         return {port: output.topic for port, output in dynamic(node.params).items()}
+    except ParamError as error:
+        raise ArgumentError(f"{node.spec.where}: {error}") from None
     except (ValueError, OSError) as error:
         raise LaunchError(f"{node.spec.where}: {error}") from None
 
