@@ -110,7 +110,7 @@ class Profile:
     owner stops the clock of the outer one."""
 
     def __init__(self, where: Whereabouts | None = None) -> None:
-        """where: notes the owner; None = nobody is to know."""
+        """Takes what notes the present owner; None = nobody is to know."""
         self._where = where or Whereabouts()
         self._note = self._where.note
         self.nodes: dict[str, NodeProfile] = {}

@@ -20,7 +20,7 @@ class Whereabouts:
     """Notes in which of its nodes a process is. note: one unsigned number of 16 bits, written at every change."""
 
     def __init__(self, directory: str = "", process: str = "", nodes: Sequence[str] = ()) -> None:
-        """directory: of the run, "" where nobody can look. nodes: of the process, in the plan's order."""
+        """Makes the page. directory: of the run, "" = nobody can look. nodes: of the process, in the plan's order."""
         self._numbers = {name: k for k, name in enumerate(nodes, _NOWHERE + 1)}
         self.note = memoryview(bytearray(_BYTES)).cast("H")
         if directory:

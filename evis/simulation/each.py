@@ -95,10 +95,8 @@ _OF_STEP = ("stamp_ns", "episodes", "over", "finished", "cameras")
 
 def _is_of_no_event(value: Any) -> bool:
     """Tells whether an output goes with a packet of events, and has none."""
-    if isinstance(value, EventPacket):
-        return not len(value.t)
-    if isinstance(value, EventSignal):
-        return not len(value.signal)
+    if isinstance(value, EventPacket | EventSignal):
+        return not value.env_offsets[-1]
     return isinstance(value, Labels) and value.event_env is not None and not len(value.event_env)
 
 
