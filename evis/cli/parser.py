@@ -14,6 +14,22 @@ from evis.console.printable import printable
 KINDS = {"float": "a number", "int": "a whole number"}
 """How argparse's own complaints name a type -> how a user does."""
 
+PATHS = {
+    "BAG": "a file such as run.mcap",
+    "BAG|FILE": "a bag or a recording",
+    "DIR": "a folder",
+    "FILE": "a file",
+    "FILE|NAME": "a file, or one that comes with evis",
+    "FRAMES": "a file or a folder",
+    "IN": "a file",
+    "OUT": "what to write",
+    "PREFIX": "what the names of files are to begin with",
+    "REC": "a file",
+    "RECIPE": "a recipe",
+    "RECORDING": "a file",
+}
+"""How the help calls a value that is a path -> what it is to be. An empty text would be the folder that one is in."""
+
 SURE = 0.75
 """Likeness from which on an option is meant where an argument of a graph may be, 0 ... 1."""
 
@@ -58,7 +74,19 @@ class Parser(argparse.ArgumentParser):
                 name, _, value = word.partition("=")
                 if word.startswith("--") and name not in self._option_string_actions:
                     self.error(f"no option '{name}'{self._instead(name, value or ' '.join(words[at + 1 : at + 2]))}")
-        return super().parse_known_args(words, namespace)
+        parsed, rest = super().parse_known_args(words, namespace)
+        self._check_paths(parsed)
+        return parsed, rest
+
+    def _check_paths(self, parsed: argparse.Namespace) -> None:
+        """Ends with an error where a path that was given is an empty text, as of a shell's variable that is not set."""
+        for action in self._actions:
+            what = PATHS.get(action.metavar) if isinstance(action.metavar, str) else None
+            given = getattr(parsed, action.dest, None)
+            if what is not None and "" in (given if isinstance(given, list) else [given]):
+                name = next((name for name in action.option_strings if name.startswith("--")), action.metavar)
+                leave = ", or leave it out" if action.option_strings and not action.required else ""
+                self.error(f"{name} is empty; name {what}{leave}")
 
     def _spelled(self, word: str) -> str:
         name, equals, value = word.partition("=")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+import contextlib
 import importlib
 import os
 import shutil
@@ -221,7 +222,8 @@ class Writer(abc.ABC):
     def __del__(self) -> None:
         # Interrupted between its opening and the block that would have closed it.
         if not self._settled:
-            self.partial.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):  # where its folder is a file there is none
+                self.partial.unlink(missing_ok=True)
 
     def __enter__(self) -> Writer:
         return self

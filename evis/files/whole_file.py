@@ -18,7 +18,11 @@ def written_at(path: Path) -> Path:
 def missing_folder(out: str | os.PathLike[str]) -> str:
     """Says that the folder of a file to write is not there, and what to do; "" where it is."""
     folder = written_at(Path(out)).absolute().parent
-    return "" if folder.is_dir() else f"{out}: the folder {folder} does not exist; make it first"
+    if folder.is_dir():
+        return ""
+    if folder.exists():
+        return f"{out}: {folder} is a file, and no folder that could hold it; name another one"
+    return f"{out}: the folder {folder} does not exist; make it first"
 
 
 @contextlib.contextmanager

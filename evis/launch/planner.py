@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from evis.config.document import LaunchError
+from evis.config.params import ParamError
 from evis.config.secret import Redactor
 from evis.launch import catalog
+from evis.launch.arguments import ArgumentError
 from evis.launch.catalog import comes_with_evis, files_of
 from evis.launch.expand import Expanded, expand
 from evis.launch.files import LaunchFile, load
@@ -24,6 +26,7 @@ from evis.launch.graph.wiring import WiredNode, publishers, secret_values, wire
 from evis.launch.resolved_file import as_written, resolved_file
 from evis.launch.target import read_target, values_of_scene, with_scene_arguments
 from evis.launch.unused_arguments import check_effect, check_options
+from evis.runtime.declaration import Declaration
 from evis.runtime.node import with_others
 from evis.runtime.plan import COMPOSED, NodePlan, Plan
 from msgs.topics import SYSTEM_TOPICS
@@ -102,6 +105,8 @@ def plan_launch(
             check_effect(launch, list(given) if must_have_effect is None else must_have_effect, expanded, plan)
     except LaunchError as error:
         raise type(error)(hide.text(str(error))) from None
+    except ParamError as error:  # of a node's class, about parameters that do not go together
+        raise ArgumentError(hide.text(str(error))) from None
     plan.args |= values_of_scene(launch, plan.args)
     plan.name = launch.path.stem
     return plan
@@ -258,6 +263,7 @@ def _node_plan(node: WiredNode, demand: Demand, grouping: str, together: Collect
         keep=list(node.spec.keep),
         part=node.part,
         joins=node.joins,
+        refuses=any("check_seed" in vars(cls) for cls in node.cls.__mro__ if cls is not Declaration),
         outside={p: node.inputs[p] for p, port in node.cls.INPUTS.items() if port.outside and p not in inputs},
     )
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from evis.config.document import LaunchError, Table, submap
 from evis.config.expression import ExpressionError, names_in, substitute
-from evis.config.params import resolve
+from evis.config.params import describe_value, resolve
 from evis.launch import node_arguments
 from evis.launch.arguments import ArgumentError
 from evis.launch.catalog import load
@@ -42,6 +42,7 @@ def check_effect(launch: LaunchFile, given: Collection[str], expanded: Expanded,
         reasons = list(_uses(launch, name, given, there, expanded, plan))
         if value and reasons and all(reasons):
             text = ",".join(map(str, value)) if isinstance(value, list) else value
+            text = describe_value(value) if isinstance(value, bool) else text
             raise ArgumentError(f"{name}:={text} has no effect: {'; '.join(dict.fromkeys(reasons))}; leave it out")
 
 
@@ -88,7 +89,9 @@ def _uses(
     for key in nodes:
         entry = nodes[key]
         for part in (part for part in entry if part not in BESIDE and name in names_in(entry[part])):
-            if part not in CONDITIONS or _decides(entry, part, name, given, launch, expanded):
+            if part not in CONDITIONS and nodes.where(key) not in there:
+                yield f"{key} is left out, for {_why(key, expanded)}"
+            elif part not in CONDITIONS or _decides(entry, part, name, given, launch, expanded):
                 yield ""
         params = submap(entry, "params")
         read = [param for param in params if name in names_in(params[param])]

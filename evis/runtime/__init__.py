@@ -9,7 +9,7 @@ The way of a message through a process:
 4. A node (`node.py`) publishes through `outputs.py`, and `delivery.py` hands the message to the nodes of the same
    process and to the bus. What it has declared (`declaration.py`) a launch has read before.
 
-`clock.py` computes stamps; `profile.py` measures where time goes, with `workers.py` for threads, and `telemetry.py`
-publishes it. `tap.py` lets a node read a topic lossily, `outside/` lets programs outside of the graph give messages.
-`wakeup.py` ends the executor's wait.
+`clock.py` computes stamps; `profile.py` measures where time goes, with `workers.py` for threads, `telemetry.py`
+publishes it, and `whereabouts.py` notes in which node the process is. `tap.py` lets a node read a topic lossily,
+`outside/` lets programs outside of the graph give messages. `wakeup.py` ends the executor's wait.
 """

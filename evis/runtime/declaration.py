@@ -80,6 +80,12 @@ class Declaration:
         return frozenset(cls.INPUTS)
 
     @classmethod
+    def missing(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
+        """Returns the output ports that there are not with these parameters, with the reason and, after a semicolon,
+        the remedy for who reads them."""
+        return {}
+
+    @classmethod
     def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
         """Returns the arrays that this node needs of an input's messages, where others may be left out.
 
@@ -161,3 +167,10 @@ class Declaration:
     def looks_back(cls, params: Mapping[str, Any]) -> int:
         """Returns how many stamps before the last one the next outputs depend on, besides what `state` gives."""
         return 0
+
+    @classmethod
+    def check_seed(cls, params: Mapping[str, Any], wanted: frozenset[str], env: int, seed: int) -> None:
+        """Raises ValueError, in one line, where an environment cannot begin anew with a seed while the graph runs.
+
+        wanted: the output ports that are made. A subclass that overrides it is asked before anything is reset.
+        """

@@ -31,6 +31,7 @@ from evis.runtime.scheduler import Scheduler
 from evis.runtime.tap import TapSubscription
 from evis.runtime.telemetry import Say, Telemetry, say_in_log
 from evis.runtime.wakeup import Wakeup
+from evis.runtime.whereabouts import Whereabouts
 from msgs.header import Message
 from msgs.topics import SYSTEM_TOPICS
 
@@ -60,7 +61,8 @@ class Executor(Outputs):
         for the user's eyes alone; to stderr if not given. redactor: the process's, of the plan's secrets if not given.
         say: takes what nodes say about themselves.
         """
-        profile = Profile()
+        here = [node.name for node in plan.nodes.values() if node.process == process]
+        profile = Profile(Whereabouts(plan.directory, process, here))
         self._redactor = redactor or Redactor(plan.secrets)
         self._request = request
         self._tell = tell or (lambda name, text: print(f"{name}: {text}", file=sys.stderr, flush=True))

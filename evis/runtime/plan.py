@@ -72,6 +72,8 @@ class NodePlan:
     """Nodes for which this one says it."""
     outside: dict[str, str] = field(default_factory=dict)
     """Ports -> topics that a program outside the graph may give, as no node of it does."""
+    refuses: bool = False
+    """Whether its class may refuse seeds of environments (`Declaration.check_seed`)."""
 
 
 @dataclass
@@ -152,6 +154,16 @@ class Plan:
             if not node.dormant:
                 result.setdefault(node.process, []).append(node)
         return result
+
+    def downstream(self, node: str) -> list[NodePlan]:
+        """Lists the nodes that work on what a node publishes, and on what comes of that."""
+        reached, todo = dict.fromkeys([node]), [node]
+        while todo:
+            source = todo.pop()
+            found = [e.node for topic in self.topics.values() if topic.node == source for e in topic.edges]
+            todo += [name for name in dict.fromkeys(found) if name not in reached]
+            reached |= dict.fromkeys(found)
+        return [self.nodes[name] for name in reached if name != node and name in self.nodes]
 
     def sensor_beside(self, node: str, port: str) -> dict[str, Any]:
         """Describes the sensor that publishes beside an output of a node; {} where there is none."""

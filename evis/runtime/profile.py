@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from evis.runtime.whereabouts import Whereabouts
 from evis.runtime.workers import spent_by_workers
 from msgs.camera import CameraInfo, EventPacket, Frames, Keyframe, Samples
 from msgs.header import Message
@@ -40,6 +41,8 @@ class NodeProfile:
     """Stamp of the last frames that were counted of each camera."""
     first_event_at: float = 0.0
     """time.monotonic() when the first packet with an event left; 0 = not yet."""
+    number: int = 0
+    """As of `Whereabouts`."""
 
     def saw(self, topic: str, message: Message) -> None:
         """Counts a published message."""
@@ -106,7 +109,10 @@ class Profile:
     """Measures exclusive time per owner on one thread, of CPU time with what `Workers` spend for it: entering an inner
     owner stops the clock of the outer one."""
 
-    def __init__(self) -> None:
+    def __init__(self, where: Whereabouts | None = None) -> None:
+        """Takes what notes the present owner; None = nobody is to know."""
+        self._where = where or Whereabouts()
+        self._note = self._where.note
         self.nodes: dict[str, NodeProfile] = {}
         self._stack: list[NodeProfile] = []
         self._since_wall = self._since_cpu = 0.0
@@ -115,7 +121,7 @@ class Profile:
         """Returns the profile of a node (or of `bus` and `idle`), made on first use."""
         found = self.nodes.get(name)
         if found is None:
-            found = self.nodes[name] = NodeProfile()
+            found = self.nodes[name] = NodeProfile(number=self._where.number(name))
         return found
 
     def charge(self) -> None:
@@ -135,12 +141,14 @@ class Profile:
         """Charges time to this owner from now on, and returns its profile."""
         self.charge()
         self._stack.append(owner)
+        self._note[0] = owner.number
         return owner
 
     def leave(self) -> None:
         """Ends the current owner's time, and charges the one before it again."""
         self.charge()
         self._stack.pop()
+        self._note[0] = self._stack[-1].number if self._stack else 0
 
 
 class ChargedBlock:

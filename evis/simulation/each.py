@@ -16,7 +16,7 @@ from evis.scene.stereo import baseline
 from evis.shares.cut import cut
 from evis.simulation.errors import SimulationError
 from evis.simulation.step import IMAGE, IMAGES, CameraOutputs, Step, on_host
-from msgs.camera import CameraInfo, EventPacket, EventSignal, Image, Samples
+from msgs.camera import CameraInfo, EventPacket, EventSignal, Image, Labels, Samples
 from msgs.header import Message
 from nodes.event_sensor.parameters import SENSOR
 
@@ -70,6 +70,12 @@ def alone(step: Step, env: int, infos: Mapping[str, CameraInfo]) -> Step:
         name: {key: _part(key, value, env, infos.get(name)) for key, value in vars(outputs).items() if key != IMAGE}
         for name, outputs in step.cameras.items()
     }
+    if step.finished:
+        # By itself an environment of which a sensor held nothing back has no packet then, and nothing beside it.
+        cameras = {
+            name: {key: None if _is_of_no_event(value) else value for key, value in outputs.items()}
+            for name, outputs in cameras.items()
+        }
     for outputs in cameras.values():
         if IMAGES in outputs:
             outputs[IMAGE] = next(reversed(outputs[IMAGES]), None)
@@ -77,12 +83,21 @@ def alone(step: Step, env: int, infos: Mapping[str, CameraInfo]) -> Step:
     of_no_camera = {
         key: _part(key, value, env, None)
         for key, value in vars(step).items()
-        if key not in ("stamp_ns", "episodes", "over", "cameras") and key not in vars(step.cameras.get(first, _NONE))
+        if key not in _OF_STEP and key not in vars(step.cameras.get(first, _NONE))
     }
-    return Step(step.stamp_ns, step.episodes[env : env + 1], cameras, of_no_camera, step.over)
+    return Step(step.stamp_ns, step.episodes[env : env + 1], cameras, of_no_camera, step.over, step.finished)
 
 
 _NONE = CameraOutputs({})
+_OF_STEP = ("stamp_ns", "episodes", "over", "finished", "cameras")
+"""What a step has besides outputs."""
+
+
+def _is_of_no_event(value: Any) -> bool:
+    """Tells whether an output goes with a packet of events, and has none."""
+    if isinstance(value, EventPacket | EventSignal):
+        return not value.env_offsets[-1]
+    return isinstance(value, Labels) and value.event_env is not None and not len(value.event_env)
 
 
 def _part(name: str, value: Any, env: int, info: CameraInfo | None) -> Any:

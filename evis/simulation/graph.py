@@ -34,7 +34,8 @@ from nodes.physics.actuators import Actuators
 CALLER = "caller"
 """Name of the caller's node."""
 ACTION = "/action"
-OF_OUTPUTS = {LABELS: "labels.flow", "image": "image"}
+IMAGE = "image"
+OF_OUTPUTS = {LABELS: "labels.flow", IMAGE: IMAGE}
 """Arguments that are turned on by an output of steps, as the second names it."""
 
 
@@ -123,6 +124,9 @@ class Planner:
             # Not every launch file has anything random.
             if seed is not None and (seed or "seed" in target.launch.arguments):
                 target.given["seed"] = seed
+            images = target.launch.arguments.get(IMAGE)
+            if IMAGE in self._asked.names and images is not None and images.param.type is bool:
+                target.given[IMAGE] = True  # what follows from it, as K, is then as `evis launch` has it
             self._folder = target.launch.path.resolve().parent
             options = Options(record=record, view=False, grouping="compose", stepped=True)
             if self._chosen is None:
@@ -144,7 +148,7 @@ class Planner:
     def _edit(self, expanded: Expanded) -> None:
         """Puts the caller into the graph. What it does not ask for is not made."""
         found = Graph(Plan("", "", ""))
-        device, asked = "cpu", {glob.rpartition("/")[2] for glob in self._asked.globs}
+        device, asked = "cpu", self._asked.names
         for spec in expanded.nodes:
             if catalog.comes_with_evis(spec.type):
                 spec.keep = []

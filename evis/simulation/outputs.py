@@ -18,6 +18,11 @@ class RequestedOutputs:
     globs: tuple[str, ...]
     labels: tuple[str, ...]
 
+    @property
+    def names(self) -> frozenset[str]:
+        """Returns the names without their cameras: events, image, ..."""
+        return frozenset(glob.rpartition("/")[2] for glob in self.globs)
+
     def topics(self, available: Iterable[str]) -> list[str]:
         """Lists the topics of a graph that were asked for. Raises ValueError where it has none of a name."""
         names = [name for name in available if name not in SYSTEM_TOPICS]

@@ -333,7 +333,7 @@ class Run:
             if name == IMAGE:
                 cameras[camera][IMAGES] = tuple(found)
         episodes = np.zeros(self.envs, np.int32) if self._caller.episodes is None else self._caller.episodes
-        self.last = Step(self.stamp_ns, episodes, cameras, others, self.over)
+        self.last = Step(self.stamp_ns, episodes, cameras, others, self.over, self._finished)
         return self.last
 
     def warn(self) -> None:

@@ -10,6 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from evis.runtime.node import Node
+from evis.runtime.plan import Plan
 from evis.simulation.errors import SimulationError
 from evis.simulation.step import Step
 from msgs.header import Header, Message
@@ -100,6 +101,9 @@ class Copied(Protocol):
 
 class Unheard:
     """Stands for the runtime of a node of whose messages, counts and words nobody is to hear."""
+
+    plan = Plan("", "", "")
+    """In which nobody works on what it publishes, so that nobody is asked about resets that have been before."""
 
     def wants(self, _node: Node, _port: str, _array: str = "") -> bool:
         """Tells that nobody reads anything."""

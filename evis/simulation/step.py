@@ -79,7 +79,7 @@ class Step(CameraOutputs):
     """Holds the outputs of a step: those of the first camera as attributes, those of all in `cameras`.
 
     stamp_ns: the simulated time [ns] that it ends at. episodes: int32 [E], number of the reset that each environment is
-    in. over: no step follows, as behind the end of a bag; `finish` brings what nodes still hold back.
+    in. over: no step follows, as behind the end of a bag; `finish` brings what nodes still hold back. finished: it did.
     """
 
     state: WorldState | None
@@ -94,12 +94,14 @@ class Step(CameraOutputs):
         cameras: Mapping[str, Mapping[str, Any]],
         others: Mapping[str, Any],
         over: bool,
+        finished: bool = False,
     ) -> None:
         """Takes what one step has made. cameras: camera -> output -> value, the first one first. others: outputs of no
-        camera."""
+        camera. finished: it is what `finish` brought."""
         self.stamp_ns = stamp_ns
         self.episodes = episodes
         self.over = over
+        self.finished = finished
         self.cameras = {name: CameraOutputs(values) for name, values in cameras.items()}
         first: Mapping[str, Any] = next(iter(cameras.values()), {})
         super().__init__({**first, **others})

@@ -13,6 +13,7 @@ from typing import Any
 from evis.console.open_files import with_remedy
 from evis.console.termination import STATUS
 from evis.runtime.plan import NodePlan
+from evis.runtime.whereabouts import node_in
 from evis.supervisor.node_process import log_path, start_process
 
 _FROM_OUTSIDE = (
@@ -58,12 +59,26 @@ class Child:
     """It failed, and nothing depends on it."""
     mentioned: bool = False
     """The user has been told that it is slow."""
+    told_in: str = ""
+    """The node in which it was when it was told to end, which it leaves for that."""
 
     @property
     def title(self) -> str:
         """Returns the nodes of the process, for messages."""
         names = ", ".join(node.name for node in self.nodes)
         return names if len(self.nodes) == 1 and names == self.name else f"{self.name} ({names})"
+
+    @property
+    def where(self) -> str:
+        """Names the one of its several nodes in which the process is, or was at its end; "" where it is in none."""
+        names = [node.name for node in self.nodes]
+        return (node_in(self.directory, self.name, names) or self.told_in) if len(names) > 1 else ""
+
+    @property
+    def _title_at_end(self) -> str:
+        """Returns `title`, and in which of the nodes the process ended."""
+        where = self.where
+        return f"{self.title}, in {where}," if where else self.title
 
     @property
     def log_path(self) -> Path:
@@ -89,11 +104,13 @@ class Child:
         self.process = process or start_process(self.directory, self.name)
         self.state = "starting"
         self.heard_at = time.monotonic()
-        self.stats, self.busy_s = {}, 0.0  # of a process before it: this one imports first, and is silent for longer
+        # Of a process before it: this one imports first, and is silent for longer.
+        self.stats, self.busy_s, self.told_in = {}, 0.0, ""
 
     def signal(self, number: signal.Signals) -> None:
         """Sends a signal to the process if it is there."""
         if self.process is not None and self.alive():
+            self.told_in = self.where
             self.process.send_signal(number)
             if number in (signal.SIGTERM, signal.SIGINT):
                 self.process.send_signal(signal.SIGCONT)
@@ -107,14 +124,14 @@ class Child:
             try:
                 number = signal.Signals(-code)
             except ValueError:
-                return f"{self.title} was ended by signal {-code}"
+                return f"{self._title_at_end} was ended by signal {-code}"
             if number == signal.SIGABRT:  # libzmq ends a process that may open no more files
                 for line in self.last_lines(_LAST_LINES):
                     if (told := with_remedy(line)) != line:
-                        return f"{self.title} was ended by {number.name}: {told}"
+                        return f"{self._title_at_end} was ended by {number.name}: {told}"
             remedy = _REMEDIES.get(number, "its last words are in the lines above")
-            return f"{self.title} was ended by {number.name}; {remedy}"
-        return f"{self.title} ended with exit status {code} and no message"
+            return f"{self._title_at_end} was ended by {number.name}; {remedy}"
+        return f"{self._title_at_end} ended with exit status {code} and no message"
 
     def last_lines(self, count: int) -> list[str]:
         """Returns the end of its log."""

@@ -51,8 +51,11 @@ def ended_by_force(children: Iterable[Child], patience_s: float, asked: bool) ->
     names = ", ".join(c.title for c in stuck)
     was = "was" if len(stuck) == 1 else "were"
     waited = ", ".join(c.title for c in found if c not in stuck)
-    why = f" (in one step for {max(c.busy_s for c in stuck):.0f} s)" if stuck[0].busy_s > _STUCK_S else ""
-    rest = f", and so were {waited}, which waited for {'it' if was == 'was' else 'them'}" if waited else ""
+    where = f" of {stuck[0].where}" if len(stuck) == 1 and stuck[0].where else ""
+    longest = max(c.busy_s for c in stuck)
+    why = f" (in one step{where} for {longest:.0f} s)" if stuck[0].busy_s > _STUCK_S else ""
+    so = "so was" if len(stuck) + 1 == len(found) else "so were"
+    rest = f", and {so} {waited}, which waited for {'it' if was == 'was' else 'them'}" if waited else ""
     end = f"{was} ended by force{', as a second Ctrl-C asks' * asked}{rest}; {'its' if len(found) == 1 else 'their'}"
     late = "" if asked else f"did not end in {patience_s:g} s and "
     return f"{names}{why} {late}{end} files may be incomplete"

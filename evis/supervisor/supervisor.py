@@ -248,7 +248,8 @@ class Supervisor:
             return
         if child.busy_s > BUSY_S and child.state != "ready" and not child.mentioned:
             child.mentioned = True
-            doing = "in one step" if child.state == "running" else "getting ready (kernels may be compiling)"
+            step = f"in one step of {child.where}" if child.where else "in one step"
+            doing = step if child.state == "running" else "getting ready (kernels may be compiling)"
             self._say(f"{child.title}: {doing} for {BUSY_S:g} s now")
         limit = SILENCE_S if child.stats or child.state != "starting" else STARTUP_SILENCE_S
         if time.monotonic() - child.heard_at > limit:
@@ -258,7 +259,7 @@ class Supervisor:
     def _end_frozen(self, child: Child, silent_s: float) -> None:
         """Kills a process that gives no sign of life, which is then the failure."""
         text = f"gave no sign of life for {silent_s:.0f} s (stopped, or stuck in native code)"
-        child.failure, child.state = (child.name, text), "failed"
+        child.failure, child.state = (child.where or child.name, text), "failed"
         child.signal(signal.SIGKILL)
 
     def _suspect_frozen(self) -> None:

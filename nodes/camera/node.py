@@ -83,6 +83,18 @@ class CameraNode(Node):
     SOURCE = True
 
     @classmethod
+    def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
+        """Raises ValueError for what names no camera, or several, for a model, a fault or a pace that there is not."""
+        from nodes.camera.emulated.faults import Faults
+        from nodes.camera.find import check_choice, is_model
+
+        check_choice(params["file"], params["emulate"], params["serial"])
+        if is_model(params["emulate"]):
+            Faults.of(params["faults"])
+        parse_pace(params["pace"])
+        return frozenset(cls.INPUTS)
+
+    @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
         """Names the parameters of a device where a recording is played, and those of a recording where a device is
         read."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -11,7 +12,7 @@ import numpy as np
 
 from evis.config.params import EACH, Param
 from evis.runtime.node import Input, Node, Output
-from evis.scene.parameters import SCENE, seeds_of
+from evis.scene.parameters import SCENE, of_environment, seeds_of
 from msgs.camera import Frames, Keyframe, Samples
 from msgs.header import Header, Message
 from msgs.own_time import STAMP
@@ -20,7 +21,7 @@ from nodes.event_sensor.messages.in_a_row import runs, stamps
 from nodes.event_sensor.messages.packets import PacketPublisher
 from nodes.event_sensor.parameters import NODE, PRESET, frames_only, is_own_model, preset_name, source_of
 from nodes.event_sensor.presets import PRESETS
-from nodes.event_sensor.scene_parameters import check_shared, resolve_each, resolve_with_scene
+from nodes.event_sensor.scene_parameters import check_shared, has_parameters, resolve_each, resolve_with_scene
 
 if TYPE_CHECKING:
     from nodes.event_sensor.environments.reset_groups import ResetGroups
@@ -104,6 +105,14 @@ class EventSensorNode(Node):
         return frozenset({source_of(params["source"], lambda: resolve_with_scene("event sensor", params))})
 
     @classmethod
+    def missing(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
+        """Names the marks of events, where the sensor cannot tell which of them noise made."""
+        with contextlib.suppress(OSError, ValueError):  # who loads the scene says so
+            why = _unmarked(params["camera"], [resolve_with_scene("event sensor", params)])
+            return {"signal": why} if why else {}
+        return {}
+
+    @classmethod
     def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
         """Says that of keyframes luminance will do, unless there are sensors for each colour, and that nobody needs the
         frames' counts."""
@@ -112,6 +121,17 @@ class EventSensorNode(Node):
         if port == "samples":
             return frozenset({"rgb", "further_rgb"} if params["colour"] else {"luminance", "further"})
         return frozenset({"radiance" if params["colour"] else "luminance"}) if port == "keyframe" else None
+
+    @classmethod
+    def check_seed(cls, params: Mapping[str, Any], wanted: frozenset[str], env: int, seed: int) -> None:
+        """Raises ValueError where a seed draws a sensor that cannot be there, or not in place of the run's."""
+        if not has_parameters(params):
+            return
+        own = {name: value for name, value in of_environment(params, env).items() if name != EACH}
+        drawn = resolve_with_scene("event sensor", {**own, "seed": seed})
+        check_shared("event sensor", drawn, f"with seed {seed}", resolve_with_scene("event sensor", params), "before")
+        if "signal" in wanted and (why := _unmarked(params["camera"], [drawn])):
+            raise ValueError(f"event sensor: {why}")
 
     def computes_on(self) -> str:
         """Names its device."""
@@ -128,11 +148,6 @@ class EventSensorNode(Node):
             self.warn(text)
         self._own_model = is_own_model(self._resolved["model"])
         self._marked = self.wants("signal")
-        if self._marked and not self._own_model:
-            raise ValueError(
-                f"{self.name}: event model {self._resolved['model']} does not say which events noise made; "
-                f"leave out labels:=events and the topic /{self.params['camera']}/signal, or take evis or evis-paper"
-            )
         self._check_marked(each)
         self._sensor: Any = None
         self._reset_groups: ResetGroups | None = None
@@ -157,14 +172,9 @@ class EventSensorNode(Node):
             begin_building(self._device, self._warm_up_sensor.kernels())
 
     def _check_marked(self, each: Sequence[Mapping[str, Any]]) -> None:
-        """Raises ValueError where events are to be marked and some environment's noise makes crossings with the light.
-        each: all of SENSOR, resolved, of the environments."""
-        if self._marked and any(p["photoreceptor_noise"] > 0 for p in each):
-            raise ValueError(
-                f"{self.name}: with photoreceptor_noise light and noise make each crossing together, so that no event "
-                f"is of one of them; leave out labels:=events and the topic /{self.params['camera']}/signal, or the "
-                "noise"
-            )
+        """Raises ValueError where events are to be marked and cannot. each: as of `_unmarked`."""
+        if self._marked and (why := _unmarked(self.params["camera"], each)):
+            raise ValueError(f"{self.name}: {why}")
 
     def warm_up(self) -> None:
         """Compiles what is launched for every frame."""
@@ -422,6 +432,24 @@ class EventSensorNode(Node):
             kinds = "or negative" if dark else "negative or black (ln 0; a light or a dark_level helps against those)"
             when = self._header.stamp_ns
             self.warn(f"{counts['nonfinite']} samples at {when} ns are NaN, infinite, {kinds}; they are skipped")
+
+
+def _unmarked(camera: str, each: Sequence[Mapping[str, Any]]) -> str:
+    """Tells why events cannot be marked as of light or of noise, and what to do; "" where they can.
+
+    each: all of SENSOR, resolved, of the environments.
+    """
+    leave = f"leave out labels:=events and the topic /{camera}/signal, or"
+    for p in each:
+        if not is_own_model(p["model"]):
+            return f"event model {p['model']} does not say which events noise made; {leave} take evis or evis-paper"
+        if p["photoreceptor_noise"] > 0:
+            # Some environment's will do: all have the same outputs.
+            return (
+                "with photoreceptor_noise light and noise make each crossing together, so that no event is of one of "
+                f"them; {leave} the noise"
+            )
+    return ""
 
 
 def fires_in_constant_light(p: Mapping[str, Any]) -> bool:

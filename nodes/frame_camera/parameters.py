@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from evis.config.params import Param, describe_value, resolve
+from evis.config.params import Param, ParamError, describe_value, resolve
 from evis.runtime.clock import rate
 from nodes.frame_camera.presets import PRESETS
 
@@ -104,12 +104,12 @@ def settings_of(owner: str, preset: str, given: Mapping[str, Any]) -> Settings:
     limits = {"exposure_ms": exposure} if exposure else {"exposure_max_ms": longest, "exposure_min_ms": shortest}
     for name, asked in limits.items():
         if asked > period:
-            raise ValueError(
+            raise ParamError(
                 f"{owner}: {name} is {asked * 1e-6:.9g} ms, images at image_rate {timing['image_rate']:g} Hz are "
                 f"{period * 1e-6:.9g} ms apart; a pixel cannot be exposed for longer than that"
             )
     if not exposure and shortest > longest:
-        raise ValueError(
+        raise ParamError(
             f"{owner}: exposure_min_ms is {shortest * 1e-6:.9g} ms, above exposure_max_ms, {longest * 1e-6:.9g} ms; "
             "give a range"
         )

@@ -63,7 +63,8 @@ class PhysicsDeclaration(Declaration):
 
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
-        """Raises ValueError for contacts or joints in a scene that has none."""
+        """Raises ValueError for contacts or joints in a scene that has none, and as `divides` does."""
+        cls.divides(params)
         scene = params.get("scene")
         asked = [name for name in ("contacts", "joints") if params[name]]
         if asked and scene:

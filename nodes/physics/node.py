@@ -17,6 +17,7 @@ import numpy as np
 
 from evis.config.params import EACH
 from evis.runtime.clock import NS, keyframe_count, keyframe_stamp
+from evis.runtime.hosting.seeds import check_seeds
 from evis.runtime.node import Node
 from evis.scene.digest import motion
 from evis.scene.model import Scene
@@ -211,7 +212,7 @@ class PhysicsNode(PhysicsDeclaration, Node):
             seeds: of each of these, -1 = it keeps its own; none = all keep theirs.
 
         Raises ValueError for an environment that is not there and for seeds that do not fit, ResetRefused where a seed
-        draws a world with other things.
+        draws a world with other things, or a node cannot go on with it.
         """
         chosen, given = checked(envs, seeds, self.params["envs"])
         if not self.k or len(chosen) == self.params["envs"]:
@@ -261,6 +262,7 @@ class PhysicsNode(PhysicsDeclaration, Node):
     def _begin_anew(self, envs: list[int], seeds: list[int], k: int) -> None:
         """Begins environments anew at keyframe k, in time of their own. Raises ResetRefused."""
         try:
+            check_seeds(self.runtime.plan, self.name, dict(zip(*_given(envs, seeds))))
             worlds = self.worlds.with_seeds(*_given(envs, seeds))
             engines = self._make.of_changed(worlds, self.worlds, self.engine.actuators.count, self.errors)
         except ValueError as error:

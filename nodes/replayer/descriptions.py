@@ -7,6 +7,7 @@ needs the one that held there.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import islice, takewhile
 from typing import TYPE_CHECKING
 
 from msgs.camera import CameraInfo, Keyframe
@@ -21,17 +22,15 @@ def _order_of(message: Message) -> tuple[int, int, int]:
     return *message.header.instant, message.header.seq
 
 
-def description_at(reader: BagReader, topic: str, start: int, episode: int) -> Message | None:
-    """Finds the last description of a camera before a replay begins; the first of all where there is none.
+def descriptions_until(reader: BagReader, topic: str, start: int, episode: int) -> list[Message]:
+    """Lists the descriptions of a camera from before a replay begins, the last of which holds there; the first of all
+    where there is none.
 
     start: stamp [ns], and episode, of the first message that is played.
     """
-    last = None
-    for _, info in reader.messages([topic], None, start):
-        if info.header.episode > episode:
-            break
-        last = info
-    return next(reader.messages([topic]), (topic, None))[1] if last is None else last
+    until = (info for _, info in reader.messages([topic], None, start))
+    earlier = list(takewhile(lambda info: info.header.episode <= episode, until))
+    return earlier or [info for _, info in islice(reader.messages([topic]), 1)]
 
 
 def check_pixels(reader: BagReader, described: Mapping[str, Message]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -13,7 +14,7 @@ from evis.config.params import Param, ParamError, resolve
 from evis.runtime.node import Node, Output
 from evis.runtime.pacing import FAST, Pacer, parse_pace
 from msgs.header import Header, Message
-from nodes.replayer.descriptions import Descriptions, check_pixels, description_at
+from nodes.replayer.descriptions import Descriptions, check_pixels, descriptions_until
 
 if TYPE_CHECKING:
     from evis.bag.reader import BagReader
@@ -103,8 +104,12 @@ class ReplayerNode(Node):
         skipped = self.reader.skipped
         cameras = [port for port in ports if self.reader.topics[port] == "CameraInfo"]
         episode = self.next[1].header.episode if self.next else 0
-        found = {topic: description_at(self.reader, topic, start, episode) for topic in cameras}
-        known = {topic: info for topic, info in found.items() if info is not None}
+        found = {topic: descriptions_until(self.reader, topic, start, episode) for topic in cameras}
+        known = {topic: infos[-1] for topic, infos in found.items() if infos}
+        # A replay of the whole bag has those that were replaced before anything came, too.
+        first = 0 if not self.params["start"] else -1
+        self.early = deque((topic, info) for topic, infos in found.items() for info in infos[first:])
+        """Descriptions that are published before anything else, whatever the pace is."""
         self._warn_of_separate_clocks(known)
         if self.params["regenerate"] and not self.params["samples_apart"]:
             check_pixels(self.reader, known)
@@ -112,7 +117,7 @@ class ReplayerNode(Node):
         self.outdated: list[str] = []
         """Topics whose description must be published again as the round begins."""
         self.skipped_before = self.reader.skipped - skipped
-        self._publish_descriptions(self.descriptions.at_start)
+        self._publish_early()
         if self.next is not None and self.descriptions.covers(*self.next):
             self.next = self._next_message()
 
@@ -145,6 +150,18 @@ class ReplayerNode(Node):
             info: Any = self.descriptions.at_start[topic]
             self.publish(topic, self._renumber_episodes(replace(info, header=replace(info.header))))
 
+    def _publish_early(self) -> None:
+        """Publishes the next of the descriptions that come before anything else, of each camera one."""
+        sent: set[str] = set()
+        for _ in range(len(self.early)):
+            topic, info = self.early.popleft()
+            if topic in sent:
+                self.early.append((topic, info))
+            else:
+                sent.add(topic)
+                whole: Any = info
+                self.publish(topic, replace(whole, header=replace(whole.header)))
+
     def _next_message(self) -> tuple[str, Message] | None:
         """Reads the next message to be played; None at the end."""
         return next((found for found in self.messages if not self.descriptions.covers(*found)), None)
@@ -153,6 +170,9 @@ class ReplayerNode(Node):
         """Publishes the messages of one stamp, at most one of each topic."""
         if time.monotonic() < self.rest_until:
             time.sleep(MAX_SLEEP_S)
+            return True
+        if self.early:
+            self._publish_early()
             return True
         if self.next is None:
             self._warn_of_damage()

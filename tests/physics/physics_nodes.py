@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from evis.runtime.plan import Plan
 from nodes.physics.node import PhysicsNode
 
 
@@ -10,6 +11,7 @@ class Wire:
 
     def __init__(self):
         self.messages, self.counts, self.warnings = [], {}, []
+        self.plan = Plan("", "", "")
 
     def wants(self, node, port, array=""):
         return True

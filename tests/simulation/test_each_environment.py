@@ -90,6 +90,22 @@ def test_environments_are_what_they_are_by_themselves(case: str) -> None:
         assert len({sim.alone(steps[2], env).events.t.tobytes() for env in range(len(each))}) == len(each)
 
 
+def test_an_environment_of_which_nothing_was_held_back_has_no_last_packet() -> None:
+    """As by itself; nor marks and labels of its events. Its neighbour, whose threshold is lower, has all of them."""
+    outputs, given = ["events", "signal", "labels.events"], {"crossing": "monotone", "envs": None, **SIZE}
+    each = [{"threshold": 0.2}, {"threshold": 5.0}]
+    with evis.Simulation("spinning_disk", outputs=outputs, each=each, seed=3, **given) as sim:
+        sim.run(0.07)
+        last = sim.finish()
+        for env, own in enumerate(each):
+            with evis.Simulation("spinning_disk", outputs=outputs, seed=3 + env, **own, **given) as single:
+                single.run(0.07)
+                expected, part = single.finish(), sim.alone(last, env)
+            for name in ("events", "signal", "labels"):
+                same(getattr(part, name), getattr(expected, name))
+                assert (getattr(part, name) is None) == (env == 1)
+
+
 GLOSSY = """
 args: {on: {type: str, default: slider, choices: [slider, turner], help: what carries the box}}
 cameras: {cam0: {fov: 40 deg, position: [0, -1, 0], look_at: [0, 0, 0]}}

@@ -199,6 +199,14 @@ def test_what_a_step_gave_stays_as_it_was() -> None:
         now.keyframe[:] = 0.0  # which is the caller's own
 
 
+def test_images_among_the_outputs_bring_what_the_argument_brings(tmp_path: Path) -> None:
+    """Beside `time_tolerance` they decide K, which is in the events."""
+    given = {**SIZE, "omega": 20, "time_tolerance": 3e-4}
+    words = [f"{key}:={value}" for key, value in {**given, "seed": 5, "image": "true"}.items()]
+    with evis.Simulation("spinning_disk", outputs=["events", "cam0.image"], seed=5, **given) as sim:
+        assert columns(sim.run(0.2)) == launch(tmp_path, "spinning_disk", *words)
+
+
 def test_frames_beside_samples_stay_as_they_were() -> None:
     """Where there are samples between them, frames lie in the samples' memory: who keeps frames keeps that."""
     sampled = {"time_tolerance": 0.0003, "upsampling": 8, "omega": 20, **SIZE}

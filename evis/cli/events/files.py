@@ -123,9 +123,8 @@ def check_output(path: str, encoding: str) -> None:
     suffix = os.path.splitext(path)[1].lower()
     if suffix not in OUTPUTS.replace(" or", ",").split(", "):
         bag = f"; `evis launch camera file:=RECORDING pace:=fast --record {path}` makes a bag of a recording"
-        raise UsageError(
-            f"{path}: cannot write '{suffix}'; the extensions are {OUTPUTS}{bag if suffix == '.mcap' else ''}"
-        )
+        what = f"cannot write '{suffix}'" if suffix else "no extension says what to write"
+        raise UsageError(f"{path}: {what}; the extensions are {OUTPUTS}{bag if suffix == '.mcap' else ''}")
     known = _ENCODINGS.get(suffix, ())
     if encoding and encoding not in known:
         there = f"there are {', '.join(known)}" if known else "leave out --encoding"

@@ -192,8 +192,6 @@ def make_plan(args: argparse.Namespace) -> Any:
         if "seed" in given:
             raise UsageError(f"the seed is given twice, as --seed {args.seed} and seed:={given['seed']}")
         given["seed"] = args.seed
-    if args.record == "":
-        raise UsageError("--record is empty; name a file such as run.mcap, or leave it out")
     if args.record:
         try:
             check_name(Path(args.record))

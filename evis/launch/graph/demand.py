@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from evis.config.document import LaunchError
 from evis.config.suggestions import nearest
+from evis.launch.arguments import ArgumentError
 from evis.launch.graph.wiring import WiredNode
 from msgs.topics import SYSTEM_TOPICS, find_topic
 
@@ -32,6 +33,7 @@ class Pruner:
         self._nodes = nodes
         self._partial = partial
         self._publishers = publishers
+        self._missing = {topic: why for node in nodes for topic, why in node.missing.items()}
         self.demand = Demand()
 
     def run(self) -> Demand:
@@ -65,6 +67,8 @@ class Pruner:
         return self.demand
 
     def _unpublished(self, node: WiredNode, topic: str) -> LaunchError:
+        if topic in self._missing:
+            return ArgumentError(f"{node.spec.where}: '{node.name}' reads {topic}, but {self._missing[topic]}")
         remedies = {source.cls.REMEDY.format(topic=topic) for source in self._nodes if source.cls.REMEDY}
         remedy = "; ".join(sorted(remedies)) or nearest(topic, self._publishers)
         return LaunchError(f"{node.spec.where}: '{node.name}' reads {topic}, which nobody publishes; {remedy}")
@@ -107,6 +111,10 @@ class Pruner:
         What is made on demand is read by default only where somebody has demanded it already.
         """
         globs, named = globs_of(node), self._named(node)
+        for glob in globs:
+            # Of a topic that is named and that there cannot be it is said why; `*` is content with the others.
+            if not fnmatch.filter(self._available(node), glob) and (hits := fnmatch.filter(self._missing, glob)):
+                raise self._unpublished(node, hits[0])
         available = [t for t in self._available(node) if t in named or self._by_default(t)]
         choose = getattr(node.cls, "dynamic_inputs", None)
         if choose is not None:

@@ -36,6 +36,7 @@ def left_out(
             if port not in demand.wanted[node.name] and topic not in SYSTEM_TOPICS and not find_topic(topic).latched:
                 why = UNREAD if is_open(node, port, demand) else NEVER_MADE
                 found.append(LeftOut(node.among_all(topic), why))
+        found += [LeftOut(node.among_all(topic), why.partition(";")[0]) for topic, why in node.missing.items()]
         for port, topic in node.inputs.items():
             declared = node.cls.INPUTS[port]
             unpublished = topic not in published and topic not in SYSTEM_TOPICS

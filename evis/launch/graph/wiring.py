@@ -28,7 +28,7 @@ class WiredNode:
 
     group: its process where all others are composed, for it is on another device than they are. part: it has a share of
     the environments, and its topics are for the one that joins the shares (`joins`), whose topics are those of all.
-    open: who comes while the graph runs may have these.
+    open: who comes while the graph runs may have these. missing: topics that its parameters leave no output for -> why.
     """
 
     spec: NodeSpec
@@ -37,6 +37,7 @@ class WiredNode:
     params: dict[str, Any]
     inputs: dict[str, str] = field(default_factory=dict)
     outputs: dict[str, str] = field(default_factory=dict)
+    missing: dict[str, str] = field(default_factory=dict)
     group: str = ""
     part: bool = False
     joins: bool = False
@@ -118,6 +119,10 @@ def wire(spec: NodeSpec, folder: Path) -> WiredNode:
             raise LaunchError(
                 f"{spec.where}: '{spec.name}' has nothing called '{name}' to remap; {nearest(name, known)}"
             )
+    for port, why in cls.missing(params).items():
+        node.missing[node.outputs.pop(port)] = why
+        if port in spec.keep:
+            raise LaunchError(f"{spec.where}: '{spec.name}' has no output '{port}': {why}")
     if spec.keep == [ANY]:
         spec.keep = list(node.outputs)
     for port in spec.keep:
@@ -146,6 +151,8 @@ def _outputs(node: WiredNode) -> dict[str, str]:
         return {port: output.topic for port, output in node.cls.OUTPUTS.items()}
     try:
         return {port: output.topic for port, output in dynamic(node.params).items()}
+    except ParamError as error:
+        raise ArgumentError(f"{node.spec.where}: {error}") from None
     except (ValueError, OSError) as error:
         raise LaunchError(f"{node.spec.where}: {error}") from None
 

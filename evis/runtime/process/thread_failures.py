@@ -23,11 +23,11 @@ class ThreadFailures:
         error = args.exc_value
         if error is None or isinstance(error, SystemExit):
             return  # a thread that ends itself, as Python has it
-        traceback.print_exception(error)
         if self._first is None:
             failure = NodeFailed(_node_of(error.__traceback__) or self._process, error)
             failure.__cause__ = error
-            self._first = failure
+            self._first = failure  # before the trace is printed, which takes a while: the process may be at its end
+        traceback.print_exception(error)
 
     def check(self) -> None:
         """Raises NodeFailed if a thread has ended with an exception."""

@@ -40,6 +40,14 @@ class EmulatedCameraNode(Node):
         "info": Output("/{camera}/info"),
     }
 
+    @classmethod
+    def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
+        """Raises ValueError for a model that there is not."""
+        from nodes.camera.usb.models import model_named
+
+        model_named(params["emulate"])
+        return frozenset(cls.INPUTS)
+
     def setup(self) -> None:
         from nodes.camera.emulated.bus import driver_on
         from nodes.camera.emulated.feed import LiveFeed

@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 from evis.gpu.devices import device_named
-from evis.launch.arguments import resolve
+from evis.launch.arguments import ArgumentError, resolve
 from evis.launch.expand import NodeSpec, expand
 from evis.launch.files import LaunchFile
 from evis.launch.planner import Options
@@ -125,9 +125,9 @@ def _beside_samples(
     images: of a frame sensor are made, whose motion blur is of frames alone.
     """
     if method == "auto":
-        raise ValueError("interpolator:=auto compares frames alone; with time_tolerance write interpolator:=rigid")
+        raise ArgumentError("interpolator:=auto compares frames alone; with time_tolerance write interpolator:=rigid")
     if method != "rigid":
-        raise ValueError(f"time_tolerance goes with interpolator:=rigid alone, and this is {method}")
+        raise ArgumentError(f"time_tolerance goes with interpolator:=rigid alone, and this is {method}")
     k = frames_beside_samples(keyframe_rate, 0.0 if images else time_tolerance)
     taken, rate = {"upsampling": k}, k * keyframe_rate
     how = "; time_tolerance decides the error, by samples between them"

@@ -471,6 +471,26 @@ def test_the_description_is_that_of_the_time_played(tmp_path, monkeypatch, start
     node.close()
 
 
+def test_a_description_that_is_replaced_before_the_first_packet_is_played(tmp_path):
+    """As settings of a camera are that change while nothing happens; whoever waits for a pace does not for these."""
+    written = [(0, "a"), (0, "b"), (10_000_000, "c"), (50_000_000, "d")]
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        for seq, (stamp, name) in enumerate(written):
+            if name == "d":
+                writer.write("/cam0/events", scene(1)["/cam0/events"])
+            info = dataclasses.replace(scene(0)["/cam0/info"], name=name, header=Header(stamp, seq))
+            writer.write("/cam0/info", info)
+        writer.write("/cam0/events", scene(2)["/cam0/events"])
+    messages = [(topic, m.header.stamp_ns, getattr(m, "name", "")) for topic, m in contents(tmp_path / "a.mcap")]
+    for pace in ("fast", "0.5"):
+        node, steps = replay(tmp_path / "a.mcap", pace=pace)
+        played = [(topic, m.header.stamp_ns, getattr(m, "name", "")) for topic, m in node.runtime.published]
+        assert played == messages and len(messages) == 6
+        assert all(len({topic for topic, _ in step}) == len(step) for step in steps)
+    node, _ = replay(tmp_path / "a.mcap", start=0.01)
+    assert [m.name for topic, m in node.runtime.published if topic == "/cam0/info"] == ["c", "d"]
+
+
 def test_replaying_a_torn_bag(tmp_path):
     record(tmp_path / "a.mcap", keyframes=6, topics=ALL)
     data = (tmp_path / "a.mcap").read_bytes()

@@ -15,6 +15,7 @@ from PIL import Image
 from simulate_calls import call, parse, read
 
 from evis.cli import events as command
+from evis.cli.parser import UsageError
 
 N, W, H = 24, 64, 48
 MS = 1_000_000
@@ -236,6 +237,20 @@ def test_bad_values_leave_no_file(options, text, tmp_path, folder):
     with pytest.raises(ValueError, match=text) as raised:
         command.run(parse("simulate", folder, tmp_path / "e.npz", *options))
     assert "\n" not in str(raised.value) and not (tmp_path / "e.npz").exists()
+
+
+def test_a_folder_for_frames_is_made_for_a_frame(tmp_path, folder):
+    """Nothing is left of it where there is no run, and a file in its place is told of."""
+    kept = tmp_path / "kept"
+    for out, text in (("no/e.npz", "the folder .*no does not exist"), ("file/e.npz", "file is a file, and no folder")):
+        (tmp_path / "file").touch()
+        with pytest.raises(ValueError, match=text):
+            command.run(parse("simulate", folder, tmp_path / out, "--fps", 25, "--save-frames", kept))
+        assert not kept.exists()
+    for place in (tmp_path / "file", tmp_path / "file" / "in_it"):
+        with pytest.raises(UsageError, match="Not a directory; name a new folder"):
+            command.run(parse("simulate", folder, tmp_path / "e.npz", "--fps", 25, "--save-frames", place))
+    assert [p.name for p in tmp_path.glob("*e.npz*")] == []
 
 
 @pytest.mark.parametrize(

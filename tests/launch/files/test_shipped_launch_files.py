@@ -104,7 +104,9 @@ def test_recording_counts_as_reading(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["spinning_disk", "camera", "replay"])
 def test_the_recorder_syncs_where_it_is_told_to(tmp_path: Path, name: str) -> None:
-    given = {"camera": {"emulate": "davis346"}, "replay": {"bag": str(tmp_path / "old.mcap")}}.get(name, {})
+    (tmp_path / "old.npz").touch()
+    played = {"emulate": "davis346", "file": str(tmp_path / "old.npz")}
+    given = {"camera": played, "replay": {"bag": str(tmp_path / "old.mcap")}}.get(name, {})
     if name == "replay":
         from evis.bag.writer import BagWriter
         from msgs.header import Header

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 from evis.config.document import LaunchError
 from evis.launch.explain import as_dict, as_text
 from evis.launch.graph.order import data_flow_order
-from evis.launch.planner import Options, plan_file
+from evis.launch.planner import Options, plan_file, plan_target
 from evis.runtime.plan import Plan
 
 Write = Callable[..., Path]
@@ -218,3 +219,23 @@ def test_order_against_brute_force(graph: tuple[int, set[tuple[int, int]]]) -> N
         return
     assert not cyclic and sorted(order) == sorted(names)
     assert all(order.index(names[a]) < order.index(names[b]) for a, b in pairs)
+
+
+@pytest.mark.parametrize("sensor", [{"model": "v2e"}, {"photoreceptor_noise": 0.05, "bandwidth_hz": 60.0}])
+def test_a_recording_of_all_topics_goes_without_those_that_cannot_be(sensor: dict[str, Any], tmp_path: Path) -> None:
+    """A sensor that cannot mark events has no topic of marks; who names it is told why before anything starts."""
+    bag = str(tmp_path / "all.mcap")
+
+    def planned(*topics: str, **more: Any) -> Plan:
+        return plan_target("spinning_disk", {**sensor, **more}, Options(record=bag, record_topics=topics, view=False))
+
+    marks, reason = "/cam0/signal", "does not say which|light and noise make"
+    made, plain = planned("*"), plan_target("spinning_disk", {}, Options(record=bag, record_topics=("*",), view=False))
+    recorded = [{t for t in p.topics if any(e.node == "recorder" for e in p.topics[t].edges)} for p in (made, plain)]
+    assert marks in recorded[1] and recorded[0] == recorded[1] - {marks}
+    assert re.search(reason, why(made, marks)) and ";" not in why(made, marks)
+    for topics in ((marks,), ("*/depth", "cam0/sig*")):
+        with pytest.raises(LaunchError, match=f"'recorder' reads {marks}, but .*({reason}).*; leave out"):
+            planned(*topics)
+    with pytest.raises(LaunchError, match=f"'labeler' reads {marks}, but .*({reason})"):
+        planned(labels=["events"])

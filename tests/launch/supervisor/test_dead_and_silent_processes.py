@@ -96,6 +96,28 @@ def test_a_frozen_process_is_noticed_and_ended(write: Write, launch: Launch, run
     nothing_left(launcher, runtime)
 
 
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        (signal.SIGSTOP, "evis launch: relay: gave no sign of life for 8 s"),
+        (signal.SIGSEGV, "evis launch: both (ticker, relay, collector), in relay, was ended by SIGSEGV; a crash in"),
+    ],
+)
+def test_of_several_nodes_in_a_process_the_one_that_it_is_in_is_named(
+    how: signal.Signals, said: str, write: Write, launch: Launch, runtime: Path
+) -> None:
+    """Whether it stands still, as in native code that gives Python's interpreter to nobody, or dies."""
+    path = write(
+        "nodes:\n  ticker: {type: 'graph_nodes:Ticker', process: both, params: {count: 0, sleep: 0.001}}\n"
+        f"  relay: {{type: 'graph_nodes:Relay', process: both, params: {{die_at: 20, how: {int(how)}}}}}\n"
+        "  collector: {type: 'graph_nodes:Collector', process: both}\n"
+    )
+    launcher = launch(path)
+    code, _, err = launcher.end()
+    assert code == 1 and err.splitlines()[-1].startswith(said), err
+    nothing_left(launcher, runtime)
+
+
 def test_a_launcher_that_was_held_up_takes_nobody_for_silent(
     tmp_path: Path,
 ) -> None:

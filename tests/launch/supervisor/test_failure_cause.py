@@ -9,10 +9,11 @@ from mcap.reader import make_reader
 from evis.supervisor.failure_cause import describe_failure, ended_by_force, first_cause
 
 
-def child(name, failure=None, status=None, busy_s=0.1):
+def child(name, failure=None, status=None, busy_s=0.1, where=""):
     return SimpleNamespace(
-        title=name, failure=failure, exit_status=status, busy_s=busy_s, unannounced_exit=lambda: f"{name} died"
-    )
+        title=name, failure=failure, exit_status=status, busy_s=busy_s, where=where,
+        unannounced_exit=lambda: f"{name} died",
+    )  # fmt: skip
 
 
 DEAD = child("dead", status=-9)
@@ -59,6 +60,11 @@ def test_who_is_in_one_step_is_named_before_those_that_wait_for_it():
         ended_by_force([DEAD, stuck, SAID], 5.0, False)
         == "stuck (in one step for 13 s) did not end in 5 s and was ended by force, and so were dead, said, which "
         "waited for it; their files may be incomplete"
+    )
+    sensor = child("sensor (interpolator, event_sensor)", busy_s=12.7, where="event_sensor")
+    assert ended_by_force([sensor, SAID], 5.0, False).startswith(
+        "sensor (interpolator, event_sensor) (in one step of event_sensor for 13 s) did not end in 5 s and was ended "
+        "by force, and so was said, which waited for it;"
     )
     assert (
         ended_by_force([stuck], 5.0, True)
