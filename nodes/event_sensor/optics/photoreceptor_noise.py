@@ -31,9 +31,9 @@ import warp as wp
 
 from evis.gpu.saved_arrays import joined, part_of, saved, write_back
 from nodes.event_sensor.input.batch import Batch, SampleLists, Size
+from nodes.event_sensor.input.between_kernels import between
 from nodes.event_sensor.input.further import LONGEST
 from nodes.event_sensor.messages.limit import REMEDY
-from nodes.event_sensor.model.step_kernels import between
 from nodes.event_sensor.optics import photoreceptor_noise_kernels as kernels
 from nodes.event_sensor.optics.photoreceptor import law_of, receptor_struct
 
@@ -106,8 +106,8 @@ class PhotoreceptorNoise:
         span.stamps, span.origin = wp.array(stamps, **there), wp.array(self._begun - batch.t_base, **there)
         span.fresh = wp.array(fresh.astype(np.int32), dtype=wp.int32, device=self._device)
         span.episodes = wp.array(np.ascontiguousarray(batch.episodes[0], np.int32), dtype=wp.int32, device=self._device)
-        if batch.further is not None:
-            self._poles.entry = wp.clone(batch.further.first[:-1])
+        if batch.further is not None and not self._poles.entry.size:
+            self._poles.entry = wp.empty(self._first.size - 1, dtype=wp.int32, device=self._device)
         images = batch.images.flatten()
         for first, end in zip([0, *ends], ends):
             start = int(stamps[first - 1]) if first else 0

@@ -22,9 +22,9 @@ from typing import Any
 import warp as wp
 
 from evis.random_number_kernels import draw, mix
+from nodes.event_sensor.input.between_kernels import Between, further_entries, next_sample
 from nodes.event_sensor.model.faults.random_kernels import stream_of
 from nodes.event_sensor.model.sensor_kernels import LARGEST, has_logarithm
-from nodes.event_sensor.model.step_kernels import Between
 from nodes.event_sensor.optics.photoreceptor_kernels import light_seen
 from nodes.event_sensor.optics.photoreceptor_simd_kernels import CONSTANT, PROPORTIONAL, Receptor
 
@@ -78,7 +78,8 @@ class Step:
 @wp.struct
 class Poles:
     """Holds what goes on in a pixel: the light at its last good sample (-1: none yet), u and z after the coming instant
-    of the noise (u of two poles alone), z before it; entry: the next of its further samples."""
+    of the noise (u of two poles alone), z before it; entry: in a message of several parts, the next of its further
+    samples."""
 
     last: wp.array(dtype=wp.float32)
     first: wp.array(dtype=wp.float64)
@@ -211,25 +212,17 @@ def count_samples(
     inner = index - env * receptor.size
     origin = span.origin[env]
     at = wp.int64(env * span.frames + span.first) * wp.int64(receptor.size) + wp.int64(inner)
-    entry = int(0)
-    entries = int(0)
-    if between.first.shape[0] > 0:
+    entry, entries = further_entries(between, index)
+    if span.first > 0 and entry < entries:
         entry = poles.entry[index]
-        entries = between.first[index + 1]
     begun = poles.last[index] >= 0.0 and not (span.first == 0 and span.fresh[env] != 0)
     total = int(0)
     start = wp.int64(span.start)
     k = int(0)
     while k < span.count:
-        now = span.stamps[span.first + k]
-        v = luminance[at]
-        inside = bool(False)
-        if entry < entries:
-            when = wp.int64(between.offset[entry])
-            if when < now:
-                inside = True
-                now = when
-                v = between.value[entry]
+        inside, now, v = next_sample(
+            between, index, entry, entries, span.stamps[span.first + k], luminance[at]
+        )  # fmt: skip
         if begun:
             last = instants_until(span, noise, origin, now - wp.int64(1))
             total += wp.int32(last - instants_until(span, noise, origin, start))
@@ -277,11 +270,9 @@ def make_add_noise(poles: int, law: int) -> wp.Kernel:
         at = wp.int64(env * span.frames + span.first) * wp.int64(receptor.size) + wp.int64(inner)
         to = wp.int64(env * span.count) * wp.int64(receptor.size) + wp.int64(inner)
         made = first[index]
-        entry = int(0)
-        entries = int(0)
-        if between.first.shape[0] > 0:
+        entry, entries = further_entries(between, index)
+        if span.first > 0 and entry < entries:
             entry = poles.entry[index]
-            entries = between.first[index + 1]
         stream = mix(stream_of(noise.seed + wp.int64(env), inner, span.episodes[env]) ^ OWN_STREAM)
         origin = span.origin[env]
         last = poles.last[index]
@@ -303,15 +294,9 @@ def make_add_noise(poles: int, law: int) -> wp.Kernel:
         start = wp.int64(span.start)
         k = int(0)
         while k < span.count:
-            now = span.stamps[span.first + k]
-            v = luminance[at]
-            inside = bool(False)
-            if entry < entries:
-                when = wp.int64(between.offset[entry])
-                if when < now:
-                    inside = True
-                    now = when
-                    v = between.value[entry]
+            inside, now, v = next_sample(
+                between, index, entry, entries, span.stamps[span.first + k], luminance[at]
+            )  # fmt: skip
             good = has_logarithm(v, receptor.dark)
             begun = last >= 0.0
             # Up to a bad sample the light is held at the last good one.

@@ -17,8 +17,8 @@ from typing import Any
 
 import warp as wp
 
+from nodes.event_sensor.input.between_kernels import Between, further_entries, next_sample
 from nodes.event_sensor.model.sensor_kernels import LARGEST, has_logarithm
-from nodes.event_sensor.model.step_kernels import Between
 from nodes.event_sensor.optics.photoreceptor_kernels import (
     corner,
     halved,
@@ -359,11 +359,7 @@ def make_trace_pixel(poles: int, law: int, gpu: bool) -> Any:
         count = stamps.shape[0]
         env = index // receptor.size
         at = wp.int64(env) * wp.int64(count) * wp.int64(receptor.size) + wp.int64(index - env * receptor.size)
-        entry = int(0)
-        entries = int(0)
-        if between.first.shape[0] > 0:
-            entry = between.first[index // between.shared]
-            entries = between.first[index // between.shared + 1]
+        entry, entries = further_entries(between, index)
         last = last_sample[index]
         if fresh:
             last = float(-1.0)
@@ -375,17 +371,7 @@ def make_trace_pixel(poles: int, law: int, gpu: bool) -> Any:
         start = wp.int64(0)
         k = int(0)
         while k < count:
-            now = stamps[k]
-            v = luminance[at]
-            inside = bool(False)
-            if entry < entries:
-                when = wp.int64(between.offset[entry])
-                if when < now:
-                    inside = True
-                    now = when
-                    v = between.value[
-                        wp.int64(entry) * wp.int64(between.shared) + wp.int64(index % between.shared)
-                    ]  # fmt: skip
+            inside, now, v = next_sample(between, index, entry, entries, stamps[k], luminance[at])
             out = wp.float32(v)
             if v != last or e1 != wp.float64(0.0) or e2 != wp.float64(0.0):
                 out, last, e1, e2, total = trace_step(
@@ -445,11 +431,8 @@ def make_trace_bent(poles: int, law: int) -> wp.Kernel:
         """
         index = wp.tid()
         total = first[index]
-        wanted = bent[index] != wp.uint8(0)
-        if not wanted and between.first.shape[0] > 0:
-            entry = index // between.shared
-            wanted = between.first[entry] != between.first[entry + 1]
-        if wanted:
+        entry, entries = further_entries(between, index)
+        if bent[index] != wp.uint8(0) or entry != entries:
             last_sample[index] = last_before[index]
             first_pole[index] = first_before[index]
             if wp.static(two):
