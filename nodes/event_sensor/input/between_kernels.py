@@ -4,7 +4,7 @@
 A pixel's samples are those of the frames, and between these its further ones. Whoever goes through them in the order of
 time keeps the next frame and the next further sample, and asks `next_sample` which of both comes first. Two walks are
 written out beside these: that of the ideal sensor in C++ for vector units (cpu/further.h), and that of a call on a GPU,
-whose arrays are known by their addresses alone (cuda/ideal_kernels.py).
+whose arrays are known by their addresses alone (cuda/further_kernels.py).
 """
 
 from typing import TYPE_CHECKING, Any

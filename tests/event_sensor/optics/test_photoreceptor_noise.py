@@ -11,8 +11,8 @@ from scipy import special, stats
 from evis.random_numbers import GOLDEN, mix
 from nodes.event_sensor.input.batch import Batch, Size
 from nodes.event_sensor.optics import photoreceptor_noise
+from nodes.event_sensor.optics.filtered_noise_kernels import standard_normal
 from nodes.event_sensor.optics.photoreceptor_noise import PhotoreceptorNoise
-from nodes.event_sensor.optics.photoreceptor_noise_kernels import standard_normal
 from nodes.event_sensor.parameters import resolve_sensor
 from nodes.event_sensor.sensor import EventSensor, Further
 
