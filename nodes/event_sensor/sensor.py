@@ -31,10 +31,10 @@ from nodes.event_sensor.input.arrays import on_device, shape_of
 from nodes.event_sensor.input.batch import Batch, SampleLists, Size
 from nodes.event_sensor.input.further import LONGEST, problem
 from nodes.event_sensor.input.further import Further as Further
+from nodes.event_sensor.input.limit import MOST_NUMBERED, check_background_rate
 from nodes.event_sensor.input.look_ahead import LookAhead
 from nodes.event_sensor.input.sample_lists import SampleInput
 from nodes.event_sensor.input.timeline import Timeline
-from nodes.event_sensor.messages.limit import MOST_NUMBERED, check_background_rate
 from nodes.event_sensor.model.features import background_rate, marks
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS

@@ -33,7 +33,7 @@ from evis.gpu.saved_arrays import joined, part_of, saved, write_back
 from nodes.event_sensor.input.batch import Batch, SampleLists, Size
 from nodes.event_sensor.input.between_kernels import between
 from nodes.event_sensor.input.further import LONGEST
-from nodes.event_sensor.messages.limit import REMEDY
+from nodes.event_sensor.input.limit import REMEDY
 from nodes.event_sensor.optics import photoreceptor_noise_kernels as kernels
 from nodes.event_sensor.optics.photoreceptor import law_of, receptor_struct
 

@@ -8,7 +8,7 @@ import warp as wp
 
 from nodes.event_sensor.input.batch import SampleLists
 from nodes.event_sensor.input.between_kernels import between
-from nodes.event_sensor.messages.limit import MOST_NUMBERED
+from nodes.event_sensor.input.limit import MOST_NUMBERED
 from nodes.event_sensor.optics import trace_kernels as kernels
 from nodes.event_sensor.optics.photoreceptor_simd_kernels import Receptor
 from nodes.event_sensor.optics.trace_line_kernels import Output
