@@ -155,7 +155,7 @@ def sensor_rows(repeats: int, gaps: int) -> list[dict[str, Any]]:
 def scene_rows(repeats: int, gaps: int) -> list[dict[str, Any]]:
     """Measures warp and sensor on the rendered spinning disk."""
     from evis.scene import load_scene
-    from nodes.physics.prescribed import prescribed_states
+    from nodes.physics.engines.prescribed import prescribed_states
     from nodes.renderer.renderer import Renderer
 
     scene = load_scene("spinning_disk", {"width": WIDTH, "height": HEIGHT})
@@ -197,7 +197,7 @@ def flicker_rows(gaps: int) -> list[dict[str, Any]]:
     from evis.scene.model import Scene, Waveform
     from nodes.interpolator.keyframe import States
     from nodes.interpolator.rigid import Rigid
-    from nodes.physics.prescribed import prescribed_states
+    from nodes.physics.engines.prescribed import prescribed_states
     from nodes.renderer.renderer import Renderer
 
     def flickering(scene: Scene) -> tuple[Scene, Scene]:

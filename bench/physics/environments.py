@@ -16,7 +16,7 @@ import numpy as np
 from bench import command
 from evis.scene import load_scene
 from nodes.physics.dynamics.batch.unsupported import Unsupported
-from nodes.physics.mujoco_engine import MujocoEngine
+from nodes.physics.engines.mujoco_engine import MujocoEngine
 
 KEYFRAMES, COUNTED = 40, 20
 """Keyframes of 1/30 s, of which the last COUNTED count: things lie on each other by then."""

@@ -11,8 +11,8 @@ import numpy as np
 
 from bench.physics.case import INTEGRATORS, MS, Case, Course
 from evis.scene import load_scene
+from nodes.physics.engines.mujoco_engine import MujocoEngine
 from nodes.physics.interval import Extras, Interval
-from nodes.physics.mujoco_engine import MujocoEngine
 from nodes.physics.precision.errors import Errors, Estimate
 from nodes.physics.precision.notice import notice
 from nodes.physics.precision.stepping import Stepping

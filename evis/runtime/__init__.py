@@ -7,9 +7,9 @@ The way of a message through a process:
    take them.
 3. `scheduler.py` calls the nodes whose inputs are there, paced by `pacing.py` where the wall clock counts.
 4. A node (`node.py`) publishes through `outputs.py`, and `delivery.py` hands the message to the nodes of the same
-   process and to the bus.
+   process and to the bus. What it has declared (`declaration.py`) a launch has read before.
 
 `clock.py` computes stamps; `profile.py` measures where time goes, with `workers.py` for threads, and `telemetry.py`
 publishes it. `tap.py` lets a node read a topic lossily, `outside/` lets programs outside of the graph give messages.
-`wakeup.py` ends the executor's wait; `garbage_collection.py` holds Python's collector back while a process gets ready.
+`wakeup.py` ends the executor's wait.
 """

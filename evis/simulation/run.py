@@ -26,7 +26,7 @@ from evis.simulation.step import IMAGE, IMAGES, Step, value_of
 from evis.supervisor.run_directory import RunDirectory
 from msgs.own_time import STAMP
 from nodes.physics.actuators import NO_ACTUATORS
-from nodes.physics.resets import ResetRefused
+from nodes.physics.environments.resets import ResetRefused
 
 MOST_KEPT = 64_000_000
 """Most bytes of actions that are kept for `replay`."""

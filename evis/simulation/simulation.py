@@ -14,7 +14,7 @@ import numpy as np
 
 from evis.client.resets import environments_of, seeds_of
 from evis.config.suggestions import environments_there
-from evis.runtime.garbage_collection import without_garbage_collection
+from evis.runtime.process.garbage_collection import without_garbage_collection
 from evis.scene.model import Scene
 from evis.scene.parameters import SCENE, of_environment, scene_of
 from evis.scene.parameters import seeds_of as seeds_of_environments

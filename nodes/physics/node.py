@@ -7,39 +7,39 @@ steps the graph.
 
 from __future__ import annotations
 
-import contextlib
 import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from evis.config.params import EACH, Param
-from evis.runtime.clock import NS, keyframe_count, keyframe_stamp, times_slower
-from evis.runtime.node import Input, Node, Output
+from evis.config.params import EACH
+from evis.runtime.clock import NS, keyframe_count, keyframe_stamp
+from evis.runtime.node import Node
 from evis.scene.digest import motion
-from evis.scene.load import drawn_places, is_dynamic, may_be_driven, parse_args, starts_at_random
 from evis.scene.model import Scene
-from evis.scene.parameters import SCENE, seeds_of, worlds_of
+from evis.scene.parameters import seeds_of, worlds_of
 from evis.scene.worlds import Worlds
 from msgs.header import Header, Message
 from msgs.own_time import CONFIGURED
 from msgs.physics_error import PhysicsError
 from msgs.world import Action, Reset, WorldState
 from nodes.physics.actuators import NO_ACTUATORS, check_controls_in_range
-from nodes.physics.choice import EngineMaker
-from nodes.physics.engine import Engine
-from nodes.physics.environments import Environments, EnvironmentsState
+from nodes.physics.declaration import PhysicsDeclaration
+from nodes.physics.engines.choice import EngineMaker
+from nodes.physics.engines.engine import Engine
+from nodes.physics.environments.environments import Environments, EnvironmentsState
+from nodes.physics.environments.episodes import Episodes
+from nodes.physics.environments.resets import ResetRefused, checked
+from nodes.physics.environments.told_together import named, told_together
 from nodes.physics.interval import Interval
 from nodes.physics.precision.errors import Errors, Kept
 from nodes.physics.precision.notice import notice
 from nodes.physics.precision.tolerance import Tolerance
-from nodes.physics.resets import ResetRefused, checked
-from nodes.physics.told_together import named, told_together
 
-_KEPT = ("episodes", "_seeded", "_asked", "episode", "k", "_held", "_driven", "first")
+_KEPT = ("_episodes", "_asked", "episode", "k", "_held", "_driven", "first")
 MOST_TOLD = 20
 """Lines on faults of a run: a model that always diverges would fill the log."""
 
@@ -54,119 +54,8 @@ class PhysicsState:
     node: dict[str, Any]
 
 
-class PhysicsNode(Node):
+class PhysicsNode(PhysicsDeclaration, Node):
     """Publishes one WorldState per keyframe stamp, k = 0, 1, ... while the stamp is within `duration`."""
-
-    SOURCE: ClassVar[bool] = True
-    PARAMS: ClassVar[Mapping[str, Param]] = {
-        **SCENE,
-        "seed": Param(
-            int, 0, "seed of what the scene draws and of where free bodies start; environment k has seed + k", "", 0,
-            2**63 - 1,
-        ),
-        "envs": Param(int, 1, "parallel environments", "", 1, 65536),
-        "threads": Param(
-            int, 0, "CPU threads, which share environments of a MuJoCo model; 0 = one per core", minimum=0, maximum=256
-        ),
-        "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
-        "engine": Param(
-            str, "mujoco", "what moves a MuJoCo model: MuJoCo, or MuJoCo Warp, all environments at once on the device",
-            choices=("mujoco", "mujoco_warp"),
-        ),
-        "keyframe_rate": Param(float, 30.0, "rendered keyframes per second", "Hz", 1e-3, 1e6),
-        "action_rate": Param(
-            float, None,
-            "actions per second of a controller that closes the loop, a whole fraction of keyframe_rate; each is held "
-            "until the next; not given = keyframe_rate",
-            "Hz", 1e-6, 1e6, optional=True,
-        ),
-        "duration": Param(float, 0.0, "simulated time, 0 = until stopped", "s", 0.0, optional=True),
-        "timestep": Param(
-            float, None, "sub-step of the dynamics; the model's own, at most 1 ms, if not given", "s", 1e-7, 1e-3,
-            optional=True,
-        ),
-        "physics_tolerance": Param(
-            list, [], "METRES,RADIANS of error that a body may gather in a second: dynamics are integrated with RK4, "
-            "each step in as many parts as that takes; not given = steps are whole, and the summary says what is wrong",
-        ),
-        "contacts": Param(bool, False, "publish contacts and their forces"),
-        "joints": Param(bool, False, "publish joint positions and velocities (MuJoCo's qpos and qvel) in /state"),
-        "accelerations": Param(bool, False, "publish accelerations of the bodies"),
-        "speed_limit": Param(
-            float, 1000.0, "speed of a body beyond which the simulation has diverged", "m/s", 1e-3, 1e9
-        ),
-    }  # fmt: skip
-    INPUTS: ClassVar[Mapping[str, Input]] = {
-        "action": Input("/action", join=False, delayed=True, outside=True),
-        "reset": Input("/reset", join=False, optional=True, outside=True),
-    }
-    OUTPUTS: ClassVar[Mapping[str, Output]] = {"state": Output("/state"), "error": Output("/physics_error")}
-
-    @classmethod
-    def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
-        """Raises ValueError for contacts or joints in a scene that has none."""
-        scene = params.get("scene")
-        asked = [name for name in ("contacts", "joints") if params[name]]
-        if asked and scene:
-            with contextlib.suppress(OSError):  # who loads it says so
-                if not is_dynamic(scene):
-                    raise ValueError(f"scene {scene} moves in closed form and has no {asked[0]}; leave {asked[0]} out")
-        return frozenset(cls.INPUTS)
-
-    @classmethod
-    def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """Names the parameters of integration, where motion is in closed form."""
-        scene = params.get("scene")
-        with contextlib.suppress(OSError, ValueError):  # who loads it says so
-            if scene and not is_dynamic(scene):
-                why = f"all motion of scene {scene} is in closed form, and exact"
-                return {"physics_tolerance": why, "timestep": why, "engine": why, "speed_limit": why}
-        return {}
-
-    @classmethod
-    def moved_from_outside(cls, params: Mapping[str, Any]) -> bool:
-        """Says whether there may be actuators."""
-        scene = params.get("scene")
-        with contextlib.suppress(OSError, ValueError):  # who loads it says so
-            return not scene or may_be_driven(scene)
-        return True
-
-    @classmethod
-    def on_gpu(cls, params: Mapping[str, Any]) -> bool:
-        """Says no where MuJoCo takes the steps: a process of its own keeps the interpreter from nobody else."""
-        scene = params.get("scene")
-        with contextlib.suppress(OSError, ValueError):  # who loads it says so
-            if params["engine"] == "mujoco" and scene and is_dynamic(scene):
-                return False
-        return super().on_gpu(params)
-
-    @classmethod
-    def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """Names MuJoCo as spared where all motion is prescribed."""
-        scene = params.get("scene")
-        if scene and not is_dynamic(scene):
-            return {"mujoco": f"all motion of scene {scene} is prescribed in closed form"}
-        return {}
-
-    @classmethod
-    def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
-        """Names what is random of the world: what the scene draws, and where bodies and joints start at random."""
-        scene = params.get("scene")
-        found: list[str] = []
-        with contextlib.suppress(OSError, ValueError):  # who loads it says so
-            if scene:
-                found += [f"start of {what}" for what in starts_at_random(scene)]
-                found += drawn_places(scene, parse_args(params.get("scene_args")))
-        return tuple(found)
-
-    @classmethod
-    def divides(cls, params: Mapping[str, Any]) -> int:
-        """Counts the steps for which an action is held. Raises ValueError where that is no whole number."""
-        rate, wanted = params["keyframe_rate"], params["action_rate"]
-        try:
-            return times_slower(rate, rate if wanted is None else wanted)
-        except ValueError as error:
-            raise ValueError(f"action_rate: {error}") from None
 
     def setup(self) -> None:
         """Loads the scene and the engine that it needs."""
@@ -189,9 +78,7 @@ class PhysicsNode(Node):
     def _begin(self) -> None:
         """Stands before the first stamp of a run."""
         self.environments = Environments(self.engine, self.params["envs"], self.params["keyframe_rate"])
-        self.episodes = np.zeros(self.params["envs"], np.int32)
-        self._seeded = np.zeros(self.params["envs"], np.int32)
-        """The episode in which each environment was given its seed: the number of its reset counts from there."""
+        self._episodes = Episodes(self.params["envs"])
         self._asked: list[tuple[list[int], list[int]]] = []
         """Environments that begin anew at the next step, and their seeds."""
         self.episode = 0
@@ -203,6 +90,11 @@ class PhysicsNode(Node):
         """Number of the stamp at which the run's episode began: cameras and actions are counted from it."""
         self._faults_told = 0
         """Faults of the run that were told of."""
+
+    @property
+    def episodes(self) -> np.ndarray:
+        """Returns the number of the episode that each environment is in, int32 [E]."""
+        return self._episodes.numbers
 
     def rewind(self, params: Mapping[str, Any]) -> bool:
         """Puts the engine back to time 0, with another seed where that is all that differs and moves nothing else."""
@@ -217,25 +109,6 @@ class PhysicsNode(Node):
         self.engine.rewind(params["seed"])
         self._begin()
         return True
-
-    def _other_engines(self, envs: list[int], seeds: list[int]) -> list[tuple[list[int], Engine, Scene]]:
-        """Makes engines of those environments that move otherwise with the seeds that they are given. Raises ValueError
-        where one of them has other things, or other actuators, than the run."""
-        worlds = self.worlds.with_seeds(*_given(envs, seeds))
-        groups = worlds.groups(motion, worlds.changed(self.worlds, motion))
-        made = []
-        for scene, members in groups:
-            engine = self._make.of_scene(scene, 0, len(members), self.errors if 0 in members else None)
-            now, before = engine.actuators.count, self.engine.actuators.count
-            if now != before:
-                raise ValueError(
-                    f"scene {scene.name}: environment {members[0]} has {now} actuators with its new seed, "
-                    f"and had {before}; worlds side by side need the same ones"
-                )
-            own = [worlds.seeds[env] for env in members]
-            made.append((members.tolist(), engine.anew(range(len(members)), own, [0] * len(members)), scene))
-        self.worlds = worlds
-        return made
 
     def _say_end(self, last: int) -> None:
         """Warns where the run's last keyframe, of number `last`, comes before its end: the rest is not simulated."""
@@ -293,7 +166,7 @@ class PhysicsNode(Node):
                 self._refuse(error)
                 continue
             self.count("resets", len(envs))
-            if len(envs) == len(self.episodes):
+            if len(envs) == self.params["envs"]:
                 self.first = self.k
                 self.episode += int(self.k > 0 and len(envs) == 1)
         self._asked = []
@@ -318,7 +191,7 @@ class PhysicsNode(Node):
         """Takes a reset, for the next step; one that asks for what is not there is refused with a warning."""
         assert isinstance(message, Reset)
         try:
-            self._asked.append(checked(message.envs, message.seeds, len(self.episodes)))
+            self._asked.append(checked(message.envs, message.seeds, self.params["envs"]))
         except ValueError as error:
             self._refuse(error)
 
@@ -340,8 +213,8 @@ class PhysicsNode(Node):
         Raises ValueError for an environment that is not there and for seeds that do not fit, ResetRefused where a seed
         draws a world with other things.
         """
-        chosen, given = checked(envs, seeds, len(self.episodes))
-        if not self.k or len(chosen) == len(self.episodes):
+        chosen, given = checked(envs, seeds, self.params["envs"])
+        if not self.k or len(chosen) == self.params["envs"]:
             self._begin_anew(chosen, given, 0)
             self.episode += int(self.k > 0)
             self.k = self.first = 0
@@ -388,15 +261,13 @@ class PhysicsNode(Node):
     def _begin_anew(self, envs: list[int], seeds: list[int], k: int) -> None:
         """Begins environments anew at keyframe k, in time of their own. Raises ResetRefused."""
         try:
-            engines = self._other_engines(envs, seeds)
+            worlds = self.worlds.with_seeds(*_given(envs, seeds))
+            engines = self._make.of_changed(worlds, self.worlds, self.engine.actuators.count, self.errors)
         except ValueError as error:
             raise ResetRefused(str(error)) from None
-        if self.k:
-            self.episodes[envs] += 1
-        given = np.array(seeds) != CONFIGURED
-        self._seeded[np.array(envs)[given]] = self.episodes[np.array(envs)[given]]
-        numbers = (self.episodes - self._seeded)[envs].tolist()
-        self.environments.restart(envs, seeds, numbers, k, engines)
+        self.worlds = worlds
+        resets = self._episodes.begin(envs, seeds, again=bool(self.k))
+        self.environments.restart(envs, seeds, resets, k, engines)
 
     def _faults(self, interval: Interval, stamp: int) -> None:
         """Begins the next episode of each environment that diverged, at this stamp; of a single one it is the run's
@@ -407,15 +278,13 @@ class PhysicsNode(Node):
             self.count("physics_warnings", len(envs))
             self.warn(f"{named(envs)}: {text}")
         for envs, text in told_together(interval.faults):
-            self.episodes[envs] += 1
+            again = self._episodes.begin_diverged(envs)
             self.count("diverged", len(envs))
             self._faults_told += 1
             if self._faults_told <= MOST_TOLD:
-                numbers = sorted(set(self.episodes[envs].tolist()))
-                again = f"{'it starts' if len(envs) == 1 else 'each starts'} again as episode {_range(numbers)}"
                 last = "; from now on such faults are only counted (diverged)" if self._faults_told == MOST_TOLD else ""
                 self.warn(f"{named(envs)}: {text}; {again} at {stamp * 1e-9:g} s{last}")
-        if interval.faults and len(self.episodes) == 1:
+        if interval.faults and self.params["envs"] == 1:
             self.episode += 1
             self.first = self.k
             interval.keep_last()
@@ -442,9 +311,9 @@ class PhysicsNode(Node):
 
     def _state(self, stamp: int, interval: Interval) -> WorldState:
         given = {name: getattr(interval, name) for name in ("t", "end_pose", "moving", "moving_pose", "moving_twist")}
-        given["episodes"] = self.episodes.copy()
+        given["episodes"] = self._episodes.numbers.copy()
         if interval.own_t is not None:
-            given |= {"own": self.environments.own(self.episodes - self._seeded), "own_t": interval.own_t}
+            given |= {"own": self.environments.own(self._episodes.since_seed), "own_t": interval.own_t}
         for name in ("qpos", "qvel", "acceleration", "gravity"):
             if (values := getattr(interval, name)) is not None:
                 given[name] = values
@@ -462,8 +331,3 @@ def _given(envs: list[int], seeds: list[int]) -> tuple[list[int], list[int]]:
     """Selects those environments that are given a seed, and their seeds."""
     pairs = [(env, seed) for env, seed in zip(envs, seeds) if seed != CONFIGURED]
     return [env for env, _ in pairs], [seed for _, seed in pairs]
-
-
-def _range(numbers: Sequence[int]) -> str:
-    """Puts numbers in order into words: `3`, `3 to 5`."""
-    return f"{numbers[0]}" if len(numbers) == 1 else f"{numbers[0]} to {numbers[-1]}"

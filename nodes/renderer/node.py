@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from evis.config.params import Param
 from evis.gpu.in_a_row import parted
-from evis.runtime.node import Input, Node, Output
+from evis.runtime.node import Node
 from evis.scene.digest import appearance
 from evis.scene.model import Scene
-from evis.scene.parameters import SCENE, SEED, camera_of, ends_alone, foreseen_worlds, scene_of, seeds_of, worlds_of
+from evis.scene.parameters import camera_of, seeds_of, worlds_of
 from evis.scene.parts import Parts
 from evis.scene.sampling import Turns, undersampled
 from evis.scene.view.first_look import FirstLook
@@ -26,7 +24,8 @@ from msgs.world import WorldState
 from nodes.renderer import parameters
 from nodes.renderer.camera_info import camera_info
 from nodes.renderer.cores import threads_for
-from nodes.renderer.parameters import BATCH, LIGHT
+from nodes.renderer.declaration import RendererDeclaration
+from nodes.renderer.poses_before import LAST, PosesBefore
 
 if TYPE_CHECKING:
     from nodes.renderer.renderer import Renderer
@@ -37,94 +36,10 @@ GEOMETRIC: dict[str, Any] = {"depth": Depth, "motion": Motion, "ids": Ids, "norm
 """Outputs besides the keyframe, which are called as the array of their message is."""
 
 
-class RendererNode(Node):
+class RendererNode(RendererDeclaration, Node):
     """Renders a keyframe for every world state, with the images that somebody reads."""
 
-    PARAMS = {
-        **SCENE,
-        "seed": SEED,
-        "camera": Param(str, "cam0", "which camera of the scene"),
-        "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
-        "envs": Param(int, 1, "parallel environments", minimum=1, maximum=65536),
-        "margin": Param(int, 0, "pixels rendered beyond every side of the image", "px", 0, 1024),
-        "threads": Param(
-            int,
-            0,
-            "CPU threads of physics, renderer and interpolator; 0 = as cores, environments and pixels are worth",
-            minimum=0,
-            maximum=256,
-        ),
-        "half": Param(bool, False, "keyframes as float16, clipped at 65504"),
-        "keyframes": Param(
-            str,
-            "auto",
-            "what keyframes hold; auto = luminance while nobody reads colour; the events are the same",
-            choices=("auto", "rgb", "luminance"),
-        ),
-        "samples_apart": Param(bool, False, "keyframes hold the samples, for an interpolator to average what it moved"),
-        **LIGHT,
-        "batch": BATCH,
-        "keyframe_rate": Param(float, 30.0, "rate of the states, told to readers in /info", "Hz", 0),
-        "frame_rate": Param(float, 0.0, "rate at which things are seen, to warn of what is too fast; 0 = any", "Hz", 0),
-        "resolved": Param(float, 0.0, "time to which single pixels are seen between frames; 0 = frames only", "s", 0),
-    }
-    PER_ENVIRONMENT = True
-    INPUTS = {"state": Input("/state")}
-    OUTPUTS = {
-        "info": Output("/{camera}/info"),
-        "keyframe": Output("/{camera}/keyframe"),
-        "depth": Output("/{camera}/depth"),
-        "motion": Output("/{camera}/motion"),
-        "ids": Output("/{camera}/ids"),
-        "normal": Output("/{camera}/normal"),
-    }
     renderer: Renderer | SupersampledRenderer | SeparateRenderers
-
-    @classmethod
-    def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """Names the parameters of paths where there are none."""
-        return parameters.without_effect(params)
-
-    @classmethod
-    def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
-        """Asks for poses at the keyframe, where nothing is moved by an engine that may turn it too fast."""
-        return ends_alone(params.get("scene")) if port == "state" else None
-
-    @classmethod
-    def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """Names what is spared where a still camera sees still things: they are not drawn again."""
-        from evis.scene.load import is_dynamic
-
-        scene, camera = params.get("scene"), params.get("camera")
-        if not scene or not camera:
-            return {}
-        try:
-            if is_dynamic(scene):
-                return {}
-            bodies = scene_of("renderer", params, visuals=False).bodies
-        except (ValueError, OSError):
-            # Whoever loads the scene says what is wrong with it.
-            return {}
-        still = {body.name for body in bodies if body.trajectory is not None and body.trajectory.is_static()}
-        if camera not in still:
-            return {}
-        kept = f" and {len(still) - 1} of {len(bodies) - 1} bodies" if len(still) > 1 else ""
-        return {"static background": f"{camera} never moves: the world{kept} drawn once and kept"}
-
-    @classmethod
-    def foreseen(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
-        """Names the lights that flicker, and the prescribed motion that turns, too fast for the frames."""
-        if params.get("scene") and params.get("frame_rate"):
-            # Whoever loads the scene says what is wrong with it.
-            with contextlib.suppress(ValueError, OSError):
-                worlds = foreseen_worlds("renderer", params)
-                return tuple(undersampled(worlds, params["frame_rate"], *_between(params)))
-        return ()
-
-    @classmethod
-    def alike(cls, params: Mapping[str, Any]) -> Any:
-        """Tells that renderers of the same worlds at the same rates warn of the same, whatever their cameras."""
-        return {name: value for name, value in params.items() if name not in ("camera", "margin")}
 
     def computes_on(self) -> str:
         """Names its device."""
@@ -143,9 +58,9 @@ class RendererNode(Node):
         self.renderer = self._renderers(worlds.groups(appearance))
         self.renderer.begin(self._wanted())
         if p["frame_rate"]:
-            for line in undersampled(worlds.scenes, p["frame_rate"], *_between(p)):
+            for line in undersampled(worlds.scenes, p["frame_rate"], *parameters.rates_between(p)):
                 self.warn_alike(line)
-        self._turns = Turns(self.scene, max(p["frame_rate"], _between(p)[0]))
+        self._turns = Turns(self.scene, max(p["frame_rate"], parameters.rates_between(p)[0]))
         self._first_look: FirstLook | None = FirstLook(self.scene)
         self._names = [body.name for body in self.scene.bodies]
         self._begin()
@@ -181,15 +96,9 @@ class RendererNode(Node):
 
     def _begin(self) -> None:
         """Stands before the first keyframe of a run."""
-        self._previous: np.ndarray | None = None
-        self._earlier: np.ndarray | None = None
-        """Poses of the keyframe before that one."""
-        self._stamp = 0
-        self._episodes = np.zeros(0, np.int32)
+        self._before = PosesBefore()
         self._told: list[tuple[Callable[[], Sequence[int]], int, np.ndarray, Any]] = []
         """Keyframes not counted yet: what tells their counts, how many poses at the end fill up, poses, times."""
-        self._new = False
-        """Whether the renderer has not drawn the last keyframe, as it is another one."""
 
     def rewind(self, params: Mapping[str, Any]) -> bool:
         """Forgets the last keyframe, and tells of the camera as a new run does: the sensor's seed is another; what that
@@ -204,11 +113,11 @@ class RendererNode(Node):
 
     def state(self) -> tuple[Any, ...]:
         """Gives the poses of the last keyframe and of the one before, by which motion is told at the next."""
-        return self._previous, self._earlier, self._stamp, self._episodes
+        return self._before.state()
 
     def restore(self, state: tuple[Any, ...]) -> None:
         """Knows these keyframes."""
-        self._previous, self._earlier, self._stamp, self._episodes = state
+        self._before.restore(state)
 
     def _follow(self, worlds: Worlds) -> None:
         """Sees these worlds from now on."""
@@ -262,15 +171,13 @@ class RendererNode(Node):
                 self.publish("info", self._info(Header(h.stamp_ns, clock=h.clock, episode=h.episode)))
         poses = state.kept_end_pose()
         t = state.header.stamp_ns if state.own is None else np.array(state.own[:, STAMP])
-        self._render([state], poses, self._before(poses, state), t)
+        self._render([state], poses, self._before.take(poses, state), t)
 
     def update_all(self, inputs: Sequence[Mapping[str, Message]]) -> None:
         """Renders and publishes the images of several states at once, until an environment was reset by itself.
 
         Where fewer come than are rendered at once, the last one fills the rest.
         """
-        from nodes.renderer.renderer import LAST
-
         if self.gathers == 1 or any(isinstance(s := one["state"], WorldState) and s.own is not None for one in inputs):
             self.take_singly()
             super().update_all(inputs)
@@ -280,9 +187,8 @@ class RendererNode(Node):
             some = states[start : start + self.gathers]
             befores = []
             for state in some:
-                pose = state.kept_end_pose()
-                before = self._before(pose, state)
-                befores.append(before if isinstance(before, np.ndarray) else self._earlier)
+                before = self._before.take(state.kept_end_pose(), state)
+                befores.append(before if isinstance(before, np.ndarray) else self._before.last)
             rows = [*range(len(some)), *[len(some) - 1] * (self.gathers - len(some))]
             poses = np.concatenate([some[row].end_pose for row in rows])
             before = np.concatenate([befores[row] for row in rows]) if self.wants("motion") else LAST
@@ -293,7 +199,7 @@ class RendererNode(Node):
         if self.gathers > 1:
             self.finish()
             super().take_singly()
-            self._new = True
+            self._before.not_drawn()
             self.renderer = self._renderers(self.worlds.groups(appearance))
             self.renderer.prepare(self._wanted())
 
@@ -356,25 +262,6 @@ class RendererNode(Node):
             wanted["luminance" if grey else "radiance"] = "keyframe"
         return wanted
 
-    def _before(self, poses: np.ndarray, state: WorldState) -> np.ndarray | str:
-        """Gives poses of the previous keyframe; this one's where an environment's episode begins.
-
-        A state of the last one's stamp is of environments that begin there; the others are as they were.
-        """
-        from nodes.renderer.renderer import LAST
-
-        stamp, episodes = state.header.stamp_ns, state.episodes
-        previous = self._earlier if stamp == self._stamp else self._previous
-        before: np.ndarray | str = LAST
-        if previous is None or self._previous is None:
-            before = previous = poses
-        elif stamp == self._stamp or not np.array_equal(episodes, self._episodes):
-            before = previous = np.where((episodes == self._episodes)[:, None, None], previous, poses)
-        if self._new:
-            before, self._new = previous, False
-        self._earlier, self._previous, self._episodes, self._stamp = previous, poses, np.array(episodes), stamp
-        return before
-
     def _loan(self, port: str, field: str) -> np.ndarray:
         return self.loan(port, **{field: self.renderer.array_shape(field)})[field]
 
@@ -410,10 +297,3 @@ class RendererNode(Node):
             setattr(message, field, image)
             return message
         return GEOMETRIC[port](header, **{field: image, "margin": margin})
-
-
-def _between(params: Mapping[str, Any]) -> tuple[float, float]:
-    """Gives the rate [Hz] at which single pixels are seen between frames, and that of keyframes; 0 where none are."""
-    if not params["resolved"] or parameters.by_paths(params):
-        return 0.0, 0.0
-    return 1.0 / params["resolved"], params["keyframe_rate"]

@@ -1,4 +1,5 @@
-"""Declares parameters of the light in an image, for the renderer and for whatever shades anew what it has shaded."""
+"""Declares parameters of the light in an image, for the renderer and for whatever shades anew what it has shaded, and
+tells what follows from them."""
 
 from __future__ import annotations
 
@@ -49,3 +50,10 @@ def light_options(params: Mapping[str, Any]) -> dict[str, Any]:
         values = {name: params[name] if name in params else LIGHT[name].default for name in ("bounces", *PATHS)}
         found["paths"] = PathOptions(values["bounces"], values["path_samples"], bool(values["roulette"]))
     return found
+
+
+def rates_between(params: Mapping[str, Any]) -> tuple[float, float]:
+    """Gives the rate [Hz] at which single pixels are seen between frames, and that of keyframes; 0 where none are."""
+    if not params["resolved"] or by_paths(params):
+        return 0.0, 0.0
+    return 1.0 / params["resolved"], params["keyframe_rate"]

@@ -17,6 +17,7 @@ from evis.scene.model import Camera, Scene
 from nodes.renderer.geometry.pose_upload import READ
 from nodes.renderer.geometry.poses import InstancePoses, same_bytes
 from nodes.renderer.lighting import Shading, ShadingOptions
+from nodes.renderer.poses_before import LAST as LAST
 from nodes.renderer.raster import output_kernels
 from nodes.renderer.raster.lens import displacement_kernels
 from nodes.renderer.raster.lens.cameras import finer
@@ -27,9 +28,6 @@ if TYPE_CHECKING:
 
 BEHIND = float(displacement_kernels.FAR_AWAY)
 """Motion [px] in x and y of a point that lay behind the previous camera: finite, and outside every image."""
-
-LAST = "last"
-"""For `previous`: the poses of the last call, which need not be compared with anything then."""
 
 LIGHT = ("radiance", "luminance")
 GEOMETRIC = ("depth", "motion", "ids", "normal")

@@ -16,7 +16,7 @@ def test_mujoco_draws_after_physics_has_imported_it(monkeypatch):
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     alone, after = (
         subprocess.run([sys.executable, "-c", first + DRAW], capture_output=True, text=True)
-        for first in ("", "import nodes.physics.mujoco_engine")
+        for first in ("", "import nodes.physics.engines.mujoco_engine")
     )
     assert alone.returncode == after.returncode == 0, after.stderr
     assert alone.stdout == after.stdout and alone.stdout.strip()

@@ -9,7 +9,7 @@ from evis.scene import load_scene
 from msgs.header import Header
 from msgs.world import WorldState
 from nodes.imu.node import ImuNode
-from nodes.physics.prescribed import PrescribedEngine
+from nodes.physics.engines.prescribed import PrescribedEngine
 
 MS = 1_000_000
 

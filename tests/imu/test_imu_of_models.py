@@ -9,8 +9,8 @@ from evis.scene import load_scene
 from msgs.header import Header
 from msgs.world import WorldState
 from nodes.imu.node import ImuNode
+from nodes.physics.engines.mujoco_engine import MujocoEngine
 from nodes.physics.interval import Extras
-from nodes.physics.mujoco_engine import MujocoEngine
 
 MODEL = """
 <mujoco>

@@ -7,7 +7,7 @@ from evis.scene.model import Body, Camera, Instance, Material, Mesh, Scene
 from evis.scene.motion import Linear, Prescribed, Spin
 from msgs.header import Header
 from msgs.world import WorldState
-from nodes.physics.prescribed import PrescribedEngine
+from nodes.physics.engines.prescribed import PrescribedEngine
 
 WIDTH, HEIGHT, FOCAL = 64, 48, 60.0
 KEYFRAME_NS = 33_333_333

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from evis.scene import load_scene
+from nodes.physics.engines.mujoco_engine import MujocoEngine
 from nodes.physics.interval import Extras, Interval
-from nodes.physics.mujoco_engine import MujocoEngine
 
 SLIDE = """<mujoco><option timestep="0.001" {option}/><worldbody>
 <geom type="plane" size="3 3 .1"/><body name="puck" pos="0 0 {height}"><freejoint/><geom size=".1" mass="1"/></body>

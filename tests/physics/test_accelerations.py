@@ -60,8 +60,8 @@ MODEL = """<mujoco><option timestep="0.0005" integrator="RK4" gravity="0 0 -9.81
 
 @pytest.fixture
 def engine(tmp_path):
+    from nodes.physics.engines.mujoco_engine import MujocoEngine
     from nodes.physics.interval import Extras
-    from nodes.physics.mujoco_engine import MujocoEngine
 
     (tmp_path / "m.xml").write_text(MODEL)
     scene = load_scene(str(tmp_path / "m.xml"))
@@ -87,7 +87,7 @@ def test_forces_give_g_and_v_squared_over_r(engine):
 
 def test_asking_changes_nothing_of_the_course(tmp_path, engine):
     """Bit for bit."""
-    from nodes.physics.mujoco_engine import MujocoEngine
+    from nodes.physics.engines.mujoco_engine import MujocoEngine
 
     asked, _ = engine
     silent = MujocoEngine(asked.scene, envs=2)

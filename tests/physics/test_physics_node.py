@@ -12,9 +12,9 @@ from evis.config.params import ParamError
 from evis.scene import load_scene
 from msgs.header import Header
 from msgs.world import Action
+from nodes.physics.engines.prescribed import PrescribedEngine
+from nodes.physics.environments.told_together import told_together
 from nodes.physics.node import PhysicsNode
-from nodes.physics.prescribed import PrescribedEngine
-from nodes.physics.told_together import told_together
 
 
 def run(node):

@@ -10,7 +10,7 @@ from evis.scene import load_scene
 from evis.scene.model import Body, Scene
 from evis.scene.motion import Prescribed, Spin
 from nodes.physics import room
-from nodes.physics.prescribed import PrescribedEngine
+from nodes.physics.engines.prescribed import PrescribedEngine
 from nodes.physics.room import check_room
 
 REST = se3.make_pose(np.zeros(3), np.array([0, 0, 0, 1.0]))
@@ -45,7 +45,7 @@ def test_closed_form_is_refused_and_takes_no_memory(small_machine):
 
 
 def test_what_mujoco_moves_is_refused_for_all_environments(small_machine, tmp_path):
-    from nodes.physics.mujoco_engine import MujocoEngine
+    from nodes.physics.engines.mujoco_engine import MujocoEngine
 
     box = "<body pos='{} 0 1'><freejoint/><geom type='box' size='.1 .1 .1'/></body>"
     world = "".join(box.format(i) for i in range(4))

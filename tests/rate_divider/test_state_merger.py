@@ -8,9 +8,9 @@ from evis.runtime.clock import keyframe_stamp
 from evis.scene import load_scene
 from msgs.header import Header
 from msgs.world import WorldState
+from nodes.physics.engines.mujoco_engine import MujocoEngine
+from nodes.physics.engines.prescribed import PrescribedEngine
 from nodes.physics.interval import Extras
-from nodes.physics.mujoco_engine import MujocoEngine
-from nodes.physics.prescribed import PrescribedEngine
 from nodes.rate_divider.merger import Merger
 from nodes.rate_divider.node import RateDividerNode
 

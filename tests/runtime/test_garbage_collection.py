@@ -4,7 +4,7 @@ import gc
 
 import pytest
 
-from evis.runtime.garbage_collection import without_garbage_collection
+from evis.runtime.process.garbage_collection import without_garbage_collection
 
 
 @pytest.mark.parametrize("on", [True, False])

@@ -6,7 +6,7 @@ import pytest
 from evis.config.paths import names
 from evis.demo.gallery import light_range
 from evis.scene import load_scene
-from nodes.physics.prescribed import prescribed_states
+from nodes.physics.engines.prescribed import prescribed_states
 
 SIZE = {"width": 86, "height": 65}
 
@@ -15,7 +15,7 @@ def states(scene, t_ns):
     """Poses [N, 7] of all bodies at a time."""
     if not scene.dynamic:
         return prescribed_states(scene, np.array([t_ns]))[0][0]
-    from nodes.physics.mujoco_engine import MujocoEngine
+    from nodes.physics.engines.mujoco_engine import MujocoEngine
 
     engine = MujocoEngine(scene)
     return (engine.advance(t_ns) if t_ns else engine.start()).pose[0, -1]

@@ -15,7 +15,8 @@ from evis.config.suggestions import nearest
 from evis.launch import catalog
 from evis.launch.arguments import ArgumentError
 from evis.launch.expand import NodeSpec
-from evis.runtime.node import ANY, Node
+from evis.runtime.declaration import ANY
+from evis.runtime.node import Node
 from msgs.topics import SYSTEM_TOPICS, Topic, UnknownTopic, find_topic
 
 _PARAMETER = re.compile(r"\{(\w+)\}")

@@ -20,10 +20,10 @@ from evis.config.secret import Redactor, Veil
 from evis.console.outlet import standard_streams
 from evis.console.termination import STATUS, Termination
 from evis.runtime.executor import Executor
-from evis.runtime.garbage_collection import without_garbage_collection
 from evis.runtime.hosting.node_call import NodeFailed, describe
 from evis.runtime.plan import Plan
 from evis.runtime.process.control import ControlClient, control_address
+from evis.runtime.process.garbage_collection import without_garbage_collection
 from evis.runtime.process.parent_death import die_with_parent
 from evis.runtime.process.thread_failures import ThreadFailures
 from evis.warp_start import start_warp

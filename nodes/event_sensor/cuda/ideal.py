@@ -10,7 +10,9 @@ from evis.gpu.building import LAUNCH_BLOCK
 from nodes.event_sensor.cuda import active_kernels, ideal_kernels
 from nodes.event_sensor.model.sensor_kernels import Sensor
 
-BLOCK = 128
+BLOCK = 32
+"""A warp: threads take unlike times, and a block keeps its place on the GPU until its last one ends. Of 128 threads the
+pass takes 4 to 15 % longer on an H200, of 256 up to 40 %."""
 SHARE = active_kernels.BLOCK * active_kernels.EACH
 THREADS = 1 << 20
 """Most of the second launch, each of which takes every THREADS-th active pixel: several times what a GPU holds at once,

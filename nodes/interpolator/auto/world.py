@@ -8,8 +8,8 @@ import numpy as np
 
 from evis.geometry.interpolate import state_at
 from evis.scene.model import Scene
+from nodes.physics.engines.prescribed import PrescribedStates
 from nodes.physics.interval import grid_inside
-from nodes.physics.prescribed import PrescribedStates
 
 STEP_NS = 1_000_000
 """Interval that a dynamics engine is asked for at once; it takes sub-steps of its own inside."""
@@ -42,7 +42,7 @@ class World:
 def _in_steps(scene: Scene, duration_ns: int, seed: int) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
     """Makes what gives poses [S, N, 7] and twists [S, N, 6] at times int64 [S] ns, from sub-steps of a dynamics
     engine."""
-    from nodes.physics.mujoco_engine import MujocoEngine
+    from nodes.physics.engines.mujoco_engine import MujocoEngine
 
     engine = MujocoEngine(scene, seed, 1)
     parts = [engine.start()]

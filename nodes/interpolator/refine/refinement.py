@@ -81,7 +81,7 @@ class Refinement:
         v = rigid.visibility
         self._tolerance_ns = tolerance_for(v.scene, tolerance_ns)
         self._spacing = least_spacing(tolerance_ns)
-        self._highlights = Highlights(v.scene, rigid.placement.movers)
+        self._highlights = Highlights(v, rigid.placement.movers)
         # Gaps in a row are divided as each by itself would be.
         self._gaps = layout.envs if rigid.in_a_row else 1
         self._device, self._pixels = v.device, layout.envs // self._gaps * v.shape[1] * v.shape[2]

@@ -13,8 +13,8 @@ from nodes.physics.accelerations import mounted_acceleration, mujoco_acceleratio
 from nodes.physics.dynamics.course.mounted import KERNELS, Mounted
 from nodes.physics.dynamics.course.paths import Paths
 from nodes.physics.dynamics.followers import Followers
+from nodes.physics.engines.prescribed import PrescribedStates
 from nodes.physics.interval import Interval
-from nodes.physics.prescribed import PrescribedStates
 
 
 class Assembly:

@@ -10,7 +10,7 @@ from msgs.header import Header
 from msgs.world import WorldState
 from nodes.interpolator.interpolator import Interpolator
 from nodes.interpolator.keyframe import States
-from nodes.physics.prescribed import PrescribedEngine
+from nodes.physics.engines.prescribed import PrescribedEngine
 from nodes.renderer.renderer import Renderer
 
 GAP = 33_333_333

@@ -13,7 +13,7 @@ from evis.runtime.plan import Plan
 from evis.scene import load_scene
 from evis.supervisor.report import as_table, summarise
 from nodes.imu.node import ImuNode
-from nodes.physics.mujoco_engine import MujocoEngine
+from nodes.physics.engines.mujoco_engine import MujocoEngine
 
 
 def plan(scene: str, **given: object) -> Plan:

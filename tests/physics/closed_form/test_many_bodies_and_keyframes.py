@@ -18,8 +18,8 @@ from msgs.codec import decode, encode
 from msgs.header import Header
 from msgs.world import WorldState
 from nodes.physics.closed_form.ahead import BLOCK
+from nodes.physics.engines.prescribed import PrescribedEngine, PrescribedStates
 from nodes.physics.interval import grid_inside
-from nodes.physics.prescribed import PrescribedEngine, PrescribedStates
 
 
 def drawn_paths(count: int, seed: int) -> list[Prescribed]:

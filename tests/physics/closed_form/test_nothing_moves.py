@@ -6,7 +6,7 @@ from evis.geometry import se3
 from evis.scene.model import Body, Camera, Scene
 from evis.scene.motion import Prescribed, Spin
 from nodes.imu.inertial import ImuModel, InertialUnit
-from nodes.physics.prescribed import PrescribedEngine
+from nodes.physics.engines.prescribed import PrescribedEngine
 
 HOUR = 3600 * 10**9
 

@@ -8,8 +8,8 @@ from engine_arguments import grouped
 from evis.geometry import interpolate, se3
 from evis.scene import SceneError, load_scene
 from nodes.physics.dynamics.stepped_model import step_length
+from nodes.physics.engines.mujoco_engine import MujocoEngine
 from nodes.physics.interval import Extras
-from nodes.physics.mujoco_engine import MujocoEngine
 from nodes.physics.precision.errors import Errors
 from nodes.physics.precision.stepping import Stepping
 from nodes.physics.precision.tolerance import Tolerance

@@ -7,8 +7,8 @@ import pytest
 
 from evis.scene import load_scene
 from evis.scene.load import starts_at_random
+from nodes.physics.engines.mujoco_engine import MujocoEngine
 from nodes.physics.interval import Extras
-from nodes.physics.mujoco_engine import MujocoEngine
 
 MODEL = """<mujoco><option gravity="0 0 0"/><worldbody>
 <body name="a"><joint name="slide" type="slide"/><geom size=".1"/>

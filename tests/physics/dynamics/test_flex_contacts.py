@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from evis.scene import load_scene
+from nodes.physics.engines.mujoco_engine import MujocoEngine
 from nodes.physics.interval import Extras
-from nodes.physics.mujoco_engine import MujocoEngine
 
 MODEL = """<mujoco><option timestep="0.001" integrator="discrete"/><worldbody>
 <body name="table"><joint name="rail" type="slide" axis="1 0 0" damping="100"/><geom name="table" type="box"

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from evis.scene import load_scene
-from nodes.physics.mujoco_engine import MujocoEngine
+from nodes.physics.engines.mujoco_engine import MujocoEngine
 from nodes.physics.precision.stepping import Stepping
 
 MS = 1_000_000

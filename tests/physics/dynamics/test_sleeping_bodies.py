@@ -9,8 +9,8 @@ from engine_arguments import grouped
 from environments_rig import told
 
 from evis.scene import load_scene
-from nodes.physics.environments import Environments
-from nodes.physics.mujoco_engine import MujocoEngine
+from nodes.physics.engines.mujoco_engine import MujocoEngine
+from nodes.physics.environments.environments import Environments
 
 WORLD = """<mujoco><option timestep="0.001" integrator="{integrator}" sleep_tolerance="1e-4"><flag sleep="enable"/>
 </option><worldbody><geom type="plane" size="3 3 .1"/>

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from evis.scene import SceneError, load_scene
-from nodes.physics.mujoco_engine import MujocoEngine
+from nodes.physics.engines.mujoco_engine import MujocoEngine
 
 MS = 1_000_000
 MODEL = """

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from evis.scene import load_scene
+from nodes.physics.engines.mujoco_engine import MujocoEngine
 from nodes.physics.interval import Extras
-from nodes.physics.mujoco_engine import MujocoEngine
 
 FALL = """<mujoco><option timestep="0.001" gravity="0 0 -18000"/><worldbody>
 <body name="rock" pos="0 0 0.3"><freejoint/><geom size=".1" mass="1"/></body></worldbody></mujoco>"""

@@ -7,7 +7,7 @@ from engine_arguments import grouped
 
 from evis.geometry import interpolate, se3
 from evis.scene import load_scene
-from nodes.physics.mujoco_engine import MujocoEngine
+from nodes.physics.engines.mujoco_engine import MujocoEngine
 
 MS = 1_000_000
 MODEL = """

@@ -6,9 +6,9 @@ import pytest
 from engine_arguments import grouped
 
 from evis.scene import load_scene
-from nodes.physics.environments import Environments
-from nodes.physics.mujoco_engine import MujocoEngine
-from nodes.physics.separate import SeparateEngines
+from nodes.physics.engines.mujoco_engine import MujocoEngine
+from nodes.physics.engines.separate import SeparateEngines
+from nodes.physics.environments.environments import Environments
 
 BOX = "<body name='box' pos='0 0 {}'><freejoint/><geom type='box' size='.1 .1 .1' mass='1'/></body>"
 GROUND = "<geom type='plane' size='5 5 1'/>"

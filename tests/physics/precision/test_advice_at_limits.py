@@ -9,7 +9,7 @@ from engine_arguments import grouped
 
 from evis import Diverged, Simulation
 from evis.scene import load_scene
-from nodes.physics.mujoco_engine import MujocoEngine
+from nodes.physics.engines.mujoco_engine import MujocoEngine
 from nodes.physics.precision.stepping import Stepping
 from nodes.physics.precision.tolerance import Tolerance
 

@@ -9,7 +9,7 @@ import pytest
 from engine_arguments import grouped
 
 from evis.scene import load_scene
-from nodes.physics.mujoco_engine import MujocoEngine
+from nodes.physics.engines.mujoco_engine import MujocoEngine
 from nodes.physics.precision.tolerance import Tolerance
 
 MS = 1_000_000

@@ -10,7 +10,7 @@ import pytest
 from engine_arguments import grouped
 
 from evis.scene import load_scene
-from nodes.physics.mujoco_engine import MujocoEngine
+from nodes.physics.engines.mujoco_engine import MujocoEngine
 from nodes.physics.precision.errors import Errors
 from nodes.physics.precision.order import order_of
 from nodes.physics.precision.tolerance import Tolerance

@@ -6,7 +6,7 @@ from known_courses import PENDULUM, RACKET, ROCK, SPRING, apart, chain, course, 
 from physics_nodes import Wire
 
 from evis.scene import load_scene
-from nodes.physics.mujoco_engine import MujocoEngine
+from nodes.physics.engines.mujoco_engine import MujocoEngine
 from nodes.physics.node import PhysicsNode
 from nodes.physics.precision.errors import Errors
 

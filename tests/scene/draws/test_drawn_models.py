@@ -11,8 +11,8 @@ import pytest
 from evis.geometry import se3
 from evis.scene import SceneError, load_scene
 from evis.scene.mjcf.dynamics import compile_model
+from nodes.physics.engines.mujoco_engine import MujocoEngine
 from nodes.physics.interval import Extras
-from nodes.physics.mujoco_engine import MujocoEngine
 
 MODEL = """
 <mujoco model="rig">

@@ -13,7 +13,7 @@ from evis.scene.digest import appearance, motion
 from evis.scene.parameters import worlds_of
 from nodes.event_sensor.scene_parameters import resolve_with_scene
 from nodes.interpolator.interpolator import Interpolator
-from nodes.physics.prescribed import PrescribedEngine
+from nodes.physics.engines.prescribed import PrescribedEngine
 from nodes.renderer.renderer import Renderer
 
 SEED, ENVS = 5, 3

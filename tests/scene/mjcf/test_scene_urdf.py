@@ -54,7 +54,7 @@ def test_a_scene_file_may_name_one(robot, tmp_path):
     (tmp_path / "lab.yaml").write_text("mjcf: robot.urdf\ncameras: {cam0: {fov: 1, parent: tip}}\n")
     scene, bare = (load_scene(str(tmp_path / "lab.yaml"), visuals=v) for v in (True, False))
     assert [b.name for b in scene.bodies] == [b.name for b in bare.bodies] and scene.instances and not bare.instances
-    from nodes.physics.mujoco_engine import MujocoEngine
+    from nodes.physics.engines.mujoco_engine import MujocoEngine
 
     pose = MujocoEngine(bare).start().pose[0, 0]
     assert np.allclose(pose[0], se3.make_pose(np.array([0.1, 0, 0.05]), se3.IDENTITY[3:]))
@@ -169,7 +169,7 @@ def test_meshes_are_found_as_ros_finds_them(tmp_path, monkeypatch, how):
         corners = np.unique(seen[name].mesh.vertices.round(5), axis=0)
         lengths = [np.linalg.norm(a - b) for i, a in enumerate(corners) for b in corners[:i]]
         assert np.allclose(sorted(lengths), np.sqrt([1, 4, 5, 9, 10, 13]), atol=1e-4)
-    from nodes.physics.mujoco_engine import MujocoEngine
+    from nodes.physics.engines.mujoco_engine import MujocoEngine
 
     assert MujocoEngine(bare).model.nmesh == 1
 

@@ -162,7 +162,7 @@ def test_the_folder_of_what_the_scene_names_counts_as_stated(place: Path) -> Non
 
 def test_a_model_by_itself_takes_folders_from_the_command_line(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Relative to where it is launched; several with commas. What moves the bodies has them too."""
-    from nodes.physics.mujoco_engine import MujocoEngine
+    from nodes.physics.engines.mujoco_engine import MujocoEngine
 
     write(place, "mesh", "../outside/part.obj")
     model = str(place / "a.xml")

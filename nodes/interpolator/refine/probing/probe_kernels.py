@@ -20,6 +20,9 @@ IN_FRONT = wp.constant(1)
 OUTSIDE = wp.constant(2)
 STEP = wp.constant(2.0)
 """Distance [px] from a silhouette within which pixels on one side of it may show what is on the other."""
+SLANTS, SLANT = wp.constant(3), wp.constant(0.2618)
+"""How many steps of so many rad a slit may be turned, either way, from across the motion: STEP along the nearest of
+these directions is 0.3 px beside it at most. Nearer to the motion, steps of pixels along a silhouette would count."""
 BEFORE = wp.constant(1.1)
 """How much farther the other side of a slit may be than this one."""
 MOST_NEEDED = wp.constant(4096)
@@ -94,21 +97,32 @@ def gap_to(
 ):
     """Counts the pixels of something farther from (x, y), at the end of a thing, along a direction to where its body
     goes on in front of that. Gives 0 where it does not within `reach` pixels, and where that is only a step of pixels
-    along a silhouette: beside the middle of a slit, on both sides, it goes on."""
+    along a silhouette: a slit goes on from its middle to both sides, across the motion or at a slant to it."""
     body = pieces[triangle_of(hit)][0]
     start = wp.vec2(float(x), float(y))
-    beside = STEP * wp.vec2(-along[1], along[0])
+    # Steps along a slant may stay in a pixel.
+    passed = wp.int32(0)
+    last = start
     for s in range(1, reach + 1):
-        there = in_front(packed, pieces, row, start + float(s) * along, body, hit)
+        at = start + float(s) * along
+        pixel = wp.vec2(wp.floor(at[0] + 0.5), wp.floor(at[1] + 0.5))
+        there = in_front(packed, pieces, row, at, body, hit)
         if there == OUTSIDE:
             return 0
         if there == IN_FRONT:
             middle = start + 0.5 * float(s) * along
-            left = in_front(packed, pieces, row, middle + beside, body, hit)
-            right = in_front(packed, pieces, row, middle - beside, body, hit)
-            if left == IN_FRONT or right == IN_FRONT:
-                return 0
-            return s - 1
+            for n in range(-SLANTS, SLANTS + 1):
+                slant = SLANT * float(n)
+                c, d = wp.cos(slant), wp.sin(slant)
+                beside = STEP * wp.vec2(-c * along[1] - d * along[0], c * along[0] - d * along[1])
+                left = in_front(packed, pieces, row, middle + beside, body, hit)
+                right = in_front(packed, pieces, row, middle - beside, body, hit)
+                if left != IN_FRONT and right != IN_FRONT:
+                    return wp.where(passed == 1, 1, s - 1)
+            return 0
+        if wp.length_sq(pixel - last) > 0.0:
+            passed += 1
+        last = pixel
     return 0
 
 

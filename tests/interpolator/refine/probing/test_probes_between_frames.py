@@ -25,11 +25,12 @@ def strip(width_px):
     return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32))
 
 
-def passing(width_px, speed_px, background=None):
-    """A strip that goes so many pixels per gap, and is in the middle of the image at half of it."""
-    speed = speed_px * DEPTH / FOCAL / (GAP * 1e-9)
-    start = pose(-speed * (START + GAP / 2) * 1e-9, 0, DEPTH)
-    flight = Prescribed(start, [Linear(np.array([speed, 0.0, 0.0]))])
+def passing(width_px, speed_px, background=None, along_px=0.0):
+    """A strip that goes so many pixels per gap across and along itself, and is in the middle of the image at half of
+    it."""
+    speed = np.array([speed_px, along_px, 0.0]) * DEPTH / FOCAL / (GAP * 1e-9)
+    x, y, _ = -speed * (START + GAP / 2) * 1e-9
+    flight = Prescribed(pose(x, y, DEPTH), [Linear(speed)])
     wall = (quad(8.0), background or plain(0.2), Prescribed(pose(z=3.0)))
     return world([wall, (strip(width_px), plain(0.9), flight)])
 
@@ -78,6 +79,16 @@ def slit(width_px):
 def test_as_many_as_a_slit_that_passes_is_wide(width, speed, wanted):
     """What is behind it is on a pixel for as long as a strip of its width and speed would be."""
     scene = passing(width, speed)
+    scene.instances[1].mesh = slit(width)
+    assert drawn(gap_of(scene)) == [wanted]
+
+
+@pytest.mark.parametrize("slant", [0.5, 1.0, -0.7])
+@pytest.mark.parametrize(("width", "speed", "wanted"), [(1, 12, 128), (3, 150, 64), (3, 300, 128)])
+def test_a_slit_that_passes_at_a_slant_counts_as_one_that_goes_across(width, speed, wanted, slant):
+    """It goes so far along itself too, by which a pixel sees nothing else. What one pixel alone shows counts as an
+    eighth of it wide."""
+    scene = passing(width, speed, along_px=slant * speed)
     scene.instances[1].mesh = slit(width)
     assert drawn(gap_of(scene)) == [wanted]
 

@@ -7,7 +7,7 @@ import pytest
 from environments_rig import controls, engine_of, told
 
 from evis.runtime.workers import Workers
-from nodes.physics.environments import Environments
+from nodes.physics.environments.environments import Environments
 
 
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4", "discrete"])

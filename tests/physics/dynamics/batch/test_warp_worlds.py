@@ -9,12 +9,12 @@ from environments_rig import controls, engine_of, told
 from evis.scene import load_scene
 from nodes.physics.dynamics.batch.mujoco_threads import MujocoThreads
 from nodes.physics.dynamics.batch.unsupported import Unsupported
-from nodes.physics.environments import Environments
-from nodes.physics.mujoco_engine import MujocoEngine
+from nodes.physics.engines.mujoco_engine import MujocoEngine
+from nodes.physics.engines.separate import SeparateEngines
+from nodes.physics.environments.environments import Environments
 from nodes.physics.node import PhysicsNode
 from nodes.physics.precision.stepping import Stepping
 from nodes.physics.precision.tolerance import Tolerance
-from nodes.physics.separate import SeparateEngines
 
 GAP_NS = 33_333_333
 

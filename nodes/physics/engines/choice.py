@@ -10,7 +10,7 @@ from evis.config.params import EACH
 from evis.scene.digest import motion
 from evis.scene.model import Scene
 from evis.scene.worlds import Worlds
-from nodes.physics.engine import Engine
+from nodes.physics.engines.engine import Engine
 from nodes.physics.interval import Extras
 from nodes.physics.precision.errors import Errors
 from nodes.physics.precision.stepping import Stepping
@@ -40,7 +40,7 @@ class EngineMaker:
         apart = p.get(EACH) and scene.dynamic
         if len(worlds.groups(motion)) == 1 and not apart:
             return self.of_scene(scene, p["seed"], p["envs"], errors)
-        from nodes.physics.separate import SeparateEngines
+        from nodes.physics.engines.separate import SeparateEngines
 
         each = zip(worlds.scenes, worlds.seeds, [errors, *[None] * (p["envs"] - 1)])
         return SeparateEngines([self.of_scene(own, seed, 1, noted) for own, seed, noted in each])
@@ -49,13 +49,13 @@ class EngineMaker:
         """Makes the engine of environments that have one world, of seeds from `seed` on."""
         p = self._params
         if not scene.dynamic:
-            from nodes.physics.prescribed import PrescribedEngine
+            from nodes.physics.engines.prescribed import PrescribedEngine
 
             beside, read = p["envs"], self._sub_steps_read
             return PrescribedEngine(scene, envs, p["accelerations"], p["keyframe_rate"], beside, read)
         from nodes.physics.dynamics.batch.mujoco_threads import threads_for
         from nodes.physics.dynamics.batch.unsupported import Unsupported
-        from nodes.physics.mujoco_engine import MujocoEngine
+        from nodes.physics.engines.mujoco_engine import MujocoEngine
 
         make = partial(
             MujocoEngine, scene, seed, envs, errors=errors, threads=threads_for(p["threads"], envs),
@@ -71,3 +71,23 @@ class EngineMaker:
                     self._told.add(text)
                     self._warn(text)
         return make()
+
+    def of_changed(
+        self, worlds: Worlds, before: Worlds, actuators: int, errors: Errors
+    ) -> list[tuple[list[int], Engine, Scene]]:
+        """Makes engines, at their start, of the environments that move otherwise in `worlds` than they did before: each
+        with its environments and what it moves.
+
+        actuators: of every environment of the run. errors: as of `of_worlds`. Raises ValueError for another number.
+        """
+        made = []
+        for scene, members in worlds.groups(motion, worlds.changed(before, motion)):
+            engine = self.of_scene(scene, 0, len(members), errors if 0 in members else None)
+            if (count := engine.actuators.count) != actuators:
+                raise ValueError(
+                    f"scene {scene.name}: environment {members[0]} has {count} actuators with its new seed, "
+                    f"and had {actuators}; worlds side by side need the same ones"
+                )
+            own = [worlds.seeds[env] for env in members]
+            made.append((members.tolist(), engine.anew(range(len(members)), own, [0] * len(members)), scene))
+        return made

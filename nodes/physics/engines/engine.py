@@ -1,7 +1,7 @@
 """Defines the interface of a physics engine: what moves the bodies of a scene from one stamp to the next.
 
 `prescribed.py` computes motion in closed form, `mujoco_engine.py` integrates that of an MJCF model; `separate.py` makes
-one engine of several. `choice.py` makes the one that a run asks for, and `environments.py` moves environments by it
+one engine of several. `choice.py` makes the one that a run asks for, and `environments/` moves environments by it
 that are reset at different times.
 """
 

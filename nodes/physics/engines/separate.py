@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from nodes.physics.actuators import check_controls
-from nodes.physics.engine import Engine, prepares
+from nodes.physics.engines.engine import Engine, prepares
 from nodes.physics.interval import Contacts, Interval
 
 

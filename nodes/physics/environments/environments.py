@@ -18,7 +18,7 @@ from evis.runtime.clock import keyframe_stamp
 from evis.scene.model import Scene
 from msgs.own_time import CONFIGURED, NUMBER, ORIGIN, SEED, STAMP
 from nodes.physics.actuators import check_controls
-from nodes.physics.engine import Engine, prepares
+from nodes.physics.engines.engine import Engine, prepares
 from nodes.physics.interval import Contacts, Interval
 
 EACH_ONE = ("acceleration", "gravity")
