@@ -250,7 +250,7 @@ class EventSensor:
         self._episodes = np.array(given["episodes"], np.int32)
 
     def _kind(self) -> dict[str, Any]:
-        """What a state must have in common with the sensor that goes on from it."""
+        """Gives what a state must have in common with the sensor that goes on from it."""
         return {
             "height": self.height,
             "width": self.width,
@@ -260,7 +260,7 @@ class EventSensor:
         }
 
     def _placed(self) -> str:
-        """The device that its pixels are on; other event models than its own are on the CPU."""
+        """Names the device that its pixels are on; other event models than its own are on the CPU."""
         return "cpu" if self._is_peer else self._sensor.device
 
     def counts(self) -> dict[str, int]:
@@ -280,7 +280,7 @@ class EventSensor:
         return not is_own_model(self.parameters["model"])
 
     def _taken(self, frames: Any, name: str) -> tuple[str, Any, bool]:
-        """The caller's kind of array, [E, T, H, W(, 3)] of numpy or Warp, and whether the axis E was there."""
+        """Gives the caller's kind of array, frames as [E, T, H, W(, 3)] of numpy or Warp, and whether E was given."""
         kind = kind_of(frames)
         if kind == NUMPY:
             frames = np.asarray(frames)
@@ -302,7 +302,7 @@ class EventSensor:
         return kind, as_warp(frames, wp.vec3f if of_three and not isinstance(frames, wp.array) else None), batched
 
     def _wanted(self, shape: tuple[int, ...]) -> str:
-        """What the shape must be, and what else could be meant by the one that is given."""
+        """Says what the shape must be, and what else could be meant by the one that is given."""
         size = f"T, {self.height}, {self.width}{', 3' if self.colour else ''}"
         ways = [f"[{self.envs}, {size}]"] + ([f"[{size}]"] if self.envs == 1 else [])
         sides, hint = (self.height, self.width), ""
@@ -317,7 +317,7 @@ class EventSensor:
         return " or ".join(ways) + hint
 
     def _read(self, count: int) -> dict[str, Any]:
-        """The sensor's last events, where it has them."""
+        """Reads the sensor's last events, on the device where it has them."""
         gpu, types = self._sensor.on_gpu, self._sensor.columns()
         out: dict[str, Any] = {name: np.empty(count, dtype) for name, dtype in types.items()}
         if gpu is not None:
@@ -326,7 +326,7 @@ class EventSensor:
         return out
 
     def _given(self, columns: dict[str, Any], offsets: np.ndarray, kind: str, device: Any) -> SensorEvents:
-        """Events as the caller's kind of array, on the frames' device; None = the host."""
+        """Gives events as the caller's kind of array, on the frames' device; None = the host."""
         out = {name: _moved(column, kind, device) for name, column in columns.items()}
         return SensorEvents(
             out["t"], out["x"], out["y"], out["p"], out.get("c"), np.asarray(offsets) if self._batched else None,
@@ -342,7 +342,7 @@ def _whole_from_one(name: str, value: Any, most: int | None) -> int:
 
 
 def _seed(value: Any) -> int:
-    """A seed, told before the first frame asks for random numbers. Raises ValueError."""
+    """Checks a seed, before the first frame asks for random numbers. Raises ValueError."""
     try:
         return operator.index(value)
     except TypeError:
@@ -350,12 +350,12 @@ def _seed(value: Any) -> int:
 
 
 def _wrapped(seed: int) -> int:
-    """The seed within 64 bits that has the same random numbers."""
+    """Gives the seed within 64 bits that has the same random numbers."""
     return (seed + (1 << 63)) % (1 << 64) - (1 << 63)
 
 
 def _unpacked(state: Any) -> dict[str, Any]:
-    """A state as `EventSensor.state` gave it, whose numbers np.savez has made arrays of. Raises ValueError."""
+    """Reads a state as `EventSensor.state` gave it, whose numbers np.savez has made arrays of. Raises ValueError."""
     if not isinstance(state, Mapping) or "version" not in state:
         raise ValueError(f"{_OWNER}: {state!r:.60} is no state of a sensor; sensor.state() gives one")
     given: dict[str, Any] = {name: state[name] for name in state}
@@ -380,7 +380,7 @@ def _unlike(name: str, given: Any, own: Any) -> str:
 
 
 def _in_place(values: Any) -> Any:
-    """An array of the caller's as the sensor takes it: numpy, or Warp's."""
+    """Gives an array of the caller's as the sensor takes it: numpy, or Warp's."""
     return values if kind_of(values) == NUMPY else as_warp(values)
 
 
@@ -410,7 +410,7 @@ def _check_type(frames: Any, kind: str, name: str) -> None:
 
 
 def _is_colour(frames: Any) -> bool:
-    """A Warp array of vec3f has the axis of colours inside."""
+    """Tells whether frames have the axis of colours inside, as a Warp array of vec3f has."""
     return isinstance(frames, wp.array) and frames.dtype is wp.vec3f
 
 
@@ -425,6 +425,6 @@ def _stamps(t: Any) -> np.ndarray:
 
 
 def _resolved(preset: str | os.PathLike[str], given: dict[str, Any]) -> dict[str, Any]:
-    """All parameters: given ones over the preset's, which may be a file's."""
+    """Gives all parameters: given ones over the preset's, which may be a file's."""
     name: Any = os.fspath(preset) if isinstance(preset, os.PathLike) else preset
     return resolve_sensor(_OWNER, name, given)

@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from evis.config.params import EACH, Param
-from evis.runtime.node import Input, Node, Output
-from evis.scene.parameters import SCENE, of_environment, seeds_of
+from evis.config.params import EACH
+from evis.runtime.node import Node
 from msgs.camera import Frames, Keyframe, Samples
 from msgs.header import Header, Message
 from msgs.own_time import STAMP
+from nodes.event_sensor.declaration import EventSensorDeclaration
 from nodes.event_sensor.messages.images import Images
 from nodes.event_sensor.messages.in_a_row import runs, stamps
 from nodes.event_sensor.messages.packets import PacketPublisher
-from nodes.event_sensor.parameters import NODE, PRESET, frames_only, is_own_model, preset_name, source_of
-from nodes.event_sensor.presets import PRESETS
-from nodes.event_sensor.scene_parameters import check_shared, has_parameters, resolve_each, resolve_with_scene
+from nodes.event_sensor.parameters import is_own_model, source_of, unused_samples
+from nodes.event_sensor.scene_parameters import resolve_with_scene
 
 if TYPE_CHECKING:
     from nodes.event_sensor.environments.reset_groups import ResetGroups
+    from nodes.event_sensor.environments.sensor_maker import SensorMaker
     from nodes.event_sensor.input.further import Further
     from nodes.event_sensor.messages.calls_in_flight import CallsInFlight
     from nodes.event_sensor.sensor import EventSensor
@@ -33,7 +31,7 @@ COUNTER_NAMES = {"nonfinite": "nonfinite_samples", "clipped": "clipped_samples",
 """Names on /diagnostics of the sensor's counts, where they differ."""
 
 
-class EventSensorNode(Node):
+class EventSensorNode(EventSensorDeclaration, Node):
     """Turns the frames of a camera, or its keyframes where nothing comes between, into events.
 
     One packet per message, with the message's stamp B. Its events lie in (t0_ns, B]. With crossing monotone or cubic a
@@ -42,96 +40,6 @@ class EventSensorNode(Node):
     of the last one brings the rest, as it does what the readout still holds, whose events are later. Packets in a row
     always make up the events of one call on the whole sequence.
     """
-
-    PARAMS = {
-        "camera": Param(str, "cam0", "which camera of the scene"),
-        "source": Param(
-            str,
-            "frames",
-            "samples or frames (interpolator), or keyframe (renderer, K = 1); a sensor that cannot take "
-            "further samples between the frames reads frames instead",
-            choices=("frames", "samples", "keyframe"),
-        ),
-        "preset": PRESET,
-        "seed": Param(int, 0, "seed of the sensor's random streams; environment k has seed + k", "", 0, 2**63 - 1),
-        "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
-        "colour": Param(bool, False, "colour events: three sensors, for R, G and B, instead of one for luminance"),
-        "envs": Param(int, 1, "parallel environments; environment k has the random numbers of seed + k", "", 1, 65536),
-        "scene": replace(SCENE["scene"], help="world that is seen, whose `sensor:` gives parameters"),
-        "scene_args": SCENE["scene_args"],
-        **NODE,
-    }
-    BRINGS = {"preset": {name: {"width": p.width, "height": p.height} for name, p in PRESETS.items() if p.width}}
-    PER_ENVIRONMENT = True
-    INPUTS = {
-        "frames": Input("/{camera}/frames", on_device=True),
-        "samples": Input("/{camera}/samples", on_device=True),
-        "keyframe": Input("/{camera}/keyframe", on_device=True),
-    }
-    OUTPUTS = {"events": Output("/{camera}/events"), "signal": Output("/{camera}/signal", late=False)}
-
-    @classmethod
-    def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """Names parameters that the event model lacks, or that another one turns off."""
-        from nodes.event_sensor.effects import without_effect
-
-        return without_effect(resolve_with_scene("event sensor", params))
-
-    @classmethod
-    def foreseen(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
-        """Tells that samples between frames are asked for, and the sensor takes frames alone."""
-        return _unused_samples(params["source"], resolve_with_scene("event sensor", params))
-
-    @classmethod
-    def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
-        """Names the faults that are drawn."""
-        from nodes.event_sensor import effects
-
-        resolved = resolve_with_scene("event sensor", params)
-        return effects.random(resolved)
-
-    @classmethod
-    def sensor(cls, params: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Describes the sensor: its name, the preset, the seed, and every parameter that has a value, those of the
-        preset too."""
-        preset = params["preset"]
-        resolved = resolve_with_scene("event sensor", params)
-        about = {"sensor": preset_name(preset), "preset": preset, "seed": params["seed"], "colour": params["colour"]}
-        return {**about, **{name: value for name, value in resolved.items() if value is not None}}
-
-    @classmethod
-    def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
-        """Names the input: samples or frames where an interpolator runs, keyframes where it is left out."""
-        return frozenset({source_of(params["source"], lambda: resolve_with_scene("event sensor", params))})
-
-    @classmethod
-    def missing(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """Names the marks of events, where the sensor cannot tell which of them noise made."""
-        with contextlib.suppress(OSError, ValueError):  # who loads the scene says so
-            why = _unmarked(params["camera"], [resolve_with_scene("event sensor", params)])
-            return {"signal": why} if why else {}
-        return {}
-
-    @classmethod
-    def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
-        """Says that of keyframes luminance will do, unless there are sensors for each colour, and that nobody needs the
-        frames' counts."""
-        if port == "frames":
-            return frozenset({"rgb" if params["colour"] else "luminance"})
-        if port == "samples":
-            return frozenset({"rgb", "further_rgb"} if params["colour"] else {"luminance", "further"})
-        return frozenset({"radiance" if params["colour"] else "luminance"}) if port == "keyframe" else None
-
-    @classmethod
-    def check_seed(cls, params: Mapping[str, Any], wanted: frozenset[str], env: int, seed: int) -> None:
-        """Raises ValueError where a seed draws a sensor that cannot be there, or not in place of the run's."""
-        if not has_parameters(params):
-            return
-        own = {name: value for name, value in of_environment(params, env).items() if name != EACH}
-        drawn = resolve_with_scene("event sensor", {**own, "seed": seed})
-        check_shared("event sensor", drawn, f"with seed {seed}", resolve_with_scene("event sensor", params), "before")
-        if "signal" in wanted and (why := _unmarked(params["camera"], [drawn])):
-            raise ValueError(f"event sensor: {why}")
 
     def computes_on(self) -> str:
         """Names its device."""
@@ -142,18 +50,16 @@ class EventSensorNode(Node):
         from evis.gpu.devices import device_named
 
         self._resolved = resolve_with_scene(self.name, self.params)
-        each = resolve_each(self.name, self.params, self.params["envs"])  # says what is wrong before anything runs
+        self._marked = self.wants("signal")
+        self._maker = self._sensor_maker()
+        self._maker.check()
         self._source = source_of(self.params["source"], lambda: self._resolved)
-        for text in _unused_samples(self.params["source"], self._resolved):
+        for text in unused_samples(self.params["source"], self._resolved):
             self.warn(text)
         self._own_model = is_own_model(self._resolved["model"])
-        self._marked = self.wants("signal")
-        self._check_marked(each)
         self._sensor: Any = None
         self._reset_groups: ResetGroups | None = None
         """The sensors, once an environment was reset by itself."""
-        self._fires_in_constant_light = False
-        """Whether some sensor fires in constant light."""
         self._episodes = np.zeros(0, np.int32)
         self._header = Header(0)
         self._device = device_named(self.params["device"])
@@ -166,15 +72,17 @@ class EventSensorNode(Node):
             self._calls_in_flight = CallsInFlight()
         # One environment has other kernels than several.
         self._warm_up_envs = min(self.params["envs"], 2)
-        self._warm_up_sensor: Any = self._make_sensors(2, 2, slice(0, self._warm_up_envs))
+        self._warm_up_sensor: Any = self._maker.make(2, 2, slice(0, self._warm_up_envs))
         """A sensor to compile what all need, rather than at the first frame."""
         if self._own_model and EACH not in self.params:
             begin_building(self._device, self._warm_up_sensor.kernels())
 
-    def _check_marked(self, each: Sequence[Mapping[str, Any]]) -> None:
-        """Raises ValueError where events are to be marked and cannot. each: as of `_unmarked`."""
-        if self._marked and (why := _unmarked(self.params["camera"], each)):
-            raise ValueError(f"{self.name}: {why}")
+    def _sensor_maker(self) -> SensorMaker:
+        """Gives what makes sensors of the present parameters."""
+        # What it takes to make a sensor is imported in the process that has one, not in the planner's.
+        from nodes.event_sensor.environments.sensor_maker import SensorMaker
+
+        return SensorMaker(self.name, self.params, self._resolved, self.below(self.params["camera"]), self._marked)
 
     def warm_up(self) -> None:
         """Compiles what is launched for every frame."""
@@ -198,52 +106,13 @@ class EventSensorNode(Node):
             first = np.minimum(np.arange(4 * self._warm_up_envs + 1), 1)
             sensor.advance(warm, np.array([instants[-1] + 10]), episodes, further=Further(first, np.array([5]), values))
 
-    def _make_sensors(self, height: int, width: int, span: slice, seed: int | None = None, number: int = 0) -> Any:
-        """Makes the sensor of some environments, or one for each where they have, or the scene draws, different
-        parameters.
-
-        span: the environments. seed: of the first of them, None = as the node has it. number: of the reset at which
-        their time begins.
-        """
-        params, envs = self._params_of(span, seed), span.stop - span.start
-        each = resolve_each(self.name, params, envs)
-        seeds = seeds_of({**params, "envs": envs})
-        check_shared(self.name, each[0], f"with seed {seeds[0]}", self._resolved, "before")
-        self._check_marked(each)
-        self._fires_in_constant_light = self._fires_in_constant_light or any(map(fires_in_constant_light, each))
-        if len(each) == 1 and seeds == list(range(seeds[0], seeds[0] + envs)):
-            return self._make_sensor(height, width, envs, each[0], seeds[0], number)
-        from nodes.event_sensor.environments.separate import SeparateSensors
-
-        single = [(each[k % len(each)], own) for k, own in enumerate(seeds)]
-        return SeparateSensors([self._make_sensor(height, width, 1, p, own, number) for p, own in single])
-
-    def _params_of(self, span: slice, seed: int | None) -> dict[str, Any]:
-        """Gives the node's parameters, as those environments have them; arguments as of `_make_sensors`."""
-        if EACH not in self.params:
-            return {**self.params, "seed": self.params["seed"] + span.start if seed is None else seed}
-        each = self.params[EACH][span]
-        if seed is not None:
-            each = [{**own, "seed": seed + k} for k, own in enumerate(each)]
-        return {**self.params, EACH: each}
-
-    def _make_sensor(self, height: int, width: int, envs: int, p: Mapping[str, Any], seed: int, number: int) -> Any:
-        """Makes a sensor, or another event model behind the same interface; arguments as of `_make_sensors`."""
-        from evis.random_numbers import seed_of_camera, seed_of_time
-        from nodes.event_sensor.make import make_sensor
-
-        seed = seed_of_camera(seed, self.below(self.params["camera"]))
-        return make_sensor(
-            p, (height, width), envs, colour=self.params["colour"], device=self.params["device"], seed=seed,
-            time_seed=seed_of_time(seed, number), marked=self._marked,
-        )  # fmt: skip
-
     def rewind(self, params: Mapping[str, Any]) -> bool:
         """Puts away the sensor, of which another is made at the first frame: its seed may differ."""
         if {**params, "seed": 0} != {**self.params, "seed": 0}:
             return False
         self.params = dict(params)
         self._resolved = resolve_with_scene(self.name, self.params)
+        self._maker = self._sensor_maker()
         self._sensor, self._reset_groups, self._header = None, None, Header(0)
         self._episodes = np.zeros(0, np.int32)
         return True
@@ -264,7 +133,7 @@ class EventSensorNode(Node):
             self._reset_groups = self._groups(height, width)
             self._reset_groups.restore(state["groups"])
         elif "sensor" in state:
-            self._sensor = self._make_sensors(height, width, slice(0, len(self._episodes)))
+            self._sensor = self._maker.make(height, width, slice(0, len(self._episodes)))
             self._sensor.restore(state["sensor"])
 
     def update(self, inputs: Mapping[str, Message]) -> None:
@@ -285,7 +154,7 @@ class EventSensorNode(Node):
             self._update_groups(message, image, t, further)
             return
         if self._sensor is None:
-            self._sensor = self._make_sensors(height, width, slice(0, envs))
+            self._sensor = self._maker.make(height, width, slice(0, envs))
         if message.header.stamp_ns <= self._header.stamp_ns:
             self._publish_held()  # time has gone back to begin an episode
         self._header, self._episodes = message.header, np.array(message.episodes)
@@ -337,7 +206,7 @@ class EventSensorNode(Node):
         """Tells whether some environments begin an episode while others go on, of sensors that fire in constant
         light: their first frame is the last of the message, and those before it only repeat it.
         """
-        if not self._fires_in_constant_light or EACH in self.params or len(episodes) != len(self._episodes):
+        if not self._maker.fire_in_constant_light or EACH in self.params or len(episodes) != len(self._episodes):
             return False
         begun = np.asarray(episodes) != self._episodes
         return bool(begun.any() and not begun.all())
@@ -398,7 +267,7 @@ class EventSensorNode(Node):
         """Makes what senses environments that were reset at different times."""
         from nodes.event_sensor.environments.reset_groups import ResetGroups
 
-        return ResetGroups(partial(self._make_sensors, height, width), self.params["seed"], self._own_model)
+        return ResetGroups(partial(self._maker.make, height, width), self.params["seed"], self._own_model)
 
     def finish(self) -> None:
         self._finish_calls()
@@ -432,34 +301,3 @@ class EventSensorNode(Node):
             kinds = "or negative" if dark else "negative or black (ln 0; a light or a dark_level helps against those)"
             when = self._header.stamp_ns
             self.warn(f"{counts['nonfinite']} samples at {when} ns are NaN, infinite, {kinds}; they are skipped")
-
-
-def _unmarked(camera: str, each: Sequence[Mapping[str, Any]]) -> str:
-    """Tells why events cannot be marked as of light or of noise, and what to do; "" where they can.
-
-    each: all of SENSOR, resolved, of the environments.
-    """
-    leave = f"leave out labels:=events and the topic /{camera}/signal, or"
-    for p in each:
-        if not is_own_model(p["model"]):
-            return f"event model {p['model']} does not say which events noise made; {leave} take evis or evis-paper"
-        if p["photoreceptor_noise"] > 0:
-            # Some environment's will do: all have the same outputs.
-            return (
-                "with photoreceptor_noise light and noise make each crossing together, so that no event is of one of "
-                f"them; {leave} the noise"
-            )
-    return ""
-
-
-def fires_in_constant_light(p: Mapping[str, Any]) -> bool:
-    """Tells whether a sensor of these parameters may fire in constant light. p: all of SENSOR, resolved."""
-    from nodes.event_sensor.model.features import background_rate
-
-    return p["model"] != "evis" or p["photoreceptor_noise"] > 0 or background_rate(p) > 0
-
-
-def _unused_samples(source: str, resolved: Mapping[str, Any]) -> tuple[str, ...]:
-    """Says why samples between frames that are asked for come to nothing; resolved: all of SENSOR."""
-    why = frames_only(resolved) if source == "samples" else ""
-    return (f"time_tolerance is for samples between frames, and {why}: events come of frames alone",) if why else ()

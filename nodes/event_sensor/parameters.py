@@ -6,7 +6,7 @@ A value that is not given comes from the preset, and from the ideal sensor where
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -201,3 +201,27 @@ def source_of(source: str, resolved: Callable[[], Mapping[str, Any]]) -> str:
 
 NODE: dict[str, Param] = {name: _of_preset(name, param) for name, param in SENSOR.items()}
 """SENSOR for a node of the graph, where a value that is not given is the preset's."""
+
+
+def unused_samples(source: str, resolved: Mapping[str, Any]) -> tuple[str, ...]:
+    """Says why samples between frames that are asked for come to nothing; resolved: all of SENSOR."""
+    why = frames_only(resolved) if source == "samples" else ""
+    return (f"time_tolerance is for samples between frames, and {why}: events come of frames alone",) if why else ()
+
+
+def why_unmarked(camera: str, each: Sequence[Mapping[str, Any]]) -> str:
+    """Tells why events cannot be marked as of light or of noise, and what to do; "" where they can.
+
+    each: all of SENSOR, resolved, of the environments.
+    """
+    leave = f"leave out labels:=events and the topic /{camera}/signal, or"
+    for p in each:
+        if not is_own_model(p["model"]):
+            return f"event model {p['model']} does not say which events noise made; {leave} take evis or evis-paper"
+        if p["photoreceptor_noise"] > 0:
+            # Some environment's will do: all have the same outputs.
+            return (
+                "with photoreceptor_noise light and noise make each crossing together, so that no event is of one of "
+                f"them; {leave} the noise"
+            )
+    return ""

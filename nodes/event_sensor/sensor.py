@@ -5,19 +5,8 @@ Equations (3) and (4) of the method: L = ln(I + I_dark), and a pixel fires whene
 contrast threshold, the residual being kept. Each crossing has its own time, on the curve that `crossing` draws through
 the frames.
 
-Noise. Every event resets the pixel, as in silicon: after a shot, hot-pixel or coin event the reference is L at its
-time, so that no later crossing is lost and no pixel goes deaf, and noise shifts the signal's events as it does in a
-real pixel. After a refractory period, in which the pixel is held in reset, the reference is L at the period's end. Shot
-noise and hot pixels are one Poisson process per pixel in continuous time, thinned with the light at each candidate's
-time (linear between frames); their polarity is drawn evenly. Nothing of this knows the frame rate.
-
-Leak. The reference falls at leak_rate x threshold_on; it and the signal share one crossing. A pixel that leaks was last
-reset at some time before the episode: with leak alone in the light of the first frame u / leak_rate before, u uniform
-in [0, 1), one number per pixel and episode. So its reference begins u x threshold_on below the first frame, where a
-pixel without leak has it at the first frame; in constant light the first event comes within (0, 1 / leak_rate] and the
-rate is leak_rate from the start. As there is one reference, the signal meets it too, then as at any later time: a rise
-by a x threshold_on fires floor(a + u) ON events, a on average, and a fall by as much floor(a - u) OFF events where the
-thresholds are equal. A drift that shares its crossing with the signal can have its phase nowhere else.
+The laws of noise, leak and refractory period stand in `model/faults/`, those of lens and photoreceptor in `optics/`,
+that of the readout in `readout/`.
 
 Marks. A sensor that is `marked` says of each event whether light or noise made it. Noise: what shot noise, a hot pixel
 or a leak's coin fires, and a crossing to which the drift of a leak has gone further, in the sensor's step, than the
@@ -27,7 +16,7 @@ time, photoreceptor and readout move its events and make none. Marks change no e
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import partial
 from typing import Any
 
@@ -42,10 +31,10 @@ from nodes.event_sensor.input.arrays import on_device, shape_of
 from nodes.event_sensor.input.batch import Batch, SampleLists, Size
 from nodes.event_sensor.input.further import LONGEST, problem
 from nodes.event_sensor.input.further import Further as Further
+from nodes.event_sensor.input.limit import MOST_NUMBERED, check_background_rate
 from nodes.event_sensor.input.look_ahead import LookAhead
 from nodes.event_sensor.input.sample_lists import SampleInput
 from nodes.event_sensor.input.timeline import Timeline
-from nodes.event_sensor.messages.limit import MOST_NUMBERED, check_background_rate
 from nodes.event_sensor.model.features import background_rate, marks
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS
@@ -60,8 +49,8 @@ from nodes.event_sensor.parameters import (
     thresholds_of,
 )
 from nodes.event_sensor.readout.device_events import CALLS, DeviceEvents, Pending, Ready
+from nodes.event_sensor.readout.last_events import LastEvents
 from nodes.event_sensor.readout.packet import Events as Events
-from nodes.event_sensor.readout.packet import merged
 
 wp.config.log_level = wp.LOG_WARNING
 
@@ -147,9 +136,8 @@ class EventSensor:
         self._timeline = Timeline(size)
         self._settled = self._settled_before = 0
         self._look_ahead = LookAhead(envs, self._pixels, self._device)
-        self._host_events: tuple[dict[str, np.ndarray], np.ndarray] | None = None
-        """Columns and offsets of the last call's events, where these are not those of the event list: as they have left
-        the readout, or none."""
+        all_signal = marked and not self._layout.marked
+        self._last = LastEvents(self._event_list, self._readout, self.columns(), envs, all_signal)
 
     def _make_noise(self, size: Size, seed: int) -> Any:
         """Makes what adds the photoreceptor's noise to what it gives."""
@@ -287,13 +275,12 @@ class EventSensor:
         """
         batch, begins = self._take(luminance, t, episodes, dlog_dt, further, waits=not self._pipelined)
         if self._pipelined:
-            self._host_events = None
-            pending: Pending = self._event_list.submit(batch, self._settled, defer=defer)
+            pending = self._last.submit(batch, self._settled, defer)
             if batch.further is not None:
                 pending.problem = partial(problem, batch.further, self._size)
             return pending
         n = self._settle(batch, begins)
-        if self._device.is_cuda and self._host_events is None:
+        if self.on_gpu is not None:
             return Ready(self._event_list.events)
         span = (batch.t_base, self._settled)
         return Ready(DeviceEvents.of(self._events(n), self._device, span))
@@ -389,22 +376,14 @@ class EventSensor:
         held = self._look_ahead.release()
         if held is None:
             self.t_base = self._settled
-            self._event_list.clear()
-            self._host_events = (
-                {n: np.zeros(0, d) for n, d in self.columns().items()},
-                np.zeros(self.envs + 1, np.int64),
-            )
+            self._last.clear()
         else:
             stamp = np.array([held.stamp], np.int64)
             begins, of = [held.begins], [held.episodes]
             batch = self._batch(held.images, self._no_slopes, stamp, 1, self._settled, begins, of)
             self._settle(batch, held.begins)
-        if self._readout is not None:
-            assert self._host_events is not None
-            rest = self._readout.flush()
-            if rest is not None:
-                self._host_events = merged([self._host_events, rest], self.envs)
-        return len(self._event_list) if self._host_events is None else len(self._host_events[0]["t"])
+        self._last.add_late()
+        return len(self._last)
 
     def _batch(
         self,
@@ -431,31 +410,12 @@ class EventSensor:
         return batch
 
     def _settle(self, batch: Batch, begins: np.ndarray) -> int:
-        """Lists the events of a batch, sorted; gives their number."""
-        if self._noise is None:
-            return self._settle_part(batch, begins, self._settled)
-        found: list[tuple[dict[str, np.ndarray], np.ndarray]] = []
-        for part in self._noise.parts(batch):
-            count = self._settle_part(part, begins, int(part.t[-1]))
-            begins = np.zeros_like(begins)
-            if part.count < batch.count:
-                own: dict[str, np.ndarray] = {name: np.empty(count, dtype) for name, dtype in self.columns().items()}
-                self.read(own)
-                found.append((own, self.env_offsets()))
-        if found:
-            self._host_events = merged(found, self.envs)
-        return len(self._event_list) if self._host_events is None else len(self._host_events[0]["t"])
-
-    def _settle_part(self, batch: Batch, begins: np.ndarray, stamp: int) -> int:
-        """Lists the events of frames up to `stamp` [ns], sorted; gives their number."""
-        self._event_list.fill(batch, stamp)
-        self._host_events = None
-        if self._readout is None:
-            return len(self._event_list)
-        out: dict[str, np.ndarray] = {n: np.empty(len(self._event_list), d) for n, d in self.columns().items()}
-        self.read_call(self._event_list, out)
-        self._host_events = self._readout.apply_batch(out, self._event_list.env_offsets(), batch, begins, stamp)
-        return len(self._host_events[0]["t"])
+        """Lists the events of a batch, sorted; gives their number. begins: bool [E], who begins an episode with it."""
+        parts: Iterable[tuple[Batch, int]] = [(batch, self._settled)]
+        if self._noise is not None:
+            parts = ((part, int(part.t[-1])) for part in self._noise.parts(batch))
+        self._last.fill(parts, begins)
+        return len(self._last)
 
     def counts(self) -> dict[str, int]:
         """Counts what was set aside so far.
@@ -480,28 +440,20 @@ class EventSensor:
     @property
     def on_gpu(self) -> Any:
         """Returns the GPU that the events of the last `advance` or `finish` are on; None where they are on the host."""
-        return self._device if self._device.is_cuda and self._host_events is None else None
+        return self._device if self._device.is_cuda and not self._last.on_host else None
 
     def read(self, out: Any) -> None:
         """Writes the events of the last `advance` or `finish` to arrays of `columns()`, name -> array.
 
         Of numpy or, where they are `on_gpu`, Warp's there.
         """
-        if self._host_events is None:
-            self.read_call(self._event_list, out)
-        else:
-            for name, column in self._host_events[0].items():
-                out[name][:] = column
+        self._last.read(out)
 
     def read_call(self, events: Any, out: Any) -> None:
         """Writes the events of a call, which `process_async` has begun, to arrays of `columns()`, as `read` does; where
         nothing but light makes any, all of them are signal."""
-        if self.marked and not self._layout.marked:
-            signal: Any = out["signal"]
-            signal.fill(1) if isinstance(signal, np.ndarray) else signal.fill_(1)
-            out = {name: column for name, column in out.items() if name != "signal"}
-        events.read(out)
+        self._last.read_call(events, out)
 
     def env_offsets(self) -> np.ndarray:
         """Returns int64 [E + 1] of the last `advance` or `finish`."""
-        return self._event_list.env_offsets() if self._host_events is None else self._host_events[1]
+        return self._last.env_offsets()

@@ -27,7 +27,11 @@ PARTS = {
     "paper": {"model.paper_kernels", "engines.paper"},
     "defocus": {"optics.defocus", "optics.defocus_kernels"},
     "photoreceptor": {"optics.photoreceptor", "optics.photoreceptor_kernels", "optics.photoreceptor_simd_kernels"},
-    "noise": {"optics.photoreceptor_noise", "optics.photoreceptor_noise_kernels"},
+    "noise": {
+        "optics.photoreceptor_noise",
+        "optics.photoreceptor_noise_kernels",
+        "optics.filtered_noise_kernels",
+    },
     "readout": {"readout.readout", "readout.readout_kernels"},
     "models": {"peers", "peers.v2e", "peers.esim"},
 }

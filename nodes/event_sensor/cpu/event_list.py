@@ -13,7 +13,7 @@ from nodes.event_sensor.cpu import order_kernels
 from nodes.event_sensor.cpu.order import env_offsets, sort_keys, unpack
 from nodes.event_sensor.cpu.simd_kernels import SPARE
 from nodes.event_sensor.engines.interface import Engine
-from nodes.event_sensor.messages.limit import check_events
+from nodes.event_sensor.input.limit import check_events
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS, Sensor
 

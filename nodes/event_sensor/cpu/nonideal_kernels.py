@@ -13,11 +13,12 @@ import warp as wp
 from nodes.event_sensor.cpu.active_kernels import list_active_row
 from nodes.event_sensor.cpu.crossings_simd_kernels import crossings_at_once
 from nodes.event_sensor.cpu.run_kernels import make_pass_inactive, make_run_margins
+from nodes.event_sensor.input.between_kernels import Between
 from nodes.event_sensor.model.features import Features
 from nodes.event_sensor.model.pixel_kernels import make_sense_pixel
 from nodes.event_sensor.model.sensor_kernels import EVENTS, LEFT, Sensor
 from nodes.event_sensor.model.state_kernels import RUN, FrequentState, Rare, Run
-from nodes.event_sensor.model.step_kernels import Between, Message, message_of, place_of
+from nodes.event_sensor.model.step_kernels import Message, message_of, place_of
 
 wp.set_module_options({"enable_backward": False})
 

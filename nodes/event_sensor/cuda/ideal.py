@@ -7,13 +7,13 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
-from nodes.event_sensor.cuda import ideal_kernels
+from nodes.event_sensor.cuda import active_kernels, ideal_kernels
 from nodes.event_sensor.model.sensor_kernels import Sensor
 
 BLOCK = 32
 """A warp: threads take unlike times, and a block keeps its place on the GPU until its last one ends. Of 128 threads the
 pass takes 4 to 15 % longer on an H200, of 256 up to 40 %."""
-SHARE = ideal_kernels.BLOCK * ideal_kernels.EACH
+SHARE = active_kernels.BLOCK * active_kernels.EACH
 THREADS = 1 << 20
 """Most of the second launch, each of which takes every THREADS-th active pixel: several times what a GPU holds at once,
 so that none is left to the last ones."""
@@ -52,15 +52,15 @@ class IdealPasses:
 
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
         """Gives the kernels that are launched, as `build_together` takes them."""
-        return [(self._kernel, BLOCK), (ideal_kernels.find_active, LAUNCH_BLOCK)]
+        return [(self._kernel, BLOCK), (active_kernels.find_active, LAUNCH_BLOCK)]
 
     def find(
         self, sensor: Sensor, call: wp.array, frames: int, filled: wp.array, counters: wp.array, before: wp.array
     ) -> None:
         """Empties the buckets and lists the active pixels. Args: see pipeline.Source."""
-        threads = -(-self._active.size // SHARE) * ideal_kernels.BLOCK
+        threads = -(-self._active.size // SHARE) * active_kernels.BLOCK
         wp.launch(
-            ideal_kernels.find_active,
+            active_kernels.find_active,
             max(threads, filled.size),
             [sensor, call, frames, self._size, before, self._state],
             [self._active, filled, counters],

@@ -1,11 +1,8 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""Computes the ideal sensor's events on a GPU: one pass over all pixels finds those with events, and one senses these.
+"""Senses the ideal sensor's active pixels on a GPU: the second pass, after `active_kernels.py` has listed them.
 
-Pixels that have further samples between the frames are listed too, and sensed sample by sample in the order of time.
-
-The first pass reads every sample of a frame and the inactive range once and writes the last sample: 4 K + 12 bytes a
-pixel for K frames. The second has a thread for every pixel that left its range, so that a warp does not wait for the
-few that fire.
+It has a thread for every pixel that left its range, so that a warp does not wait for the few that fire. Pixels that
+have further samples between the frames are sensed sample by sample in the order of time.
 
 State is changed in place. A pixel that finds no room for the events of a step leaves its state as it was before that
 step and the number of its sample, among the pixel's, in the list of active pixels; the next launch, with more room,
@@ -17,21 +14,15 @@ from typing import Any
 
 import warp as wp
 
-from evis.gpu.append_kernels import take_place_of_many, take_room
-from nodes.event_sensor.cuda.call_kernels import (
-    ACTIVE,
-    BLOCKED,
-    FIRST,
-    FOUND,
-    FULL_FROM,
-    IMAGES,
-    OFFSET,
-    SHARED,
-    STAMPS,
-    T_BASE,
-    VALUE,
+from evis.gpu.append_kernels import take_room
+from nodes.event_sensor.cuda.call_kernels import ACTIVE, BLOCKED, FULL_FROM, IMAGES, STAMPS, T_BASE
+from nodes.event_sensor.cuda.further_kernels import (
+    further_entries,
+    further_is_next,
+    offset_at,
+    sample_before,
+    value_at,
 )
-from nodes.event_sensor.input.further_kernels import FINE
 from nodes.event_sensor.model.crossing_kernels import crossing_on_line
 from nodes.event_sensor.model.key_kernels import key_head, key_tail, key_time
 from nodes.event_sensor.model.sensor_kernels import (
@@ -49,10 +40,6 @@ from nodes.event_sensor.model.threshold_kernels import range_around, reference_l
 
 wp.set_module_options({"enable_backward": False})
 
-Places = wp.types.vector(length=4, dtype=wp.int64)
-BLOCK = 256
-EACH = 4
-"""Pixels that a thread looks at, BLOCK apart, so that enough loads are under way."""
 AHEAD = 4
 """Samples of a pixel that are loaded together where a thread goes on to its own next event."""
 
@@ -72,151 +59,6 @@ class IdealState:
 def in_range(v: wp.float32, low: wp.float32, high: wp.float32):
     """Returns 1 in the range, 0 outside and for NaN."""
     return wp.where(v >= low and v <= high, 1, 0)
-
-
-@wp.func
-def further_entries(call: wp.array(dtype=wp.int64), index: wp.int32):
-    """Returns where the further samples of a pixel and channel begin and end."""
-    found = wp.vec2i(0, 0)
-    there = call[FIRST] != wp.int64(0)
-    if there and call[FOUND] != wp.int64(0):
-        wrong = wp.array(ptr=wp.uint64(call[FOUND]), shape=(1,), dtype=wp.int64)
-        there = wrong[0] == wp.int64(wp.static(FINE))
-    if there:
-        first = wp.array(ptr=wp.uint64(call[FIRST]), shape=(1,), dtype=wp.int32)
-        one = index // wp.int32(call[SHARED])
-        found = wp.vec2i(first[one], first[one + 1])
-    return found
-
-
-@wp.func
-def offset_at(call: wp.array(dtype=wp.int64), entry: wp.int32):
-    """Returns when a further sample is [ns after the call's start]."""
-    offset = wp.array(ptr=wp.uint64(call[OFFSET]), shape=(1,), dtype=wp.int32)
-    return wp.int64(offset[entry])
-
-
-@wp.func
-def value_at(call: wp.array(dtype=wp.int64), entry: wp.int32, index: wp.int32):
-    """Returns a further sample of a pixel and channel."""
-    value = wp.array(ptr=wp.uint64(call[VALUE]), shape=(1,), dtype=wp.float32)
-    shared = wp.int32(call[SHARED])
-    return value[wp.int64(entry) * wp.int64(shared) + wp.int64(index % shared)]
-
-
-@wp.func
-def further_is_next(call: wp.array(dtype=wp.int64), entry: wp.int32, end: wp.int32, stamp: wp.int64):
-    """Tells whether further sample `entry`, of those before `end`, comes before a frame's stamp [ns]."""
-    found = bool(False)
-    if entry < end:
-        found = call[T_BASE] + offset_at(call, entry) < stamp
-    return found
-
-
-@wp.func
-def sample_before(call: wp.array(dtype=wp.int64), entries: wp.vec2i, first: wp.int32):
-    """Finds where a pixel goes on that has dealt with `first` samples: next frame, next further sample, and the stamp
-    [ns] of the sample before.
-
-    entries: of further_entries.
-    """
-    entry = int(entries[0])
-    start = call[T_BASE]
-    k = int(0)
-    if entry == entries[1]:
-        k = first
-        if k > 0:
-            start = call[STAMPS + k - 1]
-    number = int(k)
-    while number < first:
-        start = call[STAMPS + k]
-        if further_is_next(call, entry, entries[1], start):
-            start = call[T_BASE] + offset_at(call, entry)
-            entry += 1
-        else:
-            k += 1
-        number += 1
-    return k, entry, start
-
-
-@wp.func
-def earlier_call_waits(sensor: Sensor, before: wp.array(dtype=wp.int64)):
-    """Tells whether the call before, whose counters these are, did not end: the state is not yet that after it."""
-    return before[BLOCKED] != wp.int64(0) or before[EVENTS] > sensor.capacity
-
-
-@wp.kernel
-def find_active(
-    # in
-    sensor: Sensor,
-    call: wp.array(dtype=wp.int64),
-    frames: wp.int32,
-    size: wp.int32,
-    before: wp.array(dtype=wp.int64),
-    # in and out
-    state: IdealState,
-    # out
-    active: wp.array(dtype=wp.vec2i),
-    filled: wp.array(dtype=wp.int32),
-    counters: wp.array(dtype=wp.int64),
-):
-    """Lists the active pixels, each with the sample to go on from. A thread is EACH pixels and channels.
-
-    Args:
-        sensor, call, frames: as in pipeline.Source.
-        size: pixels and channels of an environment.
-        before: counters of the call before.
-        state: the last sample of inactive pixels is kept in it.
-        active: number of a pixel, and of the sample to go on from, which is 0.
-        filled: events in each bucket, set to 0.
-        counters: of this call, int64 [COUNTS].
-    """
-    thread = wp.tid()
-    if thread < filled.shape[0]:
-        filled[thread] = 0
-    first = thread // wp.static(BLOCK) * wp.static(BLOCK * EACH) + thread % wp.static(BLOCK)
-    stopped = earlier_call_waits(sensor, before)
-    if thread == 0:
-        counters[BLOCKED] = wp.where(stopped, wp.int64(1), wp.int64(0))
-    if stopped or first >= active.shape[0]:
-        return
-    images = wp.array(ptr=wp.uint64(call[IMAGES]), shape=(1,), dtype=wp.float32)
-    stride = wp.int64(size)
-    low = wp.vec4f()
-    high = wp.vec4f()
-    v = wp.vec4f()
-    good = wp.vec4i()
-    at = Places()
-    for j in range(wp.static(EACH)):
-        i = wp.min(first + j * wp.static(BLOCK), active.shape[0] - 1)
-        env = i // size
-        at[j] = wp.int64(env) * stride * wp.int64(frames) + wp.int64(i - env * size)
-        low[j] = state.low[i]
-        high[j] = state.high[i]
-        v[j] = images[at[j]]
-    for j in range(wp.static(EACH)):
-        good[j] = in_range(v[j], low[j], high[j])
-    k = int(1)
-    while k < frames:
-        more = wp.vec4f()
-        step = wp.int64(wp.min(k + 1, frames - 1) - k) * stride
-        for j in range(wp.static(EACH)):
-            at[j] = at[j] + stride
-            more[j] = images[at[j]]
-            v[j] = images[at[j] + step]
-            at[j] = at[j] + step
-        for j in range(wp.static(EACH)):
-            good[j] = good[j] & in_range(more[j], low[j], high[j]) & in_range(v[j], low[j], high[j])
-        k += 2
-    for j in range(wp.static(EACH)):
-        i = first + j * wp.static(BLOCK)
-        if i < active.shape[0]:
-            entries = further_entries(call, i)
-            resting = good[j] != 0 and entries[0] == entries[1]
-            if resting and call[STAMPS + frames + i // size] == wp.int64(0):
-                state.last[i] = v[j]
-            else:
-                active[take_place_of_many(counters, ACTIVE)] = wp.vec2i(i, 0)
 
 
 @wp.func

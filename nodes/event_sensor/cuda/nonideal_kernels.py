@@ -8,11 +8,12 @@ from typing import Any
 
 import warp as wp
 
+from nodes.event_sensor.input.between_kernels import Between
 from nodes.event_sensor.model.features import Features
 from nodes.event_sensor.model.pixel_kernels import make_sense_pixel
 from nodes.event_sensor.model.sensor_kernels import Sensor
 from nodes.event_sensor.model.state_kernels import FrequentState, Rare
-from nodes.event_sensor.model.step_kernels import Between, message_of, place_of
+from nodes.event_sensor.model.step_kernels import message_of, place_of
 
 wp.set_module_options({"enable_backward": False})
 

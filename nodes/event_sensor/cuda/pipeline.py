@@ -12,7 +12,7 @@ import warp as wp
 
 from nodes.event_sensor.cuda import call_kernels
 from nodes.event_sensor.cuda.order import Order
-from nodes.event_sensor.messages.limit import check_events
+from nodes.event_sensor.input.limit import check_events
 from nodes.event_sensor.model.key_kernels import Columns
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS, Sensor

@@ -13,11 +13,11 @@ from evis.gpu.building import LAUNCH_BLOCK
 from nodes.event_sensor.cpu.nonideal_kernels import make_sense_rows
 from nodes.event_sensor.cuda.nonideal_kernels import make_sense_pixels
 from nodes.event_sensor.input.batch import Batch, Size
+from nodes.event_sensor.input.between_kernels import between
 from nodes.event_sensor.model.faults.fixed_pattern import pattern_of
 from nodes.event_sensor.model.features import features_of
 from nodes.event_sensor.model.sensor_kernels import Sensor
 from nodes.event_sensor.model.state_kernels import FrequentState, Rare, arrays_of, frequent_state, runs_of
-from nodes.event_sensor.model.step_kernels import between
 
 
 class NonIdealEngine:

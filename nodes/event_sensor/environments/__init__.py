@@ -1,2 +1,5 @@
-"""Senses environments that cannot share a sensor: their parameters differ (`separate.py`), or they were reset at
-different times (`reset_groups.py`)."""
+"""Makes the sensors of a node's environments, and senses those that cannot share one.
+
+`sensor_maker.py` makes one for all where it can. Where their parameters differ `separate.py` has one for each, and
+`reset_groups.py` one for each group of environments that were reset at the same time.
+"""

@@ -14,7 +14,7 @@ import warp as wp
 
 from nodes.event_sensor.input.arrays import on_device
 from nodes.event_sensor.input.batch import SampleLists, Size
-from nodes.event_sensor.messages.limit import MOST_NUMBERED
+from nodes.event_sensor.input.limit import MOST_NUMBERED
 
 LONGEST = (1 << 31) - 1
 """Longest time that a message with further samples may cover [ns]: their offsets are int32."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from nodes.event_sensor.input.batch import Size
-from nodes.event_sensor.messages.limit import MOST_NUMBERED
+from nodes.event_sensor.input.limit import MOST_NUMBERED
 
 LATEST = 5 * 10**18
 """Stamps lie within this of 0 [ns], 158 years, so that waiting times can be added to them."""

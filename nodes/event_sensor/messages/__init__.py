@@ -1,5 +1,5 @@
 """Turns messages into the arrays of a sensor and its events into packets.
 
 `images.py` reads messages, `in_a_row.py` finds those that one call may take, `calls_in_flight.py` keeps the calls that
-a GPU works on, `limit.py` bounds the events of one and `packets.py` publishes them.
+a GPU works on, and `packets.py` publishes their events.
 """

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from nodes.event_sensor.parameters import LOOK_AHEAD
+
 
 @dataclass(frozen=True)
 class Features:
@@ -25,7 +27,7 @@ class Features:
     @property
     def ahead(self) -> bool:
         """Tells whether the curve needs the frame after the step."""
-        return self.crossing in ("cubic", "monotone")
+        return self.crossing in LOOK_AHEAD
 
     @property
     def curved(self) -> bool:

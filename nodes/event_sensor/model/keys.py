@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nodes.event_sensor.messages.limit import REMEDY, longest_step
+from nodes.event_sensor.input.limit import REMEDY, longest_step
 
 KEY_BITS = 63
 LEAST_TIME_BITS = 28

@@ -11,6 +11,7 @@ from typing import Any
 
 import warp as wp
 
+from nodes.event_sensor.input.between_kernels import further_entries, next_sample
 from nodes.event_sensor.model.curve_kernels import make_step_curve, slope_of
 from nodes.event_sensor.model.episode_kernels import make_begin_episode, make_read_state
 from nodes.event_sensor.model.faults.leak_kernels import bernoulli_leak_time
@@ -122,14 +123,11 @@ def make_next_further_sample(features: Features) -> Any:
         """Returns True, and the step and the sample at its end, where entry number `entry` of the list is next."""
         found = bool(False)
         if wp.static(further):
-            if entry < end:
-                now = message.t_base + wp.int64(message.between.offset[entry])
-                if now < step.now:
-                    found = True
-                    step.now = now
-                    shared = message.between.shared
-                    value = wp.int64(entry) * wp.int64(shared) + wp.int64(place.index % shared)
-                    sample.light = message.between.value[value]
+            found, now, light = next_sample(
+                message.between, place.index, entry, end, step.now - message.t_base, sample.light
+            )
+            step.now = message.t_base + now
+            sample.light = light
         return found, step, sample
 
     return next_further_sample
@@ -317,8 +315,7 @@ def make_sense_pixel(features: Features, at_once: Any = None) -> Any:
         entry = int(0)  # of the further samples, the next one
         entries = int(0)  # and where they end
         if wp.static(further):
-            entry = message.between.first[index // message.between.shared]
-            entries = message.between.first[index // message.between.shared + 1]
+            entry, entries = further_entries(message.between, index)
         if wp.static(range_decides):
             # Most pixels are inactive through the whole message: the short way.
             if begin == 0 and entry == entries:

@@ -85,14 +85,16 @@ class Frequent:
 
 @wp.struct
 class Rare:
-    """Holds what only a step that may have an event reads of a pixel: 64 bytes, one cache line."""
+    """Holds what only a step that may have an event reads of a pixel: 64 bytes, one cache line.
+
+    origin: the last reset before the episode [ns], where the leak's drift is zero; with a Bernoulli leak the episode's
+    start.
+    """
 
     base: wp.float64
     net: wp.int32
     n_off: wp.int32
-    origin: (
-        wp.int64
-    )  # the last reset before the episode, where the leak's drift is zero; with a Bernoulli leak its start
+    origin: wp.int64
     refractory_until: wp.int64  # end of the refractory period, NOT_REFRACTORY where there is none
     next_noise: wp.int64  # next candidate of the noise process
     noise_draws: wp.int64  # its number

@@ -1,38 +1,12 @@
 """Defines the structs that the functions of a pixel share: its place, the step, the light in it, how far it has
 advanced."""
 
-from typing import TYPE_CHECKING, Any
-
 import warp as wp
 
+from nodes.event_sensor.input.between_kernels import Between
 from nodes.event_sensor.model.sensor_kernels import Sensor
 
-if TYPE_CHECKING:
-    from nodes.event_sensor.input.batch import SampleLists
-
 wp.set_module_options({"enable_backward": False})
-
-
-@wp.struct
-class Between:
-    """Holds further samples between the frames, see batch.SampleLists; with empty arrays where there are none."""
-
-    first: wp.array(dtype=wp.int32)
-    offset: wp.array(dtype=wp.int32)
-    value: wp.array(dtype=wp.float32)
-    shared: wp.int32
-
-
-NOTHING = Between()
-
-
-def between(lists: "SampleLists | None") -> Between:
-    """Returns the further samples of a message for kernels."""
-    if lists is None:
-        return NOTHING
-    struct: Any = Between()
-    struct.first, struct.offset, struct.value, struct.shared = lists.first, lists.offset, lists.value, lists.shared
-    return struct  # type: ignore[no-any-return]
 
 
 @wp.struct

@@ -50,13 +50,32 @@ def responses(
     steps[k] = response(rate * seconds[k])
 
 
+@functools.cache
+def make_corner_share(law: int) -> Any:
+    """Makes the function `corner_share`; that of POWER is right for a corner in proportion to the light, too."""
+    varying, powered = law != simd.CONSTANT, law == simd.POWER
+
+    @wp.func
+    def corner_share(receptor: Receptor, level: wp.float64):
+        """Computes the corner at an intensity with its dark current, as a share of the largest."""
+        share = wp.float64(1.0)
+        if wp.static(varying):
+            share = wp.min(share, level / receptor.level)
+        if wp.static(powered):
+            if receptor.exponent != wp.float64(1.0):
+                share = wp.pow(share, receptor.exponent)
+        return share
+
+    return corner_share
+
+
+corner_share_of_any = make_corner_share(simd.POWER)
+
+
 @wp.func
 def corner(receptor: Receptor, intensity: wp.float32):
     """Computes 1 / tau [1/s] at an intensity."""
-    share = wp.min(wp.float64(1.0), (wp.float64(intensity) + receptor.dark) / receptor.level)
-    if receptor.exponent != wp.float64(1.0):
-        share = wp.pow(share, receptor.exponent)
-    return receptor.rate * share
+    return receptor.rate * corner_share_of_any(receptor, wp.float64(intensity) + receptor.dark)
 
 
 @wp.func

@@ -31,9 +31,9 @@ import warp as wp
 
 from evis.gpu.saved_arrays import joined, part_of, saved, write_back
 from nodes.event_sensor.input.batch import Batch, SampleLists, Size
+from nodes.event_sensor.input.between_kernels import between
 from nodes.event_sensor.input.further import LONGEST
-from nodes.event_sensor.messages.limit import REMEDY
-from nodes.event_sensor.model.step_kernels import between
+from nodes.event_sensor.input.limit import REMEDY
 from nodes.event_sensor.optics import photoreceptor_noise_kernels as kernels
 from nodes.event_sensor.optics.photoreceptor import law_of, receptor_struct
 
@@ -66,12 +66,12 @@ class PhotoreceptorNoise:
         self._noise = noise
         self._begun = np.zeros(size.envs, np.int64)
         total = size.envs * size.pixels
-        self._poles: Any = kernels.Poles()
-        self._poles.last = wp.full(total, -1.0, dtype=wp.float32, device=device)
-        self._poles.first = wp.zeros(total if poles == 2 else 0, dtype=wp.float64, device=device)
-        self._poles.before = wp.zeros(total, dtype=wp.float64, device=device)
-        self._poles.after = wp.zeros(total, dtype=wp.float64, device=device)
-        self._poles.entry = wp.zeros(0, dtype=wp.int32, device=device)
+        self._state: Any = kernels.NoiseState()
+        self._state.last = wp.full(total, -1.0, dtype=wp.float32, device=device)
+        self._state.first = wp.zeros(total if poles == 2 else 0, dtype=wp.float64, device=device)
+        self._state.before = wp.zeros(total, dtype=wp.float64, device=device)
+        self._state.after = wp.zeros(total, dtype=wp.float64, device=device)
+        self._state.entry = wp.zeros(0, dtype=wp.int32, device=device)
         self._first: wp.array = wp.zeros(total + 1, dtype=wp.int32, device=device)
         self._frames: wp.array = wp.empty(0, dtype=wp.float32, device=device)
         self._offset: wp.array = wp.empty(0, dtype=wp.int32, device=device)
@@ -87,7 +87,7 @@ class PhotoreceptorNoise:
         self._begun = np.array(state["begun"], np.int64)
 
     def _present(self) -> dict[str, wp.array]:
-        return {name: getattr(self._poles, name) for name in ("last", "first", "before", "after")}
+        return {name: getattr(self._state, name) for name in ("last", "first", "before", "after")}
 
     def parts(self, batch: Batch) -> Iterator[Batch]:
         """Gives the batch in parts whose frames, and samples between them, have noise; each as long as its arrays are
@@ -106,8 +106,8 @@ class PhotoreceptorNoise:
         span.stamps, span.origin = wp.array(stamps, **there), wp.array(self._begun - batch.t_base, **there)
         span.fresh = wp.array(fresh.astype(np.int32), dtype=wp.int32, device=self._device)
         span.episodes = wp.array(np.ascontiguousarray(batch.episodes[0], np.int32), dtype=wp.int32, device=self._device)
-        if batch.further is not None:
-            self._poles.entry = wp.clone(batch.further.first[:-1])
+        if batch.further is not None and not self._state.entry.size:
+            self._state.entry = wp.empty(self._first.size - 1, dtype=wp.int32, device=self._device)
         images = batch.images.flatten()
         for first, end in zip([0, *ends], ends):
             start = int(stamps[first - 1]) if first else 0
@@ -144,7 +144,7 @@ class PhotoreceptorNoise:
         """Adds noise to a part of a message; gives the samples between its frames."""
         pixels, counts, given = self._first.size - 1, self._first[1:], between(lists)
         inputs = [self._receptor, self._noise, span, images, given]
-        wp.launch(kernels.count_samples, pixels, [*inputs, self._poles], [counts], device=self._device)
+        wp.launch(kernels.count_samples, pixels, [*inputs, self._state], [counts], device=self._device)
         wp.utils.array_scan(counts, counts, inclusive=True)
         count = int(self._first[-1:].numpy()[0])
         if count > self._offset.size:
@@ -153,5 +153,5 @@ class PhotoreceptorNoise:
         if self._frames.size < pixels * span.count:
             self._frames = wp.empty(pixels * span.count, dtype=wp.float32, device=self._device)
         outputs = [self._frames, self._offset, self._value]
-        wp.launch(self._kernel, pixels, [*inputs, self._first, self._poles], outputs, device=self._device)
+        wp.launch(self._kernel, pixels, [*inputs, self._first, self._state], outputs, device=self._device)
         return SampleLists(self._first, self._offset[:count], self._value[:count], 1) if count else None

@@ -1,32 +1,22 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""Computes the photoreceptor's noise of a pixel at instants of its own, and adds it to ln I there and at the samples.
+"""Adds the photoreceptor's noise to ln I of a pixel, at instants of its own and at its samples.
 
-White noise goes through the poles that the signal goes through. With s = dt / tau one pole of unit variance moves by
-
-    z' = d z + sqrt(1 - d^2) x,   d = exp(-s),
-
-and of two, the second having unit variance and the first u twice that, as of stationary noise through both,
-
-    u' = d u + p x,   z' = d (z + s u) + q x + r y,
-    p^2 = 2 (1 - d^2),   p q = 1 - d^2 (1 + 2 s),   q^2 + r^2 = 1 - d^2 (1 + 2 s + 2 s^2),
-
-x, y being standard normal: the exact answer at any step (Uhlenbeck and Ornstein, Phys. Rev. 36, 1930; of two poles the
-covariance that P - F P F' leaves, F being the step of the poles and P their covariance). Their autocorrelations are
-exp(-s) and (1 + s) exp(-s). Instants are `step` ns apart from the first frame of the episode on, whatever the frames;
-between them noise is a line. tau is that of the light at an instant, for the step that begins there.
+The process itself is in `filtered_noise_kernels.py`. Its instants are `step` ns apart from the first frame of the
+episode on, whatever the frames; between them noise is a line. tau is that of the light at an instant, for the step that
+begins there.
 """
 
 import functools
-from typing import Any
 
 import warp as wp
 
-from evis.random_number_kernels import draw, mix
+from evis.random_number_kernels import mix
+from nodes.event_sensor.input.between_kernels import Between, further_entries, next_sample
 from nodes.event_sensor.model.faults.random_kernels import stream_of
 from nodes.event_sensor.model.sensor_kernels import LARGEST, has_logarithm
-from nodes.event_sensor.model.step_kernels import Between
-from nodes.event_sensor.optics.photoreceptor_kernels import light_seen
-from nodes.event_sensor.optics.photoreceptor_simd_kernels import CONSTANT, PROPORTIONAL, Receptor
+from nodes.event_sensor.optics.filtered_noise_kernels import make_next_value, make_stationary, make_step_of
+from nodes.event_sensor.optics.photoreceptor_kernels import light_seen, make_corner_share
+from nodes.event_sensor.optics.photoreceptor_simd_kernels import CONSTANT, Receptor
 
 wp.set_module_options({"enable_backward": False})
 
@@ -65,104 +55,18 @@ class Span:
 
 
 @wp.struct
-class Step:
-    """Holds the coefficients of a step, as above."""
+class NoiseState:
+    """Keeps of every pixel and channel where its noise stands.
 
-    d: wp.float64
-    s: wp.float64
-    p: wp.float64
-    q: wp.float64
-    r: wp.float64
-
-
-@wp.struct
-class Poles:
-    """Holds what goes on in a pixel: the light at its last good sample (-1: none yet), u and z after the coming instant
-    of the noise (u of two poles alone), z before it; entry: the next of its further samples."""
+    last: its last good sample, -1: none yet. before, after: z at the last instant of the noise and at the coming one;
+    first: u at the coming one, of two poles alone. entry: in a message of several parts, its next further sample.
+    """
 
     last: wp.array(dtype=wp.float32)
     first: wp.array(dtype=wp.float64)
     before: wp.array(dtype=wp.float64)
     after: wp.array(dtype=wp.float64)
     entry: wp.array(dtype=wp.int32)
-
-
-@wp.func
-def standard_normal(stream: wp.uint64, n: wp.int64):
-    """Draws number n of a stream of standard normal numbers, by the inverse of their distribution, good to 1e-7.
-
-    Wichura, algorithm AS 241 (PPND7), Applied Statistics 37(3), 1988: at half the price of Box's and Muller's way.
-    """
-    one = wp.float64(1.0)
-    below = (wp.float64(draw(stream, n) >> wp.uint64(11)) + wp.float64(0.5)) * wp.float64(2.0**-53.0)
-    q = below - wp.float64(0.5)
-    r = wp.float64(0.180625) - q * q
-    x = wp.float64(0.0)
-    if r >= wp.float64(0.0):
-        top = (wp.float64(5.9109374720e1) * r + wp.float64(1.5929113202e2)) * r + wp.float64(5.0434271938e1)
-        bottom = (wp.float64(6.7187563600e1) * r + wp.float64(7.8757757664e1)) * r + wp.float64(1.7895169469e1)
-        x = q * (top * r + wp.float64(3.3871327179)) / (bottom * r + one)
-    else:
-        r = wp.sqrt(-wp.log(wp.min(below, one - below)))
-        if r <= wp.float64(5.0):
-            r = r - wp.float64(1.6)
-            top = (wp.float64(1.7023821103e-1) * r + wp.float64(1.3067284816)) * r + wp.float64(2.7568153900)
-            x = (top * r + wp.float64(1.4234372777)) / (
-                (wp.float64(1.2021132975e-1) * r + wp.float64(7.3700164250e-1)) * r + one
-            )
-        else:
-            r = r - wp.float64(5.0)
-            top = (wp.float64(1.7337203997e-2) * r + wp.float64(4.2868294337e-1)) * r + wp.float64(3.0812263860)
-            x = (top * r + wp.float64(6.6579051150)) / (
-                (wp.float64(1.2258202635e-2) * r + wp.float64(2.4197894225e-1)) * r + one
-            )
-        if q < wp.float64(0.0):
-            x = -x
-    return x
-
-
-@functools.cache
-def make_step_of(poles: int) -> Any:
-    """Makes the function of the coefficients of a step."""
-    two = poles == 2
-
-    @wp.func
-    def step_of(s: wp.float64):
-        """Computes the coefficients of a step of s = dt / tau."""
-        one = wp.float64(1.0)
-        found = Step()
-        found.s = s
-        found.d = wp.exp(-s)
-        left = wp.exp(wp.float64(-2.0) * s)
-        found.p = wp.sqrt(one - left)
-        if wp.static(two):
-            found.p = wp.sqrt(wp.float64(2.0) * (one - left))
-            if found.p > wp.float64(0.0):
-                found.q = (one - left * (one + wp.float64(2.0) * s)) / found.p
-            rest = one - left * (one + wp.float64(2.0) * s * (one + s)) - found.q * found.q
-            # Rounding may leave less than nothing of s^3 / 3.
-            found.r = wp.sqrt(wp.max(rest, wp.float64(0.0)))
-        return found
-
-    return step_of
-
-
-@functools.cache
-def make_share_of(law: int) -> Any:
-    """Makes the function of the corner's share."""
-    varying, powered = law != CONSTANT, law not in (CONSTANT, PROPORTIONAL)
-
-    @wp.func
-    def share_of(receptor: Receptor, level: wp.float64):
-        """Computes the corner at an intensity with its dark current, as a share of the largest."""
-        share = wp.float64(1.0)
-        if wp.static(varying):
-            share = wp.min(share, level / receptor.level)
-            if wp.static(powered):
-                share = wp.pow(share, receptor.exponent)
-        return share
-
-    return share_of
 
 
 @wp.func
@@ -184,6 +88,22 @@ def noised(level: wp.float64, ln: wp.float64):
     return wp.min(wp.float32(level * wp.exp(ln)), LARGEST)
 
 
+@wp.func(inline=True)
+def light_on_line(
+    earlier: wp.float64, level: wp.float64, grown: wp.float64, start: wp.int64, now: wp.int64, instant: wp.int64
+):  # fmt: skip
+    """Computes the light at an instant of the line of ln I from `earlier` at `start` to `level` at `now` [ns].
+
+    grown: ln(level / earlier). Light with its dark current.
+    """
+    light = wp.float64(level)
+    if instant < now:
+        light = earlier
+        if grown != wp.float64(0.0):
+            light = earlier * wp.exp(grown * (wp.float64(instant - start) / wp.float64(now - start)))
+    return light
+
+
 @wp.func
 def instants_until(span: Span, noise: Noise, origin: wp.int64, now: wp.int64):
     """Counts the instants of the noise up to `now`, those of the episode's start included; 0 before it."""
@@ -201,7 +121,7 @@ def count_samples(
     span: Span,
     luminance: wp.array(dtype=wp.float32),
     between: Between,
-    poles: Poles,
+    state: NoiseState,
     # out
     counts: wp.array(dtype=wp.int32),
 ):
@@ -211,25 +131,17 @@ def count_samples(
     inner = index - env * receptor.size
     origin = span.origin[env]
     at = wp.int64(env * span.frames + span.first) * wp.int64(receptor.size) + wp.int64(inner)
-    entry = int(0)
-    entries = int(0)
-    if between.first.shape[0] > 0:
-        entry = poles.entry[index]
-        entries = between.first[index + 1]
-    begun = poles.last[index] >= 0.0 and not (span.first == 0 and span.fresh[env] != 0)
+    entry, entries = further_entries(between, index)
+    if span.first > 0 and entry < entries:
+        entry = state.entry[index]
+    begun = state.last[index] >= 0.0 and not (span.first == 0 and span.fresh[env] != 0)
     total = int(0)
     start = wp.int64(span.start)
     k = int(0)
     while k < span.count:
-        now = span.stamps[span.first + k]
-        v = luminance[at]
-        inside = bool(False)
-        if entry < entries:
-            when = wp.int64(between.offset[entry])
-            if when < now:
-                inside = True
-                now = when
-                v = between.value[entry]
+        inside, now, v = next_sample(
+            between, index, entry, entries, span.stamps[span.first + k], luminance[at]
+        )  # fmt: skip
         if begun:
             last = instants_until(span, noise, origin, now - wp.int64(1))
             total += wp.int32(last - instants_until(span, noise, origin, start))
@@ -248,7 +160,8 @@ def count_samples(
 def make_add_noise(poles: int, law: int) -> wp.Kernel:
     """Makes the kernel that takes a pixel a thread through a part of a message."""
     two, varying = poles == 2, law != CONSTANT
-    step_of, share_of = make_step_of(poles), make_share_of(law)
+    corner_share = make_corner_share(law)
+    step_of, stationary, next_value = make_step_of(poles), make_stationary(poles), make_next_value(poles)
 
     @wp.kernel(module="unique", enable_backward=False)
     def add_noise(
@@ -260,7 +173,7 @@ def make_add_noise(poles: int, law: int) -> wp.Kernel:
         between: Between,
         first: wp.array(dtype=wp.int32),
         # in and out
-        poles: Poles,
+        state: NoiseState,
         # out
         frames: wp.array(dtype=wp.float32),
         offset: wp.array(dtype=wp.int32),
@@ -277,41 +190,30 @@ def make_add_noise(poles: int, law: int) -> wp.Kernel:
         at = wp.int64(env * span.frames + span.first) * wp.int64(receptor.size) + wp.int64(inner)
         to = wp.int64(env * span.count) * wp.int64(receptor.size) + wp.int64(inner)
         made = first[index]
-        entry = int(0)
-        entries = int(0)
-        if between.first.shape[0] > 0:
-            entry = poles.entry[index]
-            entries = between.first[index + 1]
+        entry, entries = further_entries(between, index)
+        if span.first > 0 and entry < entries:
+            entry = state.entry[index]
         stream = mix(stream_of(noise.seed + wp.int64(env), inner, span.episodes[env]) ^ OWN_STREAM)
         origin = span.origin[env]
-        last = poles.last[index]
-        before = poles.before[index]
-        after = poles.after[index]
+        last = state.last[index]
+        before = state.before[index]
+        after = state.after[index]
         u = wp.float64(0.0)
         if wp.static(two):
-            u = poles.first[index]
+            u = state.first[index]
         number = instants_until(span, noise, origin, span.start)
         if fresh:
             last = float(-1.0)
             number = wp.int64(0)
-            after = standard_normal(stream, wp.int64(0))
-            if wp.static(two):
-                u = wp.sqrt(wp.float64(2.0)) * after
-                after = wp.sqrt(wp.float64(0.5)) * (after + standard_normal(stream, wp.int64(1)))
+            u, after = stationary(stream)
         full = receptor.rate * (wp.float64(noise.step) * wp.float64(1.0e-9))
         step = step_of(full)
         start = wp.int64(span.start)
         k = int(0)
         while k < span.count:
-            now = span.stamps[span.first + k]
-            v = luminance[at]
-            inside = bool(False)
-            if entry < entries:
-                when = wp.int64(between.offset[entry])
-                if when < now:
-                    inside = True
-                    now = when
-                    v = between.value[entry]
+            inside, now, v = next_sample(
+                between, index, entry, entries, span.stamps[span.first + k], luminance[at]
+            )  # fmt: skip
             good = has_logarithm(v, receptor.dark)
             begun = last >= 0.0
             # Up to a bad sample the light is held at the last good one.
@@ -328,14 +230,10 @@ def make_add_noise(poles: int, law: int) -> wp.Kernel:
                 grown = wp.log(level / earlier)
             instant = origin + number * noise.step
             while instant <= now:
-                light = wp.float64(level)
-                if instant < now:
-                    light = earlier
-                    if grown != wp.float64(0.0):
-                        light = earlier * wp.exp(grown * (wp.float64(instant - start) / wp.float64(now - start)))
+                light = light_on_line(earlier, level, grown, start, now, instant)
                 share = wp.float64(1.0)
                 if begun or good:
-                    share = share_of(receptor, light)
+                    share = corner_share(receptor, light)
                 if begun and instant < now:
                     offset[made] = wp.int32(instant - span.start)
                     value[made] = noised(light, after * sigma_at(noise, light, share))
@@ -344,19 +242,13 @@ def make_add_noise(poles: int, law: int) -> wp.Kernel:
                 number += wp.int64(1)
                 if wp.static(varying):
                     step = step_of(full * share)
-                if wp.static(two):
-                    x = standard_normal(stream, number + number)
-                    y = standard_normal(stream, number + number + wp.int64(1))
-                    after = step.d * (after + step.s * u) + step.q * x + step.r * y
-                    u = step.d * u + step.p * x
-                else:
-                    after = step.d * after + step.p * standard_normal(stream, number)
+                u, after = next_value(step, stream, number, u, after)
                 instant += noise.step
             out = wp.float32(v)
             if good:
                 place = wp.float64(now - instant + noise.step) / wp.float64(noise.step)
                 z = before + (after - before) * place
-                out = noised(level, z * sigma_at(noise, level, share_of(receptor, level)))
+                out = noised(level, z * sigma_at(noise, level, corner_share(receptor, level)))
                 last = v
             start = now
             if inside:
@@ -369,12 +261,12 @@ def make_add_noise(poles: int, law: int) -> wp.Kernel:
                 at += wp.int64(receptor.size)
                 to += wp.int64(receptor.size)
                 k += 1
-        poles.last[index] = last
-        poles.before[index] = before
-        poles.after[index] = after
+        state.last[index] = last
+        state.before[index] = before
+        state.after[index] = after
         if wp.static(two):
-            poles.first[index] = u
+            state.first[index] = u
         if between.first.shape[0] > 0:
-            poles.entry[index] = entry
+            state.entry[index] = entry
 
     return add_noise

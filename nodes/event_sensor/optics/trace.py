@@ -7,10 +7,11 @@ from typing import Any
 import warp as wp
 
 from nodes.event_sensor.input.batch import SampleLists
-from nodes.event_sensor.messages.limit import MOST_NUMBERED
-from nodes.event_sensor.model.step_kernels import between
+from nodes.event_sensor.input.between_kernels import between
+from nodes.event_sensor.input.limit import MOST_NUMBERED
 from nodes.event_sensor.optics import trace_kernels as kernels
 from nodes.event_sensor.optics.photoreceptor_simd_kernels import Receptor
+from nodes.event_sensor.optics.trace_line_kernels import Output
 
 FIRST_ROOM = 4096
 
@@ -22,7 +23,7 @@ class Tracer:
         """Makes the kernel and its buffers. chord: largest deviation of a line between samples [ln I]."""
         self._receptor, self._chord, self._device = receptor, chord, device
         self._kernel = (kernels.make_trace_or_count if device.is_cuda else kernels.make_trace_bent)(poles, law)
-        self._output: Any = kernels.Output()
+        self._output: Any = Output()
         self._first: wp.array = wp.zeros(1, dtype=wp.int32, device=device)
         self._before: list[wp.array] = []
         self.filtered: wp.array = wp.empty(0, dtype=wp.float32, device=device)

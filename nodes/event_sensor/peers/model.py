@@ -10,7 +10,7 @@ import warp as wp
 
 from evis.config.params import Param, ParamError, resolve
 from evis.gpu.saved_arrays import joined, part_of, saved, write_back
-from nodes.event_sensor.messages.limit import MOST_BACKGROUND, REMEDY, check_background_rate, longest_step
+from nodes.event_sensor.input.limit import MOST_BACKGROUND, REMEDY, check_background_rate, longest_step
 from nodes.event_sensor.parameters import LARGEST_SIDE, SENSOR, thresholds_of
 from nodes.event_sensor.peers import kernels
 from nodes.event_sensor.sensor import Events

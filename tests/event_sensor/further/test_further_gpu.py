@@ -9,9 +9,9 @@ from nodes.event_sensor.cuda.event_list import DeviceEventList
 from nodes.event_sensor.cuda.ideal import IdealPasses
 from nodes.event_sensor.engines.engine import sensor_struct
 from nodes.event_sensor.input.batch import Batch, Size
+from nodes.event_sensor.input.between_kernels import between
 from nodes.event_sensor.input.further import Further
 from nodes.event_sensor.model.keys import KeyLayout
-from nodes.event_sensor.model.step_kernels import between
 from nodes.event_sensor.optics.photoreceptor import Photoreceptor
 from nodes.event_sensor.optics.trace import Tracer
 from nodes.event_sensor.optics.trace_kernels import make_trace_or_count

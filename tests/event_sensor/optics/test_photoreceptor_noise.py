@@ -1,6 +1,7 @@
 """The photoreceptor's noise against closed forms of the process, Rice's rate of crossings, and a double threshold over
 paths that are drawn by their autocorrelation alone; and that it hangs on nothing but seed, pixel and time."""
 
+import itertools
 import math
 
 import numpy as np
@@ -11,8 +12,8 @@ from scipy import special, stats
 from evis.random_numbers import GOLDEN, mix
 from nodes.event_sensor.input.batch import Batch, Size
 from nodes.event_sensor.optics import photoreceptor_noise
+from nodes.event_sensor.optics.filtered_noise_kernels import standard_normal
 from nodes.event_sensor.optics.photoreceptor_noise import PhotoreceptorNoise
-from nodes.event_sensor.optics.photoreceptor_noise_kernels import standard_normal
 from nodes.event_sensor.parameters import resolve_sensor
 from nodes.event_sensor.sensor import EventSensor, Further
 
@@ -241,6 +242,37 @@ def test_the_same_bytes_of_any_message_and_beside_any_environments(params, chann
     for env in range(2):
         alone, _ = run(light[env : env + 1], 7, seed=7 + env)
         assert [e[1:] for e in whole if e[0] == env] == [e[1:] for e in alone]
+
+
+@pytest.mark.parametrize("poles", [1, 2])
+def test_further_samples_go_on_from_part_to_part_of_a_message(poles, monkeypatch):
+    """A message of eight frames, whole and in parts, has the events of eight messages with the samples of each."""
+    params = {"bandwidth_hz": 60.0, "photoreceptor_noise": 0.1, "threshold": 0.08, "bandwidth_poles": poles}
+    rng = np.random.default_rng(5)
+    gap, light = 5_000_000, walk((1, 9, 3, 4), seed=3)
+    t = gap * np.arange(9)
+    # Of a pixel up to four in a gap, of some pixels none at all.
+    there = rng.random((8, 3, 4, 4)) < 0.5 * (np.arange(12).reshape(3, 4) % 3 > 0)[..., None]
+    k, y, x, _ = np.nonzero(there)
+    offset = np.unique(rng.integers(1, gap, 4 * len(k)))[rng.permutation(len(k))]  # no two alike
+    value = np.exp(rng.normal(0, 0.3, len(k))).astype(np.float32)
+    value[rng.random(len(k)) < 0.05] = np.nan
+
+    def run(cuts):
+        sensor = EventSensor(3, 4, seed=7, **params)
+        found = told(sensor.process(light[:, :1], t[:1], NONE))
+        for first, end in itertools.pairwise(cuts):
+            own = (k >= first) & (k < end)
+            after = gap * (k[own] - first) + offset[own]
+            further = Further.of_pixels((3, 4), y[own], x[own], after, value[own])
+            found += told(sensor.process(light[:, first + 1 : end + 1], t[first + 1 : end + 1], NONE, further=further))
+        return sorted(found), sensor.counts()
+
+    apart, counts = run(range(9))
+    assert len(apart) > 100 and counts["nonfinite"] > 0
+    assert run([0, 8]) == (apart, counts)
+    monkeypatch.setattr(photoreceptor_noise, "AT_ONCE", 100)
+    assert run([0, 8]) == (apart, counts) == run([0, 3, 8])
 
 
 def test_an_environment_that_begins_anew_changes_no_other_and_has_other_noise():

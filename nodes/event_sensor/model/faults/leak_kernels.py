@@ -1,5 +1,14 @@
 """Computes the leak: the reference of a pixel falls in the dark as in the light, as a drift or as the paper's coin per
-step."""
+step.
+
+The drift is leak_rate x threshold_on; it and the signal share one crossing. A pixel that leaks was last reset at some
+time before the episode: with leak alone in the light of the first frame u / leak_rate before, u uniform in [0, 1), one
+number per pixel and episode. So its reference begins u x threshold_on below the first frame, where a pixel without leak
+has it at the first frame; in constant light the first event comes within (0, 1 / leak_rate] and the rate is leak_rate
+from the start. As there is one reference, the signal meets it too, then as at any later time: a rise by a x
+threshold_on fires floor(a + u) ON events, a on average, and a fall by as much floor(a - u) OFF events where the
+thresholds are equal. A drift that shares its crossing with the signal can have its phase nowhere else.
+"""
 
 import warp as wp
 

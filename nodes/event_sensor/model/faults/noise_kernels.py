@@ -1,4 +1,10 @@
-"""Draws shot noise and hot pixels: one Poisson process per pixel in continuous time, thinned with the light."""
+"""Draws shot noise and hot pixels: one Poisson process per pixel in continuous time, thinned with the light.
+
+The light is that at each candidate's time, linear between frames; polarity is drawn evenly unless `shot_on_share` says
+otherwise. Every event resets the pixel, as in silicon: after a shot, hot-pixel or coin event the reference is L at its
+time, so that no later crossing is lost and no pixel goes deaf, and noise shifts the signal's events as it does in a
+real pixel. Nothing of this knows the frame rate.
+"""
 
 import warp as wp
 

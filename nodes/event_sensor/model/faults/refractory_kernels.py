@@ -1,4 +1,7 @@
-"""Applies the refractory period: after an event a pixel is held in reset, and so blind, until its dead time ends."""
+"""Applies the refractory period: after an event a pixel is held in reset, and so blind, until its dead time ends.
+
+Its reference is then what it sees at that time.
+"""
 
 import warp as wp
 
