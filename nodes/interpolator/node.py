@@ -247,7 +247,7 @@ class InterpolatorNode(Node):
         keys = [key for one in inputs if isinstance(key := one["keyframe"], Keyframe)]
         many, apart = self.interpolator, any(key.own is not None for key in keys)
         singly = self._singly or apart or self._counts_are_read()
-        if not isinstance(many, ManyGaps) or many.gaps == 1 or singly:
+        if not isinstance(many, ManyGaps) or singly:
             super().update_all(inputs)
             return
         arrived = [

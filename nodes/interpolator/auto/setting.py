@@ -11,7 +11,8 @@ import warp as wp
 
 from evis.runtime.clock import NS
 from evis.scene.model import Camera, Scene
-from nodes.interpolator.interpolator import Allocate, Interpolator, new_frames
+from nodes.interpolator.interpolator import Interpolator
+from nodes.interpolator.pixel_means import Allocate, new_frames
 from nodes.renderer.renderer import Renderer
 from nodes.renderer.supersampling import SupersampledRenderer
 

@@ -24,8 +24,9 @@ from rigid_rig import (
 from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Waveform
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
-from nodes.interpolator.interpolator import Interpolator, new_frames
+from nodes.interpolator.interpolator import Interpolator
 from nodes.interpolator.keyframe import KeyframeView
+from nodes.interpolator.pixel_means import new_frames
 from nodes.interpolator.rigid import Rigid, RigidOptions
 from nodes.interpolator.rigid.layout import MOST_WAYS, TOLERANCE
 from nodes.renderer.renderer import Renderer
