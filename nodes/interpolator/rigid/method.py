@@ -29,6 +29,7 @@ import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK, begin_building, build_together
 from evis.gpu.cuda_graph import Branch, CudaGraphs
+from evis.gpu.host_copies import HostCopies
 from evis.runtime.workers import Workers
 from evis.scene.model import Camera, Scene
 from nodes.interpolator.displacement_kernels import displace
@@ -41,7 +42,7 @@ from nodes.interpolator.rigid import keyframe_kernels
 from nodes.interpolator.rigid.keyframes import KeyframePair
 from nodes.interpolator.rigid.layout import RigidOptions, layout_of
 from nodes.interpolator.rigid.look_up.look_up_kernels import FINE
-from nodes.interpolator.rigid.patches import SIDES, pieces_of
+from nodes.interpolator.rigid.patches import moving_patches, pieces_of
 from nodes.interpolator.rigid.placement import Placement
 from nodes.interpolator.rigid.reprojection import Reprojection, textured_in
 from nodes.interpolator.rigid.sampling import Sampling, SubframeRange
@@ -75,8 +76,8 @@ class Rigid:
         scene, camera: those of the renderer. upsampling: K. margin: pixels beyond the image on every side. channels: 1
         or 3. threads: of a CPU. worlds: see Placement. in_a_row: the environments are gaps of one environment, each of
         which begins where the one before ends: views have times of their `own`, and the last one's B is the first one's
-        A of the next call. late: `between` gives the report of the gap before, so that nobody
-        waits for a GPU, as it does of gaps in a row; see `last_report`.
+        A of the next call. late: `between` gives the report of the gap before, so that nobody waits for a GPU, as it
+        does of gaps in a row; see `last_report`.
         """
         asked, cpu = options or RigidOptions(), wp.get_device(device).is_cpu
         self.layout = layout_of(scene, camera, envs, upsampling, margin, channels, cpu, asked)
@@ -94,8 +95,6 @@ class Rigid:
         self.pair = KeyframePair(keyframe, slots, bodies, channels, self._device, waveform_count, textured, in_a_row)
         self.in_a_row = in_a_row
         """Whether the environments are gaps of one."""
-        self.late = late or in_a_row
-        """Whether the report of a gap comes with the next one."""
         self._at_b: KeyframeView | None = None
         self._foreseen: tuple[Span, Poses] | None = None
         """A gap that is to come, and its poses."""
@@ -105,12 +104,13 @@ class Rigid:
         """Whether nothing moved or changed in the last gap."""
         self.looks_at: Callable[[Span], np.ndarray] | None = None
         """Gives the times of a gap at which others look besides: what swings may be back at every frame."""
-        self._even = True
+        self._turn = 0
+        """0 and 1 by turns: of two places in memory one is B's, and what is recorded for a GPU is of that."""
         self._built = False
         self._graphs, self._beside = CudaGraphs(self._device), Branch(self._device)
         pieces, patches = pieces_of(scene, v.geometry.triangle_instance)
         self.pieces = v.put(pieces, wp.vec2i)
-        self._moving = v.put(self._may_move(pieces[:, 1], patches), wp.int32)
+        self._moving = v.put(moving_patches(pieces, patches, v.geometry, is_static(scene, v.camera_body)), wp.int32)
         with wp.ScopedDevice(self._device):
             self.unchanged = wp.empty(keyframe, dtype=wp.uint64)
             self._still = wp.zeros((envs, bodies + 2), dtype=wp.int32)
@@ -128,13 +128,10 @@ class Rigid:
         self._reprojection = Reprojection(self.shading, self.sampling, self.pieces, self.layout, self.change)
         straight = FINE * self.layout.tolerance if textured else -1.0
         self._filling = self.pieces, self._moving, straight, self._reprojection.nonfinite
-        # What the reports of a gap and of the one before need, where the host reads it, and when it is there.
-        counted = self._reprojection.counted
-        self._told = [
-            [wp.zeros(n.size, dtype=wp.int32, device="cpu", pinned=not cpu) for n in counted] for _ in range(2)
-        ]
-        self._there = [None if cpu else wp.Event(self._device) for _ in range(2)]
-        self._unread: int | None = None
+        self._counts = [HostCopies(counted) for counted in self._reprojection.counted]
+        self._late = late or in_a_row
+        self._unread: Callable[[], Report] | None = None
+        """Waits for the report of the last gap and gives it, where nobody has got it yet as reports are late."""
         self._buffer: wp.array | None = None
 
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
@@ -181,25 +178,24 @@ class Rigid:
         begun = self._begun(a, held)
         self.rested = self._rests(gap, a, b, begun)
         if self.rested:
-            report = self._rest(b, out)
-            return lambda: report
+            still = self._rest(b, out)
+            return lambda: still
         self.pair.swap(self._graphs)
         if not self._knows(a):
             self._prepare(a)
         self._at_b, self._held = b, held
         self.frames = self._target(out)
         self._make_portions(b, held, stamps)
-        turn, self._even = int(self._even), not self._even
+        self._turn = 1 - self._turn
         if out is not None:
             self.hand_over(out)
         if self._device.is_cuda and together:
             self.placement.expect(stamps)
-        if (there := self._there[turn]) is not None:
-            self._device.stream.record_event(there)
-        if not self.late:
-            return partial(self._report, turn)
-        unread, self._unread = self._unread, turn
-        return Report if unread is None else partial(self._report, unread)
+        report = partial(self._report, *(copies.take() for copies in self._counts))
+        if not self._late:
+            return report
+        unread, self._unread = self._unread, report
+        return unread or Report
 
     def _make_portions(self, b: KeyframeView, held: np.ndarray, stamps: np.ndarray) -> None:
         """Draws and looks up all portions of the sub-frames, at stamps int64 [K] or [E, K] ns, into `frames`."""
@@ -207,7 +203,7 @@ class Rigid:
             self.shading.update(self._places.place(slots))
             # Launches that were recorded before the occluders' trees were built know others.
             builds = self.shading.occluders.builds
-            key = portion, self._even, builds, self.visibility.still_moved, self.visibility.coming
+            key = portion, self._turn, builds, self.visibility.still_moved, self.visibility.coming
             self._graphs.run(("draw", *key), partial(self._draw, portion))
             self.visibility.drawn()
             # While a GPU draws.
@@ -221,7 +217,7 @@ class Rigid:
                 self._reprojection.strength.assign(
                     waveform_strengths(self.layout.waveforms, shown).astype(np.float32).reshape(-1)
                 )
-            self._graphs.run(("look", portion, self._even, builds), partial(self._reproject, portion, self.frames))
+            self._graphs.run(("look", portion, self._turn, builds), partial(self._reproject, portion, self.frames))
 
     def widen(self, poses: Poses) -> None:
         """Has light change wherever it does at any of a gap's instants, and not at its frames alone, for whoever looks
@@ -236,7 +232,7 @@ class Rigid:
     def last_report(self) -> Report:
         """Gives the report of the last gap, once, where reports are `late`."""
         unread, self._unread = self._unread, None
-        return Report() if unread is None else self._report(unread)
+        return Report() if unread is None else unread()
 
     def _knows(self, a: KeyframeView) -> bool:
         """Tells whether keyframe a, of gaps in a row the first one, was B of the last call."""
@@ -271,17 +267,6 @@ class Rigid:
         if self._at_b is not a and (a.replaces is None or a.replaces is not self._at_b):
             return np.ones(len(held), bool)
         return self._held if a.begun is None else self._held | a.begun
-
-    def _may_move(self, patch: np.ndarray, count: int) -> np.ndarray:
-        """Tells whether each of the patches may ever move against the camera, bool [count]."""
-        v = self.visibility
-        if not is_static(v.scene, v.camera_body):
-            return np.ones(count, bool)
-        moving = np.zeros(count, bool)
-        fronts = patch[~v.geometry.static[v.geometry.triangle_instance]]
-        for side in range(SIDES):
-            moving[fronts + side] = True
-        return moving
 
     def _take(self, b: KeyframeView, held: np.ndarray) -> None:
         """Prepares what does not depend on the sub-frames: the later keyframe, and what stands still before it."""
@@ -331,9 +316,6 @@ class Rigid:
                 last = slice((len(part) - 1) * self.layout.envs, len(part) * self.layout.envs)
                 for source, target in zip((v.poses, v.packed), self._before):
                     wp.copy(target, source[last])
-        if closed:
-            for told, counted in zip(self._told[int(self._even)], self._reprojection.counted):
-                wp.copy(told, counted)
 
     def _launch_beside(self, portion: int) -> None:
         """Launches what needs the placed instances but not who is seen: beside the raster on a GPU."""
@@ -345,13 +327,11 @@ class Rigid:
             if self.change is not None:
                 self.change.place()
 
-    def _report(self, turn: int) -> Report:
-        there = self._there[turn]
-        if there is not None:
-            wp.synchronize_event(there)
-        count, sampled = (told.numpy() for told in self._told[turn])
+    def _report(self, anew: Callable[[], np.ndarray], listed: Callable[[], np.ndarray]) -> Report:
+        """Makes the report of a gap; anew, listed: wait for what `Reprojection.counted` had counted then."""
+        count = anew()
         samples = self.layout.envs * (self.layout.upsampling - 1) * self.size[0] * self.size[1]
-        looked_up = samples if self.layout.on_device else int(sampled.sum())
+        looked_up = samples if self.layout.on_device else int(listed().sum())
         return Report(nonfinite=int(count[-1]), reshaded=int(count[:-1].sum()), samples=samples, sampled=looked_up)
 
     def _find_unchanged(self) -> None:
