@@ -13,6 +13,5 @@ The way of the data:
    `rigid` where light changes in between; `displacement_kernels.py` is what all of them know of motion.
 4. `refine/` takes `samples.py`: further samples of single pixels between the frames of `rigid`.
 
-`auto/` chooses a method by measurements; `video/` makes frames between those of a video; `frames_alone.py` tells which
-pixels have no further samples.
+`auto/` chooses a method by measurements; `video/` makes frames between those of a video.
 """

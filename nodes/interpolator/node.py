@@ -19,9 +19,9 @@ from msgs.camera import Depth, Frames, Keyframe, Motion, Samples
 from msgs.header import Message
 from msgs.own_time import STAMP
 from msgs.world import WorldState
-from nodes.interpolator.frames_alone import by_frames_alone
 from nodes.interpolator.messages import frames_of, samples_of
 from nodes.interpolator.methods import HELP, METHODS, reads
+from nodes.interpolator.samples import by_frames_alone
 from nodes.renderer import parameters
 from nodes.renderer.parameters import BATCH, LIGHT
 
