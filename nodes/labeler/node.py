@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping
 from functools import partial
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from msgs.world import WorldState
 from nodes.labeler.body_labels import add_body_labels
 from nodes.labeler.box_groups import OF, groups
 from nodes.labeler.kinds import DEFAULT, NEEDS, OF_MESHES, RAY_CAST, kinds_of
+
+if TYPE_CHECKING:
+    from nodes.labeler.flow_field import FlowField
 
 KEPT = ("event_history", "flow_history", "pairing")
 """What labels go on from besides the messages of their stamp, where there is any of it."""
@@ -92,7 +95,7 @@ class LabelerNode(Node):
         self.kinds = kinds_of(self.params["labels"])
         self.info: CameraInfo | None = None
         self.box_ids: np.ndarray | None = None
-        self.flow_fields: list[image_labels.FlowField] = []
+        self.flow_fields: list[FlowField] = []
         """One for all environments, or one for each where their cameras differ; none before the first flow."""
         self.pairing: Any = None
         self.mesh_labels: Any = None
@@ -198,7 +201,7 @@ class LabelerNode(Node):
             self.publish("labels", out)
 
     def _image(self, image: Any, margin: int) -> Any:
-        """The image of a message without its margin: where it came, but for flow on the device that flow is of.
+        """Gives the image of a message without its margin: where it came, but for flow on the device that flow is of.
 
         Of another process images come on the host while anybody reads them there, and flow has other roundings there.
         """
@@ -212,7 +215,7 @@ class LabelerNode(Node):
         return self.image_labels.crop(image, margin)
 
     def _flow_device(self) -> str:
-        """The device that flow is computed on: the labeler's, but the host where labels wait for events."""
+        """Names the device that flow is computed on: the labeler's, but the host where labels wait for events."""
         return "cpu" if self.pairing is not None else str(self.params["device"])
 
     def _label_images(self, out: Labels, state: WorldState | None, depth: Any, ids: Any) -> None:
@@ -247,7 +250,7 @@ class LabelerNode(Node):
             setattr(out, name, array)
 
     def _memory(self, wanted: Mapping[str, tuple[tuple[int, ...], Any]], on_gpu: Any) -> dict[str, Any]:
-        """Arrays of (shape, dtype) to write labels into, on a GPU if it is given."""
+        """Allocates arrays of (shape, dtype) to write labels into, on a GPU if it is given."""
         if not wanted:
             return {}
         if on_gpu is not None:
@@ -261,7 +264,7 @@ class LabelerNode(Node):
         return {name: np.empty(shape, dtype) for name, (shape, dtype) in wanted.items()}
 
     def _ids_of_boxes(self, ids: np.ndarray) -> np.ndarray:
-        """Ids with those of instances that share a box made one, and of those without a box 0."""
+        """Gives instances that share a box one id, and those without a box 0."""
         if self.box_ids is None:
             if self.info is None:
                 raise ValueError(f"{self.name} has no CameraInfo of {self.params['camera']}, which box_classes needs")
@@ -269,17 +272,20 @@ class LabelerNode(Node):
         return np.take(self.box_ids, ids)
 
     def _semantic_ids(self) -> np.ndarray:
-        """Semantic id of each instance id."""
+        """Gives the semantic id of each instance id."""
         if self.info is None or self.info.semantic is None:
             raise ValueError(f"{self.name}: /{self.params['camera']}/info has no semantic ids; leave semantic out")
         return self.info.semantic
 
-    def _flow_fields(self, state: WorldState) -> list[Any]:
+    def _flow_fields(self, state: WorldState) -> list[FlowField]:
         """Looks at the lenses once, for every environment whose camera differs."""
         if not self.flow_fields:
             info = self.info
             if info is None:
                 raise ValueError(f"{self.name} has no CameraInfo of {self.params['camera']}, which flow needs")
+            from nodes.labeler.flow_field import FlowField
+            from nodes.labeler.projection import Projection
+
             index = {"": -1} | {name: n for n, name in enumerate(state.names)}
             missing = [b for b in (*info.instance_bodies, self.params["camera"]) if b not in index]
             if missing:
@@ -290,9 +296,8 @@ class LabelerNode(Node):
             if info.env_k is not None and info.env_distortion is not None:
                 lenses = list(zip(info.env_k, info.env_distortion))
             for k, distortion in lenses:
-                lens = self.image_labels.lens_of(info.distortion_model, distortion)
-                field = self.image_labels.FlowField(k, size, bodies, camera, lens, self._flow_device())
-                self.flow_fields.append(field)
+                projection = Projection.of(k, info.distortion_model, distortion)
+                self.flow_fields.append(FlowField(projection, size, bodies, camera, self._flow_device()))
         return self.flow_fields
 
     def _label_meshes(self, out: Labels, state: WorldState) -> None:
@@ -319,7 +324,7 @@ class LabelerNode(Node):
 
 
 def _some_boxes(params: Mapping[str, Any]) -> bool:
-    """Whether not every instance has a box of its own."""
+    """Tells whether not every instance has a box of its own."""
     return params.get("box_of", OF[0]) != OF[0] or params.get("box_classes") is not None
 
 
