@@ -11,5 +11,6 @@ somebody asked for:
   `event_pairing.py`), or at both ends of an interval (`interval_flow.py`, by `instants.py` and `instant_kernels.py`).
   `motion_history.py` knows where bodies were, and `motion_kernels.py` where they are between the states.
 
-`projection.py` relates an image's places to directions, for flow and for rays.
+`instance_tables.py` looks up what the camera's info tells of the instances in an image, and `projection.py` relates its
+places to directions, for flow and for rays.
 """
