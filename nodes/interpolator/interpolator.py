@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
 
 from evis.config.suggestions import nearest
-from evis.geometry import se3
 from evis.gpu.building import LAUNCH_BLOCK, begin_building
 from evis.gpu.devices import device_named
 from evis.runtime.clock import subframe_stamps
@@ -20,6 +19,7 @@ from nodes.interpolator.keyframe import KeyframeView, Method, Report, States, ch
 from nodes.interpolator.luminance import luminance_of, rgb_of, scalars
 from nodes.interpolator.methods import METHODS, Gap
 from nodes.interpolator.passthrough import crop
+from nodes.interpolator.pixel_means import Allocate, PixelMeans, new_frames, new_frames_on
 from nodes.interpolator.samples import Further
 from nodes.renderer.raster.lens.cameras import finer
 
@@ -28,14 +28,6 @@ if TYPE_CHECKING:
 
 Image = np.ndarray | wp.array
 """Of numpy, or on a device, where its vectors may be elements: [E, H, W] of vec3 in place of [E, H, W, 3]."""
-
-Allocate = Callable[[tuple[int, ...]], np.ndarray | wp.array]
-"""Gives the memory for frames of a shape: numpy's, or on the device, [E, K, h, w] of float32 or, in colour, vec3."""
-
-
-def new_frames(shape: tuple[int, ...]) -> np.ndarray:
-    """Gives frames in memory of their own."""
-    return np.empty(shape, np.float32)
 
 
 class Interpolator:
@@ -89,12 +81,11 @@ class Interpolator:
         self._threads = threads
         self._method: Method | None = None
         self._size: tuple[tuple[int, ...], int] | None = None
+        self._means = PixelMeans(camera, colour, self._device)
         self._warmed = False
         self._last: KeyframeView | None = None
         self._stamp = 0
         self._episodes = np.zeros(0, np.int32)
-        self._samples = 1
-        self._made: Any = new_frames((0,))
         self.report = Report()
         self.late = False
         """Whether `report` may be that of the gap before, so that nobody waits for a GPU; see `last_report`."""
@@ -142,25 +133,18 @@ class Interpolator:
             view.replaces, view.begun = self._last.replaces or self._last, held
             if self._last.begun is not None:
                 view.begun = held | self._last.begun
-        stamps = np.array([stamp_ns]) if replaces else self._stamps(view, held)
-        out = allocate(self._frames_shape(len(stamps), self._samples))
-        fine = self._frames_shape(len(stamps), 1)
-        made = out if self._samples == 1 else self._fine(fine, isinstance(out, wp.array))
-        self.further = None
-        if self._last is None or held.all() or replaces:
-            crop(view, margin, made)
-            self.report = Report()
+        alone = replaces or held.all()
+        stamps = np.array([stamp_ns]) if alone else self._stamps(view)
+        out = allocate(self._means.shape(image.shape[0], len(stamps)))
+        self.further, self.report = None, Report()
+        if alone:
+            self._show(view, margin, out)
         else:
-            method = self._made_method()
-            self.report = method.between(self._last, view, held, made)
-            self.further = getattr(method, "further", None)
+            self._fill(view, held, out)
         self.own_t = None
         if own is not None:
-            alone = self._last is None or held.all() or replaces
             before = (self._last or view).times(len(held))
             self.own_t = own[:, None] if alone else own_subframes(before, own, held, len(stamps))
-        if self._samples > 1:
-            self._average(made, out)
         self._last, self._stamp, self._episodes = view, stamp_ns, np.array(episodes)
         return stamps, out
 
@@ -175,12 +159,8 @@ class Interpolator:
 
     def shown(self, image: Image, margin: int, allocate: Allocate = new_frames) -> Any:
         """Gives the frames of a keyframe by itself, with arguments as of `push`, as if none had come."""
-        view = KeyframeView(self._image(image))
-        out = allocate(self._frames_shape(1, self._samples))
-        made = out if self._samples == 1 else self._fine(self._frames_shape(1, 1), isinstance(out, wp.array))
-        crop(view, margin, made)
-        if self._samples > 1:
-            self._average(made, out)
+        out = allocate(self._means.shape(image.shape[0], 1))
+        self._show(KeyframeView(self._image(image)), margin, out)
         return out
 
     def forget(self) -> None:
@@ -199,22 +179,32 @@ class Interpolator:
         if self._size not in (None, (shape, margin)):
             raise ValueError(f"keyframe is {shape} with margin {margin}, before it was {self._size}")
         if self._size is None:
-            self._samples = self._samples_of(height, width, margin)
+            self._take_size(shape, margin)
+
+    def _take_size(self, shape: tuple[int, ...], margin: int) -> None:
+        """Works on keyframes [E, H, W] of this size from now on. Raises ValueError where it does not fit the camera."""
+        _, height, width = shape
+        self._means.fit(height, width, margin)
         self._size = shape, margin
 
-    def _stamps(self, view: KeyframeView, held: np.ndarray) -> np.ndarray:
+    def _stamps(self, view: KeyframeView) -> np.ndarray:
         """Finds the times int64 [K] ns of the frames up to a keyframe. Raises ValueError where it comes too late."""
-        if held.all():
-            return np.array([view.stamp_ns])
         check_follows(self._stamp, view.stamp_ns)
         return subframe_stamps(self._stamp, view.stamp_ns, self.upsampling)
 
-    def _frames_shape(self, k: int, samples: int) -> tuple[int, ...]:
-        """Gives the shape of K frames without margin, of pixels that are samples x samples of the keyframes' each."""
-        assert self._size is not None
-        (envs, height, width), margin = self._size
-        lengths = (length // samples - 2 * margin // samples for length in (height, width))
-        return (envs, k, *lengths, *((3,) if self._colour else ()))
+    def _show(self, view: KeyframeView, margin: int, out: np.ndarray | wp.array) -> None:
+        """Makes the one frame of a keyframe by itself."""
+        made = self._means.target(out)
+        crop(view, margin, made)
+        self._means.average(made, out)
+
+    def _fill(self, view: KeyframeView, held: np.ndarray, out: np.ndarray | wp.array) -> None:
+        """Makes the frames of the gap from the last keyframe to this one, sets `report` and `further`."""
+        assert self._last is not None
+        method, made = self._made_method(), self._means.target(out)
+        self.report = method.between(self._last, view, held, made)
+        self.further = getattr(method, "further", None)
+        self._means.average(made, out)
 
     def _made_method(self) -> Method:
         """Gives what makes the frames of gaps, built when it is first needed."""
@@ -224,81 +214,24 @@ class Interpolator:
             self._method = self._build(envs, height, width, margin)
         return self._method
 
-    def _samples_of(self, height: int, width: int, margin: int) -> int:
-        """Counts the samples per pixel and axis that keyframes hold apart. Raises ValueError for any other size."""
-        camera = self._camera
-        if camera is None:
-            return 1
-        n = (height - 2 * margin) // camera.height
-        if (height - 2 * margin, width - 2 * margin) != (n * camera.height, n * camera.width) or margin % max(n, 1):
-            raise ValueError(
-                f"keyframes are {width}x{height} px with a margin of {margin} px, camera '{camera.name}' is "
-                f"{camera.width}x{camera.height} px; give renderer and interpolator the same scene and size"
-            )
-        return n
-
-    def _fine(self, shape: tuple[int, ...], on_device: bool) -> Any:
-        """Gives memory for the frames before their samples are averaged."""
-        if tuple(self._made.shape[:4]) != shape[:4]:
-            pixel: Any = wp.vec3 if self._colour else wp.float32
-            self._made = wp.empty(shape[:4], dtype=pixel, device=self._device) if on_device else new_frames(shape)
-        return self._made
-
-    def _average(self, fine: Any, out: Any) -> None:
-        """Averages the samples of frames."""
-        channels = 3 if self._colour else 1
-        arrays: list[wp.array] = []
-        for image in (fine, out):
-            shape = (image.shape[0] * image.shape[1], image.shape[2], image.shape[3] * channels)
-            if isinstance(image, wp.array):
-                arrays.append(image.flatten().view(wp.float32).reshape(shape))
-            else:
-                arrays.append(wp.array(image, dtype=wp.float32, shape=shape, copy=False, device="cpu"))
-        dim, device = arrays[1].shape[:2], arrays[1].device
-        wp.launch(image_kernels.mean, dim, [self._samples, channels, arrays[0]], [arrays[1]], device=device)
-
     def warm_up(self) -> None:
-        """Compiles the kernels now rather than at the first keyframe."""
-        if "state" in self._reads:
-            self._warm_up_in_scene()
-            return
-        tiny = Interpolator(self._name, 2, colour=self._colour, device=str(self._device))
-        for stamp in (0, 2):
-            for dtype in (np.float16, np.float32):
-                tiny._image(np.ones((1, 4, 4, 3), dtype))
-            radiance, depth, motion = (np.ones((1, 4, 4, *tail), np.float32) for tail in ((3,), (), (2,)))
-            tiny.push(stamp, np.zeros(1, np.int32), radiance, depth, motion)
-
-    def _warm_up_in_scene(self) -> None:
-        """Makes a gap of the scene itself, for its kernels depend on what there is in it."""
-        assert self._scene is not None and self._camera is not None
-        camera, bodies = self._camera, len(self._scene.bodies)
-        tiny = Interpolator(
-            self._name, 2, colour=self._colour, device=str(self._device), scene=self._scene, camera=camera,
-            **self._light,
-        )  # fmt: skip
-        pose = np.tile(se3.IDENTITY, (1, 2, bodies, 1))
-        for stamp in (0, 2):
-            for dtype in (np.float16, np.float32):
-                radiance = np.ones((1, camera.height, camera.width, 3), dtype)
-                tiny._image(radiance)
-            # The camera turns a little, or nothing would be looked up.
-            pose[:, :, :, 3] = 0.5e-3 * stamp
-            states = States(np.array([stamp - 2, stamp]), pose.copy(), np.zeros((1, 2, bodies, 6)))
-            depth, motion = (np.ones((1, camera.height, camera.width, *tail), np.float32) for tail in ((), (2,)))
-            tiny.push(stamp, np.zeros(1, np.int32), radiance, depth, motion, states=states)
+        """Compiles the kernels now rather than at the first keyframe, by a short gap of a size that may be another."""
+        how: dict[str, Any] = {"colour": self._colour, "device": str(self._device)}
+        height, width = 4, 4
+        if "state" in self._reads and self._camera is not None:
+            # These kernels depend on what there is in the scene.
+            how |= {"scene": self._scene, "camera": self._camera, **self._light}
+            height, width = self._camera.height, self._camera.width
+        Interpolator(self._name, 2, **how).warm_up_for(1, height, width)
 
     def begin(self, envs: int, height: int, width: int, margin: int = 0) -> None:
         """Begins to build what gaps of this size need: kernels compile while the caller does something else.
 
         Arguments are those of `warm_up_for`, which ends it.
         """
-        self._size, self._samples = ((envs, height, width), margin), self._samples_of(height, width, margin)
-        self._made_method()
-        self._begin_image()
-
-    def _begin_image(self) -> None:
-        """Has the kernel compiled that keyframes in colour go through first."""
+        self._take_size((envs, height, width), margin)
+        self._warmed_method()
+        # Keyframes in colour go through it first.
         begin_building(self._device, [(image_kernels.luminance, LAUNCH_BLOCK)])
 
     def warm_up_for(self, envs: int, height: int, width: int, margin: int = 0, gap_ns: int = 0) -> None:
@@ -314,32 +247,38 @@ class Interpolator:
             return
         self._image(np.ones((1, 2, 2, 3), np.float16))
         self.begin(envs, height, width, margin)
-        prepare = getattr(self._method, "prepare_for", lambda gap_ns: None)
+        prepare = getattr(self._warmed_method(), "prepare_for", lambda gap_ns: None)
         prepare(gap_ns)
+        # Environments have had other episodes before their first.
+        images, episodes = made_up.images(envs, height, width), np.full(envs, -1, np.int32)
         for stamp in made_up.stamps(1 if self._device.is_cpu else made_up.RECORDED):
             states = None
             if self._scene is not None and self._camera is not None:
                 states = made_up.states(self._scene, self._camera, envs, stamp)
-            # Environments have had other episodes before their first.
-            episodes = np.full(envs, -1, np.int32)
-            images = made_up.images(envs, height, width)
-            self.push(stamp, episodes, *images, margin, self._scratch, states)
+            self._push_made_up(stamp, episodes, images, states, margin)
         self._warmed = True
         self.last_report()
         prepare(0)
 
+    def _warmed_method(self) -> Method:
+        """Gives the method that a warm-up is for, built when it is first needed."""
+        return self._made_method()
+
+    def _push_made_up(
+        self, stamp_ns: int, episodes: np.ndarray, images: made_up.Images, states: States | None, margin: int
+    ) -> None:
+        """Makes the gap that ends with a keyframe which was made up, as those of a run are made."""
+        self.push(stamp_ns, episodes, *images, margin, self._scratch, states)
+
     def _scratch(self, shape: tuple[int, ...]) -> np.ndarray | wp.array:
-        if self._device.is_cpu:
-            return new_frames(shape)
-        pixel: Any = wp.vec3 if self._colour else wp.float32
-        return wp.empty(shape[:4], dtype=pixel, device=self._device)
+        return new_frames_on(self._device, shape)
 
     def _build(self, envs: int, height: int, width: int, margin: int, in_a_row: bool = False) -> Method:
-        camera = finer(self._camera, self._samples) if self._camera is not None else None
+        camera = finer(self._camera, self._means.samples) if self._camera is not None else None
         gap = Gap(
             height, width, envs, self.upsampling, margin, 3 if self._colour else 1, str(self._device), self._threads,
             self._scene, camera, self._light, self._worlds,
-            self._time_tolerance_ns, self._sampled, in_a_row, self.late, self._samples,
+            self._time_tolerance_ns, self._sampled, in_a_row, self.late, self._means.samples,
         )  # fmt: skip
         return METHODS[self._name].make(gap)
 

@@ -13,8 +13,9 @@ import warp as wp
 from evis.gpu.in_a_row import joined, parted
 from evis.runtime.clock import subframe_stamps
 from nodes.interpolator import warm_up as made_up
-from nodes.interpolator.interpolator import Allocate, Image, Interpolator, new_frames
+from nodes.interpolator.interpolator import Image, Interpolator
 from nodes.interpolator.keyframe import KeyframeView, Report, Span, States, StatesInARow, check_follows
+from nodes.interpolator.pixel_means import Allocate, new_frames
 from nodes.interpolator.rigid import Rigid
 from nodes.interpolator.samples import Further, Parting
 
@@ -80,11 +81,10 @@ class ManyGaps(Interpolator):
     """Makes the frames of up to `gaps` consecutive gaps at once, bit for bit as one by one.
 
     The gaps are given to the method as environments with times of their own. For method rigid and one environment.
-    gaps: 1 where the scene does not allow more.
     """
 
     def __init__(self, method: str, upsampling: int, gaps: int, **how: Any) -> None:
-        """Makes an interpolator for several gaps at once. how: as of Interpolator."""
+        """Makes an interpolator for several gaps at once. gaps: 2 or more. how: as of Interpolator."""
         super().__init__(method, upsampling, **how)
         self.gaps = gaps
         self._rigid: tuple[Any, Rigid | Refined] | None = None
@@ -135,7 +135,7 @@ class ManyGaps(Interpolator):
                 row = self._row_of(keyframes[start:end])
                 if after is not None and after[2]:
                     self._coming = row.followed_by(self._arrived(keyframes[after[0] : after[1]]), self.gaps)
-                made_gaps = self._between(row, images[start:end], allocate, hand_over)
+                made_gaps = self._make_gaps(row, images[start:end], allocate, hand_over)
                 self._episodes, self._first = np.array(keyframes[end - 1].episodes), False
                 hand_over()
                 waiting.append(made_gaps)
@@ -148,7 +148,7 @@ class ManyGaps(Interpolator):
         episodes, alone = self._episodes, self._last is None
         most = 1 if self._first and self._device.is_cuda and self._time_tolerance_ns > 0 else self.gaps
         for n, one in enumerate(keyframes):
-            together = not (self.gaps == 1 or alone or np.any(one.episodes != episodes))
+            together = not alone and np.array_equal(one.episodes, episodes)
             if together and runs and runs[-1][2] and n - runs[-1][0] < most:
                 runs[-1] = runs[-1][0], n + 1, True
             else:
@@ -180,7 +180,7 @@ class ManyGaps(Interpolator):
             return expected
         return _Row.of(self._stamp, last.states, arrived, self.gaps)
 
-    def _between(
+    def _make_gaps(
         self, row: _Row, images: wp.array, allocate: Allocate, before_that: Callable[[], None]
     ) -> Callable[[], MadeGaps]:
         """Makes gaps of one episode, which end with these images; before_that: is called before `allocate`.
@@ -199,13 +199,12 @@ class ManyGaps(Interpolator):
         else:
             a.image = joined([*[last.image] * (spare + 1), *([images[:-1]] if len(images) > 1 else [])])
         b = KeyframeView(joined([*[last.image] * spare, images]), states=gap.b, stamp_ns=row.stamps[-1], own=gap.ends)
-        shape = (self.gaps, *self._frames_shape(self.upsampling, self._samples)[1:])
-        fine = (self.gaps, *self._frames_shape(self.upsampling, 1)[1:])
-        method, further = self._method_in_a_row(), None
+        means, shape = self._means, self._means.shape(self.gaps, self.upsampling)
+        method, further = self._warmed_method(), None
         if not isinstance(method, Rigid) and self._device.is_cuda:
             method.following = None if self._coming is None else self._coming.gap
             method.meanwhile = before_that
-            made = None if self._samples == 1 else self._fine(fine, True)
+            made = None if means.samples == 1 else means.fine(self.gaps, self.upsampling, on_device=True)
             report, further = method.between(a, b, gap.held, made), method.further
             before_that()
             out = allocate(shape)
@@ -214,12 +213,11 @@ class ManyGaps(Interpolator):
         else:
             before_that()
             out = allocate(shape)
-            made = out if self._samples == 1 else self._fine(fine, isinstance(out, wp.array))
+            made = means.target(out)
             report = method.between(a, b, gap.held, made)
             if not isinstance(method, Rigid):
                 further = method.further
-        if self._samples > 1:
-            self._average(made, out)
+        means.average(made, out)
         each: Callable[[], list[Further | None]] = lambda: [None] * self.gaps
         if further is not None:
             if self._parting is None:
@@ -232,34 +230,18 @@ class ManyGaps(Interpolator):
         frames = list(zip(stamps, parted(out, range(1, self.gaps + 1))[spare:]))
         return lambda: MadeGaps(frames, each()[spare:], report)
 
-    def begin(self, envs: int, height: int, width: int, margin: int = 0) -> None:
-        """Does what `Interpolator.begin` does, for several gaps at once."""
-        self._size, self._samples = ((envs, height, width), margin), self._samples_of(height, width, margin)
-        self._method_in_a_row()
-        self._begin_image()
-
     def warm_up_for(self, envs: int, height: int, width: int, margin: int = 0, gap_ns: int = 0) -> None:
         """Does what `Interpolator.warm_up_for` does, for several gaps at once."""
-        self.begin(envs, height, width, margin)
-        self._warmed = True
-        if self.gaps == 1 or self.upsampling > made_up.LONGEST or self._scene is None or self._camera is None:
-            super().warm_up_for(envs, height, width, margin, gap_ns)
-            return
-        self._image(np.ones((1, 2, 2, 3), np.float16))
-        image, episodes = made_up.images(envs, height, width)[0], np.full(envs, -1, np.int32)
-        method = self._method_in_a_row()
-        if not isinstance(method, Rigid):
-            method.prepare_for(gap_ns)
-        # Of each call one gap is made: what the others need is the same.
-        for stamp in made_up.stamps(1 if self._device.is_cpu else made_up.RECORDED):
-            one = Arrived(stamp, episodes, image, made_up.states(self._scene, self._camera, envs, stamp))
-            self.push_all([one], lambda made: None, margin, self._scratch)
-        self.last_report()
-        if not isinstance(method, Rigid):
-            method.prepare_for(0)
-        self._warmed = self._first = True
+        super().warm_up_for(envs, height, width, margin, gap_ns)
+        self._first = True
 
-    def _method_in_a_row(self) -> Rigid | Refined:
+    def _push_made_up(
+        self, stamp_ns: int, episodes: np.ndarray, images: made_up.Images, states: States | None, margin: int
+    ) -> None:
+        # Of each call one gap is made: what the others need is the same.
+        self.push_all([Arrived(stamp_ns, episodes, images[0], states)], lambda made: None, margin, self._scratch)
+
+    def _warmed_method(self) -> Rigid | Refined:
         """Gives the method that makes several gaps, built at the first call."""
         if self._rigid is None or self._rigid[0] != self._size:
             assert self._size is not None

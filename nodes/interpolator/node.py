@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
@@ -13,30 +12,24 @@ import numpy as np
 
 from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
-from evis.scene.digest import appearance, shown
-from evis.scene.model import Scene
+from evis.scene.digest import shown
 from evis.scene.parameters import SCENE, SEED, camera_of, ends_alone, seeds_of, worlds_of
-from evis.scene.parts import Parts
-from evis.scene.worlds import Group, Worlds
+from evis.scene.worlds import Worlds
 from msgs.camera import Depth, Frames, Keyframe, Motion, Samples
 from msgs.header import Message
 from msgs.own_time import STAMP
 from msgs.world import WorldState
-from nodes.interpolator.frames_alone import by_frames_alone
 from nodes.interpolator.messages import frames_of, samples_of
 from nodes.interpolator.methods import HELP, METHODS, reads
+from nodes.interpolator.samples import by_frames_alone
 from nodes.renderer import parameters
-from nodes.renderer.cores import threads_for
 from nodes.renderer.parameters import BATCH, LIGHT
 
 if TYPE_CHECKING:
-    from nodes.interpolator.interpolator import Interpolator
     from nodes.interpolator.keyframe import Report, States
+    from nodes.interpolator.making import Made
     from nodes.interpolator.many_gaps import MadeGaps
-    from nodes.interpolator.separate import SeparateInterpolators
 
-USUAL_RATE = 30.0
-"""Keyframes per second where it is not known how many there are."""
 COUNTS = "reshaded"
 """What a message of frames counts, which is there last: of several gaps at once only their sum is known."""
 
@@ -88,7 +81,7 @@ class InterpolatorNode(Node):
         "state": Input("/state"),
     }
     OUTPUTS = {"frames": Output("/{camera}/frames"), "samples": Output("/{camera}/samples", late=False)}
-    interpolator: Interpolator | SeparateInterpolators
+    interpolator: Made
 
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
@@ -135,8 +128,7 @@ class InterpolatorNode(Node):
 
     def setup(self) -> None:
         from evis.gpu.devices import device_named
-        from nodes.interpolator.interpolator import Interpolator
-        from nodes.renderer.at_once import LEAST_OF_PIXEL, LEAST_OF_REFINED, LEAST_OF_RIGID, check_room
+        from nodes.interpolator.making import InterpolatorMaker, KeyframeSize, check_memory, gaps_at_once
 
         p = self.params
         self._method = method = usable(p)
@@ -150,30 +142,26 @@ class InterpolatorNode(Node):
         if method != p["method"]:
             self.warn(f"method {p['method']} needs the scene that was rendered (scene:=NAME); {method} is used instead")
         worlds = self.worlds = worlds_of(self.name, p) if "state" in reads(method) else None
-        scene = worlds.scenes[0] if worlds else None
-        self._names = [body.name for body in scene.bodies] if scene else []
-        camera = camera_of(scene, p["camera"]) if scene else None
-        size = (camera.height, camera.width) if camera else (p["height"], p["width"])
-        # Samples that are to be moved apart come as a larger image.
-        n = p["supersampling"] or camera.supersampling if camera else 1
-        height, width = (n * ((length or 0) + 2 * p["margin"]) for length in size)
-        self._expected = (height, width) if all(size) else None
-        if self._expected is not None:
-            refined = n > 1 and self._sampled and not parameters.by_paths(p)
-            least = LEAST_OF_REFINED if refined else LEAST_OF_RIGID if method == "rigid" else LEAST_OF_PIXEL
-            # Who takes several samples of a pixel may not know what looking at each of them between frames takes.
-            fineness = n if refined else 1
-            check_room(self.name, p["device"], p["envs"], width, height, p["upsampling"], least, fineness)
-        self._device = device_named(p["device"])
-        self._gaps = self._at_once(height * width)
-        self._fineness = n
+        scenes = worlds.scenes if worlds else []
+        self._names = [body.name for body in scenes[0].bodies] if scenes else []
+        camera = camera_of(scenes[0], p["camera"]) if scenes else None
+        size = KeyframeSize.expected(p, camera)
+        check_memory(self.name, p, method, size, self._sampled)
         told = by_frames_alone(camera, p) if self._sampled and camera else ""
         self._frames_alone = bool(told)
-        self.interpolator = self._interpolators(worlds)
+        self._device = device_named(p["device"])
+        # Several are made for nobody who reads what single gaps count.
+        several = method == "rigid" and p["upsampling"] > 1 and self.may_gather and not self._counts_are_read()
+        gaps = 1
+        if several:
+            gaps = gaps_at_once(self.name, p, size.pixels, scenes, self._sampled, self.run_s, self.recorded)
+        # Where nobody reads what a gap counts, nobody waits for it.
+        late = self._device.is_cuda and self.may_lag and p["time_tolerance"] == 0 and not self._counts_are_read()
+        self._maker = InterpolatorMaker(p, method, size, self._sampled, gaps, late)
+        self.interpolator = self._maker.make(worlds)
         if told:
             self.warn(told)
-        if self._expected is not None and isinstance(self.interpolator, Interpolator):
-            self.interpolator.begin(p["envs"], *self._expected, self._fineness * p["margin"])
+        self._maker.begin(self.interpolator)
         self._field = "rgb" if p["colour"] else "luminance"
         self._kept: list[Message] = []
         self._singly = False
@@ -181,90 +169,11 @@ class InterpolatorNode(Node):
 
     def warm_up(self) -> None:
         """Compiles what gaps need."""
-        self._warm(self.interpolator, self.params["envs"])
-
-    def _at_once(self, pixels: int) -> int:
-        """Computes how many gaps are made at once. Raises ValueError where they do not fit.
-
-        Only `rigid` makes more than one; none does for a reader of what single gaps count.
-        """
-        from nodes.interpolator.refine.instants import wanted_slots
-        from nodes.interpolator.refine.light.highlights import tolerance_for
-        from nodes.renderer.at_once import at_once, keyframes_of, refined_at_once
-
-        p = self.params
-        if self._method != "rigid" or p["upsampling"] == 1 or not self.may_gather or self._counts_are_read():
-            return 1
-        paths, rate = parameters.by_paths(p), p["keyframe_rate"] or USUAL_RATE
-        keyframes = keyframes_of(self.run_s, rate)
-        how = p["upsampling"], paths, keyframes, self.recorded
-        gaps = at_once(self.name, p["batch"], p["device"], p["envs"], pixels, *how)
-        if not self._sampled:
-            return gaps
-        length = 1e9 / rate
-        scenes = self.worlds.scenes if self.worlds else []
-        tolerance = 1e9 * p["time_tolerance"]
-        tolerance = min((tolerance_for(scene, tolerance) for scene in scenes), default=tolerance)
-        slots = wanted_slots(round(length), p["upsampling"], tolerance)
-        return refined_at_once(gaps, p["batch"], p["device"], pixels * max(slots, 1))
+        self._maker.warm_up(self.interpolator, self.params["envs"])
 
     def _counts_are_read(self) -> bool:
         """Tells whether somebody reads what the messages of single gaps count."""
         return any(self.wants(port, COUNTS) for port in ("frames", "samples"))
-
-    def _warm(self, interpolator: Interpolator | SeparateInterpolators, envs: int) -> None:
-        """Prepares it before its first keyframe."""
-        if self._expected is None:
-            interpolator.warm_up()
-        else:
-            rate, margin = self.params["keyframe_rate"], self._fineness * self.params["margin"]
-            interpolator.warm_up_for(envs, *self._expected, margin, round(1e9 / rate) if rate else 0)
-
-    def _interpolators(self, worlds: Worlds | None) -> Interpolator | SeparateInterpolators:
-        """Makes one for all environments, or one for each look of the world."""
-        if worlds is None:
-            return self._interpolator(None, ())
-        groups = worlds.groups(self._look)
-        if len(groups) == 1:
-            return self._interpolator(groups[0][0], worlds.apart())
-        return self._separate(Parts(groups, self._each(worlds, groups)))
-
-    def _look(self, scene: Scene) -> tuple[bytes, float]:
-        """Gives what environments that one interpolator works on have in common: what is made of their scenes, and how
-        closely single pixels are looked at in time, which depends on how glossy things may move."""
-        from nodes.interpolator.refine.light.highlights import tolerance_for
-
-        tolerance = self.params["time_tolerance"]
-        return appearance(scene), tolerance_for(scene, 1e9 * tolerance) if tolerance else 0.0
-
-    def _each(self, worlds: Worlds, groups: Sequence[Group]) -> list[Callable[[], Interpolator]]:
-        return [partial(self._interpolator, scene, worlds.apart(envs)) for scene, envs in groups]
-
-    def _interpolator(self, scene: Scene | None, worlds: Sequence[Scene]) -> Interpolator:
-        from nodes.interpolator.interpolator import Interpolator
-
-        p = self.params
-        light = parameters.light_options(p if scene else {})
-        how = {key: p[key] for key in ("colour", "device", "tolerance", "time_tolerance")}
-        how["sampled"] = self._sampled
-        camera = camera_of(scene, p["camera"]) if scene else None
-        height, width = self._expected or (0, 0)
-        how["threads"] = threads_for(p["threads"], p["envs"] * height * width)
-        how = {"scene": scene, "camera": camera, "worlds": worlds, **how, **light}
-        if self._gaps > 1:
-            from nodes.interpolator.many_gaps import ManyGaps
-
-            return ManyGaps(self._method, p["upsampling"], self._gaps, **how)
-        made = Interpolator(self._method, p["upsampling"], **how)
-        # Where nobody reads what a gap counts, nobody waits for it.
-        frames_alone = p["time_tolerance"] == 0
-        made.late = self._device.is_cuda and self.may_lag and frames_alone and not self._counts_are_read()
-        return made
-
-    def _separate(self, parts: Parts[Interpolator]) -> SeparateInterpolators:
-        from nodes.interpolator.separate import SeparateInterpolators
-
-        return SeparateInterpolators(parts, self.params["upsampling"], self.params["device"])
 
     def rewind(self, params: Mapping[str, Any]) -> bool:
         """Forgets the last keyframe; what another seed draws no differently is as it was."""
@@ -292,17 +201,7 @@ class InterpolatorNode(Node):
         if not len(changed):
             return
         self._count_report(self.interpolator.last_report())
-        if len(changed) == len(worlds.scenes):
-            self.interpolator = self._interpolators(worlds)
-            self._warm(self.interpolator, len(changed))
-            return
-        from nodes.interpolator.separate import SeparateInterpolators
-
-        if not isinstance(self.interpolator, SeparateInterpolators):
-            self.interpolator = self._separate(Parts.of_all(self.interpolator, len(worlds.scenes)))
-        groups = worlds.groups(self._look, changed)
-        for made, (_, envs) in zip(self.interpolator.change(groups, self._each(worlds, groups)), groups):
-            self._warm(made, len(envs))
+        self.interpolator = self._maker.replace(self.interpolator, worlds, changed)
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         key = inputs["keyframe"]
@@ -348,7 +247,7 @@ class InterpolatorNode(Node):
         keys = [key for one in inputs if isinstance(key := one["keyframe"], Keyframe)]
         many, apart = self.interpolator, any(key.own is not None for key in keys)
         singly = self._singly or apart or self._counts_are_read()
-        if not isinstance(many, ManyGaps) or many.gaps == 1 or singly:
+        if not isinstance(many, ManyGaps) or singly:
             super().update_all(inputs)
             return
         arrived = [

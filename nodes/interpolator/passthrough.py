@@ -1,8 +1,5 @@
 """Implements method `none`, which does not interpolate: every keyframe is a frame, for scenes whose keyframes are
-rendered at the full rate.
-
-Every keyframe is a frame, for scenes whose keyframes are rendered at the full rate.
-"""
+rendered at the full rate."""
 
 from __future__ import annotations
 

@@ -1,16 +1,28 @@
-"""Holds samples of single pixels between the frames of a gap."""
+"""Holds samples of single pixels between the frames of a gap, and tells which cameras have none."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from evis.scene.model import Camera
+from nodes.renderer import parameters
+
 if TYPE_CHECKING:
     import warp as wp
+
+
+def by_frames_alone(camera: Camera, params: Mapping[str, Any]) -> str:
+    """Says why the pixels of a camera go by frames alone although there is a tolerance of time; "" where they do
+    not."""
+    if not parameters.by_paths(params):
+        return ""
+    why = "their light comes by paths (bounces, sky_occlusion)"
+    return f"time_tolerance changes nothing: all {camera.width}x{camera.height} pixels go by frames alone, for {why}"
 
 
 @dataclass

@@ -13,8 +13,9 @@ import warp as wp
 from evis.gpu.devices import device_named
 from evis.scene.parts import Parts
 from evis.scene.worlds import Group
-from nodes.interpolator.interpolator import Allocate, Image, Interpolator, new_frames
+from nodes.interpolator.interpolator import Image, Interpolator
 from nodes.interpolator.keyframe import Report, States
+from nodes.interpolator.pixel_means import Allocate, new_frames, new_frames_on
 from nodes.interpolator.samples import Further, joined
 
 NOBODY = 1 << 20
@@ -116,9 +117,7 @@ class SeparateInterpolators:
         return stamps, out
 
     def _scratch(self, shape: tuple[int, ...]) -> Any:
-        if self._device.is_cpu:
-            return new_frames(shape)
-        return wp.empty(shape[:4], dtype=wp.vec3 if len(shape) == 5 else wp.float32, device=self._device)
+        return new_frames_on(self._device, shape)
 
 
 def _channels(frames: Any) -> tuple[int, ...]:

@@ -11,6 +11,7 @@ from evis.scene.model import Camera, Scene
 from nodes.interpolator.keyframe import States
 
 GAP_NS = 10_000_000
+"""Length of the gap between two of them [ns]."""
 LONGEST = 64
 """Frames of a gap from which on a warm-up with one takes longer than what it saves."""
 RECORDED = 4

@@ -42,8 +42,8 @@ class EventLabeler:
     """Labels the events of one camera."""
 
     def __init__(self, caster: RayCaster, step_ns: float, tolerance_ns: float = 0.0) -> None:
-        """step_ns: between sub-frames [ns], which lie at whole multiples of it. tolerance_ns: of the times of samples
-        between them, 0 = there are none."""
+        """Takes what finds the surfaces, and the grid of times. step_ns: between sub-frames [ns], which lie at whole
+        multiples of it. tolerance_ns: of the times of samples between them, 0 = there are none."""
         self._caster, self._step = caster, step_ns
         # Instants as far apart as sub-frames are these.
         self._looks = [round(look * tolerance_ns) for look in LOOKS if 0 < 2 * tolerance_ns < step_ns]

@@ -46,7 +46,7 @@ class Instants:
     """Computes where the surfaces seen by one camera are at single instants, and their flow from one to another."""
 
     def __init__(self, scene: Scene, camera: Camera, caster: RayCaster) -> None:
-        """caster: of the same camera."""
+        """Takes what is seen, and what finds surfaces. caster: of the same camera."""
         self._scene, self._camera, self._caster, self._device = scene, camera, caster, caster.device
         self._directions: wp.array = wp.array(caster.pixels()[0], dtype=wp.vec3d, device=self._device)
         self._raster: Visibility | None = None
@@ -75,7 +75,7 @@ class Instants:
             raster = self._raster
             raster.update(instant.poses)
             seen = Seen(*(self._empty(instant, kind) for kind in (wp.int32, wp.vec3d, wp.vec3)))
-            given = [instant.to_mesh, int(self._caster.lens is not None), self._directions]
+            given = [instant.to_mesh, int(self._caster.projection.lens is not None), self._directions]
             given += [raster.packed.reshape(seen.ids.shape)]
             given += [raster.triangles, raster.triangle_instance, raster.points]
             wp.launch(kernels.find_points, seen.ids.shape, given, [seen.ids, seen.points, seen.normals], device=device)
@@ -90,13 +90,21 @@ class Instants:
         shape = seen.ids.shape
         flow, valid = self._empty(start, wp.vec2), self._empty(start, wp.uint8)
         places: wp.array = wp.empty((0, 0), dtype=wp.vec2d, device=device)
-        if caster.lens is not None:
+        if caster.projection.lens is not None:
             points = self._empty(start, wp.vec3d)
             given = [start.to_mesh, end.to_mesh, seen.ids, seen.points]
             wp.launch(kernels.carry_points, shape, given, [points], device=device)
-            projected = caster.project(points.numpy().reshape(-1, 3))
+            projected = caster.projection.places(points.numpy().reshape(-1, 3))
             places = wp.array(projected.reshape(*shape, 2), dtype=wp.vec2d, device=device)
-        given = [caster.surfaces, start.to_mesh, end.to_mesh, self._shell, wp.mat33d(*caster.k.ravel()), width, height]
+        given = [
+            caster.surfaces,
+            start.to_mesh,
+            end.to_mesh,
+            self._shell,
+            wp.mat33d(*caster.projection.k.ravel()),
+            width,
+            height,
+        ]
         given += [seen.ids, seen.normals, seen.points, places]
         wp.launch(kernels.flow_to_places, shape, given, [flow, valid], device=device)
         image = len(start.poses), height, width

@@ -23,7 +23,7 @@ class IntervalFlow:
     """Computes flow between two instants for one camera."""
 
     def __init__(self, scene: Scene, camera: Camera, caster: RayCaster) -> None:
-        """caster: of the same camera."""
+        """Takes what is seen, and what finds surfaces. caster: of the same camera."""
         self._instants = Instants(scene, camera, caster)
         self._known: list[Instant] = []
 
@@ -41,7 +41,7 @@ class IntervalFlow:
         return self._instants.flow(self._at(motion, envs, start), self._at(motion, envs, end))
 
     def _at(self, motion: Motion, envs: np.ndarray, t: int) -> Instant:
-        """What is where at a time; what was seen is kept as long as everything is in the same place."""
+        """Finds what is where at a time; what was seen is kept as long as everything is in the same place."""
         found = self._instants.at(motion, envs, t)
         known = next((one for one in self._known if one.same(found)), found)
         self._known = [*(one for one in self._known if one is not known), known][-KEPT:]

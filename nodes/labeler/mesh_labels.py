@@ -63,7 +63,7 @@ class MeshLabels:
     """Labels E environments, those that look the same together."""
 
     def __init__(self, worlds: Worlds, make: Callable[[Scene], WorldLabelers]) -> None:
-        """make: what labels environments that look like a scene."""
+        """Takes the worlds of the environments, and what makes the labelers of those that look like a scene."""
         self._make = make
         self.worlds = worlds
         self._made: dict[bytes, WorldLabelers] = {}

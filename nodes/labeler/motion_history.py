@@ -90,7 +90,7 @@ class MotionHistory:
     def _rest_after(
         self, later: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]], columns: np.ndarray
     ) -> np.ndarray:
-        """Poses [E, C, 7] of bodies that rest in an interval: where the next one in which they move begins."""
+        """Gives poses [E, C, 7] of bodies that rest in an interval: where the next one in which they move begins."""
         rest = self._end[:, columns].copy()
         for _, moving, pose, _ in reversed(later):
             rest[:, np.searchsorted(columns, moving)] = pose[:, 0]

@@ -17,7 +17,8 @@ from msgs.camera import INTERVAL_FLOWS, CameraInfo, Depth, Ids, Labels
 from msgs.header import Header, Message
 from msgs.world import WorldState
 from nodes.labeler.body_labels import add_body_labels
-from nodes.labeler.box_groups import OF, groups
+from nodes.labeler.box_groups import OF
+from nodes.labeler.instance_tables import InstanceTables
 from nodes.labeler.kinds import DEFAULT, NEEDS, OF_MESHES, RAY_CAST, kinds_of
 
 KEPT = ("event_history", "flow_history", "pairing")
@@ -90,10 +91,7 @@ class LabelerNode(Node):
 
         self.image_labels = image_labels
         self.kinds = kinds_of(self.params["labels"])
-        self.info: CameraInfo | None = None
-        self.box_ids: np.ndarray | None = None
-        self.flow_fields: list[image_labels.FlowField] = []
-        """One for all environments, or one for each where their cameras differ; none before the first flow."""
+        self.tables = InstanceTables(self.name, self.params["camera"])
         self.pairing: Any = None
         self.mesh_labels: Any = None
         if OF_MESHES & set(self.kinds):
@@ -139,15 +137,7 @@ class LabelerNode(Node):
             self.pairing.take(message)
             self._publish_paired()
         if isinstance(message, CameraInfo):
-            before, self.info = self.info, message
-            self.info.k, self.info.distortion = np.array(message.k), np.array(message.distortion)
-            self.info.semantic = None if message.semantic is None else np.array(message.semantic)
-            for name in ("env_k", "env_distortion"):
-                array = getattr(message, name)
-                setattr(self.info, name, None if array is None else np.array(array))
-            if before is None or not _same_view(before, self.info):
-                self.flow_fields = []
-            self.box_ids = None
+            self.tables.take(message)
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         """Publishes the labels of one stamp."""
@@ -162,9 +152,9 @@ class LabelerNode(Node):
         self._label_images(out, state, z, i)
         if "boxes" in self.kinds and i is not None:
             seen = host_array(i)
-            out.box, out.box_env, out.box_id = self.image_labels.boxes(
-                self._ids_of_boxes(seen) if _some_boxes(self.params) else seen
-            )
+            if _some_boxes(self.params):
+                seen = np.take(self.tables.box_ids(self.params["box_of"], self.params["box_classes"]), seen)
+            out.box, out.box_env, out.box_id = self.image_labels.boxes(seen)
         if state is not None:
             add_body_labels(out, state, self.kinds, self.name)
             self._label_meshes(out, state)
@@ -177,8 +167,7 @@ class LabelerNode(Node):
 
     def finish(self) -> None:
         """Publishes the labels of what the sensor held back. Raises ValueError for ids of the last images."""
-        for field in self.flow_fields:
-            field.settle()
+        self.tables.settle()
         if self.pairing is not None:
             self._publish_paired(ended=True)
 
@@ -198,7 +187,7 @@ class LabelerNode(Node):
             self.publish("labels", out)
 
     def _image(self, image: Any, margin: int) -> Any:
-        """The image of a message without its margin: where it came, but for flow on the device that flow is of.
+        """Gives the image of a message without its margin: where it came, but for flow on the device that flow is of.
 
         Of another process images come on the host while anybody reads them there, and flow has other roundings there.
         """
@@ -212,7 +201,7 @@ class LabelerNode(Node):
         return self.image_labels.crop(image, margin)
 
     def _flow_device(self) -> str:
-        """The device that flow is computed on: the labeler's, but the host where labels wait for events."""
+        """Names the device that flow is computed on: the labeler's, but the host where labels wait for events."""
         return "cpu" if self.pairing is not None else str(self.params["device"])
 
     def _label_images(self, out: Labels, state: WorldState | None, depth: Any, ids: Any) -> None:
@@ -228,7 +217,7 @@ class LabelerNode(Node):
             if on_gpu is None:
                 wanted["semantic"] = (ids.shape, np.int32)
             else:
-                out.semantic = np.take(self._semantic_ids(), host_array(ids))
+                out.semantic = np.take(self.tables.semantic_ids(), host_array(ids))
         arrays = self._memory(wanted, on_gpu)
         for name, image in (("depth", depth), ("segmentation", ids)):
             if name in arrays and on_gpu is None:
@@ -236,9 +225,9 @@ class LabelerNode(Node):
             elif name in arrays:
                 arrays[name].assign(image)
         if "semantic" in arrays:
-            np.take(self._semantic_ids(), ids, out=arrays["semantic"])
+            np.take(self.tables.semantic_ids(), ids, out=arrays["semantic"])
         if "flow" in arrays and state is not None and ids is not None:
-            fields, twist = self._flow_fields(state), state.end_twist()
+            fields, twist = self.tables.flow_fields(state, self._flow_device()), state.end_twist()
             share = len(depth) // len(fields)
             for k, field in enumerate(fields):
                 own = slice(k * share, (k + 1) * share)
@@ -247,7 +236,7 @@ class LabelerNode(Node):
             setattr(out, name, array)
 
     def _memory(self, wanted: Mapping[str, tuple[tuple[int, ...], Any]], on_gpu: Any) -> dict[str, Any]:
-        """Arrays of (shape, dtype) to write labels into, on a GPU if it is given."""
+        """Allocates arrays of (shape, dtype) to write labels into, on a GPU if it is given."""
         if not wanted:
             return {}
         if on_gpu is not None:
@@ -259,41 +248,6 @@ class LabelerNode(Node):
             return {**self.loan("labels", **wanted)}
         # These wait for events, and a loan is for what is sent next.
         return {name: np.empty(shape, dtype) for name, (shape, dtype) in wanted.items()}
-
-    def _ids_of_boxes(self, ids: np.ndarray) -> np.ndarray:
-        """Ids with those of instances that share a box made one, and of those without a box 0."""
-        if self.box_ids is None:
-            if self.info is None:
-                raise ValueError(f"{self.name} has no CameraInfo of {self.params['camera']}, which box_classes needs")
-            self.box_ids = groups(self.info, self.params["box_of"], self.params["box_classes"])
-        return np.take(self.box_ids, ids)
-
-    def _semantic_ids(self) -> np.ndarray:
-        """Semantic id of each instance id."""
-        if self.info is None or self.info.semantic is None:
-            raise ValueError(f"{self.name}: /{self.params['camera']}/info has no semantic ids; leave semantic out")
-        return self.info.semantic
-
-    def _flow_fields(self, state: WorldState) -> list[Any]:
-        """Looks at the lenses once, for every environment whose camera differs."""
-        if not self.flow_fields:
-            info = self.info
-            if info is None:
-                raise ValueError(f"{self.name} has no CameraInfo of {self.params['camera']}, which flow needs")
-            index = {"": -1} | {name: n for n, name in enumerate(state.names)}
-            missing = [b for b in (*info.instance_bodies, self.params["camera"]) if b not in index]
-            if missing:
-                raise ValueError(f"{self.name}: /state has no body '{missing[0]}', which CameraInfo names")
-            bodies = [index[b] for b in info.instance_bodies]
-            size, camera = (info.width, info.height), index[self.params["camera"]]
-            lenses = [(info.k, info.distortion)]
-            if info.env_k is not None and info.env_distortion is not None:
-                lenses = list(zip(info.env_k, info.env_distortion))
-            for k, distortion in lenses:
-                lens = self.image_labels.lens_of(info.distortion_model, distortion)
-                field = self.image_labels.FlowField(k, size, bodies, camera, lens, self._flow_device())
-                self.flow_fields.append(field)
-        return self.flow_fields
 
     def _label_meshes(self, out: Labels, state: WorldState) -> None:
         """Labels where meshes are at this stamp, and how their points move within its interval."""
@@ -319,14 +273,5 @@ class LabelerNode(Node):
 
 
 def _some_boxes(params: Mapping[str, Any]) -> bool:
-    """Whether not every instance has a box of its own."""
+    """Tells whether not every instance has a box of its own."""
     return params.get("box_of", OF[0]) != OF[0] or params.get("box_classes") is not None
-
-
-def _same_view(a: CameraInfo, b: CameraInfo) -> bool:
-    """Tells whether flow is computed for both in the same way."""
-    names = ("distortion_model", "width", "height", "instance_bodies")
-    lenses = ("k", "distortion", "env_k", "env_distortion")
-    return all(getattr(a, name) == getattr(b, name) for name in names) and all(
-        np.array_equal(getattr(a, name), getattr(b, name)) for name in lenses
-    )

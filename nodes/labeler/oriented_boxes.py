@@ -26,7 +26,7 @@ class OrientedBoxes:
     """Measures the meshes once; a call places their boxes."""
 
     def __init__(self, scene: Scene, camera: str) -> None:
-        """camera: its name."""
+        """Takes the meshes of a scene. camera: its name."""
         self._camera = scene.body_index(camera)
         rows = [(n, i.body, *_corners(i.mesh.vertices, i.pose)) for n, i in enumerate(scene.instances, 1)]
         rows = [row for row in rows if np.isfinite(row[2]).all()]
@@ -48,7 +48,7 @@ class OrientedBoxes:
 
 
 def _corners(vertices: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least and largest corner [3] of a mesh in its body's frame; NaN of one without vertices."""
+    """Finds the least and the largest corner [3] of a mesh in its body's frame; NaN of one without vertices."""
     if not len(vertices):
         return np.full(3, np.nan), np.full(3, np.nan)
     points = se3.transform(pose, np.asarray(vertices, np.float64))

@@ -9,15 +9,14 @@ import numpy as np
 import warp as wp
 
 from evis.geometry import pinhole, se3
-from evis.geometry.distortion import Lens, project, unproject
 from evis.scene.model import Camera, Scene
 from msgs.header import Header
 from msgs.world import WorldState
 from nodes.labeler.motion_history import MotionHistory
 from nodes.labeler.motion_kernels import Motion
+from nodes.labeler.projection import Projection
 from nodes.labeler.ray_caster_kernels import Surfaces, first_surfaces, flow_of_surfaces
 from nodes.renderer.geometry.triangles import geometry_of
-from nodes.renderer.raster.lens.cameras import lens_of
 
 
 class RayCaster:
@@ -30,10 +29,7 @@ class RayCaster:
         geometry = geometry_of(scene)
         self.device = wp.get_device(device)
         self._meshes: dict[int, wp.Mesh] = {}
-        self.lens: Lens | None = None
-        if lens_of(camera) != "none":
-            self.lens = Lens.of(camera.distortion_model, camera.distortion)
-        self.k = np.asarray(camera.k, np.float64)
+        self.projection = Projection.of(camera.k, camera.distortion_model, camera.distortion)
         self.size = (camera.width, camera.height)
         self.shell = geometry.shell
         """Whether an instance can cover itself (SHELL_*), int32 [I]."""
@@ -46,7 +42,8 @@ class RayCaster:
         s.radius = self._put(geometry.radius, wp.float32)
         sides = np.array([scene.materials[i.material].two_sided for i in scene.instances], np.int32)
         s.two_sided = self._put(sides, wp.int32)
-        s.camera, s.near, s.lens = scene.body_index(camera.name), float(camera.near), int(self.lens is not None)
+        s.camera, s.near = scene.body_index(camera.name), float(camera.near)
+        s.lens = int(self.projection.lens is not None)
 
     def still_motion(self, bodies: int) -> Motion:
         """Gives the motion of so many bodies that stand in one place, for kernels to be compiled with."""
@@ -63,35 +60,10 @@ class RayCaster:
         nothing = np.zeros(1, np.int32), np.full(1, np.inf, np.float32)
         self.flow(motion, env, time, ahead, np.zeros((1, 2, 3)), nothing)
 
-    def directions(self, pixels: np.ndarray) -> np.ndarray:
-        """Gives unit directions float64 [Q, 3] in the camera's frame of places float64 [Q, 2] px in the image."""
-        if self.lens is not None:
-            return unproject(self.k, self.lens, pixels)
-        rays = pinhole.unproject(self.k, pixels, np.ones(len(pixels)))
-        return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
-
     def pixels(self) -> tuple[np.ndarray, np.ndarray]:
-        """Gives the directions [H W, 3] of all pixels, row by row, and their derivatives [H W, 2, 3]."""
-        directions = self.directions(pinhole.pixel_grid(*self.size).reshape(-1, 2))
-        return directions, self.derivative(directions)
-
-    def project(self, points: np.ndarray) -> np.ndarray:
-        """Gives places float64 [Q, 2] px in the image of points [Q, 3] in the camera's frame; NaN for those that no
-        pixel could see."""
-        if self.lens is not None:
-            return project(self.k, self.lens, points)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            places = pinhole.project(self.k, points)
-        return np.where(points[:, 2:] > 0, places, np.nan)
-
-    def derivative(self, directions: np.ndarray) -> np.ndarray:
-        """Gives d(pixel) / d(X, Y, Z) float64 [Q, 2, 3] at a distance of 1 m in unit directions [Q, 3]."""
-        if self.lens is not None:
-            return np.diag(np.diag(self.k)[:2]) @ self.lens.derivative(directions)
-        x, y, z = directions.T
-        zero = np.zeros_like(x)
-        u, v = np.stack((1 / z, zero, -x / z**2), -1), np.stack((zero, 1 / z, -y / z**2), -1)
-        return self.k[:2, :2] @ np.stack((u, v), -2)
+        """Gives the unit directions [H W, 3] of all pixels, row by row, and d(pixel) / d(X, Y, Z) there [H W, 2, 3]."""
+        directions = self.projection.directions(pinhole.pixel_grid(*self.size).reshape(-1, 2))
+        return directions, self.projection.derivative(directions)
 
     def find_surfaces(
         self, motion: Motion, env: np.ndarray, t: np.ndarray, directions: np.ndarray
@@ -136,7 +108,8 @@ class RayCaster:
         return wp.array(np.ascontiguousarray(values), dtype=dtype, device=self.device)
 
     def _mesh(self, mesh: Any) -> int:
-        """Id of the ray-tracing structure of a mesh about its middle, one for all its instances; 0 for an empty one."""
+        """Gives the id of the ray-tracing structure of a mesh about its middle, one for all its instances; 0 for an
+        empty one."""
         if not len(mesh.faces):
             return 0
         if id(mesh) not in self._meshes:

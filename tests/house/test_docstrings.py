@@ -36,6 +36,7 @@ WHOLE = [
     "nodes/camera",
     "nodes/event_sensor",
     "nodes/interpolator",
+    "nodes/labeler",
     "nodes/physics",
     "nodes/recorder",
     "nodes/renderer",

@@ -72,6 +72,22 @@ def test_frames_are_the_same_for_any_number_of_gaps(name, gaps, at_once):
     assert reshaded == sum(report.reshaded for report in reports)
 
 
+@pytest.mark.parametrize("tolerance", [0.0, 0.001])
+def test_gaps_by_themselves_come_between_several_at_once(tolerance):
+    """As where somebody comes who waits for every keyframe."""
+    scene = load_scene("flying_shapes", SIZE)
+    made = arrivals(scene, 8, [0] * 8)
+    want, _ = one_by_one(scene, made, time_tolerance=tolerance)
+    many, found = ManyGaps("rigid", K, 3, scene=scene, camera=scene.cameras[0], time_tolerance=tolerance), []
+    deliver = lambda some: found.extend(frames.copy() for _, frames in some.frames)
+    many.push_all(made[:3], deliver)
+    for one in made[3:5]:
+        found.append(many.push(one.stamp_ns, one.episodes, one.image, None, None, states=one.states)[1].copy())
+    many.push_all(made[5:], deliver)
+    for frames, (_, true) in zip(found, want, strict=True):
+        assert np.array_equal(frames, true)
+
+
 def test_reports_that_come_a_gap_late_are_those_of_the_gaps():
     """Of environments side by side, for which nobody need wait; none of a warm-up is among them."""
     scene = load_scene("flying_shapes", SIZE)

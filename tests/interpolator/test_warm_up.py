@@ -7,6 +7,7 @@ from evis.scene.load import load_scene
 from nodes.interpolator.interpolator import Interpolator
 from nodes.interpolator.keyframe import States
 from nodes.interpolator.methods import METHODS, reads
+from nodes.interpolator.warm_up import LONGEST
 from nodes.renderer.renderer import Renderer
 
 GAP = 8_000_000
@@ -36,9 +37,20 @@ def frames_of(interpolator, keys):
     return made
 
 
-def make(name, scene, camera):
+def make(name, scene, camera, k=4):
     known = {"scene": scene, "camera": camera} if "state" in reads(name) else {}
-    return Interpolator(name, 4, **known)
+    return Interpolator(name, k, **known)
+
+
+@pytest.mark.parametrize("name", MOVING)
+def test_a_long_gap_is_warmed_up_by_a_short_one_and_gives_the_same_frames(disk, name):
+    """One as long as this would take longer than what it saves; the method is built all the same."""
+    scene, camera, keys = disk
+    expected = frames_of(make(name, scene, camera, LONGEST + 1), keys)
+    warmed = make(name, scene, camera, LONGEST + 1)
+    warmed.warm_up_for(1, camera.height, camera.width)
+    for one, other in zip(frames_of(warmed, keys), expected, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize("name", MOVING)

@@ -42,7 +42,7 @@ def test_the_surface_at_an_instant_is_that_of_the_closed_form(motions):
     scene = world(motions)
     t, x, y = questions()
     caster, env = RayCaster(scene, scene.cameras[0]), np.zeros(len(t), np.int32)
-    directions = caster.directions(np.stack((x, y), -1).astype(float))
+    directions = caster.projection.directions(np.stack((x, y), -1).astype(float))
     ids, distances = caster.find_surfaces(caster.motion(history_of(scene)), env, t, directions)
     expected, points = seen(scene, t, x, y)
     sure = clear_of_edges(scene, t, x, y)

@@ -7,7 +7,9 @@ import warp as wp
 from evis.geometry import distortion, pinhole, se3
 from evis.geometry.distortion import Lens
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin, Swing
-from nodes.labeler.image_labels import FlowField, boxes, crop, lens_of
+from nodes.labeler.flow_field import FlowField
+from nodes.labeler.image_labels import boxes, crop
+from nodes.labeler.projection import Projection
 
 WIDTH, HEIGHT = 48, 36
 K = np.array([[45.0, 0.7, 23.0], [0.0, 47.0, 18.5], [0.0, 0.0, 1.0]])
@@ -50,7 +52,7 @@ def test_flow_is_the_derivative_of_the_exact_image_motion(world):
     trajectories, depth, ids, bodies = world
     now, h = 123_456_789, 1000
     pose, twist = states(trajectories, now)
-    flow = image_of(FlowField(K, (WIDTH, HEIGHT), bodies, 2), pose, twist, depth, ids)
+    flow = image_of(FlowField(Projection(K), (WIDTH, HEIGHT), bodies, 2), pose, twist, depth, ids)
     later, before = (states(trajectories, now + d)[0] for d in (h, -h))
     pixels = pinhole.pixel_grid(WIDTH, HEIGHT)
     for number in (1, 2, 3):
@@ -81,7 +83,7 @@ def test_flow_through_a_lens_is_the_derivative_of_the_exact_image_motion(world, 
     lens, k = Lens.of(model, coefficients), np.diag([35.0, 37.0, 1.0]) + np.array([[0, 0, 23.0], [0, 0, 18.0], [0] * 3])
     now, h = 123_456_789, 1000
     pose, twist = states(trajectories, now)
-    flow = image_of(FlowField(k, (WIDTH, HEIGHT), bodies, 2, lens), pose, twist, depth, ids)
+    flow = image_of(FlowField(Projection(k, lens), (WIDTH, HEIGHT), bodies, 2), pose, twist, depth, ids)
     rays = distortion.unproject(k, lens, pinhole.pixel_grid(WIDTH, HEIGHT))
     points = se3.transform(pose[2], rays / rays[..., 2:] * np.where(np.isfinite(depth), depth, 1)[..., None])
     later, before = (states(trajectories, now + d)[0] for d in (h, -h))
@@ -101,16 +103,17 @@ def test_flow_through_a_lens_is_the_derivative_of_the_exact_image_motion(world, 
 
 def test_a_lens_without_distortion_is_a_pinhole():
     """And a fisheye without coefficients is not."""
-    assert lens_of("none", np.zeros(0)) is None and lens_of("plumb_bob", np.zeros(5)) is None
-    assert lens_of("equidistant", np.zeros(4)) is not None
-    assert lens_of("plumb_bob", np.array([0.1, 0, 0, 0])) is not None
+    for model, count in (("none", 0), ("plumb_bob", 5)):
+        assert Projection.of(K, model, np.zeros(count)).lens is None
+    for model, coefficients in (("equidistant", [0.0] * 4), ("plumb_bob", [0.1, 0, 0, 0])):
+        assert Projection.of(K, model, coefficients).lens == Lens.of(model, coefficients)
 
 
 def test_flow_is_unknown_in_the_sky(world):
     """NaN there and only there."""
     trajectories, depth, ids, bodies = world
     pose, twist = states(trajectories, 0)
-    flow = image_of(FlowField(K, (WIDTH, HEIGHT), bodies, 2), pose, twist, depth, ids)
+    flow = image_of(FlowField(Projection(K), (WIDTH, HEIGHT), bodies, 2), pose, twist, depth, ids)
     assert np.array_equal(np.isnan(flow), np.repeat(~np.isfinite(depth)[..., None], 2, axis=-1))
 
 
@@ -120,7 +123,7 @@ def test_flow_of_a_pure_camera_turn_does_not_depend_on_depth(world):
     pose = np.tile(se3.IDENTITY, (3, 1))
     twist = np.zeros((3, 6))
     twist[2, 3:] = [0.3, -0.2, 1.0]
-    field = FlowField(K, (WIDTH, HEIGHT), bodies, 2)
+    field = FlowField(Projection(K), (WIDTH, HEIGHT), bodies, 2)
     near, far = (image_of(field, pose, twist, np.full((HEIGHT, WIDTH), z, np.float32), ids) for z in (1.0, 100.0))
     assert np.array_equal(near, far) and np.abs(near).max() > 10
 
@@ -129,13 +132,13 @@ def test_flow_refuses_ids_without_a_body(world):
     """A CameraInfo of another scene must not give silent nonsense."""
     trajectories, depth, ids, bodies = world
     with pytest.raises(ValueError, match="ids run from 0 to 3, CameraInfo names 3"):
-        image_of(FlowField(K, (WIDTH, HEIGHT), bodies[:3], 2), *states(trajectories, 0), depth, ids)
+        image_of(FlowField(Projection(K), (WIDTH, HEIGHT), bodies[:3], 2), *states(trajectories, 0), depth, ids)
 
 
 def test_flow_of_several_environments_is_that_of_each(world):
     """To the bit: environments share lens and camera, and nothing else."""
     trajectories, depth, ids, bodies = world
-    field = FlowField(K, (WIDTH, HEIGHT), bodies, 2)
+    field = FlowField(Projection(K), (WIDTH, HEIGHT), bodies, 2)
     moments = [states(trajectories, t) for t in (0, 123_456_789, 400_000_000)]
     depths, seen = np.stack([depth, 2 * depth, depth + 1]), np.stack([ids, ids[:, ::-1], ids])
     pose, twist = (np.stack(of_all) for of_all in zip(*moments))
@@ -149,13 +152,13 @@ def test_flow_on_a_gpu_is_that_of_a_cpu(world):
     """Both compute in float64 and round once; a GPU contracts products and sums. Images with a margin are cut there."""
     trajectories, depth, ids, bodies = world
     pose, twist = (a[None] for a in states(trajectories, 123_456_789))
-    on_cpu = image_of(FlowField(K, (WIDTH, HEIGHT), bodies, 2), pose[0], twist[0], depth, ids)
+    on_cpu = image_of(FlowField(Projection(K), (WIDTH, HEIGHT), bodies, 2), pose[0], twist[0], depth, ids)
     there = [wp.array(np.pad(a, 2)[None], device="cuda") for a in (depth, ids)]
     out = wp.empty((1, HEIGHT, WIDTH, 2), dtype=wp.float32, device="cuda")
-    field = FlowField(K, (WIDTH, HEIGHT), bodies, 2, device="cuda")
+    field = FlowField(Projection(K), (WIDTH, HEIGHT), bodies, 2, device="cuda")
     field(pose, twist, *(crop(a, 2) for a in there), out)
     np.testing.assert_allclose(out.numpy()[0], on_cpu, rtol=2e-7, atol=1e-9)
-    few = FlowField(K, (WIDTH, HEIGHT), bodies[:3], 2, device="cuda")
+    few = FlowField(Projection(K), (WIDTH, HEIGHT), bodies[:3], 2, device="cuda")
     few(pose, twist, *(crop(a, 2) for a in there), out)
     with pytest.raises(ValueError, match="ids run from 0 to 3, CameraInfo names 3"):
         few(pose, twist, *(crop(a, 2) for a in there), out)

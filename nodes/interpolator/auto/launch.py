@@ -23,7 +23,7 @@ from nodes.interpolator.auto.choice import Choice, frames_beside_samples
 from nodes.interpolator.auto.probe import Say, probe
 from nodes.interpolator.auto.setting import Setting
 from nodes.interpolator.auto.trial import Measured, settle
-from nodes.interpolator.frames_alone import by_frames_alone
+from nodes.interpolator.samples import by_frames_alone
 from nodes.renderer.parameters import light_options
 
 SENSOR = ("threshold", "threshold_on", "threshold_off", "crossing", "dark_level")

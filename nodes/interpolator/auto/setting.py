@@ -11,15 +11,16 @@ import warp as wp
 
 from evis.runtime.clock import NS
 from evis.scene.model import Camera, Scene
-from nodes.interpolator.interpolator import Allocate, Interpolator, new_frames
+from nodes.interpolator.interpolator import Interpolator
+from nodes.interpolator.pixel_means import Allocate, new_frames
 from nodes.renderer.renderer import Renderer
 from nodes.renderer.supersampling import SupersampledRenderer
 
 LIGHT = "luminance"
 """What keyframes carry where nobody reads their colour."""
 METHODS = ("none", "splat", "rigid")
-RATES = {"none": (250.0,), "splat": (31.25, 62.5, 125.0, 250.0), "rigid": (31.25, 62.5, 125.0, 250.0)}
-"""Keyframe rates [Hz] that are tried where the user gives none; that of `none` where K is given."""
+RATES = (31.25, 62.5, 125.0, 250.0)
+"""Keyframe rates [Hz] that are tried where the user gives none; of `none`, where K is given, the last one alone."""
 FRAME_RATES = (250, 500, 1000, 2000, 4000)
 """Frames per second, about, that are tried with every keyframe rate; for dense rendering also half of the least."""
 REFERENCE_HZ = {8000: 1.5, 4000: 3.0, 2000: 3.0}
@@ -99,7 +100,7 @@ class Grid:
         rates = [f for f in FRAME_RATES if 2 * f <= reference_hz]
         rate, given = setting.keyframe_rate, setting.upsampling
         odd = given // (given & -given) if given else 1
-        base = (rate or RATES["splat"][0]) * odd
+        base = (rate or RATES[0]) * odd
         while base * np.sqrt(2) < reference_hz:
             base *= 2
         shortest = 0.999 * NS / setting.duration_ns
@@ -137,7 +138,8 @@ class Grid:
 
 def _rates(method: str, shortest: float) -> list[float]:
     """Gives the keyframe rates [Hz] that are tried, with a gap at most as long as the run."""
-    return [r for r in RATES[method] if r >= shortest] or [RATES["splat"][-1]]
+    tried = RATES[-1:] if method == "none" else RATES
+    return [r for r in tried if r >= shortest] or [RATES[-1]]
 
 
 def make_interpolator(s: Setting, scene: Scene, camera: Camera, method: str, k: int) -> Interpolator:

@@ -15,6 +15,7 @@ from evis.scene.model import Light, Scene
 from nodes.interpolator.relight import change_kernels, swept_kernels
 from nodes.interpolator.relight.boxes_kernels import Swept
 from nodes.interpolator.relight.features import LightChanges, light_changes
+from nodes.interpolator.relight.light_kernels import MANY
 from nodes.interpolator.relight.sweep import Sweep
 from nodes.renderer.geometry.poses import of_bodies
 from nodes.renderer.geometry.triangles import is_static
@@ -94,7 +95,7 @@ class LightChange:
         self._telling = np.union1d(np.searchsorted(movers, self._lamps), self._sweep.casters).astype(np.int64)
         self._origin: np.ndarray | None = None
         change.swept = self._make_swept()
-        few = features.shadows and change.casters.order.size <= int(change_kernels.MANY) and not len(self._lamps)
+        few = features.shadows and change.casters.order.size <= MANY and not len(self._lamps)
         change.open = wp.zeros((envs if few else 0, len(v.geometry.body)), dtype=wp.int32, device=v.device)
         self._swept_bodies = v.put(self._sweep.bodies, wp.int32)
 

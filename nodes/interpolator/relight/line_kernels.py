@@ -5,8 +5,18 @@ from typing import Any
 
 import warp as wp
 
-from nodes.interpolator.relight.change_kernels import MOVED, Change, make_light, make_log_irradiance, point_of
+from nodes.interpolator.relight.change_kernels import (
+    LIT_ANEW,
+    MOVED,
+    Change,
+    Point,
+    first_caster,
+    may_be_shaded,
+    point_of,
+)
 from nodes.interpolator.relight.features import LightChanges
+from nodes.interpolator.relight.flag_kernels import make_narrow_flags
+from nodes.interpolator.relight.light_kernels import make_irradiance, make_shaded
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 
 wp.set_module_options({"enable_backward": False})
@@ -29,10 +39,36 @@ class LightState:
 
 
 @cache
+def make_light_at(f: LightChanges) -> Any:
+    """Makes the function `light_at`."""
+    log_irradiance, _ = make_irradiance(f)
+    shaded = make_shaded(f)
+    narrow_flags = make_narrow_flags(f)
+
+    @wp.func
+    def light_at(change: Change, flag: int, env: int, row: int, s: Point):
+        """Gives ln of the irradiance of a flagged point in a slot's row, and whether something may be in the way of a
+        light."""
+        level = float(0.0)
+        here = narrow_flags(change, flag, env, row, s.instance, s.position)
+        moved = (here & MOVED) != 0
+        hidden = (here & LIT_ANEW) != 0
+        if wp.static(f.relative):
+            if moved and not hidden:
+                level = log_irradiance(change, row, s)
+        if wp.static(f.shadows):
+            if not hidden and may_be_shaded(here, s):
+                hidden = shaded(change, change.now, change.casters, row, s, first_caster(change, here), 0.0)
+        return level, hidden
+
+    return light_at
+
+
+@cache
 def make_light_state(changes: LightChanges) -> tuple[Any, Any]:
     """Makes the functions `light_state_at` and `light_state_at_end`. changes: of light in the scene."""
-    log_irradiance = make_log_irradiance(changes)
-    _, _, log_irradiance_then = make_light(changes)
+    light_at = make_light_at(changes)
+    _, log_irradiance_then = make_irradiance(changes)
 
     @wp.func
     def light_state_at(
@@ -61,7 +97,7 @@ def make_light_state(changes: LightChanges) -> tuple[Any, Any]:
                 flag = change.flags[env, pieces[t][0]]
                 if flag != 0:
                     s = point_of(change, change.casters, row, hit, depth_of(hit) * d)
-                    level, hidden = log_irradiance(change, flag, env, row, s)
+                    level, hidden = light_at(change, flag, env, row, s)
                     lit.level = level
                     lit.hidden = hidden
                     lit.known = wp.min(before.known + 1, 2)

@@ -1,6 +1,7 @@
 """Implements method `rigid`: exact geometry at every sub-frame, shading taken from the keyframes.
 
-The way of the data through a gap, which `method.py` leads; `layout.py` has its options and sizes:
+The way of the data through a gap, which `method.py` leads and `portions.py` goes with one portion of the sub-frames
+after the other; `layout.py` has its options and sizes:
 
 1. Poses: `placement.py` computes them at the sub-frames, of prescribed motion by `evis/scene/prescribed_batch.py`;
    `slots.py` brings them to the device.

@@ -58,7 +58,8 @@ class KeyframePair:
             self.poses = wp.empty((both[0], bodies), dtype=wp.transformd)
             self.turn = wp.empty((rows, bodies + 2), dtype=wp.mat33)
             self.shift = wp.empty((rows, bodies + 2), dtype=wp.vec3)
-        self._struct, self._channels, self._ways = make_keyframes(channels, waveform_count), channels, waveform_count
+        self._struct, self._channels = make_keyframes(channels, waveform_count), channels
+        self._waveform_count = waveform_count
         self.a, self.b = (
             PreparedKeyframe(self, first, shape, device, channels, waveform_count)
             for first in (0, 1 if in_a_row else envs)
@@ -87,8 +88,8 @@ class KeyframePair:
         """
         image, logs = (array.dtype for array in (self.image, self.logs))
         kinds: Any = {"image": wp.array3d(dtype=image), "logs": wp.array3d(dtype=logs)}
-        if self._ways:
-            taking = keyframe_kernels.make_prepare_flickering(self._channels, self._ways)
+        if self._waveform_count:
+            taking = keyframe_kernels.make_prepare_flickering(self._channels, self._waveform_count)
         else:
             taking = wp.overload(keyframe_kernels.prepare_pixels, kinds)
         unchanged: Any = {name: wp.array3d(dtype=image) for name in ("image_a", "image_b")}

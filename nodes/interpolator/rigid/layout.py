@@ -26,13 +26,15 @@ between frames, and what details cost for each keyframe is shared by fewer frame
 EVER = 1.0e9
 """Path [px] that is longer than any."""
 
-MOST_WAYS = {False: 4, True: 8}
+MOST_WAVEFORMS = {False: 4, True: 8}
 """Waveforms of lights that flicker up to which keyframes are shaded once for each, by whether single pixels are looked
 at between the frames: with more, keyframes take longer than shading anew what is seen between them."""
 
-PORTION, LEAST = {True: 1 << 21, False: 1 << 25}, 8
-"""Pixels of the sub-frames that are worked on at once, on a CPU and on a GPU: what caches and memory hold; and least
-sub-frames where there are lines between samples, in which case it is as on a CPU with one environment."""
+CPU_PIXELS, GPU_PIXELS = 1 << 21, 1 << 25
+"""Pixels of the sub-frames that are worked on at once: what caches hold, and memory."""
+
+LEAST_ON_LINES = 8
+"""Fewest sub-frames of a portion where there are lines between samples, which end with it."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ class Layout:
     envs: E. upsampling: K. channels: 1 or 3. portions: sub-frames, counted from 1, in the slots of each portion; the
     first begins with keyframe B itself, so that its z-buffer is there for all the others. step: path [px] between two
     samples of a pixel, 0 = all are looked up. tolerance: of log radiance. on_device: see RigidOptions. flicker: whether
-    lights do. waveforms: of those that flicker, none where they are more than MOST_WAYS. single: see RigidOptions.
+    lights do. waveforms: of those that flicker, none where they are more than MOST_WAVEFORMS. single: see RigidOptions.
     """
 
     envs: int
@@ -121,15 +123,18 @@ def layout_of(
     pixels = (camera.height + 2 * margin) * (camera.width + 2 * margin)
     waveforms = tuple(dict.fromkeys(light.waveform for light in scene.lights if light.waveform is not None))
     flicker = bool(waveforms)
-    if len(waveforms) > MOST_WAYS[asked.single]:
+    if len(waveforms) > MOST_WAVEFORMS[asked.single]:
         waveforms = ()
     on_device = not cpu if asked.on_device is None else asked.on_device
     # Light that flickers is on no line.
     step = 0.0 if flicker or asked.single or on_device else STEP_PX
     # Lines end with a portion, which must not depend on the device or on other environments.
-    at_once = max(LEAST, PORTION[True] // pixels) if step > 0 else max(1, PORTION[cpu] // (envs * pixels))
     if asked.single:
         at_once = upsampling
+    elif step > 0:
+        at_once = max(LEAST_ON_LINES, CPU_PIXELS // pixels)
+    else:
+        at_once = max(1, (CPU_PIXELS if cpu else GPU_PIXELS) // (envs * pixels))
     slots = -(-upsampling // -(-upsampling // at_once))
     order = [upsampling, *range(1, upsampling)]
     portions = [order[k : k + slots] for k in range(0, upsampling, slots)]

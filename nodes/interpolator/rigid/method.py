@@ -28,7 +28,7 @@ import numpy as np
 import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK, begin_building, build_together
-from evis.gpu.cuda_graph import Branch, CudaGraphs
+from evis.gpu.host_copies import HostCopies
 from evis.runtime.workers import Workers
 from evis.scene.model import Camera, Scene
 from nodes.interpolator.displacement_kernels import displace
@@ -37,18 +37,17 @@ from nodes.interpolator.keyframe import KeyframeView, Report, Span
 from nodes.interpolator.relight.change import make_light_change
 from nodes.interpolator.relight.sweep_kernels import sweep
 from nodes.interpolator.relight.swept_kernels import exclude_relit
-from nodes.interpolator.rigid import keyframe_kernels
 from nodes.interpolator.rigid.keyframes import KeyframePair
 from nodes.interpolator.rigid.layout import RigidOptions, layout_of
 from nodes.interpolator.rigid.look_up.look_up_kernels import FINE
-from nodes.interpolator.rigid.patches import SIDES, pieces_of
+from nodes.interpolator.rigid.patches import moving_patches, pieces_of
 from nodes.interpolator.rigid.placement import Placement
+from nodes.interpolator.rigid.portions import Portions
 from nodes.interpolator.rigid.reprojection import Reprojection, textured_in
-from nodes.interpolator.rigid.sampling import Sampling, SubframeRange
+from nodes.interpolator.rigid.sampling import Sampling
 from nodes.interpolator.rigid.slots import Poses, Slots
 from nodes.renderer.geometry.triangles import is_static
 from nodes.renderer.lighting import Shading, ShadingOptions
-from nodes.renderer.lights.lights import waveform_strengths
 from nodes.renderer.raster.visibility import Visibility
 
 
@@ -75,8 +74,8 @@ class Rigid:
         scene, camera: those of the renderer. upsampling: K. margin: pixels beyond the image on every side. channels: 1
         or 3. threads: of a CPU. worlds: see Placement. in_a_row: the environments are gaps of one environment, each of
         which begins where the one before ends: views have times of their `own`, and the last one's B is the first one's
-        A of the next call. late: `between` gives the report of the gap before, so that nobody
-        waits for a GPU, as it does of gaps in a row; see `last_report`.
+        A of the next call. late: `between` gives the report of the gap before, so that nobody waits for a GPU, as it
+        does of gaps in a row; see `last_report`.
         """
         asked, cpu = options or RigidOptions(), wp.get_device(device).is_cpu
         self.layout = layout_of(scene, camera, envs, upsampling, margin, channels, cpu, asked)
@@ -94,8 +93,6 @@ class Rigid:
         self.pair = KeyframePair(keyframe, slots, bodies, channels, self._device, waveform_count, textured, in_a_row)
         self.in_a_row = in_a_row
         """Whether the environments are gaps of one."""
-        self.late = late or in_a_row
-        """Whether the report of a gap comes with the next one."""
         self._at_b: KeyframeView | None = None
         self._foreseen: tuple[Span, Poses] | None = None
         """A gap that is to come, and its poses."""
@@ -105,18 +102,9 @@ class Rigid:
         """Whether nothing moved or changed in the last gap."""
         self.looks_at: Callable[[Span], np.ndarray] | None = None
         """Gives the times of a gap at which others look besides: what swings may be back at every frame."""
-        self._even = True
         self._built = False
-        self._graphs, self._beside = CudaGraphs(self._device), Branch(self._device)
         pieces, patches = pieces_of(scene, v.geometry.triangle_instance)
         self.pieces = v.put(pieces, wp.vec2i)
-        self._moving = v.put(self._may_move(pieces[:, 1], patches), wp.int32)
-        with wp.ScopedDevice(self._device):
-            self.unchanged = wp.empty(keyframe, dtype=wp.uint64)
-            self._still = wp.zeros((envs, bodies + 2), dtype=wp.int32)
-            # Of the last sub-frame of the portion before.
-            self._before = wp.empty((envs, bodies), dtype=wp.transformd), wp.empty_like(self.unchanged)
-        self._flags = np.zeros(self._still.shape, np.int32)
         # As many threads as share the visibility's rows, for these shade the lists.
         tiles = len(v.row_tiles.rows)
         pool = Workers(tiles) if tiles > 1 else None
@@ -126,15 +114,17 @@ class Rigid:
         )
         self.sampling = Sampling(v, self.pieces, self.layout, pool, self.change)
         self._reprojection = Reprojection(self.shading, self.sampling, self.pieces, self.layout, self.change)
+        moving = v.put(moving_patches(pieces, patches, v.geometry, is_static(scene, v.camera_body)), wp.int32)
         straight = FINE * self.layout.tolerance if textured else -1.0
-        self._filling = self.pieces, self._moving, straight, self._reprojection.nonfinite
-        # What the reports of a gap and of the one before need, where the host reads it, and when it is there.
-        counted = self._reprojection.counted
-        self._told = [
-            [wp.zeros(n.size, dtype=wp.int32, device="cpu", pinned=not cpu) for n in counted] for _ in range(2)
-        ]
-        self._there = [None if cpu else wp.Event(self._device) for _ in range(2)]
-        self._unread: int | None = None
+        filling = self.pieces, moving, straight, self._reprojection.nonfinite
+        self._portions = Portions(
+            self._places, self.shading, self.layout, self.pair, self._reprojection, self.change, filling
+        )
+        self.unchanged = self._portions.unchanged
+        self._counts = [HostCopies(counted) for counted in self._reprojection.counted]
+        self._late = late or in_a_row
+        self._unread: Callable[[], Report] | None = None
+        """Waits for the report of the last gap and gives it, where nobody has got it yet as reports are late."""
         self._buffer: wp.array | None = None
 
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
@@ -181,47 +171,21 @@ class Rigid:
         begun = self._begun(a, held)
         self.rested = self._rests(gap, a, b, begun)
         if self.rested:
-            report = self._rest(b, out)
-            return lambda: report
-        self.pair.swap(self._graphs)
-        if not self._knows(a):
-            self._prepare(a)
+            still = self._rest(b, out)
+            return lambda: still
+        self._portions.begin(None if self._knows(a) else a)
         self._at_b, self._held = b, held
         self.frames = self._target(out)
-        self._make_portions(b, held, stamps)
-        turn, self._even = int(self._even), not self._even
+        self._portions.make(b, held, stamps, self.frames)
         if out is not None:
             self.hand_over(out)
         if self._device.is_cuda and together:
             self.placement.expect(stamps)
-        if (there := self._there[turn]) is not None:
-            self._device.stream.record_event(there)
-        if not self.late:
-            return partial(self._report, turn)
-        unread, self._unread = self._unread, turn
-        return Report if unread is None else partial(self._report, unread)
-
-    def _make_portions(self, b: KeyframeView, held: np.ndarray, stamps: np.ndarray) -> None:
-        """Draws and looks up all portions of the sub-frames, at stamps int64 [K] or [E, K] ns, into `frames`."""
-        for portion, slots in enumerate(self.layout.shown):
-            self.shading.update(self._places.place(slots))
-            # Launches that were recorded before the occluders' trees were built know others.
-            builds = self.shading.occluders.builds
-            key = portion, self._even, builds, self.visibility.still_moved, self.visibility.coming
-            self._graphs.run(("draw", *key), partial(self._draw, portion))
-            self.visibility.drawn()
-            # While a GPU draws.
-            if portion == 0:
-                self._take(b, held)
-            if self.layout.flicker:
-                together = stamps.ndim == 1
-                shown = np.repeat(stamps[slots], self.layout.envs) if together else stamps.T[slots].reshape(-1)
-                self.shading.set_times(shown)
-            if self.layout.waveforms:
-                self._reprojection.strength.assign(
-                    waveform_strengths(self.layout.waveforms, shown).astype(np.float32).reshape(-1)
-                )
-            self._graphs.run(("look", portion, self._even, builds), partial(self._reproject, portion, self.frames))
+        report = partial(self._report, *(copies.take() for copies in self._counts))
+        if not self._late:
+            return report
+        unread, self._unread = self._unread, report
+        return unread or Report
 
     def widen(self, poses: Poses) -> None:
         """Has light change wherever it does at any of a gap's instants, and not at its frames alone, for whoever looks
@@ -236,7 +200,7 @@ class Rigid:
     def last_report(self) -> Report:
         """Gives the report of the last gap, once, where reports are `late`."""
         unread, self._unread = self._unread, None
-        return Report() if unread is None else self._report(unread)
+        return Report() if unread is None else unread()
 
     def _knows(self, a: KeyframeView) -> bool:
         """Tells whether keyframe a, of gaps in a row the first one, was B of the last call."""
@@ -272,118 +236,12 @@ class Rigid:
             return np.ones(len(held), bool)
         return self._held if a.begun is None else self._held | a.begun
 
-    def _may_move(self, patch: np.ndarray, count: int) -> np.ndarray:
-        """Tells whether each of the patches may ever move against the camera, bool [count]."""
-        v = self.visibility
-        if not is_static(v.scene, v.camera_body):
-            return np.ones(count, bool)
-        moving = np.zeros(count, bool)
-        fronts = patch[~v.geometry.static[v.geometry.triangle_instance]]
-        for side in range(SIDES):
-            moving[fronts + side] = True
-        return moving
-
-    def _take(self, b: KeyframeView, held: np.ndarray) -> None:
-        """Prepares what does not depend on the sub-frames: the later keyframe, and what stands still before it."""
-        self.pair.b.take(b.image)
-        flags = self._places.still(self.layout.flicker, held)
-        if self.change is not None:
-            flags = self.change.begin(self._places.poses, flags)
-        if flags is not self._flags and not np.array_equal(flags, self._flags):
-            self._still.assign(flags)
-        self._flags = flags
-
-    def _draw(self, portion: int) -> None:
-        """Draws who is seen in a portion of the sub-frames, for what is placed; the first one begins with B itself.
-        Launches only, which a GPU may have recorded."""
-        v = self.visibility
-        v.arrive()
-        v.draw(partial(self._launch_beside, portion))
-        self._beside.join()
-
-    def _reproject(self, portion: int, frames: wp.array) -> None:
-        """Computes the frames of a portion that is drawn: launches only."""
-        v, part = self.visibility, self.layout.portions[portion]
-        first, closed = int(portion == 0), portion == len(self.layout.portions) - 1
-        count = len(part) - first
-        if first:
-            self.pair.b.take_packed(v, self.layout.envs)
-        with self._beside.aside():
-            if closed:
-                m, image = v.margin, self.pair.b.image
-                by_env = frames.reshape((self.layout.envs, self.layout.upsampling, *self.size))
-                wp.copy(by_env[:, self.layout.upsampling - 1], image[:, m : image.shape[1] - m, m : image.shape[2] - m])
-            if first:
-                self._find_unchanged()
-                if self.change is not None:
-                    self.change.exclude_relit(self.pieces, self.unchanged)
-        if first:
-            if self.layout.waveforms:
-                self.pair.b.take_lights(self.layout.waveforms, partial(self._reprojection.light, placed=True))
-            self.pair.b.fill(*self._filling)
-            self._reprojection.demodulate(self.pair.b)
-        self._beside.join()
-        if count:
-            before = (self.pair.a.poses, self.pair.a.packed) if first else self._before
-            given = SubframeRange(portion, first, count, part[first] - 1, closed, before)
-            self._reprojection.reproject(given, self.pair, self.unchanged, frames)
-            if not closed:
-                last = slice((len(part) - 1) * self.layout.envs, len(part) * self.layout.envs)
-                for source, target in zip((v.poses, v.packed), self._before):
-                    wp.copy(target, source[last])
-        if closed:
-            for told, counted in zip(self._told[int(self._even)], self._reprojection.counted):
-                wp.copy(told, counted)
-
-    def _launch_beside(self, portion: int) -> None:
-        """Launches what needs the placed instances but not who is seen: beside the raster on a GPU."""
-        with self._beside.aside():
-            if portion == 0:
-                self._reprojection.clear()
-                self._take_poses()
-            self._reprojection.place(self.pair)
-            if self.change is not None:
-                self.change.place()
-
-    def _report(self, turn: int) -> Report:
-        there = self._there[turn]
-        if there is not None:
-            wp.synchronize_event(there)
-        count, sampled = (told.numpy() for told in self._told[turn])
+    def _report(self, anew: Callable[[], np.ndarray], listed: Callable[[], np.ndarray]) -> Report:
+        """Makes the report of a gap; anew, listed: wait for what `Reprojection.counted` had counted then."""
+        count = anew()
         samples = self.layout.envs * (self.layout.upsampling - 1) * self.size[0] * self.size[1]
-        looked_up = samples if self.layout.on_device else int(sampled.sum())
+        looked_up = samples if self.layout.on_device else int(listed().sum())
         return Report(nonfinite=int(count[-1]), reshaded=int(count[:-1].sum()), samples=samples, sampled=looked_up)
-
-    def _find_unchanged(self) -> None:
-        """Finds the pixels that do not change unless something comes before them."""
-        v, a, b = self.visibility, self.pair.a, self.pair.b
-        given = [v.span, a.packed, v.packed[: self.layout.envs], a.image, b.image, self.pieces, self._still]
-        dim = (self.layout.envs, v.shape[1], v.shape[2] // v.span)
-        wp.launch(keyframe_kernels.find_unchanged, dim, given, [self.unchanged], device=self._device)
-
-    def _prepare(self, view: KeyframeView) -> None:
-        """Prepares a keyframe whose z-buffer is not there from the gap before."""
-        v = self.visibility
-        placed = self._places.place_before()
-        v.draw()
-        v.drawn()
-        a = self.pair.a
-        a.take(view.image)
-        a.take_poses(v, self.layout.envs)
-        if self.change is not None:
-            self.change.take(a.first, a.poses)
-        a.take_packed(v, self.layout.envs)
-        if self.layout.waveforms:
-            self.shading.update(placed)
-            a.take_lights(self.layout.waveforms, partial(self._reprojection.light, placed=False))
-        a.fill(*self._filling)
-        self._reprojection.demodulate(a)
-
-    def _take_poses(self) -> None:
-        """Reads where bodies, lights and casters are at keyframe B: launches only."""
-        self.pair.b.take_poses(self.visibility, self.layout.envs)
-        if self.change is not None:
-            self.change.take(*self.pair.fresh)
 
     def _target(self, out: np.ndarray | wp.array | None) -> wp.array:
         """Gives the output on a CPU, a buffer in its place on a GPU, as [E K, h, w] pixels."""

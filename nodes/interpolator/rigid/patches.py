@@ -11,6 +11,7 @@ import numpy as np
 
 from evis.geometry.triangles import area_vectors
 from evis.scene.model import Mesh, Scene
+from nodes.renderer.geometry.triangles import Geometry
 
 SIDES = 2
 """Patches of a piece of surface: its front and its back."""
@@ -43,6 +44,17 @@ def pieces_of(scene: Scene, triangle_instance: np.ndarray) -> tuple[np.ndarray, 
     bodies = len(scene.bodies)
     on = np.array([i.body if i.body >= 0 else bodies for i in scene.instances], np.int32)
     return np.stack([on[triangle_instance], patch], axis=-1).reshape(-1, 2), count
+
+
+def moving_patches(pieces: np.ndarray, count: int, geometry: Geometry, camera_rests: bool) -> np.ndarray:
+    """Tells which of all patches may ever move against the camera, bool [count]; pieces, count: of `pieces_of`."""
+    if not camera_rests:
+        return np.ones(count, bool)
+    moving = np.zeros(count, bool)
+    fronts = pieces[~geometry.static[geometry.triangle_instance], 1]
+    for side in range(SIDES):
+        moving[fronts + side] = True
+    return moving
 
 
 def neighbours_of(scene: Scene) -> np.ndarray:

@@ -96,10 +96,10 @@ class Sampling:
         bodies = len(v.names) + 2
         with wp.ScopedDevice(v.device):
             rows = (slots + 2) * envs
-            self._walk = BodyMotion()
-            self._walk.spin = wp.zeros((rows, bodies), dtype=wp.vec3)
-            self._walk.shift = wp.zeros((rows, bodies), dtype=wp.vec3)
-            self._walk.as_world = wp.zeros((envs, bodies), dtype=wp.int32)
+            self._motion = BodyMotion()
+            self._motion.spin = wp.zeros((rows, bodies), dtype=wp.vec3)
+            self._motion.shift = wp.zeros((rows, bodies), dtype=wp.vec3)
+            self._motion.as_world = wp.zeros((envs, bodies), dtype=wp.int32)
             self._codes = wp.empty((slots, CHUNK * self.bands), dtype=wp.uint8)
             most = inner * (slots // 2 + 1) if step > 0 else 1
             # RowTiles write theirs beside each other, however short their spans are.
@@ -132,12 +132,12 @@ class Sampling:
         poses, packed = part.before
         if self._step > 0:
             given = [v.camera_body, count, int(part.closed), part.slot0, poses, v.poses, b.poses]
-            wp.launch(find_body_motion, self._walk.as_world.shape, given, [self._walk], device=v.device)
+            wp.launch(find_body_motion, self._motion.as_world.shape, given, [self._motion], device=v.device)
         active = self._changed(part, b, unchanged, frames)
         planned: Any = plan_kernels.PlannedRange()
         planned.count, planned.closed, planned.slot0, planned.start0 = count, int(part.closed), part.slot0, part.start
         planned.envs, planned.upsampling, planned.row_b = self._envs, self._upsampling, b.first
-        planned.step, planned.gain, planned.motion = self._step, self._gain, self._walk
+        planned.step, planned.gain, planned.motion = self._step, self._gain, self._motion
         planned.before, planned.packed, planned.after = packed, v.packed, b.packed
         planned.unchanged, planned.pieces = unchanged, self._pieces
         how: list[Any] = [planned, self._change, active, b.image]

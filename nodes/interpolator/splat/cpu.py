@@ -10,7 +10,9 @@ import warp as wp
 
 from evis.runtime.workers import Workers
 from nodes.interpolator.keyframe import KeyframeView, Report
-from nodes.interpolator.splat import cpu_kernels
+from nodes.interpolator.splat.cpu_kernels import make_warp_gap
+from nodes.interpolator.splat.cpu_source_kernels import collect, make_sources
+from nodes.interpolator.splat.cpu_sum_kernels import make_scratch
 from nodes.interpolator.splat.warp_kernels import Source
 
 
@@ -41,8 +43,8 @@ class SplatCpu:
             self._straight = wp.empty((0, 0), dtype=wp.vec2)
             self._filled = wp.zeros(envs * upsampling, dtype=wp.int32)
             self._scratch = [self._make_scratch(pixels, padded) for _ in range(chunks)]
-        self._warp_gap = cpu_kernels.make_warp_gap(channels)
-        self._keyframes: list[Any] = [cpu_kernels.make_sources(channels)() for _ in "AB"]
+        self._warp_gap = make_warp_gap(channels)
+        self._keyframes: list[Any] = [make_sources(channels)() for _ in "AB"]
         for keyframe, still, sources, counts in zip(self._keyframes, self._still, self._sources, self._counts):
             keyframe.still, keyframe.sources, keyframe.counts = still, sources, counts
         # With a margin the frames are made here and cropped; without one, in the output itself.
@@ -64,7 +66,7 @@ class SplatCpu:
         bends = bends or (self._straight, self._straight)
         for index, sign, here, there in ((1, 1.0, b, a), (0, -1.0, a, b)):
             wp.launch(
-                cpu_kernels.collect,
+                collect,
                 envs,
                 [sign, stays, here.depth, there.depth, here.motion, bends[index], self._counts[1]],
                 [self._still[index], self._sources[index], self._counts[index]],
@@ -100,7 +102,7 @@ class SplatCpu:
 
     def _make_scratch(self, pixels: int, padded: int) -> Any:
         """Makes what a thread works in."""
-        scratch: Any = cpu_kernels.make_scratch(self._channels)()
+        scratch: Any = make_scratch(self._channels)()
         scratch.nearest, scratch.nearest_a = (wp.zeros(padded, dtype=wp.float32) for _ in range(2))
         scratch.sums = wp.zeros(padded, dtype=wp.vec2 if self._channels == 1 else wp.vec4)
         scratch.holes, scratch.hits = (wp.zeros(pixels, dtype=wp.int32) for _ in range(2))

@@ -22,9 +22,9 @@ from nodes.interpolator.splat.warp_kernels import (
     bilinear,
     counts_as_filled,
     depth_at,
-    fraction,
     padded,
     same_surface,
+    share_gone,
     target_of,
 )
 
@@ -103,7 +103,7 @@ def link_all(
     move = s.moves[env, pixel]
     if move[3] == STAYS:
         return
-    a = fraction(sub % (upsampling - 1) + 1, upsampling, backward)
+    share = share_gone(sub % (upsampling - 1) + 1, upsampling, backward)
     source = Source()
     source.x = float(SUBPIXEL) * float(pixel % width)
     source.y = float(SUBPIXEL) * float(pixel // width)
@@ -112,7 +112,7 @@ def link_all(
     source.z = move[2]
     source.dz = move[3]
     source.pixel = pixel
-    target = target_of(bent(source, a, env, s.bends), a, width, height)
+    target = target_of(bent(source, share, env, s.bends), share, width, height)
     if target.at >= 0:
         if backward == 0 and not has_hole(nearest, row, target.at, width):
             return
@@ -121,7 +121,7 @@ def link_all(
         if following != 0:
             chains.next[row, pixel] = following
             place += MORE
-        depth = wp.int64(wp.cast(depth_at(source, a), wp.uint32))
+        depth = wp.int64(wp.cast(depth_at(source, share), wp.uint32))
         chains.landed[row, pixel] = (wp.int64(place) << wp.int64(32)) + depth
 
 

@@ -25,8 +25,8 @@ SAME_SURFACE = wp.constant(1.0 / 1.01)
 
 @wp.struct
 class Source:
-    """Holds a keyframe pixel that moves: at fraction a of the way to the other keyframe it is at (x, y) + a (dx, dy),
-    in 1/4096 px, at depth z + a dz [m]."""
+    """Holds a keyframe pixel that moves: once it has gone a share s of its way to the other keyframe it is at
+    (x, y) + s (dx, dy), in 1/4096 px, at depth z + s dz [m]."""
 
     x: wp.float32
     y: wp.float32
@@ -96,14 +96,15 @@ def can_land(dx: wp.float32, dy: wp.float32):
 
 
 @wp.func
-def depth_at(source: Source, a: wp.float32):
-    """Computes the depth of a source at fraction a of its way, between its own and that of where it goes to."""
-    return source.z + a * source.dz
+def depth_at(source: Source, share: wp.float32):
+    """Computes the depth of a source that has gone a share of its way, between its own and that of where it goes."""
+    return source.z + share * source.dz
 
 
 @wp.func
-def fraction(i: int, upsampling: int, backward: int):
-    """Computes how far sources have moved at sub-frame i of K: f = i / K for A's, 1 - f for B's, which go backward."""
+def share_gone(i: int, upsampling: int, backward: int):
+    """Computes the share of their way that sources have gone at sub-frame i of K: f = i / K for A's, 1 - f for B's,
+    which go backward."""
     if backward != 0:
         return float(upsampling - i) / float(upsampling)
     return float(i) / float(upsampling)
@@ -149,26 +150,27 @@ class Target:
 
 
 @wp.func
-def bent(source: Source, a: wp.float32, env: int, bends: wp.array2d(dtype=wp.vec2)):
-    """Shifts a source so that its straight path is at a where the bent one is: p + a d + a (1 - a) bend.
+def bent(source: Source, share: wp.float32, env: int, bends: wp.array2d(dtype=wp.vec2)):
+    """Shifts a source so that its straight path p + s d is, at the share s, where the bent one is: p + s d +
+    s (1 - s) bend.
 
     bends: px [E, H W], or of no elements where all paths are straight.
     """
     shifted = source
     if bends.shape[1] > 0:
-        bend = float(SUBPIXEL) * a * (1.0 - a) * bends[env, source.pixel]
+        bend = float(SUBPIXEL) * share * (1.0 - share) * bends[env, source.pixel]
         shifted.x += bend[0]
         shifted.y += bend[1]
     return shifted
 
 
 @wp.func
-def target_of(source: Source, a: wp.float32, width: int, height: int):
-    """Finds the pixels that a source lands on at fraction a of its way, equations (5) and (6)."""
+def target_of(source: Source, share: wp.float32, width: int, height: int):
+    """Finds the pixels that a source lands on once it has gone a share of its way, equations (5) and (6)."""
     target = Target()
     target.at = -1
-    x = source.x + a * source.dx
-    y = source.y + a * source.dy
+    x = source.x + share * source.dx
+    y = source.y + share * source.dy
     grid = float(SUBPIXEL)
     if x > -grid and y > -grid and x < grid * float(width) and y < grid * float(height):
         ix = grid_position(x)

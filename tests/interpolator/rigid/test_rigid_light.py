@@ -24,10 +24,11 @@ from rigid_rig import (
 from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Waveform
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
-from nodes.interpolator.interpolator import Interpolator, new_frames
+from nodes.interpolator.interpolator import Interpolator
 from nodes.interpolator.keyframe import KeyframeView
+from nodes.interpolator.pixel_means import new_frames
 from nodes.interpolator.rigid import Rigid, RigidOptions
-from nodes.interpolator.rigid.layout import MOST_WAYS, TOLERANCE
+from nodes.interpolator.rigid.layout import MOST_WAVEFORMS, TOLERANCE
 from nodes.renderer.renderer import Renderer
 
 
@@ -127,7 +128,7 @@ def coloured(scene, upsampling):
 
 
 def test_lights_that_flicker_in_too_many_ways_are_shaded_at_every_frame():
-    waves = [Waveform("sine", 100.0, 0.8, 0.1 + 0.1 * n) for n in range(MOST_WAYS[False] + 1)]
+    waves = [Waveform("sine", 100.0, 0.8, 0.1 + 0.1 * n) for n in range(MOST_WAVEFORMS[False] + 1)]
     scene = world([wall(), (quad(0.3), plain(0.3), across(15.0))], lights=[lamp(waveform=wave) for wave in waves])
     scene.lights[0].vector[0] = 1.0
     gap = cross(scene, 8)
@@ -221,7 +222,7 @@ def test_environments_threads_and_portions_change_no_bit(monkeypatch):
     monkeypatch.setattr(layout, "STEP_PX", 0.0)
     every = frames([0, 1, 2])[0]
     assert (frames([0, 1, 2], on_device=True)[0] == every).all()
-    monkeypatch.setattr(layout, "PORTION", {True: 3 * 72 * 96 * 2, False: 0})
+    monkeypatch.setattr(layout, "CPU_PIXELS", 3 * 72 * 96 * 2)
     assert (frames([0, 1, 2])[0] == every).all()
 
 

@@ -20,8 +20,9 @@ from nodes.interpolator.refine.window_kernels import (
     probe_spacing,
     slot_row,
 )
-from nodes.interpolator.relight.change_kernels import MOVED, SHADED, Change, make_narrow_flags
+from nodes.interpolator.relight.change_kernels import MOVED, SHADED, Change
 from nodes.interpolator.relight.features import LightChanges
+from nodes.interpolator.relight.flag_kernels import make_narrow_flags
 from nodes.interpolator.rigid.plan_kernels import same_surface
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView

@@ -30,10 +30,10 @@ from nodes.interpolator.relight.change_kernels import (
     VIEWED,
     Change,
     in_the_open,
-    make_point_flags,
     point_of,
 )
 from nodes.interpolator.relight.features import LightChanges
+from nodes.interpolator.relight.flag_kernels import make_point_flags
 from nodes.interpolator.rigid.look_up.log_kernels import apart
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of

@@ -16,8 +16,10 @@ from evis.gpu.append_kernels import take_place
 from evis.gpu.reading_kernels import entry, vector_at, whole_number
 from nodes.interpolator.displacement_kernels import displaced
 from nodes.interpolator.image_kernels import pixel_type
-from nodes.interpolator.relight.change_kernels import Change, Displacements, make_point_flags, make_relit, point_of
+from nodes.interpolator.relight.change_kernels import Change, Displacements, point_of
 from nodes.interpolator.relight.features import LightChanges
+from nodes.interpolator.relight.flag_kernels import make_point_flags
+from nodes.interpolator.relight.relit_kernels import make_relit
 from nodes.interpolator.rigid.look_up.log_kernels import (
     apart,
     brighter,
