@@ -2,7 +2,8 @@
 
 The way of the data:
 
-1. `node.py`, declared in `declaration.py`, takes keyframes and /state from the bus; `messages.py` makes what it publishes.
+1. `node.py`, declared in `declaration.py`, takes keyframes and /state from the bus; `messages.py` makes what it
+   publishes.
 2. `interpolator.py` holds the last keyframe (A) until the next one (B) ends a gap; `luminance.py` and
    `image_kernels.py` turn images into what is interpolated, and `pixel_means.py` averages the samples of supersampled
    pixels once their frames are made. `separate.py` has an interpolator for each look of the
