@@ -8,18 +8,18 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import hmac
-from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from importlib.resources import files
 from urllib.parse import urlsplit
 
 from aiohttp import web
 
-from nodes.visualizer import address, gate
+from evis.web import gate
+from evis.web.guard import guard
+from evis.web.server import CLOSE_S
 from nodes.visualizer.hub import Hub
 from nodes.visualizer.session import MOST_BYTES, Session
 
-Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 _HEADERS = {
     "Cache-Control": "no-store",
@@ -33,8 +33,6 @@ _FOREIGN = "403: this page is not served under that name; open it by its address
 ALIVE_S = 120.0
 """Time after which a page is asked for a sign of life; it has half of that to answer [s]. The answer comes after the
 bundle that is on its way, which takes a slow network long: a page that gets one a minute is slow, not gone."""
-CLOSE_S = 0.6
-"""Time that open connections get to say goodbye; only a browser that is slow to answer takes it."""
 
 
 class Application:
@@ -42,18 +40,13 @@ class Application:
 
     def __init__(self, hub: Hub, token: str, names: frozenset[str], max_fps: float) -> None:
         """names: see address.names_of. max_fps: most bundles per second to each browser [Hz]."""
-        self._hub, self._token, self._names, self._max_fps = hub, token, names, max_fps
+        self._hub, self._token, self._max_fps = hub, token, max_fps
         folder = files("nodes.visualizer").joinpath("page")
         self._files = {entry.name: entry.read_bytes() for entry in folder.iterdir() if entry.is_file()}
         self._encoder = ThreadPoolExecutor(1, thread_name_prefix="viewer-encode")
         self._ended = asyncio.Event()
         self._open_pages: set[asyncio.Future[None]] = set()
-
-        @web.middleware
-        async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
-            return await self._guard(request, handler)
-
-        self.web = web.Application(middlewares=[guard])
+        self.web = web.Application(middlewares=[guard(names, hub.count, _FOREIGN, _REFUSAL)])
         self.web.router.add_get("/", self._page)
         self.web.router.add_get("/{token}/ws", self._socket)
         self.web.router.add_get("/{token}/{name}", self._file)
@@ -67,20 +60,6 @@ class Application:
 
     async def _clean_up(self, app: web.Application) -> None:
         self._encoder.shutdown(wait=False, cancel_futures=True)
-
-    async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Refuses requests under a foreign name and for what is not there; counts all that are refused."""
-        try:
-            reached = request.transport.get_extra_info("sockname") if request.transport is not None else None
-            if not address.is_served(request.headers.getall("Host", []), self._names, str((reached or [""])[0])):
-                raise web.HTTPForbidden(text=_FOREIGN)
-            if request.match_info.http_exception is not None:
-                raise web.HTTPForbidden(text=_REFUSAL)  # there is nothing of that name, which strangers need not know
-            return await handler(request)
-        except web.HTTPException as refusal:
-            self._hub.count(gate.REFUSED)
-            refusal.force_close()
-            raise
 
     def _admit(self, request: web.Request, given: str | None) -> None:
         """Lets a request with the right token in. Raises HTTPForbidden for another one."""

@@ -6,15 +6,13 @@ in on the executor's thread, are copied into views, and wake the clients. Nothin
 
 from __future__ import annotations
 
-import threading
-import time
-from collections import Counter
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from evis.runtime.plan import Plan
+from evis.web.notices import Notices
 from msgs.header import Message
 from msgs.topics import SYSTEM_TOPICS
 from nodes.visualizer import catalog
@@ -25,8 +23,6 @@ MAX_PANELS = 64
 """Panels per client."""
 MAX_VIEWS = 256
 """Different panels of all clients together: each holds the newest message of its topic."""
-REPORTS, REPORTS_S = 10, 60.0
-"""Most lines that the node is to say, and the same line at most once, in so many seconds."""
 
 
 class PanelKey(NamedTuple):
@@ -37,23 +33,20 @@ class PanelKey(NamedTuple):
     env: int
 
 
-class Hub:
+class Hub(Notices):
     """Holds the shared state; every method is safe from any thread."""
 
     def __init__(self, plan: Plan, quality: int) -> None:
+        super().__init__()
         self.plan = plan
         self.statistics = Statistics({name for name, topic in plan.topics.items() if topic.latched})
         self._quality = quality
-        self._lock = threading.Lock()
         self._views: dict[PanelKey, TopicView] = {}
         self._by_topic: dict[str, list[TopicView]] = {}
         self._clients: dict[object, frozenset[PanelKey]] = {}
         self._wakers: dict[object, Callable[[], None]] = {}
         self._refused: dict[str, str] = {}
         self._latched: dict[str, Message] = {}
-        self._reports: list[str] = []
-        self._reported: dict[str, float] = {}
-        self._counts: Counter[str] = Counter()
         self._state = "running"
         self.failure = ""
         """What ended the graph before its time; empty where nothing did."""
@@ -125,24 +118,6 @@ class Hub:
             }
         return {**self.statistics.snapshot(), **extra}
 
-    def report(self, text: str) -> None:
-        """Takes something that the node is to warn about, unless it has just done so, or has said much already."""
-        now = time.monotonic()
-        with self._lock:
-            self._reported = {line: at for line, at in self._reported.items() if now - at < REPORTS_S}
-            if text in self._reported:
-                return
-            if len(self._reported) >= REPORTS:
-                self._counts["warnings_left_out"] += 1
-                return
-            self._reported[text] = now
-            self._reports.append(text)
-
-    def count(self, name: str) -> None:
-        """Adds one to a counter of the node."""
-        with self._lock:
-            self._counts[name] += 1
-
     # -- the executor's side -----------------------------------------------------------------------------------------
 
     def wanted(self) -> set[str]:
@@ -186,18 +161,6 @@ class Hub:
         with self._lock:
             self._state, self.failure = "finished", failure
         self._wake()
-
-    def counts(self) -> Counter[str]:
-        """Returns what was counted since the last call."""
-        with self._lock:
-            new, self._counts = self._counts, Counter()
-        return new
-
-    def reports(self) -> list[str]:
-        """Returns the reports since the last call that are new."""
-        with self._lock:
-            new, self._reports = self._reports, []
-        return new
 
     def _wake(self) -> None:
         with self._lock:

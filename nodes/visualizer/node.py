@@ -14,8 +14,8 @@ from evis.runtime.node import Node
 
 if TYPE_CHECKING:
     from evis.runtime.tap import TapSubscription
+    from evis.web.server import Server
     from nodes.visualizer.hub import Hub
-    from nodes.visualizer.server import Server
 
 
 class VisualizerNode(Node):
@@ -46,9 +46,10 @@ class VisualizerNode(Node):
 
     def setup(self) -> None:
         """Starts the page's server, and writes its address where `evis view` finds it."""
-        from nodes.visualizer import address
+        from evis.web import address
+        from evis.web.server import Server
+        from nodes.visualizer.application import Application
         from nodes.visualizer.hub import Hub
-        from nodes.visualizer.server import Server
         from nodes.visualizer.socket_lender import borrow
 
         p, plan = self.params, self.runtime.plan
@@ -58,7 +59,7 @@ class VisualizerNode(Node):
         self._taps: dict[str, TapSubscription] = {}
         self._hub = Hub(plan, p["jpeg_quality"])
         names = address.names_of(listener, [p["host"], *map(str, p["names"])])
-        self._server = Server(self._hub, listener, token, names, p["max_fps"])
+        self._server = Server(Application(self._hub, token, names, p["max_fps"]), self._hub, listener)
         self._server.start()
         url = address.url(listener, token)
         self._address_file = Path(plan.directory) / "viewer.json"

@@ -1,5 +1,8 @@
 """Serves one open page: which panels it has, its one credit, and the bundles it gets.
 
+The page acknowledges a bundle after drawing it, and only then gets the next, made of the newest of each panel at that
+moment. A slow or dead browser costs at most one bundle of memory.
+
 From the page (JSON): {"op": "panels", "panels": [{"id", "topic", "view", "env"}]} says all that is open, {"op": "ack"}
 gives the credit back. To the page: {"op": "hello", ...} once, {"op": "error", "text"}, {"op": "end", "failure"}, and
 bundles: a little-endian uint32 length, a JSON list of parts ({"panel", "kind", "bytes", ...meta}), and their payloads
@@ -18,8 +21,8 @@ from typing import Any
 
 from aiohttp import WSMsgType, web
 
+from evis.web.gate import REFUSED
 from nodes.visualizer import catalog
-from nodes.visualizer.gate import REFUSED
 from nodes.visualizer.hub import Hub, PanelKey
 from nodes.visualizer.statistics import plain
 from nodes.visualizer.views.part import PanelPart

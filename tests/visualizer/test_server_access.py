@@ -20,7 +20,8 @@ import numpy as np
 import pytest
 from synthetic_graph import make_node, make_plan
 
-from nodes.visualizer import address, gate, hub
+from evis.web import address, gate, notices
+from nodes.visualizer import hub
 
 LIMIT_S = 60.0
 """For all that is waited for: only what hangs takes it."""
@@ -171,7 +172,7 @@ def test_connections_with_the_token_have_a_limit_too(
     keep = f"GET /?token={site.token} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode()
     with site.open(keep) as one, site.open(keep) as two:
         assert one.recv(12) == two.recv(12) == b"HTTP/1.1 200"
-        assert b"too many pages are open" in site.page()
+        assert b"too many connections are open" in site.page()
     for _ in range(1000):  # until the two have been seen to go
         if (answer := status(site.page())) == b"200":
             break
@@ -383,9 +384,9 @@ def test_what_the_node_says_has_a_limit(tmp_path: Path, monkeypatch: pytest.Monk
     for k in range(1000):
         made.report("the same")
         made.report(f"text {k}")
-    assert made.reports() == ["the same", *(f"text {k}" for k in range(hub.REPORTS - 1))]
-    assert made.counts() == {"warnings_left_out": 1000 - hub.REPORTS + 1}
-    monkeypatch.setattr(hub, "REPORTS_S", 0.0)
+    assert made.reports() == ["the same", *(f"text {k}" for k in range(notices.REPORTS - 1))]
+    assert made.counts() == {"warnings_left_out": 1000 - notices.REPORTS + 1}
+    monkeypatch.setattr(notices, "REPORTS_S", 0.0)
     made.report("the same")
     assert made.reports() == ["the same"]
 
@@ -396,7 +397,7 @@ def test_a_fault_of_the_server_is_one_short_line(site: Site, monkeypatch: pytest
     def broken(*_: Any) -> None:
         raise RuntimeError("first\nsecond \x1b[31m" + "x" * 1000)
 
-    monkeypatch.setattr("nodes.visualizer.gate.admit", broken)
+    monkeypatch.setattr("evis.web.gate.admit", broken)
     assert status(site.page()) == b"500"
     site.node.idle()
     ((level, text),) = site.node.runtime.said

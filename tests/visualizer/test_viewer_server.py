@@ -18,7 +18,8 @@ import pytest
 from synthetic_graph import HEIGHT, WIDTH, Player, events_at, images_at, info, labels_at, make_node, make_plan
 
 from evis.config.params import ParamError
-from nodes.visualizer import address, application
+from evis.web import address
+from nodes.visualizer import application
 from nodes.visualizer.hub import MAX_PANELS
 
 EVENTS = ("e", "/cam0/events", "events", 0)
@@ -57,7 +58,7 @@ def test_page_needs_the_token(url: str) -> None:
 
 def test_page_loads_nothing_from_elsewhere() -> None:
     """No address of another host in any file of the page (the SVG namespace is a name, not an address)."""
-    folder = Path(address.__file__).parent / "page"
+    folder = Path(application.__file__).parent / "page"
     for file in folder.iterdir():
         text = file.read_text().replace("http://www.w3.org/2000/svg", "")
         assert "//" not in "".join(line for line in text.splitlines() if "http" in line and "url.protocol" not in line)

@@ -78,7 +78,7 @@ def _announced(args: argparse.Namespace, url: str) -> bool:
 def _attach(args: argparse.Namespace, plan: Plan) -> int:
     """A visualizer beside a graph that runs without one; it reads by taps and cannot slow the graph."""
     from evis.cli.graph.run import run as run_node
-    from nodes.visualizer import address
+    from evis.web import address
     from nodes.visualizer.socket_lender import SocketLender
 
     listener, _ = address.bind("127.0.0.1", args.port)
@@ -99,7 +99,7 @@ def _attach(args: argparse.Namespace, plan: Plan) -> int:
 
 def _play(args: argparse.Namespace) -> int:
     from evis.files.regular import other_than_file
-    from nodes.visualizer import address
+    from evis.web import address
     from nodes.visualizer.socket_lender import SocketLender
 
     path = Path(args.file)

@@ -235,7 +235,7 @@ def _libusb() -> Finding:
 
 
 def _port() -> Finding:
-    from nodes.visualizer.address import DEFAULT_PORT
+    from evis.web.address import DEFAULT_PORT
 
     with socket.socket() as probe:
         try:

@@ -1,4 +1,4 @@
-"""Serves the page on this machine only: a socket, names, and a token without which nothing is shown."""
+"""Binds a server's socket, to this machine only by default, and decides by which names and token it is reached."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ import socket
 from collections.abc import Iterable
 
 DEFAULT_PORT = 8421
+"""Port of the page."""
 TRIED_PORTS = 32
 """Ports tried upwards from the default before any free one is taken."""
 LOCAL = ("localhost", "127.0.0.1", "::1")
-"""Names under which the page may always be asked for: they lead to this machine, or to the near end of an ssh -L."""
+"""Names under which a server may always be asked for: they lead to this machine, or to the near end of an ssh -L."""
 _HOST = re.compile(r"(?:\[([0-9A-Fa-f:.]+)\]|([^\s:@/\[\]]+))(?::\d{1,5})?\Z")
 _TOKEN = re.compile(r"[A-Za-z0-9_-]{8,128}\Z")
 
@@ -53,7 +54,7 @@ def plain_name(name: str) -> str:
 
 
 def names_of(listener: socket.socket, given: Iterable[str]) -> frozenset[str]:
-    """Returns the names of the page: this machine's own, the address listened on, and the `given` ones.
+    """Returns the names of the server: this machine's own, the address listened on, and the `given` ones.
 
     Any other name is a foreign site's that leads here (DNS rebinding).
     """
@@ -61,7 +62,7 @@ def names_of(listener: socket.socket, given: Iterable[str]) -> frozenset[str]:
 
 
 def is_served(hosts: list[str], names: frozenset[str], reached: str) -> bool:
-    """Says whether a request's Host headers name the page: one, of `names` or the address that was `reached`."""
+    """Says whether a request's Host headers name the server: one, of `names` or the address that was `reached`."""
     match = _HOST.match(hosts[0]) if len(hosts) == 1 else None
     return match is not None and plain_name(match[1] or match[2]) in names | {plain_name(reached)}
 
@@ -95,8 +96,12 @@ def bind(host: str, port: int | None) -> tuple[socket.socket, str]:
     raise OSError(f"no free port on {host}")
 
 
-def url(listener: socket.socket, token: str) -> str:
-    """Returns the address to open in a browser."""
+def place(listener: socket.socket) -> str:
+    """Returns host and port as they stand in an address, such as 127.0.0.1:8421 or [::1]:8421."""
     host, port = listener.getsockname()[:2]
-    shown = f"[{host}]" if ":" in host else host
-    return f"http://{shown}:{port}/?token={token}"
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
+def url(listener: socket.socket, token: str) -> str:
+    """Returns the address of the page, to open in a browser."""
+    return f"http://{place(listener)}/?token={token}"

@@ -144,4 +144,4 @@ def admit(request: web.Request) -> None:
     """
     connection = request.transport.get_protocol() if request.transport is not None else None
     if isinstance(connection, Connection) and not connection.admit():
-        raise web.HTTPServiceUnavailable(text="503: too many pages are open; close some\n")
+        raise web.HTTPServiceUnavailable(text="503: too many connections are open; close some\n")

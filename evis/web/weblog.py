@@ -25,7 +25,7 @@ class WebLog(logging.Handler):
         super().__init__()
         self._report = report
         self._refused = refused
-        self.logger = logging.Logger("visualizer.web")
+        self.logger = logging.Logger("evis.web")
         self.logger.addHandler(self)
 
     def emit(self, record: logging.LogRecord) -> None:

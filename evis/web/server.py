@@ -1,8 +1,6 @@
-"""Serves the page on a thread of its own; what it answers is in application.py.
+"""Runs an application's HTTP server on a thread of its own, so that nothing it does holds up the node.
 
-Flow control is one credit per client: the page acknowledges a bundle after drawing it, and only then gets the next,
-made of the newest of each panel at that moment. A slow or dead browser costs at most one bundle of memory. Who may
-connect at all is gate.py's; what is refused is answered in one line, counted, and not logged one by one.
+Who may connect at all is gate.py's; what is refused is answered in one line, counted, and not logged one by one.
 """
 
 from __future__ import annotations
@@ -10,35 +8,42 @@ from __future__ import annotations
 import asyncio
 import socket
 import threading
+from typing import Protocol
 
 from aiohttp import web
 
-from nodes.visualizer import gate
-from nodes.visualizer.application import CLOSE_S, Application
-from nodes.visualizer.hub import Hub
-from nodes.visualizer.weblog import WebLog
+from evis.web import gate
+from evis.web.notices import Notices
+from evis.web.weblog import WebLog
 
 KEPT_S = 15.0
 """How long a connection with the token is kept between two requests [s]."""
+CLOSE_S = 0.6
+"""Time that open connections get to say goodbye; only who is slow to answer takes it."""
+
+
+class Application(Protocol):
+    """Answers the requests."""
+
+    web: web.Application
+
+    async def hang_up(self) -> None:
+        """Tells all who are connected that the run has ended, and waits for their answers, CLOSE_S at the most."""
 
 
 class Server:
-    """Runs the application on its own thread and event loop.
+    """Runs an application on its own thread and event loop. listener: bound socket. notices: counts and reports."""
 
-    hub: what the page shows. listener: bound socket. token, names: who gets in, see address.py. max_fps: most bundles
-    per second to each browser [Hz].
-    """
-
-    def __init__(self, hub: Hub, listener: socket.socket, token: str, names: frozenset[str], max_fps: float) -> None:
-        self._app = Application(hub, token, names, max_fps)
-        self._hub = hub
-        self._log = WebLog(hub.report, lambda: hub.count(gate.REFUSED))
+    def __init__(self, application: Application, notices: Notices, listener: socket.socket) -> None:
+        self._app = application
+        self._notices = notices
+        self._log = WebLog(notices.report, lambda: notices.count(gate.REFUSED))
         self.gate: gate.Gate | None = None
         self._listener = listener
         self._loop = asyncio.new_event_loop()
         self._stop = asyncio.Event()
         self._ready = threading.Event()
-        self._thread = threading.Thread(target=self._main, name="viewer", daemon=True)
+        self._thread = threading.Thread(target=self._main, name="web-server", daemon=True)
 
     def start(self) -> None:
         """Starts to serve; returns when connections are accepted."""
@@ -46,7 +51,7 @@ class Server:
         self._ready.wait(10)
 
     def stop(self) -> None:
-        """Closes every connection and ends the thread: at once, or within CLOSE_S when a browser does not answer."""
+        """Closes every connection and ends the thread: at once, or within CLOSE_S when somebody does not answer."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._stop.set)
             self._thread.join(CLOSE_S + 0.3)
@@ -67,7 +72,7 @@ class Server:
         )  # fmt: skip
         await runner.setup()
         assert runner.server is not None
-        self.gate = gate.Gate(runner.server, self._hub.count)
+        self.gate = gate.Gate(runner.server, self._notices.count)
         doorman = asyncio.create_task(self.gate.serve(self._listener))
         try:
             self._ready.set()
