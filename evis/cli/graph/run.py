@@ -99,6 +99,7 @@ def _attached(spec: Any, args: argparse.Namespace) -> dict[str, Any]:
 
     from evis.launch.attach import attach
     from evis.runtime.executor import Executor
+    from evis.runtime.process.control import ask_for
     from evis.supervisor.run_directory import is_live
 
     plan = find_run(args.run)
@@ -107,7 +108,7 @@ def _attached(spec: Any, args: argparse.Namespace) -> dict[str, Any]:
     published = list(plan.nodes[spec.name].outputs.values())
     for topic in published:
         print(f"evis run: warning: {_unread(plan, spec.type, topic)}", file=sys.stderr)
-    executor = Executor(plan, spec.process)
+    executor = Executor(plan, spec.process, request=lambda topic: ask_for(plan.directory, topic))
     end = None if args.duration is None else time.monotonic() + args.duration
     heard: set[str] = set()
 
