@@ -46,7 +46,7 @@ LAYERS: tuple[tuple[str, str, tuple[tuple[str, ...], ...]], ...] = (
                 "nodes/replayer",
                 "nodes/visualizer",
             ),
-            ("nodes/rate_divider", "nodes/environment_share", "nodes/environment_join"),
+            ("nodes/rate_divider", "nodes/environment_share", "nodes/environment_join", "nodes/foxglove"),
         ),
     ),
     (
@@ -71,6 +71,7 @@ LAYERS: tuple[tuple[str, str, tuple[tuple[str, ...], ...]], ...] = (
                 "evis/recordings",
                 "evis/files",
                 "evis/gpu",
+                "evis/web",
             ),
         ),
     ),
@@ -97,6 +98,7 @@ TELLS = {
     "nodes/audit": "error of a run",
     "nodes/replayer": "a bag again",
     "nodes/visualizer": "web page",
+    "nodes/foxglove": "Foxglove, Lichtblick",
     "nodes/camera": "a real camera: /events",
     "nodes/renderer": "/keyframe, /depth, ...",
     "nodes/interpolator": "/frames",
@@ -116,6 +118,7 @@ TELLS = {
     "evis/console": "terminal, signals",
     "evis/files": "safe files",
     "evis/gpu": "CUDA graphs",
+    "evis/web": "sockets of servers",
     "msgs": "topic table, a dataclass per message, wire codec",
 }
 """What a room holds, in a few words."""
