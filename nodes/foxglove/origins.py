@@ -8,6 +8,8 @@ from urllib.parse import urlsplit
 from evis.web.address import LOCAL, plain_name
 
 SITE = "foxglove.dev"
+DESKTOP = "file://"
+"""What desktop programs made with Electron say, whose pages are files; so does a page that the user opens from disk."""
 
 
 def normal(origin: str) -> str:
@@ -18,13 +20,13 @@ def normal(origin: str) -> str:
 def may_read(origins: list[str], listed: Iterable[str]) -> bool:
     """Says whether the Origin headers of a request are none, as of a program that is no browser, or one that may read.
 
-    It may if it is a page of this machine's, at any port, of foxglove.dev by https, or `listed`.
+    It may if it is a page of this machine's, from its disk or at any port, of foxglove.dev by https, or `listed`.
     """
     if not origins:
         return True
     if len(origins) > 1:
         return False
-    if normal(origins[0]) in set(map(normal, listed)):
+    if origins[0] == DESKTOP or normal(origins[0]) in set(map(normal, listed)):
         return True
     try:
         parts = urlsplit(origins[0])

@@ -39,7 +39,8 @@ ORIGINS = {
     "https://app.foxglove.dev:8443": False, "https://app.foxglove.dev@evil.org": False,
     "https://evil.org/app.foxglove.dev": False, "https://evil.org#.foxglove.dev": False,
     "http://localhost.evil.org": False, "http://127.0.0.1.evil.org": False, "https://lichtblick.example.org:1": False,
-    "null": False, "file://": False, "": False, "https://[": False, "http://localhost:x": False,
+    "null": False, "file://": True, "file://evil.org": False, "": False, "https://[": False,
+    "http://localhost:x": False,
 }  # fmt: skip
 
 
