@@ -287,7 +287,7 @@ def test_launch_streams_a_recording_through_the_driver(tmp_path):
         [*command[:5], "emulate:=silkyevkam", "--no-view"], capture_output=True, text=True, timeout=600
     )
     assert (
-        missing.returncode == 1
+        missing.returncode == 2
         and "did you mean 'silkyevcam'?" in missing.stderr
         and "\n" not in missing.stderr.strip()
     )
