@@ -64,7 +64,11 @@ def one_line(error: BaseException) -> str:
     if isinstance(error, (ValueError, OSError, KeyError)) and text:
         return text
     from evis.cli.parser import UsageError
+    from evis.runtime.hosting.node_call import NodeFailed
 
     if isinstance(error, UsageError):
         return text
+    if isinstance(error, NodeFailed):  # its text names the node, and the type of the cause where that is needed
+        known = isinstance(error.__cause__, (ValueError, OSError, KeyError))
+        return text if known else f"{text} (--debug shows the traceback)"
     return f"{type(error).__name__}: {text} (--debug shows the traceback)"

@@ -24,6 +24,8 @@ class Client:
         """Of each channel."""
         self._waiting: dict[int, list[Frame]] = {}
         """Of each subscription, the one that has waited longest first."""
+        self._lacking: set[int] = set()
+        """Channels of which it was told that messages are without them."""
         self._texts: deque[str] = deque()
         self._left_out = 0
         self._missed = 0
@@ -46,6 +48,7 @@ class Client:
             channel = self._channels.pop(subscription)
             del self._subscriptions[channel.number]
             self._waiting.pop(subscription, None)
+            self._lacking.discard(channel.number)
             return channel
 
     def reads(self, channel: Channel) -> bool:
@@ -73,6 +76,15 @@ class Client:
     def say(self, text: str) -> None:
         """Takes a text of the protocol that goes before all that waits."""
         with self._lock:
+            self._texts.append(text)
+        self._wake()
+
+    def lack(self, channel: Channel, text: str) -> None:
+        """Takes a text about a part that is not there, once in the time of a subscription."""
+        with self._lock:
+            if channel.number not in self._subscriptions or channel.number in self._lacking:
+                return
+            self._lacking.add(channel.number)
             self._texts.append(text)
         self._wake()
 

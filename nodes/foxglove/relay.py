@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from evis.bag import environments
+from evis.bag.ros import images
 from evis.bag.ros.mapping import frame_of
 from evis.runtime.plan import Plan
 from evis.web.notices import Notices
@@ -131,11 +132,22 @@ class Relay(Notices):
             if not parts:
                 parts = [message] if len(numbers) == 1 else [part for part, _ in environments.split(message, envs)]
             part = parts[env or 0] if len(parts) > 1 else message
+            lacking = read.keys() & set(images.PARTS.get(type(message).__name__, {}).values())
             for suffix, frames in encode(part, channels[""].base, read.keys(), self._time_of(topic, message)):
+                lacking.discard(suffix)
                 self._send(read[suffix], frames)
                 if latched:
                     self._latched[read[suffix]] = frames
+            self._tell_lacking([read[suffix] for suffix in sorted(lacking)])
             self._draw(read, part)
+
+    def _tell_lacking(self, channels: list[Channel]) -> None:
+        """Tells who reads a part that the newest message is without, such as a label that the graph does not make."""
+        for channel in channels:
+            name = channel.base + channel.suffix
+            text = protocol.status(protocol.WARNING, f"{name}: the newest message of {channel.topic} has no such part")
+            for client in self._readers.get(channel, ()):
+                client.lack(channel, text)
 
     def _time_of(self, topic: str, message: Message) -> int | None:
         """Returns the time of a message of the system, whose wall clock would stand apart from all others; None where

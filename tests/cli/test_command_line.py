@@ -13,6 +13,7 @@ import pytest
 
 from evis.cli import COMMANDS, main
 from evis.cli.failure import guarded, one_line
+from evis.runtime.hosting.node_call import NodeCall, NodeFailed
 
 Evis = Callable[..., Any]
 HEAVY = ("numpy", "zmq", "yaml", "warp", "mujoco", "PIL", "msgpack", "aiohttp", "tqdm")
@@ -288,6 +289,20 @@ def test_errors_become_one_line(capsys: pytest.CaptureFixture[str]) -> None:
 
     assert guarded("evis x", False, interrupted) == 130
     assert capsys.readouterr().err == "evis x: interrupted\n"
+
+
+def test_a_node_that_failed_is_named_and_the_class_of_its_error_is_not() -> None:
+    """`evis launch` says the same of it. Where the cause is a fault of the code the way to its traceback is told."""
+
+    def failed(cause: Exception) -> str:
+        with pytest.raises(NodeFailed) as caught, NodeCall(None, "foxglove.7"):
+            raise cause
+        return one_line(caught.value)
+
+    assert failed(OSError("port 8765 is taken; choose another")) == "foxglove.7: port 8765 is taken; choose another"
+    assert (
+        failed(TypeError("an int is no str")) == "foxglove.7: TypeError: an int is no str (--debug shows the traceback)"
+    )
 
 
 def test_a_reader_that_stops_is_no_error(evis: Evis, graph: Path) -> None:

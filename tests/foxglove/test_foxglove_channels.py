@@ -85,6 +85,30 @@ def test_parts_with_a_suffix_come_alone(served: Served, client: Foxglove) -> Non
     assert not client.received["/cam0/labels/segmentation"]
 
 
+def test_a_part_that_messages_are_without_is_told_once(served: Served, client: Foxglove) -> None:
+    """An empty panel would not say whether it waits or is in vain. Of what is there nothing is told."""
+    flow = np.zeros((1, H, W, 2), np.float32)
+    first, *_ = client.subscribe("/cam0/labels/depth", "/cam0/labels/flow")
+    served.until_tapped("/cam0/labels")
+    expected = "/cam0/labels/depth: the newest message of /cam0/labels has no such part"
+    for k in range(3):
+        served.send("/cam0/labels", Labels(Header(k * MS), flow=flow))
+        client.next("/cam0/labels/flow")
+    assert [status["message"] for status in client.statuses] == [expected]
+    assert client.statuses[0]["level"] == 1
+    client.say("unsubscribe", subscriptionIds=[first])
+    client.subscribe("/cam0/labels/depth")
+    status = [status["message"] for status in client.statuses]
+
+    def again() -> bool:
+        served.send("/cam0/labels", Labels(Header(9 * MS), flow=flow))
+        client.hear(0.02)
+        return len(client.statuses) > len(status)
+
+    served.until(again)
+    assert [one["message"] for one in client.statuses] == [expected] * 2
+
+
 def test_camera_info(served: Served, client: Foxglove) -> None:
     client.subscribe("/cam0/info", "/cam0/info/meta")
     served.until_tapped("/cam0/info")
