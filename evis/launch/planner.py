@@ -26,7 +26,6 @@ from evis.launch.graph.wiring import WiredNode, publishers, secret_values, wire
 from evis.launch.resolved_file import as_written, resolved_file
 from evis.launch.target import read_target, values_of_scene, with_scene_arguments
 from evis.launch.unused_arguments import check_effect, check_options
-from evis.runtime.declaration import Declaration
 from evis.runtime.node import with_others
 from evis.runtime.plan import COMPOSED, NodePlan, Plan
 from msgs.topics import SYSTEM_TOPICS
@@ -188,7 +187,7 @@ def _foreseen(plan: Plan, node: WiredNode) -> list[str]:
 
 def _draws(node: WiredNode) -> bool:
     """Tells whether a node draws by its seed, and does not only load with it the world that another node moves."""
-    return "seed" in node.cls.PARAMS and "random" in vars(node.cls)
+    return "seed" in node.cls.PARAMS and node.cls.overrides("random")
 
 
 def _with_work(expanded: Expanded, nodes: list[WiredNode]) -> list[WiredNode]:
@@ -263,7 +262,7 @@ def _node_plan(node: WiredNode, demand: Demand, grouping: str, together: Collect
         keep=list(node.spec.keep),
         part=node.part,
         joins=node.joins,
-        refuses=any("check_seed" in vars(cls) for cls in node.cls.__mro__ if cls is not Declaration),
+        refuses=node.cls.overrides("check_seed"),
         outside={p: node.inputs[p] for p, port in node.cls.INPUTS.items() if port.outside and p not in inputs},
     )
 

@@ -174,3 +174,11 @@ class Declaration:
 
         wanted: the output ports that are made. A subclass that overrides it is asked before anything is reset.
         """
+
+    @classmethod
+    def overrides(cls, name: str) -> bool:
+        """Tells whether a node says one of these for itself, in its class or in the declaration that it derives from.
+
+        name: of a class method, as "random".
+        """
+        return getattr(cls, name).__func__ is not getattr(Declaration, name).__func__
