@@ -132,7 +132,9 @@ class Executor(Outputs):
 
     def _introduce(self, host: Host) -> None:
         """Tells a node its runtime, the run's length, and whether something waits for it or records it."""
-        host.node.runtime, host.node.may_gather, host.node.may_lag = self, host.takes_several, not self.plan.waits
+        host.node.runtime, host.node.may_gather = self, host.takes_several
+        # A program outside waits for nothing before it comes, and then `_take_singly` tells these nodes.
+        host.node.may_lag = not self.plan.waits or host.takes_several
         host.node.run_s, host.node.recorded = self.plan.duration_s, self.plan.recorded
 
     def wait_connected(self, timeout_s: float, commands: Commands | None = None) -> None:

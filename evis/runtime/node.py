@@ -108,7 +108,7 @@ class Node(Declaration):
     `take_singly`; set by the executor before setup."""
     may_lag: bool = False
     """Whether what comes of a stamp may be published when the next one is under way, for nobody waits for it
-    (`Plan.waits`); set by the executor before setup."""
+    (`Plan.waits`), or not until `take_singly`; set by the executor before setup."""
     run_s: float | None = None
     """How long the run is to take, in stamps [s], None = until its sources end; set by the executor before setup."""
     recorded: bool = False
@@ -178,8 +178,9 @@ class Node(Declaration):
             self.update(one)
 
     def take_singly(self) -> None:
-        """Takes one stamp at a time from now on, because somebody waits for what comes of each."""
-        self.gathers = 1
+        """Takes one stamp at a time from now on, and publishes what comes of it before the next one, because somebody
+        waits for that; also what is still to come of those before."""
+        self.gathers, self.may_lag = 1, False
 
     def receive(self, port: str, message: Message) -> None:
         """Processes a message of an input that is not joined, or of a latched topic.

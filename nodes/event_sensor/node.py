@@ -192,6 +192,12 @@ class EventSensorNode(EventSensorDeclaration, Node):
             self._count(self._sensor)
             self._packets.publish_run(run, columns, ends, self._sensor.t_base)
 
+    def take_singly(self) -> None:
+        """Publishes the events of a message before the next one comes, from now on."""
+        super().take_singly()
+        self._finish_calls()
+        self._calls_in_flight = None
+
     def _further(self, run: Sequence[Any]) -> Further | None:
         """Joins the samples between the frames of messages that are sensed in one call; None where they have none."""
         from nodes.event_sensor.input.further import Further

@@ -179,7 +179,7 @@ class RendererNode(RendererDeclaration, Node):
         Where fewer come than are rendered at once, the last one fills the rest.
         """
         if self.gathers == 1 or any(isinstance(s := one["state"], WorldState) and s.own is not None for one in inputs):
-            self.take_singly()
+            self._render_singly()
             super().update_all(inputs)
             return
         states = [self._state(one) for one in inputs]
@@ -195,10 +195,16 @@ class RendererNode(RendererDeclaration, Node):
             self._render(some, poses, before, np.array([some[row].header.stamp_ns for row in rows]))
 
     def take_singly(self) -> None:
-        """Renders one state at a time from now on."""
+        """Renders one state at a time from now on, and counts what it has rendered before the next one."""
+        self._render_singly()
+        super().take_singly()
+        self.finish()
+
+    def _render_singly(self) -> None:
+        """Makes the renderer for one state at a time, if it was for several."""
         if self.gathers > 1:
             self.finish()
-            super().take_singly()
+            self.gathers = 1
             self._before.not_drawn()
             self.renderer = self._renderers(self.worlds.groups(appearance))
             self.renderer.prepare(self._wanted())

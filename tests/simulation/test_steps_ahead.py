@@ -12,7 +12,7 @@ def begun(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Grows by one whenever steps are begun ahead."""
     count: list[int] = []
     begin = MujocoThreads.begin
-    monkeypatch.setattr(MujocoThreads, "begin", lambda self: (count.append(1), begin(self))[1])
+    monkeypatch.setattr(MujocoThreads, "begin", lambda self, keep=False: (count.append(1), begin(self, keep))[1])
     return count
 
 

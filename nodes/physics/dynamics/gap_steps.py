@@ -68,18 +68,29 @@ class GapSteps:
         self.constrained[:] = False
 
     def take(
-        self, course: Course, watch: Watch, grid: range, awake: Sequence[int], alone: Set[int], ahead: Set[int]
-    ) -> tuple[dict[int, str], list[tuple[int, str]]]:
+        self,
+        course: Course,
+        watch: Watch,
+        grid: range,
+        awake: Sequence[int],
+        alone: Set[int],
+        ahead: Set[int],
+        begin_next: Callable[[], None] | None = None,
+    ) -> tuple[dict[int, str], list[tuple[int, str]], list[int]]:
         """Takes a step from each time of `grid` in the environments that are awake, and writes their states.
 
-        alone: those that the batch cannot step. ahead: whose steps were foreseen. Gives the fault of each environment
-        that has diverged, and what is to be told of others.
+        alone: those that the batch cannot step. ahead: whose steps were foreseen. begin_next: begins the steps after
+        these, of all that the batch steps, which it is to be called for where all come of one call and their states are
+        many, before these are written; what is to be taken back of them is. Gives the fault of each environment that
+        has diverged, what is to be told of others, and those that were stepped again with checks.
         """
         single = [k for k in awake if self._batch is None or k in alone]
         batched = [k for k in awake if k not in single]
         # Those that were foreseen may have been taken in one call, and the others in another.
         parts = [k for k in batched if k in ahead], [k for k in batched if k not in ahead]
-        odd = [k for part in parts for k in self._together(course, watch, part, grid)]
+        if self._recorded is None or single or not parts[0] or parts[1] or course.paths.kept:
+            begin_next = None
+        odd = [k for part in parts for k in self._together(course, watch, part, grid, begin_next)]
         odd += self._one_by_one(course, watch, single, grid)
         faults, notices = {}, []
         for k in sorted(odd):
@@ -91,16 +102,20 @@ class GapSteps:
                 faults[k] = found.fault
             self.constrained[k] = self._data[k].nefc > 0
             course.write(np.array([k]), found.state)
-        return faults, notices
+        return faults, notices, odd
 
-    def _together(self, course: Course, watch: Watch, awake: list[int], grid: range) -> list[int]:
+    def _together(
+        self, course: Course, watch: Watch, awake: list[int], grid: range, begin_next: Callable[[], None] | None
+    ) -> list[int]:
         """Steps environments at once, and writes those to the course in which nothing is wrong. Gives the others: a
-        check of each state must tell what it is."""
+        check of each state must tell what it is. begin_next: as of `take`."""
         if not awake:
             return []
         assert self._batch is not None
         found = self._batch.result([self._data.row(k) for k in awake])
         self._data.stepped(awake)
+        if begin_next is not None:
+            begin_next()
         envs = np.array(awake)
         if self._recorded is not None:
             odd = self._take_recorded(course, watch, envs, found, self._recorded)
@@ -110,6 +125,8 @@ class GapSteps:
             odd = [k for part in parts for k in self._take_part(course, watch, envs[part], found, part)]
         for k in odd:
             self._data.restore_before_steps(k)
+        if begin_next is not None and odd:
+            self._data.cancel(odd)
         return odd
 
     def _take_recorded(

@@ -11,6 +11,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import mujoco
@@ -28,6 +29,7 @@ from nodes.physics.dynamics.batch.environment_data import EnvironmentData
 from nodes.physics.dynamics.batch.unsupported import Unsupported
 from nodes.physics.dynamics.contacts import contacts_of
 from nodes.physics.dynamics.course.course import Course, CourseState
+from nodes.physics.dynamics.course.paths import KERNELS as MOVING
 from nodes.physics.dynamics.course.recorded import RecordedCourse
 from nodes.physics.dynamics.gap_steps import GapSteps
 from nodes.physics.dynamics.kept_data import KeptData
@@ -132,13 +134,15 @@ class MujocoEngine:
             whole = tolerance is None and self.model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4
             traced = TracedSteps(self.model, whole)
         # Otherwise the first gap waits for them, or all threads at once.
-        kernels = [(place_between, LAUNCH_BLOCK), *self._assembly.kernels()]
+        kernels = [(place_between, LAUNCH_BLOCK), *MOVING, *self._assembly.kernels()]
         build_together("cpu", kernels + ([] if recorded is None else recorded.kernels()))
         followers = self._assembly.followers
         self._steps = GapSteps(self.model, self.data, self._batch, self._sub_steps, followers, traced, recorded)
         self._warp = warp is not None
         self._prepared = -1
         """The stamp up to which steps were requested."""
+        self._lacking = False
+        """Whether those of some environments were taken back since, and are to be requested again."""
         self._foreseen: set[int] = set()
         """Environments whose steps were requested before it was known that they will be wanted."""
         self._shadow = shadow_of(self.model, errors) if errors is not None else None
@@ -287,7 +291,7 @@ class MujocoEngine:
         if controls is not None:
             self.data.control(others, controls[others])
             self._controls = controls.copy()
-        self._prepared = to_ns
+        self._prepared, self._lacking = to_ns, False
         grid = range(self._course.grid, to_ns, self.step_ns)
         if self._batch is not None and grid:
             self.data.request([k for k in self._in_batch() if k not in self._foreseen], grid)
@@ -310,7 +314,7 @@ class MujocoEngine:
 
         Raises ValueError for controls of a wrong shape or not finite.
         """
-        if self._prepared != to_ns or controls is not None:
+        if self._prepared != to_ns or self._lacking or controls is not None:
             self.prepare(to_ns, controls)
         ahead, self._prepared, self._foreseen = self._foreseen, -1, set()
         if self.envs > len(self._left) and not self._awake():
@@ -353,11 +357,12 @@ class MujocoEngine:
         env = self._shadowed
         return self._shadow is not None and env not in self._left and not self._rests[env].now
 
-    def _measure(self, data: Any, steps: int, begins: bool) -> None:
-        """Has the shadow follow the steps just taken, to the state of `data`; begins: whether an episode does."""
+    def _measure(self, steps: int, begins: bool) -> None:
+        """Has the shadow follow the steps just taken; begins: whether an episode does."""
         env, bodies = self._shadowed, self.model.nbody - 1
         if self._shadow is None or not self._followed():
             return
+        data = self.data.look(env)
         if begins:
             self._shadow.begin(data)
         else:
@@ -365,13 +370,16 @@ class MujocoEngine:
             parts = self._sub_steps[env].taken if self._sub_steps is not None else None
             self._shadow.follow(data, steps, before, now, bool(self._steps.constrained[env]), parts)
 
-    def _go_on(self, to_ns: int) -> None:
-        """Begins the steps that follow those of the open interval, up to a stamp."""
+    def _go_on(self, to_ns: int, keep: bool = False) -> None:
+        """Begins the steps that follow those of the open interval, up to a stamp. keep: as of `BatchStepper.begin`."""
+        # The shadow is to see where its environment is now: after this the batch may be ahead.
+        if self._followed():
+            self.data.look(self._shadowed)
         grid, awake, self._prepared = range(self._course.next_grid, to_ns, self.step_ns), self._in_batch(), to_ns
         if self._batch is not None and grid and awake:
             self.data.request(awake, grid)
             self._foreseen = set(awake)
-            self._batch.begin()
+            self._batch.begin(keep)
 
     def _step_to(self, to_ns: int, ahead: Set[int], then_ns: int | None) -> Interval:
         """Advances to a stamp by steps of the environments that do not rest.
@@ -384,22 +392,23 @@ class MujocoEngine:
         faults: dict[int, str] = {}
         checked = self.checked
         if len(grid):
-            faults, notices = self._steps.take(course, self._watch, grid, awake, self._slow, ahead)
+            begin_next = None if then_ns is None else partial(self._go_on, then_ns, keep=True)
+            faults, notices, again = self._steps.take(course, self._watch, grid, awake, self._slow, ahead, begin_next)
+            self._lacking = bool(self._foreseen & {*again})
+            self._foreseen = self._foreseen - {*again}
             self._warnings += notices
             for k in {*range(self.envs)} - self._left:
                 self._watch.dogs[k].passed((grid[-1] + self.step_ns) * 1e-9)
             for k in sorted(faults):
                 course.restart(k, self._restart(k))
             self._find_slow(self._slow)
-        # After this the batch may be ahead.
-        shadowed = self.data.look(self._shadowed) if self._followed() else None
-        if then_ns is not None:
+        if then_ns is not None and self._prepared != then_ns:
             self._go_on(then_ns)
         interval = course.close()
         interval.faults = sorted(faults.items())
         interval.again = self.checked - checked if self._warp else 0
         self._watch_rest(begun)
-        self._measure(shadowed, len(grid), self._shadowed in faults)
+        self._measure(len(grid), self._shadowed in faults)
         return self._told(interval)
 
     @property

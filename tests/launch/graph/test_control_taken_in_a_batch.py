@@ -39,6 +39,27 @@ def test_who_takes_control_in_a_batch_changes_no_message_before_an_action(given:
     assert seen[6] > 0 and len({seen[k] for k in range(5, 9)}) == 4
 
 
+@pytest.mark.gpu
+def test_on_a_gpu_events_come_a_keyframe_late_until_somebody_takes_control() -> None:
+    """Those of several environments too, which are no batch: from then on they are there before the next state."""
+
+    def seen_where_control_is_taken_at(state: int) -> tuple[list[Any], dict[int, int]]:
+        seen: dict[int, int] = {}
+
+        def at_state(executor: Executor, k: int) -> None:
+            if k == state:
+                executor._take_singly()
+            seen[k] = executor.progress()["events"]
+
+        return published("robot_arm", at_state, device="cuda", envs=2, length_s=LENGTH_S), seen
+
+    (messages, at_once), (same, late) = (seen_where_control_is_taken_at(state) for state in (0, 5))
+    assert same == messages
+    assert all(at_once[k] > at_once[k - 1] for k in range(1, STATES)), "every gap has events"
+    assert [late[k] for k in range(1, 5)] == [at_once[k - 1] for k in range(1, 5)]
+    assert [late[k] for k in range(5, STATES)] == [at_once[k] for k in range(5, STATES)]
+
+
 class Rooms:
     """For how many keyframes there is room in the memory that nodes ask the executor for, one number per request."""
 

@@ -27,8 +27,9 @@ class BatchStepper(Protocol):
         """Sets the controls [n, nu] of environments whose next steps are taken from the state after their last ones,
         and wakes their bodies."""
 
-    def begin(self) -> None:
-        """Begins to take the requested steps while others work; no other call needs to know of it."""
+    def begin(self, keep: bool = False) -> None:
+        """Begins to take the requested steps while others work; no other call needs to know of it. keep: what `result`
+        gave last stays as it is meanwhile, until the next one."""
 
     def cancel(self, rows: Sequence[int]) -> None:
         """Puts environments to where they were when their steps were requested, for whoever asked for the result has
@@ -41,7 +42,7 @@ class BatchStepper(Protocol):
         """Writes the state after the steps taken last into an MjData."""
 
     def write_state_before(self, row: int, data: Any) -> None:
-        """Writes the state before the steps taken last into an MjData."""
+        """Writes the state before the steps whose result was given last into an MjData."""
 
 
 def why_not_batched(scene: Scene, tolerance: Tolerance | None) -> str:

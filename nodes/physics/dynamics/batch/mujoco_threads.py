@@ -103,6 +103,10 @@ class MujocoThreads:
         self._batch: Batch | None = None
         self._asked: dict[int, range] = {}
         self._taken: list[_Taken] = []
+        self._given: _Taken | None = None
+        """That of which `result` gave a part last."""
+        self._held: _Taken | None = None
+        """What is kept as it is while the next steps are taken."""
         self._room: dict[int, Fields] = {}
         """Arrays of the calls taken together, which later ones write into."""
         self._kept: dict[tuple[int, int, int], Records] = {}
@@ -133,9 +137,10 @@ class MujocoThreads:
         self._wake(rows)
         batch.bind("ctrl")[list(rows)] = values
 
-    def begin(self) -> None:
+    def begin(self, keep: bool = False) -> None:
         """Implements `BatchStepper.begin`."""
         self._made()
+        self._held = self._given if keep else None
         self._ahead = self._beside.submit(self._take)
 
     def cancel(self, rows: Sequence[int]) -> None:
@@ -161,6 +166,8 @@ class MujocoThreads:
         wanted = np.asarray(rows)
         taken = next(one for one in self._taken if rows[0] in one.left)
         taken.left.difference_update(rows)
+        self._given = taken
+        self._left_state[wanted], self._left_warning[wanted] = self._before[wanted], self._warned[wanted]
         places = np.searchsorted(taken.rows, wanted)
         part = partial(taken.part, self._model, places)
         seen = taken.nearest[places], batch.warning[wanted, :, 1], taken.constrained[places]
@@ -172,9 +179,8 @@ class MujocoThreads:
 
     def write_state_before(self, row: int, data: Any) -> None:
         """Implements `BatchStepper.write_state_before`."""
-        self._made()
-        mujoco.mj_setState(self._model, data, self._before[row], STATE)
-        data.warning.number[:] = self._warned[row, :, 1]
+        mujoco.mj_setState(self._model, data, self._left_state[row], STATE)
+        data.warning.number[:] = self._left_warning[row, :, 1]
 
     def keep(self, row: int) -> KeptData:
         """Copies where an environment is, without requested steps whose result nobody has fetched.
@@ -217,7 +223,7 @@ class MujocoThreads:
         rows = np.array(sorted(asked), np.int32)
         self._before[rows], self._warned[rows] = batch.state[rows], batch.warning[rows]
         self._slept[rows] = self._asleep[rows]
-        self._asked, self._taken = {}, [taken for taken in self._taken if taken.left]
+        self._asked, self._taken = {}, [taken for taken in self._taken if taken.left or taken is self._held]
         for count in sorted({len(grid) for grid in asked.values()}):
             alike = np.array([row for row in rows.tolist() if len(asked[row]) == count], np.int32)
             self._taken.append(self._step(batch, alike, [asked[row] for row in alike.tolist()], count))
@@ -293,6 +299,8 @@ class MujocoThreads:
             self._batch = self._beside.submit(Batch, self._model, self._count, self._threads, persistent=True).result()
             keep_when_forked(self._batch)
             self._before, self._warned = self._batch.state.copy(), self._batch.warning.copy()
+            # Before the steps whose result was given last, while others may be under way.
+            self._left_state, self._left_warning = self._before.copy(), self._warned.copy()
             self._asleep = self._batch.bind("tree_asleep")
             self._slept = self._asleep.copy()
         return self._batch

@@ -97,7 +97,7 @@ class WarpWorlds:
         """Implements `BatchStepper.control`."""
         self._staged["ctrl"][list(rows)] = values
 
-    def begin(self) -> None:
+    def begin(self, keep: bool = False) -> None:
         """Does nothing: the steps are taken when their result is asked for."""
 
     def cancel(self, rows: Sequence[int]) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from msgs.world import EVERY, moves
+from msgs.world import EVERY
 from nodes.physics.dynamics.assembly import Assembly
 from nodes.physics.dynamics.batch.stepped_states import JOINTS
 from nodes.physics.dynamics.course.paths import PathsByShape
@@ -168,14 +168,9 @@ class Course:
         each = map if self._pool is None or len(parts) == 1 else self._pool.map
         if self._to != self._ends[1]:
             self._poses_between.aim(self._to, self._ends)
-        # Most bodies are elsewhere at the end.
         moved = np.logical_or.reduce([*each(self._finish, parts)])
         self.stamp, self.grid = self._to, self.next_grid
         poses, twists = self.poses, self.twists
-        still = np.flatnonzero(~moved)
-        if len(still):
-            all_along = lambda part: moves(poses[part or EVERY][:, :, still], twists[part or EVERY][:, :, still])
-            moved[still] = np.logical_or.reduce([*each(all_along, parts)])
         if len(parts) > 1 and 2 * moved.sum() > len(moved):
             # To leave out a few of many would copy all others.
             moved[:] = True
@@ -193,7 +188,7 @@ class Course:
     def _finish(self, part: slice | None) -> np.ndarray:
         """Writes the end of the interval, and what is mounted on other bodies, of some environments, None = of all.
 
-        Returns which bodies are elsewhere at its end, or have a velocity at either end, bool [M].
+        Returns which bodies move, bool [M].
         """
         envs = part or EVERY
         before, now, last = ({n: v[envs] for n, v in state.items()} for state in (self.before, self.now, self.last))
@@ -217,7 +212,7 @@ class Course:
         at_ends = [np.abs(state["twist"]).max(axis=(1, 2), initial=0.0) for state in (last, now)]
         self.fastest[envs] = np.maximum(self.fastest[envs], np.maximum(*at_ends))
         self._assembly.put_mounted(self.paths, part)
-        return moves(poses[:, [0, -1]], twists[:, [0, -1]])
+        return self.paths.moving(part)
 
     def rest(self, to_ns: int) -> Interval:
         """Goes on to a stamp without a step: all bodies of MuJoCo stay where they are."""

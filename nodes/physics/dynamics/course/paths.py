@@ -8,7 +8,14 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.exchange import cpu_array
+from evis.gpu.repeated_launch import RepeatedLaunch
+from msgs.world import EVERY
+from nodes.physics.dynamics.course.moving_kernels import find_moving
+
+KERNELS = [(find_moving, LAUNCH_BLOCK)]
+"""What is launched, as `build_together` takes it."""
 
 SMALL, MOST_KEPT = 1 << 17, 8
 """Numbers of poses up to which arrays are used again, and how many: to show new ones to kernels takes longer than to
@@ -33,6 +40,22 @@ class Paths:
     def views(self) -> tuple[wp.array, wp.array]:
         """Gives poses and twists as kernels take them."""
         return cpu_array(self.poses), cpu_array(self.twists)
+
+    @cached_property
+    def _moving(self) -> tuple[np.ndarray, RepeatedLaunch]:
+        found = np.zeros((self.poses.shape[0], self.poses.shape[2]), np.int32)
+        bits = [cpu_array(values.view(np.int64), wp.int64) for values in (self.poses, self.twists)]
+        return found, RepeatedLaunch(find_moving, [*bits, cpu_array(found)])
+
+    def moving(self, part: slice | None = None) -> np.ndarray:
+        """Finds which bodies are not at one pose without velocity throughout, to the bit, bool [M]; of a part of the
+        environments while others look at the rest."""
+        found, launch = self._moving
+        if part is None:
+            launch.whole(len(found))
+        else:
+            launch.part(part.start, len(found[part]))
+        return np.asarray(found[part or EVERY].any(axis=0))
 
 
 class PathsByShape:

@@ -7,6 +7,8 @@ import pytest
 from environments_rig import controls, engine_of, told
 
 from evis.runtime.workers import Workers
+from nodes.physics.dynamics.batch.mujoco_threads import MujocoThreads
+from nodes.physics.dynamics.course import paths
 from nodes.physics.environments.environments import Environments
 
 
@@ -105,8 +107,19 @@ def _no_thread(*_given: object) -> None:
 
 @pytest.mark.parametrize("contacts", [False, True])
 @pytest.mark.parametrize("integrator", ["Euler", "RK4"])
-def test_what_is_begun_ahead_changes_nothing(tmp_path: Path, integrator: str, contacts: bool) -> None:
-    """The next steps are taken while others work; then an action comes, an environment is reset, another diverges."""
+@pytest.mark.parametrize("many", [False, True])
+def test_what_is_begun_ahead_changes_nothing(
+    tmp_path: Path, integrator: str, contacts: bool, many: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The next steps are taken while others work; then an action comes, an environment is reset, another diverges.
+
+    Of many environments they begin before the states after the last ones are written, so of a few that count as many.
+    """
+    if many:
+        monkeypatch.setattr(paths, "SMALL", 0)
+    early = []
+    begin = MujocoThreads.begin
+    monkeypatch.setattr(MujocoThreads, "begin", lambda self, keep=False: (early.append(keep), begin(self, keep)))
     runs = []
     for ahead in (False, True):
         engine = engine_of(tmp_path, 5, 2, contacts=contacts, option=f"integrator='{integrator}'")
@@ -125,6 +138,7 @@ def test_what_is_begun_ahead_changes_nothing(tmp_path: Path, integrator: str, co
         runs.append(found)
     assert runs[0] == runs[1]
     assert any(faults for each in runs[0] for _arrays, _touched, (faults, _warnings) in each)
+    assert any(early) == (many and not contacts)
 
 
 def test_an_action_is_not_too_late_for_what_was_begun(tmp_path: Path) -> None:
@@ -136,3 +150,24 @@ def test_an_action_is_not_too_late_for_what_was_begun(tmp_path: Path) -> None:
         action = controls(n, 3)
         expected, found = (engine.advance(n * 20_000_000, action) for engine in (plain, ahead))
         assert [told(found, k) for k in range(3)] == [told(expected, k) for k in range(3)]
+
+
+def test_those_that_go_wrong_while_the_next_steps_are_under_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of many: their steps are taken back, and taken anew after what a check of each state has told; all others go
+    on."""
+    monkeypatch.setattr(paths, "SMALL", 0)
+    plain, ahead = (engine_of(tmp_path, 4, 2, contacts=False) for _ in range(2))
+    # They reach 1000 m/s, the limit, after some gaps.
+    pushed = np.array([[0.0], [1e5], [1e4], [2e4]])
+    told_of, taken_back = [], []
+    for n in range(1, 31):
+        action = pushed if n == 3 else 0 * pushed if n == 20 else None
+        expected = plain.advance(n * 10_000_000, action)
+        found = ahead.advance(n * 10_000_000, action, then_ns=(n + 1) * 10_000_000)
+        assert [told(found, k) for k in range(4)] == [told(expected, k) for k in range(4)], n
+        told_of += [env for env, _text in found.faults]
+        taken_back.append(ahead._lacking)
+    assert sorted({*told_of}) == [1, 2, 3]
+    assert sum(taken_back) >= 3
