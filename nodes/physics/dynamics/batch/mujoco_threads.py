@@ -22,6 +22,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
+from msgs.world import EVERY
 from nodes.physics.dynamics.batch.forked import keep_when_forked
 from nodes.physics.dynamics.batch.stepped_states import JOINTS, PLACES, Records, SteppedStates
 from nodes.physics.dynamics.kept_data import KeptData, TakenSteps
@@ -167,7 +168,8 @@ class MujocoThreads:
         taken = next(one for one in self._taken if rows[0] in one.left)
         taken.left.difference_update(rows)
         self._given = taken
-        self._left_state[wanted], self._left_warning[wanted] = self._before[wanted], self._warned[wanted]
+        each = EVERY if len(rows) == self._count else wanted
+        self._left_state[each], self._left_warning[each] = self._before[each], self._warned[each]
         places = np.searchsorted(taken.rows, wanted)
         part = partial(taken.part, self._model, places)
         seen = taken.nearest[places], batch.warning[wanted, :, 1], taken.constrained[places]
@@ -221,8 +223,9 @@ class MujocoThreads:
         batch, asked = self._batch, self._asked
         assert batch is not None
         rows = np.array(sorted(asked), np.int32)
-        self._before[rows], self._warned[rows] = batch.state[rows], batch.warning[rows]
-        self._slept[rows] = self._asleep[rows]
+        each = EVERY if len(rows) == self._count else rows
+        self._before[each], self._warned[each] = batch.state[each], batch.warning[each]
+        self._slept[each] = self._asleep[each]
         self._asked, self._taken = {}, [taken for taken in self._taken if taken.left or taken is self._held]
         for count in sorted({len(grid) for grid in asked.values()}):
             alike = np.array([row for row in rows.tolist() if len(asked[row]) == count], np.int32)

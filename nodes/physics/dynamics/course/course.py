@@ -22,8 +22,9 @@ from nodes.physics.dynamics.states import State, joints_between
 from nodes.physics.interval import Interval, grid_inside
 from nodes.physics.room import check_room
 
-PART = 1 << 19
-"""Numbers of environments' poses that are worked on at once: with fewer, calls take longer than what they do."""
+PART = 1 << 17
+"""Numbers of environments' poses that are worked on at once: of fewer calls take longer than what they do, and with
+more some cores have nothing to do."""
 
 
 @dataclass(frozen=True)
