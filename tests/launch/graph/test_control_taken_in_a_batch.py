@@ -22,7 +22,14 @@ STATES, BATCH = 25, 8
 LENGTH_S, LONGER_S = (STATES - 1) / 30, 2.0
 
 
-@pytest.mark.parametrize("given", [{}, {"time_tolerance": 0.0005, "preset": "davis346", "width": 48, "height": 36}])
+@pytest.mark.parametrize(
+    "given",
+    [
+        {},
+        {"time_tolerance": 0.0005, "preset": "davis346", "width": 48, "height": 36},
+        pytest.param({"device": "cuda"}, marks=pytest.mark.gpu),
+    ],
+)
 def test_who_takes_control_in_a_batch_changes_no_message_before_an_action(given: dict[str, Any]) -> None:
     """And from then on the events of a state are there before the next one."""
     order: list[tuple[int, int]] = []
