@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from evis.config.params import Param
 from evis.runtime.node import Node
@@ -40,6 +40,14 @@ class FoxgloveNode(Node):
     _relay: Relay | None = None
     _server: Server | None = None
     _taps: TapsOnDemand | None = None
+
+    @classmethod
+    def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
+        """Raises ValueError for an address that is not to be served with this token, or without one."""
+        from evis.web.address import check_token
+
+        check_token(params["host"], params["token"])
+        return frozenset(cls.INPUTS)
 
     def setup(self) -> None:
         """Starts the server, and says its address."""

@@ -45,6 +45,14 @@ class VisualizerNode(Node):
     _taps: TapsOnDemand | None = None
     _address_file: Path | None = None
 
+    @classmethod
+    def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
+        """Raises ValueError for an address that is not to be served with this token, or without one."""
+        from evis.web.address import check_token
+
+        check_token(params["host"], params["token"])
+        return frozenset(cls.INPUTS)
+
     def setup(self) -> None:
         """Starts the page's server, and writes its address where `evis view` finds it."""
         from evis.web import address
