@@ -164,7 +164,7 @@ def check_parameters(cls: Any, name: str, given: Mapping[str, Any]) -> None:
         if key in idle and params[key]:
             raise ArgumentError(f"{key}:={given[key]} has no effect: {idle[key]}; leave it out")
     try:
-        cls.needs(params, frozenset(cls.OUTPUTS))
+        cls.needs(params, frozenset(cls.OUTPUTS.keys() - cls.missing(params).keys()))
     except ValueError as error:
         raise ArgumentError(f"'{name}': {error}") from None
 
