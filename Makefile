@@ -30,7 +30,7 @@ JOBS ?= 2
 COMPUTE := $(addprefix tests/,simulation dataset launch/graph shares bench rate_divider \
   cli/test_extreme_graphs.py cli/test_auto_choice.py runtime/test_device_arrays.py \
   gpu/test_precompiled_headers.py python audit env \
-  event_sensor events frame_camera geometry house imu interpolator labeler measure media msgs physics renderer resets scene)
+  event_sensor events frame_camera geometry house imu interpolator labeler measure media msgs physics renderer resets scene web)
 WAIT := $(addprefix tests/,visualizer foxglove client camera bag cli gpu/test_parallel_kernel_builds.py \
   runtime/test_shadowed_modules.py config launch/files launch/supervisor/test_early_start.py launch/supervisor/test_secrets.py)
 

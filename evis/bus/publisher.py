@@ -17,7 +17,7 @@ from evis.bus.memory.device import DevicePool, DeviceSlot, LoanRequest, check
 from evis.bus.memory.lending import Lender
 from evis.bus.memory.placing import describe, place
 from evis.bus.memory.slots import Pinned, Slot, SlotPool
-from evis.bus.tap import TapSender, queue_length
+from evis.bus.tap import TapSender, queue_length, share_of
 from msgs.codec import Buffer, checked, contiguous, pack_header, raw
 from msgs.header import Message
 
@@ -36,7 +36,7 @@ class Publisher(Lender):
     context: of ZeroMQ, the process's. topic, node: names. endpoints: the addresses that it binds. consumers: ids
     `node:port` of the declared consumers in other processes. message_type: the only one that it sends. window: messages
     that each consumer may be behind. latched: a consumer that connects late gets the last value. tap_hz: most messages
-    per second on the tap [Hz], 0 = all. All calls are from one thread.
+    per second on the tap [Hz], of each environment that has its own, 0 = all. All calls are from one thread.
     Raises BusError, and PeerLost when a consumer is gone.
     """
 
@@ -235,7 +235,7 @@ class Publisher(Lender):
         message.header.seq = self._seq
         size = sum([a.nbytes for a in arrays.values()])
         slot = self._pool.claim(arrays)
-        consumers, tapped = self._receivers(), self._tap.due()
+        consumers, tapped = self._receivers(), self._tap.due(*share_of(message))
         # A latched message reaches half-connected consumers too, which hold no slot: it carries its arrays.
         by_slot = bool(consumers) and self._pool.shared and size >= INLINE_BELOW and not self.latched
         # What is copied into a slot as a whole is in order there.

@@ -19,7 +19,7 @@ from evis.bus.memory import mapping
 from evis.bus.memory.cuda_ipc import KIND, ImportedSlots, uuid_of, without_rows
 from evis.bus.memory.device import device_of
 from evis.bus.pipes import MessageInbox, Outlet
-from evis.bus.tap import queue_length
+from evis.bus.tap import queue_length, share_of, together
 from msgs.codec import attach, decode_header
 from msgs.fields import MessageError, TypeMismatch
 from msgs.header import Message
@@ -77,6 +77,8 @@ class Subscriber:
         self._sockets: list[zmq.Socket] = []
         self._received: deque[list[bytes]] = deque(maxlen=queue_length(topic))
         """What a tap has received: of what it lags behind, the newest."""
+        self._envs = 1
+        """Environments that a tap has room for."""
         self._inbox: MessageInbox | None = None
         self._piped = False
         """Messages come through the pipe: it announces even those that do not."""
@@ -301,11 +303,20 @@ class Subscriber:
             self._count(header.seq)
         self._next_seq = header.seq + 1
         self._last = this
-        if not self.tap:
+        if self.tap:
+            self._make_room_for(share_of(message)[1])
+        else:
             on_gpu = device_of(message) is not None
             self._on_gpu += on_gpu
             message._slot = Lease(self, header.seq, on_gpu)  # type: ignore[misc]
         return message
+
+    def _make_room_for(self, envs: int) -> None:
+        """Lets a tap lag behind by as many messages of each environment, where each has its own."""
+        if together(envs) > self._envs:
+            self._envs = together(envs)
+            self._received = deque(self._received, maxlen=queue_length(self.topic, envs))
+            self._data.setsockopt(zmq.RCVHWM, TAP_QUEUE * self._envs)
 
     def _decode(self, frames: list[bytes]) -> Message:
         head = decode_header(frames[0], self.message_type)

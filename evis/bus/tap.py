@@ -1,6 +1,7 @@
 """Sends taps of a topic their copies: a limited number a second, and only while one listens.
 
-A full queue drops, here or at the listener; sequence numbers tell it how much it missed.
+Where each environment has messages of its own, as images have, the number is that of each, for they are topics of their
+own to who reads them. A full queue drops, here or at the listener; sequence numbers tell it how much it missed.
 """
 
 from __future__ import annotations
@@ -12,25 +13,47 @@ import zmq
 
 from evis.bus import wire
 from evis.bus.endpoints import bind
+from msgs.camera import Image
 from msgs.codec import Buffer
+from msgs.header import Message
 from msgs.topics import UnknownTopic, find_topic
 
-
-def queue_length(topic: str) -> int:
-    """Returns how many messages a tap may lag behind, from the topic table; 2 for a name that is not in it."""
-    try:
-        return max(2, find_topic(topic).queue)  # at 1, libzmq never lets a first message through to a late subscriber
-    except UnknownTopic:
-        return 2
-
-
 END_WAIT_S = 0.2
+ENVS_AT_ONCE = 16
+"""Environments that have the full rate side by side; of more they take turns."""
+MOST_TURNS = 4096
+"""Turns after which everyone may come again, however many environments there are said to be."""
+EARLY = 1 / 8
+"""Part of the interval by which a message may come before its time, as those of a source of the same rate do."""
+
+
+def queue_length(topic: str, envs: int = 1) -> int:
+    """Returns how many messages a tap may lag behind, from the topic table; 2 for a name that is not in it.
+
+    envs: how many environments have messages of their own, which come one right after another.
+    """
+    try:
+        own = max(2, find_topic(topic).queue)  # at 1, libzmq never lets a first message through to a late subscriber
+    except UnknownTopic:
+        own = 2
+    return own * together(envs)
+
+
+def together(envs: int) -> int:
+    """Returns how many environments have messages one right after another, of `envs` that there are said to be."""
+    return min(max(1, envs), ENVS_AT_ONCE)
+
+
+def share_of(message: Message) -> tuple[int, int]:
+    """Returns which environment a message is of, and of how many, where each has its own; (0, 1) of all others."""
+    return (message.env, message.envs) if isinstance(message, Image) else (0, 1)
 
 
 class TapSender:
     """Sends the lossy copy of one topic.
 
-    hz: most messages per second, 0 = all; the ones between are skipped and counted, unless a listener wants every one.
+    hz: most messages per second, of each environment that has its own, 0 = all; the ones between are skipped and
+    counted, unless a listener wants every one.
     """
 
     def __init__(self, topic: str, hz: float) -> None:
@@ -45,6 +68,14 @@ class TapSender:
         """Last value of a latched topic, given to each newcomer."""
         self._interval = 1.0 / hz if hz > 0 else 0.0
         self._next = -math.inf  # of a clock that starts anywhere: 0 would be late or far ahead by the machine's uptime
+        self._envs = 1
+        """Environments that the socket's queue has room for."""
+        self._left = 0
+        """Messages that may still pass before `_next`, each of another environment."""
+        self._turns = 0
+        """Times that the limit lets messages through until every environment has had its turn."""
+        self._had: set[int] = set()
+        """Environments that have had it."""
 
     def open(self, sock: zmq.Socket, address: str) -> None:
         """Binds the socket that it sends through."""
@@ -66,19 +97,43 @@ class TapSender:
             wire.send(self.socket, [key, *self.latched])
 
     def ready(self) -> bool:
-        """Tells whether the next message would be sent; counts nothing."""
-        return self.listeners > 0 and (self.eager > 0 or time.monotonic() >= self._next)
+        """Tells whether the next message would be sent, or may be where environments have their own; counts nothing."""
+        return self.listeners > 0 and (self.eager > 0 or self._left > 0 or self._is_time(time.monotonic()))
 
-    def due(self) -> bool:
-        """Tells whether a tap listens and the rate limit lets the next message through; counts it if not."""
+    def due(self, env: int = 0, envs: int = 1) -> bool:
+        """Tells whether a tap listens and the rate limit lets the next message through; counts it if not.
+
+        env, envs: of `share_of` the message.
+        """
         if not self.listeners:
             return False
-        now = time.monotonic()
-        if now < self._next and not self.eager:
-            self.skipped += 1
-            return False
-        # Keep to the grid while messages come steadily; start a new one after a pause.
-        self._next = max(self._next + self._interval, now)
+        if together(envs) > self._envs:
+            self._envs = together(envs)
+            self.socket.setsockopt(zmq.SNDHWM, queue_length(self.topic.decode(), envs))
+        if self._has_turn(env, envs) or self.eager:
+            return True
+        self.skipped += 1
+        return False
+
+    def _is_time(self, now: float) -> bool:
+        return now >= self._next - EARLY * self._interval
+
+    def _has_turn(self, env: int, envs: int) -> bool:
+        """Tells whether the rate limit lets a message of an environment through."""
+        if not self._left or env in self._had:
+            now = time.monotonic()
+            if not self._is_time(now):
+                return False
+            # Keep to the grid while messages come steadily; start a new one after a pause.
+            self._next = max(self._next + self._interval, now)
+            self._left = together(envs)
+            self._turns -= 1
+            if self._turns <= 0 or not self._interval:
+                self._turns, self._had = min(-(-envs // ENVS_AT_ONCE), MOST_TURNS), set()
+            if env in self._had:
+                return False
+        self._left -= 1
+        self._had.add(env)
         return True
 
     def send(self, frames: list[Buffer]) -> None:

@@ -20,6 +20,7 @@ from evis.runtime.clock import keyframe_stamp
 from evis.simulation.errors import Diverged, SimulationError
 from evis.simulation.saved import SimulationState
 from evis.simulation.simulation import Simulation
+from evis.simulation.step import Step
 from nodes.event_sensor.parameters import LOOK_AHEAD
 
 Observed = Any
@@ -124,13 +125,7 @@ class Batch:
         first = simulation.reset()
         state = first.state
         assert state is not None
-        for camera in {part.camera or simulation.cameras[0] for part in self._parts.values() if _of_events(part)}:
-            info = first.cameras[camera].info
-            if info is not None and (crossing := info.sensor.get("crossing")) in LOOK_AHEAD:
-                raise ValueError(
-                    f"crossing={crossing} gives events one frame late, after the step whose end is observed; "
-                    "take crossing=linear"
-                )
+        self._check_crossing(first)
         for part in self._parts.values():
             if not isinstance(part, Frames) or part.grey:
                 continue
@@ -166,11 +161,23 @@ class Batch:
         self._seen: dict[str, np.ndarray] = {}
         """What was observed last, by part: what environments go on to observe when others are put back."""
 
+    def _check_crossing(self, step: Step) -> None:
+        """Raises ValueError where events come later than the step that they are of. step: one that begins a run."""
+        cameras = self.simulation.cameras
+        for camera in {part.camera or cameras[0] for part in self._parts.values() if _of_events(part)}:
+            info = step.cameras[camera].info
+            if info is not None and (crossing := info.sensor.get("crossing")) in LOOK_AHEAD:
+                raise ValueError(
+                    f"crossing={crossing} gives events one frame late, after the step whose end is observed; "
+                    "take crossing=linear"
+                )
+
     def reset(self, envs: np.ndarray, seeds: np.ndarray | None = None) -> Observed:
         """Puts environments back to their start, and returns what all of them observe.
 
         The first reset is of all; later, those that go on observe what they did before. envs: their numbers. seeds: of
-        each, or None: their seeds stay, and another episode of each begins.
+        each, or None: their seeds stay, and another episode of each begins. Raises ValueError for a seed that draws a
+        sensor whose events come late, and in the simulation's words for one that it cannot begin with.
         """
         if seeds is not None:
             self._seeds[envs], self._episodes[envs] = seeds, 0
@@ -178,6 +185,11 @@ class Batch:
             self._episodes[envs] += 1
         given = [episode_seed(seed, episode) for seed, episode in zip(self._seeds.tolist(), self._episodes.tolist())]
         step = self.simulation.reset(seed=[given[env] for env in envs], envs=envs.tolist())
+        try:
+            self._check_crossing(step)  # the scene may draw it
+        except ValueError:
+            self.simulation.reset()
+            raise
         self.steps[envs] = 0
         self._begun[envs] = step.stamp_ns
         self._actions[envs] = self._rest

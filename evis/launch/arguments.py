@@ -150,6 +150,8 @@ def resolve(
             if name not in given and argument.required:
                 raise ArgumentError(f"{argument.where}: {file} needs the argument {name}:=... ({argument.param.help})")
             values[name] = argument.param.convert("argument", name, value)
+            if argument.required and values[name] == "":
+                raise ArgumentError(f"{file}: {name} is empty; it must be given ({argument.param.help})")
         except (ParamError, ExpressionError) as error:
             if name in given:
                 raise ArgumentError(f"{file}: {error}") from None

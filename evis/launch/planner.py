@@ -182,7 +182,9 @@ def _share_words(plan: Plan, awake: list[WiredNode]) -> None:
 def _foreseen(plan: Plan, node: WiredNode) -> list[str]:
     """Lists what a node is going to warn of."""
     planned = plan.nodes[node.name]
-    return [] if planned.told_by else [with_others(line, planned.tells_for) for line in node.cls.foreseen(node.params)]
+    own = [] if planned.told_by else [with_others(line, planned.tells_for) for line in node.cls.foreseen(node.params)]
+    # What a node publishes that is unknown is so too.
+    return own if plan.unknown else [*own, *node.cls.foreseen_among(node.params, plan.topics.keys())]
 
 
 def _draws(node: WiredNode) -> bool:

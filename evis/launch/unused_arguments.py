@@ -155,12 +155,18 @@ def _idle(spec: NodeSpec, param: str, plan: Plan) -> str:
 
 
 def check_parameters(cls: Any, name: str, given: Mapping[str, Any]) -> None:
-    """Checks in the same way parameters that a user gave to one node. Raises ArgumentError, ParamError."""
+    """Checks in the same way parameters that a user gave to one node, and that they go together. Raises ArgumentError,
+    ParamError.
+    """
     params = resolve(name, cls.PARAMS, given)
     idle = cls.without_effect(params)
     for key in given:
         if key in idle and params[key]:
             raise ArgumentError(f"{key}:={given[key]} has no effect: {idle[key]}; leave it out")
+    try:
+        cls.needs(params, frozenset(cls.OUTPUTS.keys() - cls.missing(params).keys()))
+    except ValueError as error:
+        raise ArgumentError(f"'{name}': {error}") from None
 
 
 def _why(node: str, expanded: Expanded) -> str:

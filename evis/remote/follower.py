@@ -182,7 +182,7 @@ class Follower:
             head = decode_header(frames[1], tap.type)
             if head.extra:
                 raise MessageError("arrays in the memory of another host")
-            attach(head, frames[2:])
+            message = attach(head, frames[2:])
         except TypeMismatch as error:
             raise protocol.ProtocolError(f"{self._address}, {tap.topic}: {error}") from None
         except (struct.error, IndexError, MessageError):
@@ -190,7 +190,7 @@ class Follower:
             return
         tap.count(number, head.header.seq, every)
         self.counters["messages"] += 1
-        tap.send(list(frames[1:]))
+        tap.send(message, list(frames[1:]))
 
     def _drop(self, frames: list[bytes]) -> None:
         """Counts a message as lost, as too many are behind it; what is none, latched or the end is never dropped."""

@@ -12,7 +12,7 @@ import zmq
 from evis.bus import Publisher, endpoints_for, wire
 from evis.bus.endpoints import check_bind
 from evis.bus.publisher import LATCHED_QUEUE
-from evis.bus.tap import TapSender, queue_length
+from evis.bus.tap import TapSender, queue_length, share_of
 from evis.remote.protocol import taps_of
 from evis.runtime.hosting.wiring import system_topic, tap_hz
 from evis.runtime.plan import NodePlan, Plan
@@ -22,7 +22,7 @@ from evis.runtime.telemetry import TAP_HZ as SYSTEM_TAP_HZ
 from evis.supervisor.run_directory import RunDirectory
 from msgs.codec import Buffer
 from msgs.diagnostics import Diagnostics
-from msgs.header import Header
+from msgs.header import Header, Message
 from msgs.topics import SYSTEM_TOPICS, find_topic
 
 _LINGER_MS = 1000
@@ -71,11 +71,11 @@ class LocalTap:
         if self._last is not None:
             self._last = (1 << 63, self._last[1], self._last[2])
 
-    def send(self, frames: list[Buffer]) -> None:
-        """Hands a message on to who reads it here, as often as they want."""
+    def send(self, message: Message, frames: list[Buffer]) -> None:
+        """Hands a message on, frame by frame as it came, to who reads it here, as often as they want."""
         if self.latched:
             self.sender.latched = frames
-        if self.sender.due():
+        if self.sender.due(*share_of(message)):
             self.sender.send(frames)
 
 

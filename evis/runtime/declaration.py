@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -134,6 +134,11 @@ class Declaration:
     @classmethod
     def foreseen(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
         """Returns the warnings that a run with these parameters gives as soon as it is set up, for --explain."""
+        return ()
+
+    @classmethod
+    def foreseen_among(cls, params: Mapping[str, Any], topics: Collection[str]) -> tuple[str, ...]:
+        """Returns those that it gives for what topics the graph publishes."""
         return ()
 
     @classmethod

@@ -162,20 +162,43 @@ class Simulation:
         chosen, seeds = self._named(envs, seed)
         if len(chosen) < self.envs:
             return self._reset_some(chosen, seeds)
-        single = seed is None or np.ndim(seed) == 0
-        self._seed = self._own_seed if seeds is None or not single else seeds[chosen.tolist().index(0)]
-        graph = self._graph_of(self._seed)
+        if seed is not None and seeds is not None and np.ndim(seed):
+            return self._reset_to(chosen, seeds)
+        self._begin(self._own_seed if seeds is None else seeds[chosen.tolist().index(0)])
+        step = self._run.advance()
+        self._run.warn()
+        return step
+
+    def _begin(self, seed: int) -> None:
+        """Stands before keyframe 0 of a run with this seed."""
+        graph = self._graph_of(seed)
+        self._seed = seed
         if self._run.broken or self._run.graph.things != graph.things:
             self._run.close()
             self._run = Run(graph, self._asked)
         elif self._run.k >= 0 or self._run.graph is not graph:
             self._run.rewind(graph)
         self._seeds = {}
-        if not single:
+
+    def _reset_to(self, chosen: np.ndarray, seeds: list[int]) -> Step:
+        """Begins a run with a seed for each environment, in a graph that is planned for the constructor's.
+
+        Where those draw what that graph has no room for, such as another event model, it is planned for the seed of
+        environment 0, with which the others have to go together then.
+        """
+        self._begin(self._own_seed)
+        try:
             return self._reset_some(chosen, seeds)
-        step = self._run.advance()
-        self._run.warn()
-        return step
+        except SimulationError:
+            first = seeds[chosen.tolist().index(0)]
+            if self._run.broken or first == self._own_seed:
+                raise
+            try:
+                self._begin(first)
+                return self._reset_some(chosen, seeds)
+            except SimulationError:
+                self._begin(self._own_seed)
+                raise
 
     def _named(
         self, envs: Sequence[int] | None, seed: int | Sequence[int] | None

@@ -15,6 +15,8 @@ TRIED_PORTS = 32
 """Ports tried upwards from the default before any free one is taken."""
 LOCAL = ("localhost", "127.0.0.1", "::1")
 """Names under which a server may always be asked for: they lead to this machine, or to the near end of an ssh -L."""
+OF_A_NODE = "port:=0 is any free one, in a launch file params: {port: 0}"
+"""How the port of a node is chosen, for who finds it taken."""
 _HOST = re.compile(r"(?:\[([0-9A-Fa-f:.]+)\]|([^\s:@/\[\]]+))(?::\d{1,5})?\Z")
 _TOKEN = re.compile(r"[A-Za-z0-9_-]{8,128}\Z")
 
@@ -29,18 +31,21 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-def choose_token(host: str, token: str | None) -> str:
-    """Returns the token given, or a random one of 128 bits for a loopback host. Raises ValueError with the remedy."""
-    if token is None:
-        if not is_loopback(host):
-            raise ValueError(
-                f"host {host} is reachable from other machines: give a token of your own (token:=...), "
-                "or keep 127.0.0.1 and use ssh -L"
-            )
-        return secrets.token_urlsafe(16)
-    if not _TOKEN.match(token):
+def check_token(host: str, token: str | None) -> None:
+    """Raises ValueError with the remedy where a host is not to be served without a token, or not with this one."""
+    if token is None and not is_loopback(host):
+        raise ValueError(
+            f"host {host} is reachable from other machines: give a token of your own (token:=env:NAME, in a launch "
+            "file params: {token: env:NAME}), or keep 127.0.0.1 and use ssh -L"
+        )
+    if token is not None and not _TOKEN.match(token):
         raise ValueError("token must be 8 to 128 letters, digits, '-' or '_'")
-    return token
+
+
+def choose_token(host: str, token: str | None) -> str:
+    """Returns the token given, or a random one of 128 bits for a loopback host. Raises as `check_token` does."""
+    check_token(host, token)
+    return secrets.token_urlsafe(16) if token is None else token
 
 
 def plain_name(name: str) -> str:
@@ -67,11 +72,11 @@ def is_served(hosts: list[str], names: frozenset[str], reached: str) -> bool:
     return match is not None and plain_name(match[1] or match[2]) in names | {plain_name(reached)}
 
 
-def bind(host: str, port: int | None) -> tuple[socket.socket, str]:
+def bind(host: str, port: int | None, remedy: str = OF_A_NODE) -> tuple[socket.socket, str]:
     """Binds a listening socket, with a note where the port is not the one that was to be expected.
 
-    port: a number (0 = any free one), or None for DEFAULT_PORT or the next free one. Raises OSError or ValueError with
-    one clear line.
+    port: a number (0 = any free one), or None for DEFAULT_PORT or the next free one. remedy: how another is chosen.
+    Raises OSError or ValueError with one clear line.
     """
     candidates = [port] if port is not None else [*range(DEFAULT_PORT, DEFAULT_PORT + TRIED_PORTS), 0]
     try:
@@ -89,7 +94,7 @@ def bind(host: str, port: int | None) -> tuple[socket.socket, str]:
             if port is None and candidate and error.errno == errno.EADDRINUSE:
                 continue
             if error.errno == errno.EADDRINUSE:
-                raise OSError(f"port {candidate} is taken; choose another (port 0 is any free one)") from None
+                raise OSError(f"port {candidate} is taken; choose another ({remedy})") from None
             raise OSError(f"cannot listen on {host}:{candidate}: {error.strerror}") from None
         note = f"port {DEFAULT_PORT} is taken" if port is None and candidate != DEFAULT_PORT else ""
         return listener, note

@@ -88,7 +88,13 @@ def open_emulated(
 
 
 def check_choice(file: str | None, emulate: str | None, serial: str | None, streams: bool = True) -> None:
-    """Raises ValueError where the arguments, which are those of `find_driver`, do not name exactly one camera."""
+    """Raises ValueError where the arguments, which are those of `find_driver`, do not name exactly one camera.
+
+    An empty text, as of a shell's variable that is not set, is not the same as none: it is not to open a live camera.
+    """
+    for name, value in (("file", file), ("emulate", emulate), ("serial", serial)):
+        if value == "":
+            raise ValueError(f"{name} is empty; name one, or leave it out")
     if emulate and is_model(emulate):
         if serial:
             raise ValueError("emulate and serial are given; an emulated camera has its own serial number")

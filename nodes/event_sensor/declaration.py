@@ -104,6 +104,7 @@ class EventSensorDeclaration(Declaration):
             return
         own = {name: value for name, value in of_environment(params, env).items() if name != EACH}
         drawn = resolve_with_scene("event sensor", {**own, "seed": seed})
-        check_shared("event sensor", drawn, f"with seed {seed}", resolve_with_scene("event sensor", params), "before")
+        run, of_run = f"with seed {of_environment(params, 0)['seed']}", resolve_with_scene("event sensor", params)
+        check_shared("event sensor", drawn, f"with seed {seed}", of_run, run)
         if "signal" in wanted and (why := why_unmarked(params["camera"], [drawn])):
             raise ValueError(f"event sensor: {why}")

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from evis.config.params import Param
 from evis.runtime.node import Node
 
 if TYPE_CHECKING:
-    from evis.runtime.tap import TapSubscription
     from evis.web.server import Server
+    from evis.web.taps_on_demand import TapsOnDemand
     from nodes.foxglove.relay import Relay
 
 DEFAULT_PORT = 8765
@@ -39,11 +39,21 @@ class FoxgloveNode(Node):
 
     _relay: Relay | None = None
     _server: Server | None = None
+    _taps: TapsOnDemand | None = None
+
+    @classmethod
+    def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
+        """Raises ValueError for an address that is not to be served with this token, or without one."""
+        from evis.web.address import check_token
+
+        check_token(params["host"], params["token"])
+        return frozenset(cls.INPUTS)
 
     def setup(self) -> None:
         """Starts the server, and says its address."""
         from evis.web import address
         from evis.web.server import Server
+        from evis.web.taps_on_demand import TapsOnDemand
         from nodes.foxglove.application import Application
         from nodes.foxglove.relay import Relay
 
@@ -53,9 +63,8 @@ class FoxgloveNode(Node):
         if token:
             self.hide(token)
         listener, _ = address.bind(p["host"], p["port"])
-        self._taps: dict[str, TapSubscription] = {}
-        self._lost: dict[str, int] = {}
         self._relay = Relay(self.runtime.plan)
+        self._taps = TapsOnDemand(self, self._relay)
         names = address.names_of(listener, [p["host"], *map(str, p["names"])])
         application = Application(self._relay, token, names, [str(origin) for origin in p["origins"]])
         self._server = Server(application, self._relay, listener)
@@ -66,37 +75,17 @@ class FoxgloveNode(Node):
 
     def idle(self) -> None:
         """Opens and closes taps as subscriptions come and go, and counts and warns for the server."""
-        if self._relay is None:
+        if self._relay is None or self._taps is None:
             return
-        wanted = self._relay.wanted()
-        for topic, tap in list(self._taps.items()):
-            lost, before = tap.lost, self._lost.get(topic, 0)
-            if lost > before:
-                self._lost[topic] = lost
-                self._relay.miss(topic, lost - before)
-            if topic not in wanted:
-                self._taps.pop(topic).close()
-                self._lost.pop(topic, None)
-                self._relay.forget(topic)
-        for topic in wanted - self._taps.keys():
-            if not self._relay.refused(topic):
-                self._open(self._relay, topic)
+        for topic, count in self._taps.lost():
+            self._relay.miss(topic, count)
+        self._taps.update()
         self._relay.tick()
         for text in self._relay.reports():
             self.warn(text)
         for name, amount in self._relay.counts().items():
             if amount:
                 self.count(name, amount)
-
-    def _open(self, relay: Relay, topic: str) -> None:
-        plan = self.runtime.plan
-        publisher = plan.nodes.get(plan.topics[topic].node) if topic in plan.topics else None
-        try:
-            self._taps[topic] = self.runtime.open_tap(self, topic, lambda message: relay.put(topic, message))
-            if publisher is not None and publisher.dormant:
-                self.runtime.request(topic)
-        except (ValueError, OSError) as error:
-            relay.refuse(topic, str(error))
 
     def finish(self) -> None:
         """Notes for the clients what ended the graph, where that was a failure."""
@@ -105,8 +94,7 @@ class FoxgloveNode(Node):
 
     def close(self) -> None:
         """Closes the taps and ends the server."""
-        for tap in getattr(self, "_taps", {}).values():
-            tap.close()
-        self._taps = {}
+        if self._taps is not None:
+            self._taps.close()
         if self._server is not None:
             self._server.stop()

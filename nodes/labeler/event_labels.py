@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nodes.labeler.motion_history import MotionHistory
-from nodes.labeler.ray_caster import RayCaster
+from nodes.labeler.rays.motion_history import MotionHistory
+from nodes.labeler.rays.ray_caster import RayCaster
 
 LOOKS = (1 / 8, 2.0)
 """How far from an event's time is looked, in tolerances of the samples' times: the interpolator has two samples a

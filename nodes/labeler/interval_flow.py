@@ -11,9 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from evis.scene.model import Camera, Scene
-from nodes.labeler.instants import Instant, Instants
-from nodes.labeler.motion_kernels import Motion
-from nodes.labeler.ray_caster import RayCaster
+from nodes.labeler.rays.instants import Instant, Instants
+from nodes.labeler.rays.motion_kernels import Motion
+from nodes.labeler.rays.ray_caster import RayCaster
 
 KEPT = 2
 """Instants that are kept: an interval's ends, of which the later one is where the next interval begins."""

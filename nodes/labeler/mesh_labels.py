@@ -17,9 +17,9 @@ from msgs.world import WorldState
 from nodes.labeler.event_labels import EventLabeler, EventLabels
 from nodes.labeler.interval_flow import IntervalFlow
 from nodes.labeler.kinds import RAY_CAST
-from nodes.labeler.motion_history import MotionHistories
 from nodes.labeler.oriented_boxes import Boxes3D, OrientedBoxes
-from nodes.labeler.ray_caster import RayCaster
+from nodes.labeler.rays.motion_history import MotionHistories
+from nodes.labeler.rays.ray_caster import RayCaster
 
 
 def instant_in(times: np.ndarray, share: float) -> int:

@@ -17,8 +17,8 @@ from msgs.camera import INTERVAL_FLOWS, CameraInfo, Depth, Ids, Labels
 from msgs.header import Header, Message
 from msgs.world import WorldState
 from nodes.labeler.body_labels import add_body_labels
-from nodes.labeler.box_groups import OF
-from nodes.labeler.instance_tables import InstanceTables
+from nodes.labeler.images.box_groups import OF
+from nodes.labeler.images.instance_tables import InstanceTables
 from nodes.labeler.kinds import DEFAULT, NEEDS, OF_MESHES, RAY_CAST, kinds_of
 
 KEPT = ("event_history", "flow_history", "pairing")
@@ -87,7 +87,7 @@ class LabelerNode(Node):
 
     def setup(self) -> None:
         """Checks the list of labels, and prepares what looks at meshes. Raises ValueError for an empty interval."""
-        from nodes.labeler import image_labels
+        from nodes.labeler.images import image_labels
 
         self.image_labels = image_labels
         self.kinds = kinds_of(self.params["labels"])
@@ -106,7 +106,7 @@ class LabelerNode(Node):
         make = partial(make_world_labelers, params=p, kinds=self.kinds)
         self.mesh_labels = MeshLabels(worlds_of(self.name, p, textures=False), make)
         if RAY_CAST & set(self.kinds):
-            from nodes.labeler.motion_history import MotionHistories
+            from nodes.labeler.rays.motion_history import MotionHistories
 
             self.event_history, self.flow_history = MotionHistories(), MotionHistories()
         if "events" in self.kinds:

@@ -3,7 +3,7 @@ keyframes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from evis.bus.memory.device import device_of
@@ -47,12 +47,19 @@ class RecorderNode(Node):
         given = resolve("recorder", cls.PARAMS, params)
         return None if select([port], given["topics"]) else given["preview_hz"] or None
 
+    @classmethod
+    def foreseen_among(cls, params: Mapping[str, Any], topics: Collection[str]) -> tuple[str, ...]:
+        """Names wanted topics that no node publishes."""
+        from evis.bag.selection import unpublished
+
+        none = "no node of this graph publishes a topic like '{}': the bag has none of it"
+        return tuple(none.format(glob) for glob in unpublished(topics, params["topics"]))
+
     def setup(self) -> None:
         """Opens the bag, and warns of wanted topics that no node publishes.
 
         A path that cannot be written is so known before the graph starts.
         """
-        from evis.bag.selection import unpublished
         from evis.files.named_pipe import with_reader
         from nodes.recorder.recorder import Recorder
 
@@ -68,8 +75,8 @@ class RecorderNode(Node):
                 p["threads"] or None,
             )
         self._handover = Handover(self.recorder.write)
-        for glob in unpublished(self.runtime.plan.topics, p["topics"]):
-            self.warn(f"no node of this graph publishes a topic like '{glob}': the bag has none of it")
+        for line in self.foreseen_among(p, self.runtime.plan.topics.keys()):
+            self.warn(line)
         if backup := self.recorder.writer.backup:
             self.runtime.diagnose(self, "info", f"the older {p['path']} is now {backup}")
 

@@ -127,6 +127,10 @@ class Hub(Notices):
                 return set()
             return set(self._by_topic) | set(SYSTEM_TOPICS)
 
+    def forget(self, topic: str) -> None:
+        """Notes that a topic is no longer tapped: what comes until it is tapped again was not missed."""
+        self.statistics.forget(topic)
+
     def put(self, topic: str, message: Message) -> None:
         """Takes a message of a tap. Copies what the open panels need; costs nothing for topics nobody has open."""
         self.statistics.saw(topic, message)

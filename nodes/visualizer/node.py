@@ -13,8 +13,8 @@ from evis.config.params import Param
 from evis.runtime.node import Node
 
 if TYPE_CHECKING:
-    from evis.runtime.tap import TapSubscription
     from evis.web.server import Server
+    from evis.web.taps_on_demand import TapsOnDemand
     from nodes.visualizer.hub import Hub
 
 
@@ -42,12 +42,22 @@ class VisualizerNode(Node):
 
     _hub: Hub | None = None
     _server: Server | None = None
+    _taps: TapsOnDemand | None = None
     _address_file: Path | None = None
+
+    @classmethod
+    def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
+        """Raises ValueError for an address that is not to be served with this token, or without one."""
+        from evis.web.address import check_token
+
+        check_token(params["host"], params["token"])
+        return frozenset(cls.INPUTS)
 
     def setup(self) -> None:
         """Starts the page's server, and writes its address where `evis view` finds it."""
         from evis.web import address
         from evis.web.server import Server
+        from evis.web.taps_on_demand import TapsOnDemand
         from nodes.visualizer.application import Application
         from nodes.visualizer.hub import Hub
         from nodes.visualizer.socket_lender import borrow
@@ -56,8 +66,8 @@ class VisualizerNode(Node):
         token = address.choose_token(p["host"], p["token"])
         self.hide(token)
         listener, note = (borrow(p["listener"]), "") if p["listener"] else address.bind(p["host"], p["port"])
-        self._taps: dict[str, TapSubscription] = {}
         self._hub = Hub(plan, p["jpeg_quality"])
+        self._taps = TapsOnDemand(self, self._hub)
         names = address.names_of(listener, [p["host"], *map(str, p["names"])])
         self._server = Server(Application(self._hub, token, names, p["max_fps"]), self._hub, listener)
         self._server.start()
@@ -71,29 +81,13 @@ class VisualizerNode(Node):
 
     def idle(self) -> None:
         """Opens and closes taps as panels open and close, and counts and warns for the server."""
-        if self._hub is None:
+        if self._hub is None or self._taps is None:
             return
-        wanted = self._hub.wanted()
-        for topic in self._taps.keys() - wanted:
-            self._taps.pop(topic).close()
-            self._hub.statistics.forget(topic)
-        for topic in wanted - self._taps.keys():
-            if not self._hub.refused(topic):
-                self._open(self._hub, topic)
+        self._taps.update()
         for text in self._hub.reports():
             self.warn(text)
         for name, amount in self._hub.counts().items():
             self.count(name, amount)
-
-    def _open(self, hub: Hub, topic: str) -> None:
-        plan = self.runtime.plan
-        publisher = plan.nodes.get(plan.topics[topic].node) if topic in plan.topics else None
-        try:
-            self._taps[topic] = self.runtime.open_tap(self, topic, lambda message: hub.put(topic, message))
-            if publisher is not None and publisher.dormant:
-                self.runtime.request(topic)
-        except (ValueError, OSError) as error:
-            hub.refuse(topic, str(error))
 
     def finish(self) -> None:
         """Tells the page that the graph has ended, and what ended it where that was a failure."""
@@ -102,9 +96,8 @@ class VisualizerNode(Node):
 
     def close(self) -> None:
         """Closes the taps and ends the server."""
-        for tap in getattr(self, "_taps", {}).values():
-            tap.close()
-        self._taps = {}
+        if self._taps is not None:
+            self._taps.close()
         if self._server is not None:
             self._server.stop()
         if self._address_file is not None:

@@ -5,6 +5,7 @@ import importlib
 import pickle
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -13,6 +14,7 @@ from gymnasium.utils.env_checker import check_env
 
 import evis
 import evis.env
+from evis.scene import load_scene
 
 
 @pytest.mark.parametrize("name", list(evis.env.TASKS))
@@ -107,6 +109,42 @@ def test_render_shows_the_camera_with_events() -> None:
 def test_what_cannot_be_made_is_named(options: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         evis.env.EventEnv(**{"task": "CartPole", **options})
+
+
+@pytest.mark.parametrize(("name", "first", "other"), [("model", "evis", "evis-paper"), ("crossing", "linear", "cubic")])
+def test_a_seed_may_draw_another_sensor_whose_events_are_not_late(
+    name: str, first: str, other: str, tmp_path: Path
+) -> None:
+    """Than the constructor's seed, 0, does; and gives the events that a simulation with it gives."""
+    (tmp_path / "slide.xml").write_text(
+        "<mujoco><worldbody><body name='b'><joint name='j' type='slide'/><geom size='0.1'/></body></worldbody>"
+        "<actuator><motor joint='j' ctrlrange='-1 1' ctrllimited='true'/></actuator></mujoco>"
+    )
+    scene = tmp_path / "drawn.yaml"
+    for one, another in ((first, other), (other, first)):  # whichever half of the draws seed 0 is in
+        scene.write_text(
+            "mjcf: slide.xml\nargs: {drawn: {default: {from: 0, to: 2}, help: which sensor}}\nenvironment: 0.3\n"
+            "initial_joints: {j: {velocity: [1, 1]}}\n"
+            "cameras: {cam0: {position: [0, 1, 0], look_at: [0, 0, 0], fov: 50 deg}}\n"
+            f"sensor: {{{name}: \"${{'{one}' if drawn < 1 else '{another}'}}\"}}\n"
+        )
+        if load_scene(str(scene), seed=0).sensor[name] == first:
+            break
+    seed = next(s for s in range(60) if load_scene(str(scene), seed=s).sensor[name] == other)
+    task = evis.env.Task(str(scene), evis.env.CountImage(), arguments={"width": 32, "height": 24, "upsampling": 4})
+    env = evis.env.EventEnv(task)
+    if name == "crossing":
+        with pytest.raises(ValueError, match="crossing=cubic gives events one frame late"):
+            env.reset(seed=seed)
+        env.reset(seed=0)
+    else:
+        env.reset(seed=seed)
+        seen = [env.step(np.zeros(1, np.float32))[0] for _ in range(3)]
+        with evis.Simulation(str(scene), seed=seed, width=32, height=24, upsampling=4) as sim:
+            sim.reset()
+            for image in seen:
+                assert image.sum() == len(sim.step([0.0]).events.t) > 0
+    env.close()
 
 
 def test_an_action_that_is_none_is_named_and_the_environment_goes_on() -> None:

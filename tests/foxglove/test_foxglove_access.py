@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import http.client
 from collections.abc import Callable
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
+import yaml
 from foxglove_node import LIMIT_S, Foxglove, Served
 from websockets.exceptions import InvalidStatus
 
+from evis.launch.arguments import ArgumentError
+from evis.launch.planner import Options, plan_file
 from nodes.foxglove.origins import may_read
 
 UPGRADE = {
@@ -99,10 +103,27 @@ def test_a_short_token_is_refused(serve: Callable[..., Served]) -> None:
 
 
 def test_a_port_that_is_taken_is_told(serve: Callable[..., Served]) -> None:
-    """And none is chosen instead: a client asks for the one that it knows."""
+    """And none is chosen instead: a client asks for the one that it knows. The remedy serves a launch file too."""
     port = urlsplit(serve().address).port
-    with pytest.raises(OSError, match=f"port {port} is taken; choose another"):
+    with pytest.raises(OSError, match=f"port {port} is taken; choose another .port:=0 is any free one") as told:
         serve(port=port)
+    written = yaml.safe_load("{" + str(told.value).partition("in a launch file ")[2].rstrip(")") + "}")
+    assert serve(**written["params"]).address.startswith("ws://127.0.0.1:")
+
+
+def test_a_launch_file_that_serves_others_without_a_token_is_refused_before_the_start(tmp_path: Path) -> None:
+    file = tmp_path / "graph.yaml"
+    text = """
+args: {scene: {default: spinning_disk}}
+include: simulator
+nodes:
+  foxglove: {type: foxglove, tap: true, params: {port: 0, host: 0.0.0.0TOKEN}}
+"""
+    file.write_text(text.replace("TOKEN", ""))
+    with pytest.raises(ArgumentError, match=r"graph.yaml:5: 'foxglove': host 0\.0\.0\.0 is reachable from other"):
+        plan_file(file, {}, Options())
+    file.write_text(text.replace("TOKEN", ", token: long-enough"))
+    assert "foxglove" in plan_file(file, {}, Options()).nodes
 
 
 @pytest.mark.parametrize("offered", ["", "chat", "foxglove.websocket.v2, chat"])

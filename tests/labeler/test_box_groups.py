@@ -10,8 +10,8 @@ import pytest
 import evis
 from msgs.camera import CameraInfo
 from msgs.header import Header
-from nodes.labeler.box_groups import groups
-from nodes.labeler.image_labels import boxes
+from nodes.labeler.images.box_groups import groups
+from nodes.labeler.images.image_labels import boxes
 
 INFO = CameraInfo(
     Header(0),

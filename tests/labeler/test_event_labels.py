@@ -8,9 +8,9 @@ from evis.geometry import distortion, interpolate, pinhole, se3
 from evis.geometry.distortion import Lens
 from evis.scene.motion import Linear, Sinusoid, Swing
 from nodes.labeler.event_labels import EventLabeler
-from nodes.labeler.instants import Instants
-from nodes.labeler.motion_history import MotionHistory
-from nodes.labeler.ray_caster import RayCaster
+from nodes.labeler.rays.instants import Instants
+from nodes.labeler.rays.motion_history import MotionHistory
+from nodes.labeler.rays.ray_caster import RayCaster
 
 STEP = KEYFRAME_NS / 8
 MOVING = [Swing(np.array([0.0, 1.0, 0.0]), 0.1, 2.0), Sinusoid(np.array([0.1, 0.05, 0.0]), 3.0)]

@@ -7,8 +7,8 @@ import warp as wp
 from evis.geometry import distortion, pinhole, se3
 from evis.geometry.distortion import Lens
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin, Swing
-from nodes.labeler.flow_field import FlowField
-from nodes.labeler.image_labels import boxes, crop
+from nodes.labeler.images.flow_field import FlowField
+from nodes.labeler.images.image_labels import boxes, crop
 from nodes.labeler.projection import Projection
 
 WIDTH, HEIGHT = 48, 36

@@ -8,8 +8,8 @@ from evis.geometry import distortion, pinhole, se3
 from evis.geometry.distortion import Lens
 from evis.scene.motion import Linear, Sinusoid, Swing
 from nodes.labeler.interval_flow import IntervalFlow
-from nodes.labeler.motion_history import MotionHistory
-from nodes.labeler.ray_caster import RayCaster
+from nodes.labeler.rays.motion_history import MotionHistory
+from nodes.labeler.rays.ray_caster import RayCaster
 
 MOVING = [Swing(np.array([0.0, 1.0, 0.0]), 0.1, 2.0), Sinusoid(np.array([0.1, 0.05, 0.0]), 3.0)]
 INTERVALS = [(KEYFRAME_NS, 2 * KEYFRAME_NS), (2 * KEYFRAME_NS, KEYFRAME_NS), (40_000_000, 52_345_678)]

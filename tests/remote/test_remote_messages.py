@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
 import zmq
-from two_hosts import EVENTS, INFO, Hosts, info, packet
+from two_hosts import EVENTS, IMAGE, INFO, Hosts, info, packet
 
 from evis.bus import END, endpoints_for
 from evis.client.running import choose
+from msgs.camera import Image
 from msgs.codec import encode
+from msgs.header import Header
 
 
 def raw_tap(context: zmq.Context, directory: str) -> zmq.Socket:
@@ -73,6 +76,31 @@ def test_what_nobody_reads_there_is_not_read_here(hosts: Hosts) -> None:
     hosts.until(lambda: not events.tapped_by_eager() and events.wanted())
     viewer.close()
     hosts.until(lambda: not events.wanted())
+
+
+def test_a_viewer_there_has_images_of_each_environment(hosts: Hosts) -> None:
+    """As many of the last one as of the first, as on the host of the graph."""
+    hosts.connected()
+    viewer = hosts.reader(IMAGE, every=False)
+    came: Counter[int] = Counter()
+
+    def take() -> int:
+        while (message := viewer.receive(0)) is not None:
+            assert isinstance(message, Image) and (message.data == message.env).all()
+            came[message.env] += 1
+        return min(came[env] for env in range(4))
+
+    stamps = iter(range(10_000))
+
+    def burst() -> int:
+        stamp = next(stamps)
+        for env in range(4):
+            pixels = np.full((6, 8, 1), env, np.uint8)
+            hosts.graph.publishers[IMAGE].send(Image(Header(stamp), pixels, "mono8", env=env, envs=4))
+        return take()
+
+    hosts.until(lambda: burst() >= 10)
+    assert max(came.values()) <= min(came.values()) + 4  # what is under way, at either limit
 
 
 @pytest.mark.parametrize("stuck", ["server", "follower"])

@@ -21,7 +21,7 @@ from msgs.camera import CameraInfo, EventPacket
 from msgs.header import Header
 from msgs.topics import find_topic
 
-EVENTS, INFO = "/cam0/events", "/cam0/info"
+EVENTS, INFO, IMAGE = "/cam0/events", "/cam0/info", "/cam0/image"
 LIMIT_S = 30.0
 """For all that is waited for: far more than a loaded machine needs."""
 HERE = "tcp://127.0.0.1:*"
@@ -43,12 +43,13 @@ def info() -> CameraInfo:
 
 
 class Graph:
-    """A run with one node that publishes events and, latched, what the camera is."""
+    """A run with one node that publishes events, images and, latched, what the camera is."""
 
     def __init__(self, run_id: str) -> None:
         self.context = zmq.Context()
         self.directory = RunDirectory()
-        topics = {name: TopicPlan(name, find_topic(name).type.__name__, "camera", name[6:]) for name in (EVENTS, INFO)}
+        kinds = {name: find_topic(name).type.__name__ for name in (EVENTS, INFO, IMAGE)}
+        topics = {name: TopicPlan(name, kind, "camera", name[6:]) for name, kind in kinds.items()}
         node = NodePlan("camera", "a:B", {}, "camera", outputs={topic.port: name for name, topic in topics.items()})
         self.plan = Plan("graph", run_id, str(self.directory.path), nodes={"camera": node}, topics=topics)
         self.publishers = {

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from graphs import Graph, assert_same_events
 
@@ -73,3 +74,29 @@ def test_who_steps_a_graph_is_told_and_goes_on(drawn: tuple[str, int, int, dict[
         with pytest.raises(evis.SimulationError, match=f"environment 1 cannot begin anew with seed {bad}: .*{says}"):
             sim.reset(seed=[bad], envs=[1])
         assert sim.step().episodes.tolist() == [0, 0]
+
+
+def test_all_environments_may_draw_another_crossing_than_the_constructors(tmp_path: Path) -> None:
+    """As long as they agree with each other; each has the events of a simulation with its seed alone."""
+    scene = tmp_path / "drawn.yaml"
+    scene.write_text(SCENE.format(sensor=SENSORS["another crossing"][0]))
+    drawn = [load_scene(str(scene), seed=seed).sensor["crossing"] for seed in range(60)]
+    linear = drawn.index("linear")
+    # The seed after the first one draws linear again, and is nobody's.
+    first = next(s for s in range(50) if drawn[s : s + 2] == ["monotone", "linear"])
+    second = next(s for s in range(first + 2, 60) if drawn[s] == "monotone")
+    size = {"width": 40, "height": 30}
+    with evis.Simulation(str(scene), envs=2, seed=linear, **size) as sim:
+        sim.reset(seed=[first, second])
+        steps = [sim.step() for _ in range(3)]
+        for env, seed in enumerate((first, second)):
+            with evis.Simulation(str(scene), seed=seed, **size) as single:
+                single.reset()
+                for step in steps:
+                    mine, alone = sim.alone(step, env).events, single.step().events
+                    assert all(np.array_equal(getattr(mine, name), getattr(alone, name)) for name in "txyp")
+                    assert len(alone.t) > 20
+        says = f"environment 1 cannot begin anew .* linear with seed {linear} and monotone with seed {first}"
+        with pytest.raises(evis.SimulationError, match=says):
+            sim.reset(seed=[first, linear])
+        assert sim.step().stamp_ns  # in a run with the constructor's seed

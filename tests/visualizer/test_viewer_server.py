@@ -117,7 +117,7 @@ def test_taken_port(tmp_path: Path) -> None:
         other.bind(("127.0.0.1", 0))
         other.listen()
         port = other.getsockname()[1]
-        with pytest.raises(OSError, match=f"port {port} is taken; choose another .port 0 is any free one"):
+        with pytest.raises(OSError, match=f"port {port} is taken; choose another .port:=0 is any free one"):
             make_node(make_plan(tmp_path), port=port)
     first, _ = address.bind("127.0.0.1", None)
     second, note = address.bind("127.0.0.1", None)

@@ -24,6 +24,8 @@ EXAMPLE = (
     "From another machine: ssh -L 8421:127.0.0.1:8421 HOST, and open the same address.\n"
     "example: evis view disk.mcap"
 )
+PORT_REMEDY = "--port 0 is any free one"
+"""How this command's page gets another port."""
 
 
 def add_arguments(parser: Parser) -> None:
@@ -81,7 +83,7 @@ def _attach(args: argparse.Namespace, plan: Plan) -> int:
     from evis.web import address
     from nodes.visualizer.socket_lender import SocketLender
 
-    listener, _ = address.bind("127.0.0.1", args.port)
+    listener, _ = address.bind("127.0.0.1", args.port, PORT_REMEDY)
     token = secrets.token_urlsafe(16)
     lender = SocketLender(listener)
     try:
@@ -107,7 +109,7 @@ def _play(args: argparse.Namespace) -> int:
         what = other_than_file(path)
         raise FileNotFoundError(f"{path}: {f'it is {what}, and must be a file' if what else 'no such file'}")
     plan = _plan_of(path.resolve())  # a file that cannot be read is told before an address is
-    listener, _ = address.bind("127.0.0.1", args.port)
+    listener, _ = address.bind("127.0.0.1", args.port, PORT_REMEDY)
     token = secrets.token_urlsafe(16)
     lender = SocketLender(listener)
     try:

@@ -40,6 +40,8 @@ class Pruner:
         """Follows sinks and kept outputs first, then those that take what they are told, by name and at last by
         default.
         """
+        for node in (n for n in self._nodes if n.spec.tap):
+            node.needs(())  # nobody wants anything of a viewer, whose parameters have to go together all the same
         sinks = [n for n in self._nodes if not n.spec.tap and not n.spec.on_demand]
         for node in sinks:
             if node.spec.keep or (not node.outputs and node.any_port is None):

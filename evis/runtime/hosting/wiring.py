@@ -23,7 +23,8 @@ a second."""
 
 
 def tap_hz(topic: str) -> float:
-    """Returns how many messages a second a tap gets of a topic that a node publishes, unless it wants every one."""
+    """Returns how many messages a second a tap gets of a topic that a node publishes, unless it wants every one; of
+    images, of each environment."""
     return EVENT_TAP_HZ if find_topic(topic).type is EventPacket else TAP_HZ
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from evis.config.params import EACH
 from evis.random_numbers import seed_of_camera, seed_of_time
-from evis.scene.parameters import seeds_of
+from evis.scene.parameters import of_environment, seeds_of
 from nodes.event_sensor.environments.separate import SeparateSensors
 from nodes.event_sensor.make import make_sensor
 from nodes.event_sensor.model.features import background_rate
@@ -49,7 +49,8 @@ class SensorMaker:
         params, envs = self._params_of(span, seed), span.stop - span.start
         each = resolve_each(self._owner, params, envs)
         seeds = seeds_of({**params, "envs": envs})
-        check_shared(self._owner, each[0], f"with seed {seeds[0]}", self._resolved, "before")
+        run = f"with seed {of_environment(self._params, 0)['seed']}"
+        check_shared(self._owner, each[0], f"with seed {seeds[0]}", self._resolved, run)
         self._check_marked(each)
         self.fire_in_constant_light = self.fire_in_constant_light or any(map(fires_in_constant_light, each))
         if len(each) == 1 and seeds == list(range(seeds[0], seeds[0] + envs)):

@@ -81,3 +81,20 @@ def test_what_all_cameras_show_falsely_is_told_once(tmp_path, rates, capfd):
         lines = [line for line in text.splitlines() if "light 'lamp' flickers at 200 Hz" in line]
         assert sum(line.endswith(f"(the same in {others})") for line in lines) == 1
         assert len(lines) == (1 if not rates else len({line.partition("light")[2] for line in lines}))
+
+
+@pytest.mark.parametrize("envs", [1, 2])
+def test_topics_that_a_bag_will_not_have_are_told_beforehand(envs, tmp_path, capfd):
+    """There are no inertial samples of several environments."""
+    words = ["launch", "spinning_disk", f"envs:={envs}", "width:=32", "height:=24", "--no-view"]
+    words += ["--record", str(tmp_path / "a.mcap"), "--record-topics", "/cam0/imu,/cam0/depth"]
+    assert main([*words, "--explain"]) == 0
+    explained = capfd.readouterr().out
+    assert main([*words, "--duration", "0.05", "--compose"]) == 0
+    out, err = capfd.readouterr()
+    line = "recorder: no node of this graph publishes a topic like '/cam0/imu'"
+    assert (f"warnings\n  {line}" in explained) == (envs == 2)
+    assert (line.replace("recorder: ", "recorder: warning: ") in out + err) == (envs == 2)
+    with evis.open(tmp_path / "a.mcap") as bag:
+        assert any("imu" in name for name in bag.topics) == (envs == 1)
+        assert any("depth" in name for name in bag.topics)

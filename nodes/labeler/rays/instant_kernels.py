@@ -6,8 +6,8 @@ as the way from the camera's frame into the mesh's own; rays meet meshes there, 
 
 import warp as wp
 
-from nodes.labeler.motion_kernels import Motion, fraction, gap_at, pose_of
-from nodes.labeler.ray_caster_kernels import Surfaces, beginning, first_hit, in_the_way
+from nodes.labeler.rays.motion_kernels import Motion, fraction, gap_at, pose_of
+from nodes.labeler.rays.ray_caster_kernels import Surfaces, beginning, first_hit, in_the_way
 from nodes.renderer.geometry.triangles import SHELL_CONVEX, SHELL_PLANAR
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 

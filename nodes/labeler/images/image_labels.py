@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from evis.warp_start import start_warp
-from nodes.labeler import image_label_kernels as kernels
+from nodes.labeler.images import image_label_kernels as kernels
 
 start_warp()
 

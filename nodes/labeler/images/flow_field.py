@@ -11,7 +11,7 @@ import warp as wp
 from evis.geometry import pinhole, se3
 from evis.gpu.host_copies import HostCopies
 from evis.warp_start import start_warp
-from nodes.labeler import image_label_kernels as kernels
+from nodes.labeler.images import image_label_kernels as kernels
 from nodes.labeler.projection import Projection
 
 start_warp()

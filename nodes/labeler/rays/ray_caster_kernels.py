@@ -6,7 +6,7 @@ in the meshes' own frames, where float32 resolves them best.
 
 import warp as wp
 
-from nodes.labeler.motion_kernels import Motion, fraction, gap_at, pose_of, state_of
+from nodes.labeler.rays.motion_kernels import Motion, fraction, gap_at, pose_of, state_of
 from nodes.renderer.shadows.ray_kernels import LIFT, MOST_BACKS, REACH
 
 wp.set_module_options({"enable_backward": False})

@@ -12,7 +12,7 @@ import warp as wp
 from evis.geometry import interpolate
 from msgs.own_time import ORIGIN
 from msgs.world import WorldState
-from nodes.labeler.motion_kernels import Motion
+from nodes.labeler.rays.motion_kernels import Motion
 
 KEPT = 3
 """States that are kept: events may be those of the interval before, and their sub-frames begin before it."""

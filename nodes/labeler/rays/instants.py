@@ -10,9 +10,9 @@ import numpy as np
 import warp as wp
 
 from evis.scene.model import Camera, Scene
-from nodes.labeler import instant_kernels as kernels
-from nodes.labeler.motion_kernels import Motion
-from nodes.labeler.ray_caster import RayCaster
+from nodes.labeler.rays import instant_kernels as kernels
+from nodes.labeler.rays.motion_kernels import Motion
+from nodes.labeler.rays.ray_caster import RayCaster
 from nodes.renderer.raster.visibility import Visibility
 
 

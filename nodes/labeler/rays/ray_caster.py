@@ -12,10 +12,10 @@ from evis.geometry import pinhole, se3
 from evis.scene.model import Camera, Scene
 from msgs.header import Header
 from msgs.world import WorldState
-from nodes.labeler.motion_history import MotionHistory
-from nodes.labeler.motion_kernels import Motion
 from nodes.labeler.projection import Projection
-from nodes.labeler.ray_caster_kernels import Surfaces, first_surfaces, flow_of_surfaces
+from nodes.labeler.rays.motion_history import MotionHistory
+from nodes.labeler.rays.motion_kernels import Motion
+from nodes.labeler.rays.ray_caster_kernels import Surfaces, first_surfaces, flow_of_surfaces
 from nodes.renderer.geometry.triangles import geometry_of
 
 

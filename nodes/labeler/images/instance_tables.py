@@ -9,10 +9,10 @@ import numpy as np
 
 from msgs.camera import CameraInfo
 from msgs.world import WorldState
-from nodes.labeler.box_groups import groups
+from nodes.labeler.images.box_groups import groups
 
 if TYPE_CHECKING:
-    from nodes.labeler.flow_field import FlowField
+    from nodes.labeler.images.flow_field import FlowField
 
 
 class InstanceTables:
@@ -58,7 +58,7 @@ class InstanceTables:
         """
         if self._flow_fields:
             return self._flow_fields
-        from nodes.labeler.flow_field import FlowField
+        from nodes.labeler.images.flow_field import FlowField
         from nodes.labeler.projection import Projection
 
         info = self._info
