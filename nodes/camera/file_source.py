@@ -31,7 +31,8 @@ class FileSource(Driver):
 
     Packets end at whole multiples of packet_ms on the device's clock, so that two cameras of one clock have the same
     stamps. A cut goes before the first event later than the boundary: events whose time steps back stay in their place
-    and are counted. now [ns] and sleep [s] are the wall clock; a test gives its own. topic: of a bag
+    and are counted; where a clock was set back by more than LONG_GAP packets, so is that, for all up to the time before
+    is one packet. now [ns] and sleep [s] are the wall clock; a test gives its own. topic: of a bag
     with several event topics.
     """
 
@@ -130,6 +131,8 @@ class FileSource(Driver):
         stepped_back = int((events.t <= t0).sum())
         if stepped_back:
             self._counts["events_stepped_back"] += stepped_back
+            if t0 - int(events.t.min()) > LONG_GAP * self._packet_ns:
+                self._counts["clock_set_back"] += 1
         self._at = stamp
         return Reading(events, t0, stamp, recording.raw if self._settings.raw else None)
 

@@ -31,6 +31,8 @@ STATUS_S = 5.0
 FIRST_TIME = {
     "unplugged": "the camera was unplugged; waiting for it",
     "gaps": "bytes of the stream were lost",
+    "clock_set_back": "times of the recording go back by far, as after a reset of its camera: all that follows, until "
+    "they are past where they were, is one packet",
     "device_messages": "the camera reports an error of its own: device_message on its info topic",
 }
 """Counters whose first increment is said as a warning."""
