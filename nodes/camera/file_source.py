@@ -52,7 +52,8 @@ class FileSource(Driver):
         self._running = False
         self._prepared: Reading | None = None
         self._end: int | None = None
-        self._origin = (0, 0)
+        self._origin: tuple[int, int] | None = None
+        """Where the pace counts from: wall clock and device time [ns]."""
         self._counts: Counter[str] = Counter()
         self._ended = False
 
@@ -96,14 +97,13 @@ class FileSource(Driver):
         if not self._running:
             raise ValueError(f"{self.path}: read before start")
         if self._prepared is None:
-            if self._origin == (0, 0):
-                self._origin = (self._now(), self.t0_ns)
+            self._origin = self._origin or (self._now(), self.t0_ns)
             self._prepared = self._next()
         reading = self._prepared
         if reading is None:
             self._ended = True
             return None
-        if self._settings.speed:
+        if self._settings.speed and self._origin is not None:
             start, t0 = self._origin
             wait = start + round((reading.stamp_ns - t0) / self._settings.speed) - self._now()
             if wait > timeout_s * NS:

@@ -66,6 +66,8 @@ class Layout:
     episodes: list[int] = field(default_factory=list)
     """File offsets where a new episode begins."""
     problem: str = ""
+    cut: bool = False
+    """The file ends before its data do."""
 
 
 def parse(opcode: int, data: bytes | memoryview) -> Any:
@@ -258,12 +260,12 @@ class Scanner:
         bare: list[int] = []  # first byte and times of a run of messages outside of chunks
         try:
             while True:
-                if at >= self.size:
-                    raise BagError(f"it ends at byte {at} without an end mark")
                 head = self._read(at, 9)
                 length = int.from_bytes(head[1:], "little")
-                if len(head) < 9 or length > self.size - at - 9:
-                    raise BagError(f"it ends within the record at byte {at}")
+                layout.cut = len(head) < 9 or length > self.size - at - 9
+                if layout.cut:
+                    where = f"within the record at byte {at}" if head else f"at byte {at} without an end mark"
+                    raise BagError(f"it ends {where}")
                 opcode, following = head[0], at + 9 + length
                 if opcode == Opcode.MESSAGE:
                     if bare and following - bare[0] > _MOST_OF_RUN:
