@@ -103,6 +103,11 @@ class ReplayerNode(Node):
         """Topics, first and last time [ns] of a round."""
         self._messages: Iterator[tuple[str, Message]] = self._reader.messages(*self._part) if ports else iter(())
         self._next = next(self._messages, None)
+        is_part = bool(self.params["start"]) or length is not None
+        if ports and is_part and self._next is None and not self._reader.skipped:
+            self.warn(
+                f"{self._reader.path}: {self._words_of_part()} there is no message of {', '.join(ports[:MAX_NAMED])}"
+            )
         self._find_descriptions(ports, start)
         self._publish_early()
         if self._next is not None and self._descriptions.covers(*self._next):
@@ -127,6 +132,11 @@ class ReplayerNode(Node):
         """Topics whose description must be published again as the round begins."""
         self._skipped_before = self._reader.skipped - skipped
         """Damaged parts that were met on the way to the descriptions."""
+
+    def _words_of_part(self) -> str:
+        """Words which part of the bag is replayed, by its own seconds."""
+        start, length = self.params["start"], self.params["duration"]
+        return f"from {start:g} s on" if length is None else f"from {start:g} to {start + length:g} s"
 
     def _warn_of_unknown_topics(self) -> None:
         """Warns of wanted topics of the bag that cannot be played."""
