@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import heapq
+import itertools
+import math
 import os
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
@@ -27,6 +29,8 @@ from msgs.topics import TOPICS, UnknownTopic, find_topic
 
 LATCHED = frozenset(row.type.__name__ for row in TOPICS if row.latched)
 """Messages that stay true: their times, of when they were said, tell nothing of when the others were."""
+NEVER_NS = 1 << 64
+"""Later than any log time, which has 64 bits."""
 RANKS = {row.type.__name__: i for i, row in enumerate(TOPICS)}
 """Order of data flow among messages of one stamp."""
 
@@ -216,16 +220,14 @@ class BagReader(DescriptorOwner):
     def _in_order(self, wanted: frozenset[int], start_ns: int | None, end_ns: int | None) -> Iterator[_RawMessage]:
         """Yields the messages of all chunks in order; each waits until no chunk of its episode can hold an
         earlier one."""
-        lowest, highest = start_ns or 0, (1 << 64) if end_ns is None else end_ns
+        lowest, highest = start_ns or 0, NEVER_NS if end_ns is None else end_ns
         for chunks in self._chunks_by_episode(wanted, start_ns, end_ns):
-            earliest = [0] * len(chunks)  # of all chunks behind each one
-            bound = 1 << 64
-            for i in reversed(range(len(chunks))):
-                earliest[i], bound = bound, min(bound, chunks[i].start_ns)
+            following = reversed([chunk.start_ns for chunk in chunks[1:]])
+            earliest_behind = [*itertools.accumulate(following, min, initial=NEVER_NS)][::-1]
             heap: list[tuple[int, int, int, str, int, _RawMessage]] = []
             count = 0
             pending: _Pending = {}
-            for chunk, bound in zip(chunks, earliest):
+            for chunk, bound in zip(chunks, earliest_behind):
                 for found in self._messages_of(chunk, wanted, pending):
                     if lowest <= found.log_time <= highest:
                         rank = RANKS.get(found.stream.kind, 0)
@@ -239,7 +241,7 @@ class BagReader(DescriptorOwner):
     ) -> Iterator[list[scan.Chunk]]:
         """Yields the wanted chunks episode by episode, for time may start anew with each."""
         layout = self.scanner.layout
-        borders = [*sorted(layout.episodes), 1 << 64]
+        borders = [*sorted(layout.episodes), math.inf]
         segment: list[scan.Chunk] = []
         for chunk in layout.chunks:
             while chunk.at > borders[0]:

@@ -40,7 +40,7 @@ class McapRecording(DescriptorOwner, RosRecording):
         self.info = RecordingInfo(str(path), "mcap", "", 0, 0, "", scanner.size)
         self.info.header = {"library": scanner.layout.library}
         if scanner.layout.problem:
-            self.info.truncated = "ends" in scanner.layout.problem
+            self.info.truncated = scanner.layout.cut
             self.info.warn(f"torn: {scanner.layout.problem}")
         self._begin(options)
         super().__init__()

@@ -36,8 +36,9 @@ class BagWriter:
     size) for decoded events. sync: also keep all but the last second if the machine dies, see `Container`. threads:
     share encoding and compression within `write`; None = one per core, at most 8. The bag's bytes do not depend on it.
 
-    Messages whose clock is the wall's are filed under the newest stamp of the others, so that a simulation's bag does
-    not span half a century; their own stamps are kept. Those that come before any other wait for it, or for `close`.
+    Messages whose clock is the wall's are filed under the newest stamp of the others, after a reset that of the newest
+    episode, so that a simulation's bag does not span half a century; their own stamps are kept. Those that come before
+    any other wait for it, or for `close`.
     """
 
     def __init__(
@@ -143,12 +144,15 @@ class BagWriter:
             self._episode = episode
 
     def _log_time(self, message: Message) -> int:
-        if message.header.clock == "wall" and self._newest is not None:
+        """Returns the time [ns] under which a message is filed. Raises BagError for one that no bag can hold."""
+        header = message.header
+        if header.clock == "wall" and self._newest is not None:
             return self._newest
-        ros_time(message.header.stamp_ns)  # raises for what no bag can hold
-        if message.header.clock != "wall":
-            self._newest = max(self._newest or 0, message.header.stamp_ns)
-        return message.header.stamp_ns
+        ros_time(header.stamp_ns)
+        if header.clock != "wall":
+            begins = self._newest is None or self._episode is None or header.episode > self._episode
+            self._newest = header.stamp_ns if begins else max(self._newest or 0, header.stamp_ns)
+        return header.stamp_ns
 
     def _write(
         self, topic: str, prefix: str, env: int | None, message: Message, log_time: int, extra: dict[str, Any]

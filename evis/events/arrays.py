@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -69,6 +69,18 @@ class Frame:
         """Returns the length of the exposure."""
         return self.exposure_end_ns - self.exposure_start_ns
 
+    @property
+    def middle_ns(self) -> int:
+        """Returns the middle of the exposure; the start of the readout where there is no exposure."""
+        return (self.exposure_start_ns + self.exposure_end_ns) // 2 or self.t_ns
+
+    def shifted(self, by_ns: int) -> Frame:
+        """Returns the frame with all of its times later by `by_ns`; its pixels are not copied."""
+        times = {
+            name: getattr(self, name) + by_ns for name in ("t_ns", "end_ns", "exposure_start_ns", "exposure_end_ns")
+        }
+        return replace(self, **times)
+
 
 @dataclass(slots=True)
 class Events:
@@ -122,6 +134,16 @@ class Events:
     def beside(self, aside: Events) -> Events:
         """Returns these events with the triggers, inertial samples and frames of `aside`."""
         return Events(self.t, self.x, self.y, self.p, self.c, aside.triggers, aside.imu, aside.frames)
+
+    def shifted(self, by_ns: int) -> Events:
+        """Returns these events with all times later by `by_ns`, those of triggers, inertial samples and frames too."""
+        return replace(
+            self,
+            t=self.t + by_ns,
+            triggers=replace(self.triggers, t=self.triggers.t + by_ns),
+            imu=replace(self.imu, t=self.imu.t + by_ns),
+            frames=[frame.shifted(by_ns) for frame in self.frames],
+        )
 
     @staticmethod
     def empty() -> Events:

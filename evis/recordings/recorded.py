@@ -194,8 +194,8 @@ class Recorded:
         return open_recording(self.path, size=self._given_size, topic=self._topic)
 
     def _blocks(self, dropped: dict[str, int], aside: bool = True) -> Iterator[Events]:
-        """The events of the part in blocks; what was dropped is filled in at the end. aside: triggers, inertial samples
-        and frames are wanted, also those that the file has behind later events."""
+        """Yields the events of the part in blocks; what was dropped is filled in at the end. aside: triggers, inertial
+        samples and frames are wanted, also those that the file has behind later events."""
         if self._given_size is None and self.info.width:
             self._given_size = self.width, self.height  # which some formats find by reading all of the file
         with self._opened() as recording:

@@ -31,7 +31,8 @@ class FileSource(Driver):
 
     Packets end at whole multiples of packet_ms on the device's clock, so that two cameras of one clock have the same
     stamps. A cut goes before the first event later than the boundary: events whose time steps back stay in their place
-    and are counted. now [ns] and sleep [s] are the wall clock; a test gives its own. topic: of a bag
+    and are counted; where a clock was set back by more than LONG_GAP packets, so is that, for all up to the time before
+    is one packet. now [ns] and sleep [s] are the wall clock; a test gives its own. topic: of a bag
     with several event topics.
     """
 
@@ -51,7 +52,8 @@ class FileSource(Driver):
         self._running = False
         self._prepared: Reading | None = None
         self._end: int | None = None
-        self._origin = (0, 0)
+        self._origin: tuple[int, int] | None = None
+        """Where the pace counts from: wall clock and device time [ns]."""
         self._counts: Counter[str] = Counter()
         self._ended = False
 
@@ -95,14 +97,13 @@ class FileSource(Driver):
         if not self._running:
             raise ValueError(f"{self.path}: read before start")
         if self._prepared is None:
-            if self._origin == (0, 0):
-                self._origin = (self._now(), self.t0_ns)
+            self._origin = self._origin or (self._now(), self.t0_ns)
             self._prepared = self._next()
         reading = self._prepared
         if reading is None:
             self._ended = True
             return None
-        if self._settings.speed:
+        if self._settings.speed and self._origin is not None:
             start, t0 = self._origin
             wait = start + round((reading.stamp_ns - t0) / self._settings.speed) - self._now()
             if wait > timeout_s * NS:
@@ -130,6 +131,8 @@ class FileSource(Driver):
         stepped_back = int((events.t <= t0).sum())
         if stepped_back:
             self._counts["events_stepped_back"] += stepped_back
+            if t0 - int(events.t.min()) > LONG_GAP * self._packet_ns:
+                self._counts["clock_set_back"] += 1
         self._at = stamp
         return Reading(events, t0, stamp, recording.raw if self._settings.raw else None)
 

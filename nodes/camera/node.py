@@ -31,6 +31,8 @@ STATUS_S = 5.0
 FIRST_TIME = {
     "unplugged": "the camera was unplugged; waiting for it",
     "gaps": "bytes of the stream were lost",
+    "clock_set_back": "times of the recording go back by far, as after a reset of its camera: all that follows, until "
+    "they are past where they were, is one packet",
     "device_messages": "the camera reports an error of its own: device_message on its info topic",
 }
 """Counters whose first increment is said as a warning."""
@@ -112,7 +114,11 @@ class CameraNode(Node):
 
     def setup(self) -> None:
         self._interval_ns = round(self.params["packet_ms"] * 1e6)
-        self._rounds = self._episode = self._stamp_ns = 0
+        self._stamp_ns = 0
+        self._episodes_before = 0
+        """Episodes of the rounds of a recording before this one."""
+        self._connection = 0
+        """Number of the driver's connection, which goes up when the camera was plugged in again."""
         self._elapsed = Elapsed()
         self._told: set[str] = set()
         self._admitted: Message | None = None
@@ -162,13 +168,17 @@ class CameraNode(Node):
                 self._told.add(warning)
                 self.warn(warning)
 
+    @property
+    def _episode(self) -> int:
+        """Returns the episode of what the driver gives now: one for each connection, of each round of a recording."""
+        return self._episodes_before + self.driver.episode
+
     def _publish_info(self) -> None:
         """Publishes the camera's description and settings, with the stamp of the last reading."""
         self._info_due = False
-        episode = self.driver.episode + self._rounds
         held = self.driver.held_settings()
         settings = {"settings": held, "settings_changed_ns": self._changed_ns} if held else {}
-        self.publish("info", camera_info(self.params["camera"], self.about, self._stamp_ns, episode, settings))
+        self.publish("info", camera_info(self.params["camera"], self.about, self._stamp_ns, self._episode, settings))
 
     def step(self, inputs: Mapping[str, Message]) -> bool:
         if time.monotonic() < self._rest_until:
@@ -188,7 +198,7 @@ class CameraNode(Node):
             self.count("late_packets")
             self.count("late_ms", reading.late_ns / 1e6)
         self._stamp_ns = reading.stamp_ns
-        for port, message in packets(reading, self.about, self.driver.episode + self._rounds, self.wants):
+        for port, message in packets(reading, self.about, self._episode, self.wants):
             self.publish(port, message)
         if not self.params["duration"] or self.params["file"] or self.params["emulate"]:
             return True  # a recording ends by itself
@@ -252,8 +262,8 @@ class CameraNode(Node):
         self._count_new(self.driver.counters())
         self.close()
         self.restart_totals()
-        self._rounds += 1
-        self._changed_ns = []
+        self._episodes_before = self._episode + 1
+        self._connection, self._changed_ns = 0, []
         self._rest_until = time.monotonic() + REST_S
         self._open()
         return True
@@ -274,8 +284,8 @@ class CameraNode(Node):
 
     def _watch(self) -> None:
         """Warns when the camera comes back, and has its temperature and clock published every STATUS_S."""
-        if self.driver.episode != self._episode:
-            self._episode, self._changed_ns = self.driver.episode, []
+        if self.driver.episode != self._connection:
+            self._connection, self._changed_ns = self.driver.episode, []
             self.warn(f"the camera is back; its clock starts anew (episode {self._episode})")
             self._status_at, self._stamp_ns = 0.0, self.driver.t0_ns
         if time.monotonic() < self._status_at or not hasattr(self.driver, "bus"):

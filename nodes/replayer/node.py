@@ -86,50 +86,67 @@ class ReplayerNode(Node):
 
         ports = list(self.dynamic_outputs(self.params))
         speed = parse_pace(self.params["pace"])
-        self.pacer = None if speed == FAST else Pacer(speed)
-        self.paced = Header(0)
-        self.first_episode = self.last_episode = 0
-        self.rest_until = 0.0
-        self.told = False
-        self.reader: BagReader = BagReader(self.params["bag"])
-        if self.reader.problem:
-            self.warn(f"{self.reader.path} is torn: {self.reader.problem}; replaying what can be read")
+        self._pacer = None if speed == FAST else Pacer(speed)
+        self._paced = Header(0)
+        """Of the last message whose time was waited for."""
+        self._first_episode = self._last_episode = 0
+        """Of this round, as it is published, and the last one so far."""
+        self._rest_until = 0.0
+        self._damage_told = False
+        self._reader: BagReader = BagReader(self.params["bag"])
+        if self._reader.problem:
+            self.warn(f"{self._reader.path} is torn: {self._reader.problem}; replaying what can be read")
         self._warn_of_unknown_topics()
-        start = self.reader.start_ns + round(self.params["start"] * 1e9)
+        start = self._reader.start_ns + round(self.params["start"] * 1e9)
         length = self.params["duration"]
-        end = None if length is None else start + round(length * 1e9)
-        self.part = ports, start, end
-        self.messages: Iterator[tuple[str, Message]] = self.reader.messages(*self.part) if ports else iter(())
-        self.next = next(self.messages, None)
-        skipped = self.reader.skipped
-        cameras = [port for port in ports if self.reader.topics[port] == "CameraInfo"]
-        episode = self.next[1].header.episode if self.next else 0
-        found = {topic: descriptions_until(self.reader, topic, start, episode) for topic in cameras}
+        self._part = ports, start, None if length is None else start + round(length * 1e9)
+        """Topics, first and last time [ns] of a round."""
+        self._messages: Iterator[tuple[str, Message]] = self._reader.messages(*self._part) if ports else iter(())
+        self._next = next(self._messages, None)
+        is_part = bool(self.params["start"]) or length is not None
+        if ports and is_part and self._next is None and not self._reader.skipped:
+            self.warn(
+                f"{self._reader.path}: {self._words_of_part()} there is no message of {', '.join(ports[:MAX_NAMED])}"
+            )
+        self._find_descriptions(ports, start)
+        self._publish_early()
+        if self._next is not None and self._descriptions.covers(*self._next):
+            self._next = self._next_message()
+
+    def _find_descriptions(self, ports: Iterable[str], start: int) -> None:
+        """Finds the descriptions of the cameras that hold where the replay begins, at `start` [ns]."""
+        skipped = self._reader.skipped
+        episode = self._next[1].header.episode if self._next else 0
+        cameras = [port for port in ports if self._reader.topics[port] == "CameraInfo"]
+        found = {topic: descriptions_until(self._reader, topic, start, episode) for topic in cameras}
         known = {topic: infos[-1] for topic, infos in found.items() if infos}
         # A replay of the whole bag has those that were replaced before anything came, too.
         first = 0 if not self.params["start"] else -1
-        self.early = deque((topic, info) for topic, infos in found.items() for info in infos[first:])
+        self._early = deque((topic, info) for topic, infos in found.items() for info in infos[first:])
         """Descriptions that are published before anything else, whatever the pace is."""
         self._warn_of_separate_clocks(known)
         if self.params["regenerate"] and not self.params["samples_apart"]:
-            check_pixels(self.reader, known)
-        self.descriptions = Descriptions(known)
-        self.outdated: list[str] = []
+            check_pixels(self._reader, known)
+        self._descriptions = Descriptions(known)
+        self._outdated: list[str] = []
         """Topics whose description must be published again as the round begins."""
-        self.skipped_before = self.reader.skipped - skipped
-        self._publish_early()
-        if self.next is not None and self.descriptions.covers(*self.next):
-            self.next = self._next_message()
+        self._skipped_before = self._reader.skipped - skipped
+        """Damaged parts that were met on the way to the descriptions."""
+
+    def _words_of_part(self) -> str:
+        """Words which part of the bag is replayed, by its own seconds."""
+        start, length = self.params["start"], self.params["duration"]
+        return f"from {start:g} s on" if length is None else f"from {start:g} to {start + length:g} s"
 
     def _warn_of_unknown_topics(self) -> None:
         """Warns of wanted topics of the bag that cannot be played."""
         from nodes.replayer.choice import unknown_topics
 
-        there = {stream.topic: stream.kind for stream in self.reader.streams.values()}
+        there = {stream.topic: stream.kind for stream in self._reader.streams.values()}
         if names := unknown_topics(there, self.params["topics"], self.params["exclude"]):
             more = f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
             told = ", ".join(names[:MAX_NAMED]) + more
-            self.warn(f"{self.reader.path}: not played, for EVIS has no topics of such a name and type: {told}")
+            self.warn(f"{self._reader.path}: not played, for EVIS has no topics of such a name and type: {told}")
 
     def _warn_of_separate_clocks(self, descriptions: Mapping[str, Message]) -> None:
         """Warns where cameras have clocks of their own, whose times cannot be compared."""
@@ -140,23 +157,23 @@ class ReplayerNode(Node):
             told = " and ".join(f"{clock} ({', '.join(names[:MAX_NAMED])})" for clock, names in of_clock.items())
             first = next(iter(of_clock.values()))[0]
             self.warn(
-                f"{self.reader.path}: the clocks {told} have no time in common: messages come in order of their "
+                f"{self._reader.path}: the clocks {told} have no time in common: messages come in order of their "
                 f"numbers, episode by episode, and start and duration go by these; topics:={first}/* plays one alone"
             )
 
     def _publish_descriptions(self, topics: Iterable[str]) -> None:
         """Publishes the descriptions that hold where the round begins."""
         for topic in topics:
-            info: Any = self.descriptions.at_start[topic]
+            info: Any = self._descriptions.at_start[topic]
             self.publish(topic, self._renumber_episodes(replace(info, header=replace(info.header))))
 
     def _publish_early(self) -> None:
         """Publishes the next of the descriptions that come before anything else, of each camera one."""
         sent: set[str] = set()
-        for _ in range(len(self.early)):
-            topic, info = self.early.popleft()
+        for _ in range(len(self._early)):
+            topic, info = self._early.popleft()
             if topic in sent:
-                self.early.append((topic, info))
+                self._early.append((topic, info))
             else:
                 sent.add(topic)
                 whole: Any = info
@@ -164,34 +181,34 @@ class ReplayerNode(Node):
 
     def _next_message(self) -> tuple[str, Message] | None:
         """Reads the next message to be played; None at the end."""
-        return next((found for found in self.messages if not self.descriptions.covers(*found)), None)
+        return next((found for found in self._messages if not self._descriptions.covers(*found)), None)
 
     def step(self, inputs: Mapping[str, Message]) -> bool:
         """Publishes the messages of one stamp, at most one of each topic."""
-        if time.monotonic() < self.rest_until:
+        if time.monotonic() < self._rest_until:
             time.sleep(MAX_SLEEP_S)
             return True
-        if self.early:
+        if self._early:
             self._publish_early()
             return True
-        if self.next is None:
+        if self._next is None:
             self._warn_of_damage()
             return False
-        instant = self.next[1].header.instant
-        if (wait := self._wait_s(self.next[1].header)) > 0:
+        instant = self._next[1].header.instant
+        if (wait := self._wait_s(self._next[1].header)) > 0:
             time.sleep(min(wait, MAX_SLEEP_S))
             if wait > MAX_SLEEP_S:
                 return True
-        self._publish_descriptions(self.outdated)
-        sent, self.outdated = set(self.outdated), []
-        while self.next is not None:
-            topic, message = self.next
+        self._publish_descriptions(self._outdated)
+        sent, self._outdated = set(self._outdated), []
+        while self._next is not None:
+            topic, message = self._next
             if topic in sent or message.header.instant != instant:
                 return True
             sent.add(topic)
-            self.descriptions.published(topic)
+            self._descriptions.published(topic)
             self.publish(topic, self._renumber_episodes(message))
-            self.next = self._next_message()
+            self._next = self._next_message()
         self._warn_of_damage()
         if self.params["again"]:
             self._begin_round()
@@ -200,54 +217,54 @@ class ReplayerNode(Node):
 
     def _wait_s(self, header: Header) -> float:
         """Returns the time until a message is due [s], 0 without a pace; counts late messages."""
-        if self.pacer is None:
+        if self._pacer is None:
             return 0.0
-        since_ns = header.stamp_ns - self.paced.stamp_ns
-        anew = header.episode > self.paced.episode and since_ns < 0  # the distances are this episode's
-        if anew or (header.clock != self.paced.clock and since_ns > APART_NS):
-            self.pacer.restart()
-        self.paced = replace(header)  # whose episode changes where it is published in a later round
-        wait = self.pacer.wait_s(header.stamp_ns)
+        since_ns = header.stamp_ns - self._paced.stamp_ns
+        anew = header.episode > self._paced.episode and since_ns < 0  # the distances are this episode's
+        if anew or (header.clock != self._paced.clock and since_ns > APART_NS):
+            self._pacer.restart()
+        self._paced = replace(header)  # whose episode changes where it is published in a later round
+        wait = self._pacer.wait_s(header.stamp_ns)
         if wait <= MAX_SLEEP_S:  # it is sent within this step
-            self.pacer.passed(header.stamp_ns)
-            self.count_total("late_ms_max", self.pacer.late_ms_max)
+            self._pacer.passed(header.stamp_ns)
+            self.count_total("late_ms_max", self._pacer.late_ms_max)
         return wait
 
     def finish(self) -> None:
         """Reports how the pace was kept."""
-        if self.pacer is not None:
-            self.result("pace", self.pacer.result())
+        if self._pacer is not None:
+            self.result("pace", self._pacer.result())
 
     def _warn_of_damage(self) -> None:
         """Warns, once the bag was read to its end, of what was left out as damaged."""
         # What is damaged beside the descriptions is met again, unless it is of another time than what is played.
-        skipped = self.reader.skipped - self.skipped_before or self.skipped_before
-        if skipped and not self.told:
-            self.told = True
+        skipped = self._reader.skipped - self._skipped_before or self._skipped_before
+        if skipped and not self._damage_told:
+            self._damage_told = True
             self.count("damaged", skipped)
-            self.warn(f"{self.reader.path}: {skipped} damaged parts left out: {self.reader.first_problem}")
+            self.warn(f"{self._reader.path}: {skipped} damaged parts left out: {self._reader.first_problem}")
 
     def _begin_round(self) -> None:
-        self.first_episode = self.last_episode + 1
-        self.outdated = self.descriptions.restart()
-        self.messages = self.reader.messages(*self.part)
-        self.next = self._next_message()
-        if self.pacer is not None:
-            self.pacer.restart()
-        self.rest_until = time.monotonic() + REST_S
+        self._first_episode = self._last_episode + 1
+        self._outdated = self._descriptions.restart()
+        self._messages = self._reader.messages(*self._part)
+        self._next = self._next_message()
+        if self._pacer is not None:
+            self._pacer.restart()
+        self._rest_until = time.monotonic() + REST_S
 
     def _renumber_episodes(self, message: Message) -> Message:
         """Renumbers the episodes of a message, so that they continue those of the round before."""
-        if self.first_episode:
-            message.header.episode += self.first_episode
+        if self._first_episode:
+            message.header.episode += self._first_episode
             episodes = getattr(message, "episodes", None)
             if episodes is not None:
-                message.episodes = np.asarray(episodes) + np.int32(self.first_episode)  # type: ignore[attr-defined]
-        self.last_episode = max(self.last_episode, message.header.episode)
+                message.episodes = np.asarray(episodes) + np.int32(self._first_episode)  # type: ignore[attr-defined]
+        self._last_episode = max(self._last_episode, message.header.episode)
         return message
 
     def close(self) -> None:
         """Closes the bag."""
-        reader: BagReader | None = getattr(self, "reader", None)
+        reader: BagReader | None = getattr(self, "_reader", None)
         if reader is not None:
             reader.close()

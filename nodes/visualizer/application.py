@@ -39,7 +39,7 @@ class Application:
     """Answers the requests for one page: `/?token=...` is the page, all else lies under `/<token>/`."""
 
     def __init__(self, hub: Hub, token: str, names: frozenset[str], max_fps: float) -> None:
-        """names: see address.names_of. max_fps: most bundles per second to each browser [Hz]."""
+        """Reads the page's files. names: see address.names_of. max_fps: most bundles a second to each browser [Hz]."""
         self._hub, self._token, self._max_fps = hub, token, max_fps
         folder = files("nodes.visualizer").joinpath("page")
         self._files = {entry.name: entry.read_bytes() for entry in folder.iterdir() if entry.is_file()}

@@ -101,18 +101,18 @@ def topics(plan: Plan) -> list[dict[str, Any]]:
 
 
 def _may_be_missing(tail: str, publisher: NodePlan | None) -> bool:
-    """Whether a topic may stay empty: not every camera or recording has frames, inertial samples and triggers."""
+    """Tells whether a topic may stay empty: not every camera has frames, inertial samples and triggers."""
     return publisher is not None and publisher.target.endswith(":CameraNode") and tail not in ("events", "info")
 
 
 def _asked_labels(publisher: NodePlan | None) -> list[str]:
-    """What the labeler was told to make; empty where it was not told, or where labels come out of a bag."""
+    """Names what the labeler was told to make; nothing where it was not told, or where labels come out of a bag."""
     asked = (publisher.params.get("labels") if publisher else None) or []
     return [word.strip() for word in asked.split(",")] if isinstance(asked, str) else [str(word) for word in asked]
 
 
 def _views(message_type: str, publisher: NodePlan | None) -> dict[str, str]:
-    """The views of a topic; of labels those that show what was asked for, where that is known."""
+    """Returns the views of a topic; of labels those that show what was asked for, where that is known."""
     views, asked = VIEWS[message_type], set(_asked_labels(publisher))
     if message_type != "Labels" or not asked:
         return views

@@ -45,7 +45,7 @@ def ramp() -> np.ndarray:
 
 @functools.cache
 def _wheel() -> np.ndarray:
-    """Flow colours uint8 [256 directions, 64 speeds, 3]: hue is the direction, brightness the speed."""
+    """Makes flow colours uint8 [256 directions, 64 speeds, 3]: hue is the direction, brightness the speed."""
     angle = np.linspace(-np.pi, np.pi, 256, endpoint=False)[:, None]
     speed = np.linspace(0, 1, 64)[None, :]
     return oklch(0.19 + 0.61 * speed + 0 * angle, 0.19 * speed + 0 * angle, angle + 0 * speed)
@@ -53,7 +53,7 @@ def _wheel() -> np.ndarray:
 
 @functools.cache
 def _palette() -> np.ndarray:
-    """Instance colours uint8 [256, 3]; 0 is the background. Neighbouring ids are a golden angle apart in hue."""
+    """Makes instance colours uint8 [256, 3]; 0 is the background. Neighbouring ids are a golden angle apart in hue."""
     k = np.arange(256)
     colours = oklch(0.68 + 0.09 * ((k % 3) - 1), np.full(256, 0.145), k * np.radians(137.50776))
     colours[0] = EMPTY
@@ -79,14 +79,15 @@ class Smoothed:
 
 
 def _sample(array: np.ndarray, most: int = 20000) -> np.ndarray:
-    """Every n-th value of a flat view, at most about `most`: enough for percentiles."""
+    """Returns every n-th value of a flat view, at most about `most`: enough for percentiles."""
     flat = array.reshape(-1)
     return flat[:: max(1, flat.size // most)]
 
 
 @functools.cache
 def _codes() -> np.ndarray:
-    """float32 [65536]: the middle of all floats that share their upper 16 bits, 128 per octave; not finite = 0."""
+    """Tabulates the middle of all floats that share their upper 16 bits, 128 per octave: float32 [65536]; 0 of those
+    that are not finite."""
     bits = (np.arange(1 << 16, dtype=np.uint32) << np.uint32(16)) | np.uint32(1 << 15)
     values = bits.view(np.float32)
     return np.where(np.isfinite(values), values, 0)
@@ -119,7 +120,8 @@ def tone_map(radiance: np.ndarray, exposure: Smoothed) -> tuple[np.ndarray, int]
 
 
 def _limits(image: np.ndarray) -> tuple[float, float] | None:
-    """Natural logs of the middle and the white level of an image, from about 20 000 pixels; None without any light."""
+    """Returns the natural logs of the middle and the white level of an image [H, W] or [H, W, 3], from about 20 000
+    pixels; None without any light."""
     pixels = image.reshape(-1, image.shape[-1]) if image.ndim == 3 else image.reshape(-1, 1)
     light = pixels[:: max(1, len(pixels) // 20000)].max(axis=-1)
     light = light[np.isfinite(light) & (light > 0)].astype(np.float64)

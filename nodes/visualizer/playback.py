@@ -26,7 +26,7 @@ def recording(plan: Plan) -> dict[str, Any] | None:
 
 
 def _file_of(node: NodePlan) -> str:
-    """The file that a node plays in a device's or a simulator's place."""
+    """Returns the file that a node plays in a device's or a simulator's place; empty for none."""
     if node.target.endswith(":ReplayerNode"):
         return str(node.params.get("bag") or "")
     if node.target.endswith(":CameraNode") and not node.params.get("emulate"):
@@ -47,7 +47,7 @@ def _limits(node: NodePlan) -> tuple[float | None, float | None]:
 
 @functools.lru_cache(maxsize=4)
 def _limits_of_bag(path: str) -> tuple[float | None, float | None]:
-    """First and last stamp of a bag [s], by its index."""
+    """Returns the first and last stamp of a bag [s], by its index; None for one that cannot be read."""
     from evis.bag import BagError
     from evis.bag.reader import BagReader
 

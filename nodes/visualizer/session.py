@@ -25,7 +25,7 @@ from evis.web.gate import REFUSED
 from nodes.visualizer import catalog
 from nodes.visualizer.hub import Hub, PanelKey
 from nodes.visualizer.statistics import plain
-from nodes.visualizer.views.part import PanelPart
+from nodes.visualizer.views.part import PanelPart, TopicView
 
 MOST_BYTES = 1 << 16
 """Longest message of a page."""
@@ -59,7 +59,8 @@ class Session:
         self._period = 1 / max_fps
         self._max_fps = max_fps
         self._panels: dict[str, PanelKey] = {}
-        self._sent: dict[str, int] = {}
+        self._sent: dict[str, tuple[TopicView, int]] = {}
+        """By panel the view and the version of its last part: a view that is made anew counts from 1 again."""
         self._credit = asyncio.Event()
         self._news = asyncio.Event()
         self._status_due = 0.0
@@ -129,14 +130,17 @@ class Session:
             await asyncio.sleep(earliest - time.monotonic())
             self._news.clear()
             asked = dict(self._panels)
-            parts = await loop.run_in_executor(self._encoder, self._collect, asked, dict(self._sent))
-            parts = [(i, part) for i, part in parts if self._panels.get(i) == asked[i]]  # not closed meanwhile
+            found = await loop.run_in_executor(self._encoder, self._collect, asked, dict(self._sent))
+            found = [
+                (i, view, part) for i, view, part in found if self._panels.get(i) == asked[i]
+            ]  # not closed meanwhile
+            self._sent |= {i: (view, part.version) for i, view, part in found}
+            parts = [(i, part) for i, _, part in found]
             if time.monotonic() >= self._status_due:
                 self._status_due = time.monotonic() + STATUS_S
                 parts.append(("", PanelPart("status", 0, self._hub.status())))
             if not parts:
                 continue
-            self._sent |= {panel: part.version for panel, part in parts}
             self._credit.clear()
             earliest = time.monotonic() + self._period
             try:
@@ -144,21 +148,24 @@ class Session:
             except (ConnectionError, RuntimeError):
                 return
 
-    def _collect(self, panels: dict[str, PanelKey], sent: dict[str, int]) -> list[tuple[str, PanelPart]]:
-        """On the encoding thread: the newest part of every panel that has one."""
-        parts = []
+    def _collect(
+        self, panels: dict[str, PanelKey], sent: dict[str, tuple[TopicView, int]]
+    ) -> list[tuple[str, TopicView, PanelPart]]:
+        """Makes the newest part of every panel that has one, on the encoding thread: (panel, its view, part)."""
+        found = []
         for panel, key in panels.items():
             view = self._hub.view(key)
             if view is None:
                 continue
+            before, version = sent.get(panel, (view, 0))
             try:
-                part = view.render(sent.get(panel, 0))
+                part = view.render(version if view is before else 0)
             except Exception as error:
                 self._hub.refuse(key.topic, f"{type(error).__name__}: {error}")
                 continue
             if part is not None:
-                parts.append((panel, part))
-        return parts
+                found.append((panel, view, part))
+        return found
 
 
 def _map(value: Any, what: str) -> dict[str, Any]:
@@ -168,7 +175,7 @@ def _map(value: Any, what: str) -> dict[str, Any]:
 
 
 def _panel(given: Any) -> tuple[str, PanelKey]:
-    """(id, key) of a panel that a page asks for. Raises ValueError."""
+    """Parses a panel that a page asks for: (id, key). Raises ValueError."""
     panel = _map(given, "a panel")
     for name in ("id", "topic", "view"):
         if not isinstance(panel.get(name), str):

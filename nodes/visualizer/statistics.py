@@ -87,7 +87,8 @@ class Statistics:
     """
 
     def __init__(self, latched: Collection[str] = ()) -> None:
-        """latched: topics whose messages say again what is so, which is no sign that the graph goes on."""
+        """Begins with nothing heard. latched: topics whose messages say again what is so, which is no sign that the
+        graph goes on."""
         self._latched = latched
         self._lock = threading.Lock()
         self._tapped: dict[str, _Tapped] = {}
@@ -188,7 +189,8 @@ class Statistics:
             )
 
     def _clock(self, now: float) -> dict[str, Any]:
-        """Time and real-time factor of the clock that was heard first, of those that go on where there are such."""
+        """Returns time and real-time factor of the clock that was heard first, of those that go on where there are
+        such; nothing before any was heard."""
         going = [c for c, pace in self._paces.items() if now - pace.samples[-1][0] <= STALE_S] or list(self._paces)
         if not going:
             return {}

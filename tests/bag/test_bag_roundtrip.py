@@ -313,6 +313,18 @@ def test_wall_clock_messages_do_not_stretch_the_bag(tmp_path):
         assert (reader.start_ns, reader.end_ns) == (0, 10**8)
 
 
+def test_wall_clock_messages_after_a_reset(tmp_path):
+    """They are filed under the time of the new episode: those of all of it stood at the end of the one before."""
+    wall = [Diagnostics(Header(1_790_000_000_000_000_000 + k, k, "wall"), "n") for k in range(2)]
+    again = scene(1)["/state"]
+    again.header.episode = 1
+    sent = [("/state", scene(3)["/state"]), ("/diagnostics", wall[0]), ("/state", again), ("/diagnostics", wall[1])]
+    assert len(through(sent, tmp_path)) == len(sent)
+    with open(tmp_path / "a.mcap", "rb") as file:
+        filed = [m.log_time for _, _, m in make_reader(file).iter_messages("/diagnostics", log_time_order=False)]
+    assert filed == [scene(3)["/state"].header.stamp_ns, again.header.stamp_ns]
+
+
 def test_wall_clock_messages_before_all_others(tmp_path):
     """They are filed with the first message of another clock; alone, they keep the wall's time."""
     wall = [Diagnostics(Header(1_790_000_000_000_000_000 + k, k, "wall"), "n") for k in range(3)]

@@ -124,6 +124,16 @@ def test_steps_back_stay_in_their_place_and_are_counted(tmp_path):
     assert runtime.counters == {"events_stepped_back": 1}
 
 
+def test_a_clock_that_was_set_back_is_told(tmp_path):
+    """All that follows up to where the times were is one packet, of which nothing but a count of events told."""
+    t = np.concatenate([np.arange(1, 3001), np.arange(1, 3003)]) * MS
+    runtime = play(Runtime(), file=str(write(tmp_path / "a.npz", t)), pace="fast")
+    packets = runtime.messages["events"]
+    assert joined(packets).t.tolist() == t.tolist() and max(len(p.t) for p in packets) == 3010
+    assert runtime.counters["clock_set_back"] == 1
+    assert [text for text in runtime.warnings if "go back by far" in text] == runtime.warnings
+
+
 def test_a_jump_of_the_device_clock_is_no_flood(tmp_path):
     """Years of silence in a file are one empty packet, counted."""
     t = [5 * MS, 10**17, 10**17 + 3 * MS]

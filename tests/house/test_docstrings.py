@@ -28,11 +28,13 @@ WHOLE = [
     "evis/events",
     "evis/gpu",
     "evis/launch",
+    "evis/recordings",
     "evis/remote",
     "evis/runtime",
     "evis/shares",
     "evis/simulation",
     "evis/supervisor",
+    "evis/web",
     "nodes/camera",
     "nodes/event_sensor",
     "nodes/interpolator",
@@ -41,6 +43,7 @@ WHOLE = [
     "nodes/recorder",
     "nodes/renderer",
     "nodes/replayer",
+    "nodes/visualizer",
 ]
 
 Definition = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef

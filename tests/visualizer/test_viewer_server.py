@@ -6,6 +6,7 @@ import asyncio
 import json
 import socket
 import stat
+import threading
 import time
 import urllib.error
 import urllib.request
@@ -20,7 +21,8 @@ from synthetic_graph import HEIGHT, WIDTH, Player, events_at, images_at, info, l
 from evis.config.params import ParamError
 from evis.web import address
 from nodes.visualizer import application
-from nodes.visualizer.hub import MAX_PANELS
+from nodes.visualizer.hub import MAX_PANELS, PanelKey
+from nodes.visualizer.views.events import EventView
 
 EVENTS = ("e", "/cam0/events", "events", 0)
 
@@ -214,6 +216,48 @@ def test_several_clients_and_a_stuck_one(node: Any, client: Any) -> None:
             newest = await page.part("e", play)
             assert on_its_way["seq"] < newest["seq"] and newest["seq"] >= 500
         await until(lambda: not node.runtime.taps, node.idle)
+
+    asyncio.run(look())
+
+
+def test_a_panel_that_is_closed_and_opened_while_it_is_drawn(
+    node: Any, client: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As by a look at another tab: its new view was taken for older than what it had, and the panel stood still."""
+    drawing, go_on = threading.Event(), threading.Event()
+    go_on.set()
+    render = EventView.render
+
+    def slowly(view: EventView, since: int) -> Any:
+        drawing.set()
+        go_on.wait(60)
+        return render(view, since)
+
+    monkeypatch.setattr(EventView, "render", slowly)
+
+    async def look() -> None:
+        hub, key = node._hub, PanelKey(*EVENTS[1:])
+
+        def send(k: int) -> None:
+            node.runtime.send("/cam0/events", events_at(k))
+
+        async with client() as page:
+            await page.show(EVENTS)
+            await until(lambda: "/cam0/events" in node.runtime.taps, node.idle)
+            for k in range(1, 1000):
+                send(k)
+            await page.part("e", lambda: send(1000))
+            before = hub.view(key)
+            go_on.clear()
+            drawing.clear()
+            await until(drawing.is_set, lambda: send(1001))
+            await page.show()
+            await page.show(EVENTS)
+            await until(lambda: hub.view(key) not in (before, None))
+            go_on.set()
+            seen = [0]
+            while seen[-1] < 1002:
+                seen.append((await page.part("e", lambda: send(1002)))["seq"])
 
     asyncio.run(look())
 

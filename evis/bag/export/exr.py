@@ -1,4 +1,4 @@
-"""Writes a keyframe with its depth, motion and ids as one OpenEXR file."""
+"""Writes images as one OpenEXR file."""
 
 from __future__ import annotations
 
@@ -8,11 +8,6 @@ from typing import Any
 import numpy as np
 
 from evis.files.whole_file import whole_file
-from msgs.camera import Depth, Ids, Keyframe, Motion
-from msgs.header import Message
-
-HALF_MAX = 65504.0
-"""Largest finite half; OpenEXR makes infinity of what is larger, without a word."""
 
 
 def cropped(array: Any, margin: int, env: int = 0) -> np.ndarray:
@@ -27,31 +22,6 @@ def cropped(array: Any, margin: int, env: int = 0) -> np.ndarray:
 def vectors(name: str, image: np.ndarray) -> dict[str, np.ndarray]:
     """Splits vectors [H, W, 2] into the channels NAME.x and NAME.y."""
     return {f"{name}.{axis}": np.ascontiguousarray(image[..., k]) for k, axis in enumerate("xy")}
-
-
-def channels(group: dict[type[Message], Message], env: int, half: bool) -> tuple[dict[str, np.ndarray], int]:
-    """Returns (channel -> array [H,W(,3)] without margin, radiance values clamped to the range of half).
-
-    R, G, B (as `RGB`), or Y of a keyframe without colour, in the recorded precision or half; Z and motion.x, motion.y
-    float32; id uint32.
-    """
-
-    keyframe = group[Keyframe]
-    assert isinstance(keyframe, Keyframe)
-    light = cropped(keyframe.image, keyframe.margin, env)
-    clamped = 0
-    if half and light.dtype != np.float16:
-        clamped = int((np.abs(light) > HALF_MAX).sum())
-        light = np.clip(light, -HALF_MAX, HALF_MAX).astype(np.float16)
-    result = {"Y" if keyframe.radiance is None else "RGB": light}
-    depth, motion, ids = group.get(Depth), group.get(Motion), group.get(Ids)
-    if isinstance(depth, Depth):
-        result["Z"] = cropped(depth.depth, depth.margin, env)
-    if isinstance(motion, Motion):
-        result |= vectors("motion", cropped(motion.motion, motion.margin, env))
-    if isinstance(ids, Ids):
-        result["id"] = cropped(ids.ids, ids.margin, env).astype(np.uint32)
-    return result, clamped
 
 
 def write(path: Path, arrays: dict[str, np.ndarray], stamp_ns: int) -> None:

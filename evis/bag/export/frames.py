@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any, BinaryIO
 
 import numpy as np
 
 from evis.bag import BagError
 from evis.bag.environments import check_one
+from evis.bag.export.source import Messages
 from msgs.camera import Frames
-from msgs.header import Message
-
-Messages = Callable[[], Iterator[Message]]
-"""Gives the messages of a topic from the start, each of one environment."""
 
 
 def write(messages: Messages, topic: str, out: BinaryIO) -> dict[str, Any]:

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from typing import Any, BinaryIO
 
 import numpy as np
 
-from evis.bag import BagError
+from evis.bag import BagError, environments
+from evis.bag.export.source import Messages
 from msgs.camera import Labels
 from msgs.fields import array_specs, environment_key
-from msgs.header import Message
 
-Messages = Callable[[], Iterator[Message]]
-"""Gives the messages of a topic from the start, each of one environment."""
 DENSE = tuple(name for name, spec in array_specs(Labels).items() if spec.dims[0] == "E")
 """One per message and environment, of the same shape in all of them."""
 
@@ -48,47 +46,67 @@ def write(messages: Messages, topic: str, out: BinaryIO, events: Messages | None
     `event_instance`, `event_flow`, `event_signal`, `event_offsets` and, out of the packets that `events` gives,
     `event_t` int64 ns, `event_x`, `event_y`, `event_p`. What was not asked for is not there.
     """
-    columns: dict[str, list[Any]] = {"t": [], "episode": []}
-    rows: dict[str, list[np.ndarray]] = {}
-    shapes: dict[str, list[tuple[tuple[int, ...], np.dtype]]] = {}
-    names: list[str] | None = None
-    for label in _per_stamp(messages, topic):
-        columns["t"].append(label.header.stamp_ns)
-        columns["episode"].append(label.header.episode)
-        if names is not None and names != label.names:
-            raise BagError(f"{topic}: the bodies are others in later messages; export to .jsonl")
-        names = list(label.names)
-        if label.flow_t is not None:
-            columns.setdefault("flow_t", []).append(np.array(label.flow_t))
-        for name in DENSE:
-            if (array := getattr(label, name)) is not None:
-                shapes.setdefault(name, []).append((array.shape[1:], array.dtype))
-        for fields in TABLES.values():
-            for name in fields:
-                if (array := getattr(label, name)) is not None:
-                    rows.setdefault(name, []).append(np.array(array))
-    count = len(columns["t"])
-    there = {name: len(found) for name, found in shapes.items()} | {name: len(found) for name, found in rows.items()}
-    for name, found in there.items():
-        if found < count:
-            raise BagError(f"{topic}: {name} is in {found} of {count} messages; export to .jsonl")
-    for name, shaped in shapes.items():
-        if len(set(shaped)) > 1:
-            raise BagError(f"{topic}: the shape of {name} changes; export to .jsonl")
-    small = {name: np.array(values, np.int64) for name, values in columns.items()}
-    small |= _stack_tables(rows, small["t"])
+    found = _gathered(messages, topic)
+    count = len(found.columns["t"])
+    small = {name: np.array(values, np.int64) for name, values in found.columns.items()}
+    small |= _stack_tables(found.rows, small["t"])
     if "event_instance" in small and events is not None:
         small |= _labelled_events(events, topic, len(small["event_instance"]))
-    if names:
-        small["names"] = np.array(names, str)
+    if found.names:
+        small["names"] = np.array(found.names, str)
     with zipfile.ZipFile(out, "w") as archive:
         for name, array in small.items():
             with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
                 np.lib.format.write_array(entry, array)
-        for name, shaped in shapes.items():
+        for name, shaped in found.shapes.items():
             _stack(archive, name, (count, *shaped[0][0]), shaped[0][1], messages, topic)
     sizes = {name: list(array.shape) for name, array in small.items()}
-    return {"messages": count, "arrays": sizes | {name: [count, *shaped[0][0]] for name, shaped in shapes.items()}}
+    return {
+        "messages": count,
+        "arrays": sizes | {name: [count, *shaped[0][0]] for name, shaped in found.shapes.items()},
+    }
+
+
+@dataclass
+class _Gathered:
+    """Holds what is known of the labels of T stamps once all were read: columns, rows of tables, and the shapes and
+    dtypes of the dense arrays, which are read again to be written."""
+
+    columns: dict[str, list[Any]] = field(default_factory=lambda: {"t": [], "episode": []})
+    rows: dict[str, list[np.ndarray]] = field(default_factory=dict)
+    shapes: dict[str, list[tuple[tuple[int, ...], np.dtype]]] = field(default_factory=dict)
+    names: list[str] | None = None
+
+
+def _gathered(messages: Messages, topic: str) -> _Gathered:
+    """Reads all labels but the dense arrays. Raises BagError where these are not of one shape, or not always there."""
+    found = _Gathered()
+    for label in _per_stamp(messages, topic):
+        found.columns["t"].append(label.header.stamp_ns)
+        found.columns["episode"].append(label.header.episode)
+        if found.names is not None and found.names != label.names:
+            raise BagError(f"{topic}: the bodies are others in later messages; export to .jsonl")
+        found.names = list(label.names)
+        if label.flow_t is not None:
+            found.columns.setdefault("flow_t", []).append(np.array(label.flow_t))
+        for name in DENSE:
+            if (array := getattr(label, name)) is not None:
+                found.shapes.setdefault(name, []).append((array.shape[1:], array.dtype))
+        for fields in TABLES.values():
+            for name in fields:
+                if (array := getattr(label, name)) is not None:
+                    found.rows.setdefault(name, []).append(np.array(array))
+    count = len(found.columns["t"])
+    there = {name: len(given) for name, given in found.shapes.items()} | {
+        name: len(given) for name, given in found.rows.items()
+    }
+    for name, times in there.items():
+        if times < count:
+            raise BagError(f"{topic}: {name} is in {times} of {count} messages; export to .jsonl")
+    for name, shaped in found.shapes.items():
+        if len(set(shaped)) > 1:
+            raise BagError(f"{topic}: the shape of {name} changes; export to .jsonl")
+    return found
 
 
 def _stack_tables(rows: dict[str, list[np.ndarray]], t: np.ndarray) -> dict[str, np.ndarray]:
@@ -136,7 +154,7 @@ def _per_stamp(messages: Messages, topic: str) -> Iterator[Labels]:
         ):  # fmt: skip
             both = [(n, getattr(last, n), getattr(label, n)) for n in (*TABLES["event"], "event_env")]
             joined: dict[str, Any] = {n: np.concatenate((a, b)) for n, a, b in both if a is not None and b is not None}
-            last = dataclasses.replace(last, **joined)
+            last = replace(last, **joined)
             continue
         if last is not None:
             yield last
@@ -146,8 +164,6 @@ def _per_stamp(messages: Messages, topic: str) -> Iterator[Labels]:
 
 
 def _checked(messages: Messages, topic: str) -> Iterator[Labels]:
-    from evis.bag import environments
-
     for message in messages():
         if not isinstance(message, Labels):
             raise BagError(f"{topic} holds {type(message).__name__} messages, no labels")

@@ -1,33 +1,23 @@
-"""Exports single topics of a bag: events, keyframes as EXR, everything else as arrays or lines of JSON."""
+"""Exports single topics of a bag: chooses, by what is asked for and what the topic holds, what writes it."""
 
 from __future__ import annotations
 
 import contextlib
-import re
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
-import numpy as np
-
-from evis.bag import BagError, environments
-from evis.bag.decoded import decoded_events
-from evis.bag.export import exr, frames, label_images, label_pngs, labels, png, trajectory
+from evis.bag import BagError
+from evis.bag.export import arrays, event_files, frames, keyframes, label_images, label_pngs, labels, png, trajectory
+from evis.bag.export.source import Messages, Source, find, messages_of
 from evis.bag.reader import BagReader
 from evis.bag.ros import jsonform
-from evis.events.files.rosbag.messages import TYPES, plain_type
 from evis.files.whole_file import missing_folder, whole_file
-from msgs.camera import Keyframe
-from msgs.fields import array_specs
 from msgs.header import Message
 
-_ENV = re.compile(r"/env(\d+)(/.*)")
 ENDINGS = (".npz", ".jsonl", ".csv", ".txt", ".raw", ".dat", ".es", ".aedat4", ".h5", ".hdf5")
 """Endings of files that a topic can be written to; events to all of them."""
-BESIDE_KEYFRAME = ("depth", "motion", "ids")
-SAMPLES = ("n", "w")
-"""Axes, as messages name them, of which each message has a length of its own."""
 
 FOLDERS = {"Keyframe": "EXR", "Image": "PNG", **dict.fromkeys(label_images.KINDS, "EXR")}
 """Messages that go to a folder, a file each, and its format."""
@@ -52,8 +42,8 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False, 
     if out.suffix and (missing := missing_folder(out)):
         raise BagError(missing)
     with BagReader(bag) as reader:
-        name, env = _resolve(reader, topic)
-        kind = reader.topics[name]
+        source = find(reader, topic)
+        kind = source.kind
         _check_format(topic, kind, out)
         if half and (kind != "Keyframe" or out.suffix):
             raise BagError(f"half is for EXR files of keyframes; {topic} to {out.name} has none")
@@ -61,37 +51,43 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False, 
             raise BagError(
                 f"PNG of whole numbers is of depth, ids and flow to a folder; {topic} to {out.name} has none"
             )
-        suffix = out.suffix.lower()
-        messages = partial(_messages, reader, name, env)
-        if suffix == ".jsonl":
-            result = _lines(messages(), out)
-        elif kind == "EventPacket":
-            result = _events(reader, name, env, out)
-        elif kind == "Keyframe" and not suffix:
-            result = _keyframes(reader, name, env, out, half)
-        elif kind == "Image" and not suffix:
-            _check_one(reader, name, env)
-            result = png.write_folder(messages(), topic, out)
-        elif kind in label_images.KINDS and not suffix:
-            save = label_pngs.write_folders if as_png else label_images.write_folder
-            result = save(messages(), topic, out)
-        elif kind == "Frames":
-            with _open_whole(out) as file:
-                result = frames.write(messages, topic, file)
-        elif kind == "Labels":
-            beside = name.rpartition("/")[0] + "/events"
-            packets = partial(_messages, reader, beside, env) if beside in reader.topics else None
-            with _open_whole(out) as file:
-                result = labels.write(messages, topic, file, packets)
-        elif kind == "WorldState":
-            result = _states(messages(), topic, out)
-        else:
-            result = _arrays(messages(), topic, out)
+        result = _write_file(source, out) if out.suffix else _write_folder(source, out, half, as_png)
         if reader.problem:
             result["problem"] = reader.problem
         if reader.skipped:
             result |= {"damaged": reader.skipped, "damage": reader.first_problem}
         return {"topic": topic, "out": str(out), **result}
+
+
+def _write_folder(source: Source, out: Path, half: bool, as_png: bool) -> dict[str, Any]:
+    """Writes a topic as a folder of pictures, one of FOLDERS, and returns what was written."""
+    if source.kind == "Keyframe":
+        return keyframes.write_folder(source, out, half)
+    if source.kind == "Image":
+        source.check_one()
+        return png.write_folder(source.messages(), source.topic, out)
+    return (label_pngs.write_folders if as_png else label_images.write_folder)(source.messages(), source.topic, out)
+
+
+def _write_file(source: Source, out: Path) -> dict[str, Any]:
+    """Writes a topic as a file, which appears when it is complete, and returns what was written."""
+    as_lines = out.suffix.lower() == ".jsonl"
+    if source.kind == "EventPacket" and not as_lines:
+        return event_files.write(source, out)
+    with _open_whole(out) as file:
+        if as_lines:
+            return _write_lines(source.messages(), file)
+        if source.kind == "Frames":
+            return frames.write(source.messages, source.topic, file)
+        if source.kind == "Labels":
+            return labels.write(source.messages, source.topic, file, _events_beside(source))
+        return (trajectory if source.kind == "WorldState" else arrays).write(source.messages(), source.topic, file)
+
+
+def _events_beside(source: Source) -> Messages | None:
+    """Returns what gives the packets of the camera whose labels are exported; None where the bag has none."""
+    events = source.name.rpartition("/")[0] + "/events"
+    return partial(messages_of, source.reader, events, source.env) if events in source.reader.topics else None
 
 
 def _check_format(topic: str, kind: str, out: Path) -> None:
@@ -115,149 +111,10 @@ def _open_whole(out: Path) -> Iterator[BinaryIO]:
         raise BagError(str(error)) from None
 
 
-def _resolve(reader: BagReader, topic: str) -> tuple[str, int | None]:
-    if topic in reader.topics:
-        return topic, None
-    match = _ENV.fullmatch(topic)
-    if match and match[2] in reader.topics:
-        numbers = {s.env for s in reader.streams.values() if s.topic == match[2]}
-        if int(match[1]) in numbers:
-            return match[2], int(match[1])
-    layout = reader.scanner.layout
-    for schema in (layout.schemas.get(c.schema_id) for c in layout.channels.values() if c.topic == topic):
-        kind = schema.name if schema else "of no type"
-        events = f"; `evis events convert {reader.path} OUT --topic {topic}` writes its events"
-        raise BagError(
-            f"{reader.path}: {topic} is {kind}; no such message can be exported"
-            + (events if plain_type(kind) in TYPES else "")
-        )
-    raise BagError(reader.lacks(topic))
-
-
-def _check_one(reader: BagReader, topic: str, env: int | None) -> None:
-    """Raises BagError for images of several environments, which would be one film."""
-    numbers = {s.env for s in reader.streams.values() if s.topic == topic}
-    if env is None:
-        environments.check_one(topic, len(numbers))
-
-
-def _messages(reader: BagReader, topic: str, env: int | None) -> Iterator[Message]:
-    for _, message in reader.messages([topic]):
-        found = message if env is None else environments.of_one(message, env)
-        if found is not None:
-            yield found
-
-
-def _events(reader: BagReader, topic: str, env: int | None, out: Path) -> dict[str, Any]:
-    from evis.events import open_writer
-    from evis.events.recording import WHOLE_US
-
-    packets = decoded_events(reader, topic, env)
-    first = next(packets, None)
-    size = (first[0].width, first[0].height) if first else (0, 0)
-    count = lost = rounded = colourless = 0
-    with open_writer(out, *size) as writer:
-        for packet, events in _chain(first, packets):
-            if env is None:
-                environments.check_one(topic, environments.count(packet))
-            writer.write(events)
-            count, lost = count + len(events), lost + packet.lost
-            rounded += int(np.count_nonzero(events.t % 1000)) if out.suffix.lower() in WHOLE_US else 0
-            colourless += len(events) if events.c is not None and out.suffix.lower() != ".npz" else 0
-    odd = {"times_rounded_to_us": rounded, "colour_left_out": colourless, "lost": lost}
-    return {"events": count, "width": size[0], "height": size[1], **{name: n for name, n in odd.items() if n}}
-
-
-def _chain(first: Any, rest: Iterator[Any]) -> Iterator[Any]:
-    if first is not None:
-        yield first
-    yield from rest
-
-
-def _keyframes(reader: BagReader, topic: str, env: int | None, out: Path, half: bool) -> dict[str, Any]:
-    camera = topic.rsplit("/", 1)[0]
-    topics = [topic, *(t for n in BESIDE_KEYFRAME if (t := f"{camera}/{n}") in reader.topics)]
-    out.mkdir(parents=True, exist_ok=True)
-    count = clamped = written = 0
-    names: set[str] = set()
-    for group in _by_stamp(reader, topics):
-        keyframe = group.get(Keyframe)
-        if not isinstance(keyframe, Keyframe):
-            continue
-        envs = range(len(keyframe.image)) if env is None else [env]
-        for e in envs:
-            arrays, high = exr.channels(group, e, half)
-            folder = out / f"env{e}" if len(envs) > 1 else out
-            folder.mkdir(exist_ok=True)
-            try:
-                exr.write(folder / f"{count:06d}.exr", arrays, keyframe.header.stamp_ns)
-            except OSError as error:
-                done = f"the {count} keyframes before it are whole" if count else "it is the first"
-                raise BagError(f"{error}; {done}") from None
-            clamped += high
-            written += 1
-            names |= {n for c in arrays for n in (("R", "G", "B") if c == "RGB" else (c,))}
-        count += 1
-    result = {"keyframes": count, "channels": sorted(names), **({"clamped": clamped} if half else {})}
-    if others := len(list(out.rglob("*.exr"))) - written:
-        result["other_files"] = others
-    return result
-
-
-def _by_stamp(reader: BagReader, topics: list[str]) -> Iterator[dict[type[Message], Message]]:
-    group: dict[type[Message], Message] = {}
-    at: tuple[int, int] | None = None
-    for _, message in reader.messages(topics):
-        key = (message.header.episode, message.header.stamp_ns)
-        if key != at and group:
-            yield group
-            group = {}
-        at = key
-        group[type(message)] = message
-    if group:
-        yield group
-
-
-def _arrays(messages: Iterator[Message], topic: str, out: Path) -> dict[str, Any]:
-    columns: dict[str, list[np.ndarray]] = {"stamp_ns": [], "episode": []}
-    rows: dict[str, list[int]] = {}
-    for i, message in enumerate(messages):
-        columns["stamp_ns"].append(np.array(message.header.stamp_ns, np.int64))
-        columns["episode"].append(np.array(message.header.episode, np.int64))
-        for name, array in message.arrays().items():
-            columns.setdefault(name, [])
-            joined = array_specs(type(message))[name].dims[0] in SAMPLES
-            if joined:
-                rows.setdefault(name, []).append(len(array))
-            if len(columns[name]) != i or (i and columns[name][0].shape[joined:] != array.shape[joined:]):
-                raise BagError(f"{topic}: {name} has another shape in every message; export to .jsonl")
-            columns[name].append(np.asarray(array))
-    if len({len(v) for v in columns.values()}) > 1:
-        raise BagError(f"{topic}: not every message has the same arrays; export to .jsonl")
-    stacked = {
-        n: (np.concatenate if n in rows else np.stack)(v) if v else np.empty(0, np.int64) for n, v in columns.items()
-    }
-    if rows:  # of all arrays with such an axis alike
-        stacked["offsets"] = np.cumsum([0, *next(iter(rows.values()))], dtype=np.int64)
-    with _open_whole(out) as file:
-        np.savez(file, **stacked)  # type: ignore[arg-type]
-    return {"messages": len(stacked["stamp_ns"]), "arrays": {n: list(v.shape) for n, v in stacked.items()}}
-
-
-def _states(messages: Iterator[Message], topic: str, out: Path) -> dict[str, Any]:
-    try:
-        columns, count = trajectory.table(messages)
-    except ValueError as error:
-        raise BagError(f"{topic}: {error}; export to .jsonl") from None
-    with _open_whole(out) as file:
-        np.savez(file, **columns)  # type: ignore[arg-type]
-    return {"messages": count, "arrays": {n: list(v.shape) for n, v in columns.items()}}
-
-
-def _lines(messages: Iterator[Message], out: Path) -> dict[str, Any]:
+def _write_lines(messages: Iterator[Message], out: BinaryIO) -> dict[str, Any]:
+    """Writes a message per line, in its JSON form."""
     count = 0
-    with _open_whole(out) as file:
-        for message in messages:
-            file.write(jsonform.dump(message) + b"\n")
-            count += 1
+    for message in messages:
+        out.write(jsonform.dump(message) + b"\n")
+        count += 1
     return {"messages": count}

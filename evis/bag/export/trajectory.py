@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any, BinaryIO
 
 import numpy as np
 
+from evis.bag import BagError
 from msgs.header import Message
 from msgs.world import WorldState
 
 JOINTS = ("qpos", "qvel")
+
+
+def write(messages: Iterable[Message], topic: str, out: BinaryIO) -> dict[str, Any]:
+    """Writes an .npz of `table`. Raises BagError where the bodies change."""
+    try:
+        columns, count = table(messages)
+    except ValueError as error:
+        raise BagError(f"{topic}: {error}; export to .jsonl") from None
+    np.savez(out, **columns)  # type: ignore[arg-type]
+    return {"messages": count, "arrays": {n: list(v.shape) for n, v in columns.items()}}
 
 
 def table(states: Iterable[Message]) -> tuple[dict[str, np.ndarray], int]:

@@ -26,6 +26,8 @@ MAX_CHUNK = 2 << 30
 """Largest uncompressed chunk that is opened [bytes]; no writer makes one nearly as large."""
 _MAX_SMALL = 64 << 20
 """Largest record other than chunks and attachments."""
+_MOST_OF_RUN = 16 << 20
+"""Messages outside of chunks are read so many bytes at a time, and not all of a file that has no chunks."""
 _KINDS: dict[int, type[McapRecord]] = {
     Opcode.HEADER: Header, Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata,
     Opcode.CHUNK_INDEX: ChunkIndex, Opcode.METADATA_INDEX: MetadataIndex, Opcode.STATISTICS: Statistics,
@@ -63,9 +65,9 @@ class Layout:
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     episodes: list[int] = field(default_factory=list)
     """File offsets where a new episode begins."""
-    counts: dict[int, int] | None = None
-    """Messages by channel, where the index tells."""
     problem: str = ""
+    cut: bool = False
+    """The file ends before its data do."""
 
 
 def parse(opcode: int, data: bytes | memoryview) -> Any:
@@ -122,7 +124,11 @@ class Scanner:
             if other:
                 raise BagError(f"{name} is {other}, no MCAP bag; `evis events info` and `convert` read its events")
             raise BagError(f"{name} is not an MCAP bag: it does not begin with the MCAP signature")
-        self.layout = self._indexed() or self._walked()
+        try:
+            indexed, problem = self._read_summary(), ""
+        except BagError:
+            indexed, problem = None, "its index is missing or damaged"
+        self.layout = indexed or self._walked(problem)
 
     def _read(self, at: int, size: int) -> bytes:
         pieces = []
@@ -161,48 +167,55 @@ class Scanner:
 
     # -- by index ----------------------------------------------------------------------------------------------------
 
-    def _indexed(self) -> Layout | None:
-        """Reads the layout from the index; None where that is missing or wrong."""
-        try:
-            return self._read_summary()
-        except BagError:
-            return None
-
     def _read_summary(self) -> Layout | None:
+        """Reads the layout from the summary at the end; None where that is right and leaves out something of it.
+
+        The MCAP specification lets a writer leave out every part, schemas and channels too, and the whole of it. Raises
+        BagError where it is missing or damaged.
+        """
         if self.size < 2 * len(MAGIC) + _FOOTER_BYTES:
-            return None
+            raise BagError("too short for a footer")
         tail = self._read(self.size - _FOOTER_BYTES - len(MAGIC), _FOOTER_BYTES + len(MAGIC))
         if tail[-8:] != MAGIC or tail[0] != Opcode.FOOTER:
-            return None
+            raise BagError("no footer")
         footer = parse(Opcode.FOOTER, tail[9:-8])
         start, end = footer.summary_start, self.size - _FOOTER_BYTES - len(MAGIC)
-        if not 0 < start < end or end - start > _MAX_SMALL * 16:
+        if not start:
             return None
+        if not start < end or end - start > _MAX_SMALL * 16:
+            raise BagError("the footer is wrong")
         summary = self._read(start, end - start)
         if footer.summary_crc and zlib.crc32(tail[: _FOOTER_BYTES - 4], zlib.crc32(summary)) != footer.summary_crc:
-            return None
-        layout, named = Layout(library=self._library()), 0
-        for opcode, _, body in records(memoryview(summary)):
+            raise BagError("the summary's checksum is wrong")
+        layout, tables, statistics = self._parse_summary(memoryview(summary), start)
+        layout.chunks.sort(key=lambda c: c.at)
+        if any(a.at + a.size > b.at for a, b in itertools.pairwise(layout.chunks)):
+            raise BagError("it names a chunk many times, or one within another, each to be unpacked")
+        if statistics is not None and 0 < len(layout.chunks) < statistics.chunk_count:
+            raise BagError("it names some of the chunks")
+        return layout if _is_full(layout, tables, statistics) else None
+
+    def _parse_summary(self, summary: memoryview, start: int) -> tuple[Layout, int, Statistics | None]:
+        """Reads the layout from the summary, which begins at byte `start`, the number of tables that it names, and its
+        statistics, None where it has none. Raises BagError."""
+        layout, statistics, tables, named = Layout(library=self._library()), None, 0, 0
+        for opcode, _, body in records(summary):
             record = parse(opcode, body)
             if isinstance(record, Schema | Channel):
                 self._add_record(layout, record, 0)
             elif isinstance(record, Statistics):
-                layout.counts = dict(record.channel_message_counts)
+                statistics = record
             elif isinstance(record, MetadataIndex):
                 opcode, data = self._record(record.offset, start)
                 named += len(data)
                 if named > start:
-                    return None  # it names the same record many times
+                    raise BagError("it names the same record many times")
                 self._add_metadata(layout, parse(opcode, data), record.offset)
+                tables += 1
             elif isinstance(record, ChunkIndex):
                 channels = frozenset(record.message_index_offsets)
                 layout.chunks.append(self._chunk(record.chunk_start_offset, start, channels or None))
-        if not layout.chunks and layout.counts and any(layout.counts.values()):
-            return None  # written without chunks, or without an index of them
-        layout.chunks.sort(key=lambda c: c.at)
-        if any(a.at + a.size > b.at for a, b in itertools.pairwise(layout.chunks)):
-            return None  # it names a chunk many times, or one within another, each to be unpacked
-        return layout
+        return layout, tables, statistics
 
     def _library(self) -> str:
         opcode, data = self._record(len(MAGIC), self.size)
@@ -240,21 +253,23 @@ class Scanner:
 
     # -- record by record --------------------------------------------------------------------------------------------
 
-    def _walked(self) -> Layout:
-        """Reads the layout record by record."""
+    def _walked(self, problem: str) -> Layout:
+        """Reads the layout record by record. problem: what is wrong with a file that is whole up to its summary."""
         layout = Layout()
         at = len(MAGIC)
         bare: list[int] = []  # first byte and times of a run of messages outside of chunks
         try:
             while True:
-                if at >= self.size:
-                    raise BagError(f"it ends at byte {at} without an end mark")
                 head = self._read(at, 9)
                 length = int.from_bytes(head[1:], "little")
-                if len(head) < 9 or length > self.size - at - 9:
-                    raise BagError(f"it ends within the record at byte {at}")
+                layout.cut = len(head) < 9 or length > self.size - at - 9
+                if layout.cut:
+                    where = f"within the record at byte {at}" if head else f"at byte {at} without an end mark"
+                    raise BagError(f"it ends {where}")
                 opcode, following = head[0], at + 9 + length
                 if opcode == Opcode.MESSAGE:
+                    if bare and following - bare[0] > _MOST_OF_RUN:
+                        bare = self._end_run(layout, bare, at)
                     log_time = int.from_bytes(self._read(at + 9 + 6, 8), "little")
                     first, low, high = bare or (at, log_time, log_time)
                     bare = [first, min(low, log_time), max(high, log_time)]
@@ -263,7 +278,7 @@ class Scanner:
                     if opcode == Opcode.CHUNK:
                         layout.chunks.append(self._chunk(at, self.size, None))
                     elif opcode in (Opcode.DATA_END, Opcode.FOOTER):
-                        layout.problem = "" if opcode == Opcode.FOOTER else "its index is missing or damaged"
+                        layout.problem = problem
                         break
                     elif opcode in _KINDS:
                         self._add_record(layout, parse(*self._record(at, self.size)), at)
@@ -306,6 +321,20 @@ class Scanner:
                 raise
             except BagError:
                 continue  # counted when its messages are read
+
+
+def _is_full(layout: Layout, tables: int, statistics: Statistics | None) -> bool:
+    """Tells whether a summary's layout, with so many tables of metadata, has all that the file has."""
+    if statistics is None:
+        named = frozenset[int]().union(*(chunk.channels or () for chunk in layout.chunks))
+        schemas = {channel.schema_id for channel in layout.channels.values()} - {0}
+        return bool(layout.chunks) and named <= layout.channels.keys() and schemas <= layout.schemas.keys()
+    if statistics.message_count and not statistics.chunk_count:
+        return False  # the messages stand outside of chunks
+    found = len(layout.chunks), tables, len(layout.channels), len(layout.schemas)
+    return found == (
+        statistics.chunk_count, statistics.metadata_count, statistics.channel_count, statistics.schema_count,
+    )  # fmt: skip
 
 
 def _decompress(chunk: Chunk, data: bytes) -> bytes:

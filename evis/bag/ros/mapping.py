@@ -72,30 +72,18 @@ def encode(
     """Encodes parts and closing JSON of a message of one environment. threads: share large ones. `extra`: further keys
     of the JSON, beginning with `_`.
     """
-    kind = type(message).__name__
     frame, stamp = frame_of(topic), message.header.stamp_ns
     parts: list[RosPart] = []
     done: tuple[str, ...] = ()
-    if kind in images.PARTS:
-        shapes = {}
-        for field, suffix in images.PARTS[kind].items():
-            array = getattr(message, field)
-            if array is None:
-                continue
-            array = np.asarray(array)
-            encoding = message.encoding if isinstance(message, Image) else ""
-            packed = images.pack(array, field, encoding, stamp, frame)
-            parts.append(RosPart(field, schemas.IMAGE, suffix, stamp, packed))
-            shapes[field] = [array.dtype.name, list(array.shape)]
-            done += (field,)
-        extra["_images"] = shapes
+    if type(message).__name__ in images.PARTS:
+        parts, extra["_images"] = _image_parts(message, frame)
+        done = tuple(extra["_images"])
     elif isinstance(message, EventPacket):
         packets, done = events.pack(message, frame, encoder, threads)
+        beside = "/decoded" if message.raw is not None else ""  # of the sensor's own bytes
         parts = [
-            RosPart(
-                name, schemas.EVENT_PACKET, "/decoded" if name == "mono" and message.raw is not None else "", stamp, b
-            )
-            for name, b in packets
+            RosPart(name, schemas.EVENT_PACKET, beside if name == "mono" else "", stamp, packed)
+            for name, packed in packets
         ]
         extra["_events"] = events.summary(message)
     elif isinstance(message, WorldState) and states.whole(message):
@@ -114,6 +102,21 @@ def encode(
         info = ros.camera_info(stamp, frame, *size, model, d, k, message.baseline)
         parts = [RosPart("info", schemas.CAMERA_INFO, "", stamp, info)]
     return parts, jsonform.dump(message, done, **extra)
+
+
+def _image_parts(message: Message, frame: str) -> tuple[list[RosPart], dict[str, list[Any]]]:
+    """Packs the images of a message: its parts, and field -> [dtype, shape] of each."""
+    encoding = message.encoding if isinstance(message, Image) else ""
+    stamp = message.header.stamp_ns
+    parts, shapes = [], {}
+    for field, suffix in images.PARTS[type(message).__name__].items():
+        if (array := getattr(message, field)) is not None:
+            array = np.asarray(array)
+            parts.append(
+                RosPart(field, schemas.IMAGE, suffix, stamp, images.pack(array, field, encoding, stamp, frame))
+            )
+            shapes[field] = [array.dtype.name, list(array.shape)]
+    return parts, shapes
 
 
 def decode(kind: str, parts: dict[str, list[memoryview]], body: dict[str, Any]) -> Message:

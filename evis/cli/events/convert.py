@@ -70,8 +70,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         ):
             for block in blocks_of(recording, args):
                 events = choose(block)
-                if shift:
-                    _shift(events, shift)
+                events = events.shifted(-shift) if shift else events
                 writer.write(events)
                 counts["events"] += len(events)
                 counts["times_rounded_to_us"] += rounded(events) if holds_whole_us(args.out) else 0
@@ -130,10 +129,3 @@ def _chosen(
         return events
 
     return choose, crop[2:]
-
-
-def _shift(events: Events, ns: int) -> None:
-    events.t, events.triggers.t, events.imu.t = events.t - ns, events.triggers.t - ns, events.imu.t - ns
-    for frame in events.frames:
-        frame.t_ns, frame.end_ns = frame.t_ns - ns, frame.end_ns - ns
-        frame.exposure_start_ns, frame.exposure_end_ns = frame.exposure_start_ns - ns, frame.exposure_end_ns - ns

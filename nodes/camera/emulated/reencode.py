@@ -74,7 +74,7 @@ class Reencoder:
 
     def _sendable(self, events: Events) -> Events:
         """Selects what the model can send, in the order that its wire needs, and counts the rest."""
-        events = shifted(events, -self._shift)
+        events = events.shifted(-self._shift) if self._shift else events
         edges = events.triggers
         marks = np.isin(edges.id, self._marks)
         if marks.any():
@@ -134,23 +134,3 @@ class Reencoder:
                 events = dataclasses.replace(events, t=np.maximum(events.t, (self._last_us + 1) * 1000))
             self._last_us = int(events.t[-1]) // 1000
         return events
-
-
-def shifted(events: Events, by_ns: int) -> Events:
-    """Shifts the times of events, triggers, samples and frames by `by_ns`."""
-    if not by_ns:
-        return events
-    frames = [
-        dataclasses.replace(
-            f, t_ns=f.t_ns + by_ns, end_ns=f.end_ns + by_ns,
-            exposure_start_ns=f.exposure_start_ns + by_ns, exposure_end_ns=f.exposure_end_ns + by_ns,
-        )
-        for f in events.frames
-    ]  # fmt: skip
-    return dataclasses.replace(
-        events,
-        t=events.t + by_ns,
-        frames=frames,
-        triggers=dataclasses.replace(events.triggers, t=events.triggers.t + by_ns),
-        imu=dataclasses.replace(events.imu, t=events.imu.t + by_ns),
-    )

@@ -173,8 +173,7 @@ class Camera(Fx3Camera):
         if s.frames != before.frames:
             self.registers.write(APS, 4, int(s.frames))
         if s.imu != before.imu:
-            for parameter in (2, 3, 4):
-                self.registers.write(IMU, parameter, int(s.imu))
+            self._switch_samples(s.imu)
         if s.trigger_in != before.trigger_in:
             for parameter in (1, 2, 0):
                 self.registers.write(INPUT, parameter, int(s.trigger_in))

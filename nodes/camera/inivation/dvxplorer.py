@@ -195,8 +195,7 @@ class Camera(Fx3Camera):
     def _write_switches(self, s: Any, before: Any) -> None:
         """Switches inertial samples and triggers on or off where that differs from `before`."""
         if s.imu != before.imu:
-            for parameter in (2, 3, 4):
-                self.registers.write(IMU, parameter, int(s.imu))
+            self._switch_samples(s.imu)
         if getattr(s, "trigger_in", False) != getattr(before, "trigger_in", False):
             for parameter in (1, 2):
                 self.registers.write(INPUT, parameter, int(s.trigger_in))

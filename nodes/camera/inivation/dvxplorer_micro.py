@@ -6,27 +6,15 @@ Facts from jAER's public sources, which follow iniVation's own library.
 
 from __future__ import annotations
 
-from nodes.camera.inivation.fx3 import DVS, IMU
+from nodes.camera.inivation.fx3 import DVS, IMU, IMU_RUN
 
 FIRMWARE = 10
 """Low byte of bcdDevice from which on this holds."""
-FLATTEN, SUBSAMPLE_X, SUBSAMPLE_Y, HOLD, RESET, RESET_SKIP, TIMEOUT_ON, TIMEOUT_US, READOUTS = (
-    4,
-    5,
-    6,
-    8,
-    9,
-    10,
-    11,
-    12,
-    13,
-)
-THRESHOLD_ON, THRESHOLD_OFF, CROP_X, CROP_Y, CROP_WIDTH, CROP_HEIGHT, CROP_APPLY, FLIP_X, FLIP_Y = (
-    14,
-    15,
-    *range(19, 26),
-)
-"""Parameters of the module DVS."""
+RUN, FLATTEN, SUBSAMPLE_X, SUBSAMPLE_Y = 3, 4, 5, 6
+HOLD, RESET, RESET_SKIP, TIMEOUT_ON, TIMEOUT_US, READOUTS = 8, 9, 10, 11, 12, 13
+THRESHOLD_ON, THRESHOLD_OFF = 14, 15
+CROP_X, CROP_Y, CROP_WIDTH, CROP_HEIGHT, CROP_APPLY, FLIP_X, FLIP_Y = 19, 20, 21, 22, 23, 24, 25
+"""Parameters of the module DVS, as are those above."""
 VARIABLE_5000 = 8
 """Readouts as events come, at most 5000 a second."""
 THRESHOLDS = {"very_low": 15, "low": 12, "default": 9, "high": 5, "very_high": 2}
@@ -61,4 +49,4 @@ def thresholds(sensitivity: str) -> Writes:
 
 def running(events: bool, samples: bool) -> Writes:
     """Returns the writes that switch the event sensor and the inertial sensor on or off."""
-    return ((DVS, 3, int(events)), *((IMU, p, int(samples)) for p in (2, 3, 4)))
+    return ((DVS, RUN, int(events)), *((IMU, p, int(samples)) for p in IMU_RUN))

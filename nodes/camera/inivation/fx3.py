@@ -19,6 +19,8 @@ DATA_IN, DEBUG_IN = 0x82, 0x81
 REGISTER = 0xBF
 OUT, IN = 0x40, 0xC0
 MULTIPLEXER, DVS, APS, IMU, INPUT, CHIP, SYSTEM, USB = 0, 1, 2, 3, 4, 5, 6, 9
+IMU_RUN = (2, 3, 4)
+"""Parameters of the module IMU that switch on acceleration, rotation and temperature."""
 LOGIC_VERSION = 18
 TRANSPOSED = 4
 """Bit of a sensor's orientation register: its columns are read out as rows."""
@@ -101,6 +103,11 @@ class Fx3Camera(UsbDriver):
                 "update it with DV"
             )
         return f"{version}.{patch}"
+
+    def _switch_samples(self, on: bool) -> None:
+        """Switches inertial samples on or off."""
+        for parameter in IMU_RUN:
+            self.registers.write(IMU, parameter, int(on))
 
     def _halt(self) -> None:
         """Discards what an earlier program left in the camera's buffers."""

@@ -35,8 +35,7 @@ def packets(
             pixels = np.ascontiguousarray(frame.pixels if frame.pixels.ndim == 3 else frame.pixels[:, :, None])
             deep = "16" if pixels.dtype == np.uint16 else "8"
             encoding = ("rgb" if pixels.shape[2] == 3 else "mono") + deep
-            middle = (frame.exposure_start_ns + frame.exposure_end_ns) // 2
-            yield "image", Image(header(middle or frame.t_ns), pixels, encoding, frame.exposure_ns)
+            yield "image", Image(header(frame.middle_ns), pixels, encoding, frame.exposure_ns)
     yield (
         "events",
         EventPacket(

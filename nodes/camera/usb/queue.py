@@ -146,20 +146,24 @@ class QueuedReader(Reader):
             raise OSError(f"libusb failed while waiting for data (code {code})")
 
     def _handle_returned(self, number: int) -> None:
-        """Stores what a read brought, and submits the next one in its place."""
-        transfer, chunk = self._transfers[number].contents, self._chunks[number]
-        size = transfer.actual_length
-        if transfer.status not in (COMPLETED, TIMED_OUT):
-            self._restart(transfer.status)
+        """Takes what a read brought, and submits the next one in its place."""
+        self._take(number)
+        status = self._transfers[number].contents.status
+        if status not in (COMPLETED, TIMED_OUT):
+            self._restart(status)
             return
         self._faults = 0
+        self._submit(number, self._chunks[number])
+
+    def _take(self, number: int) -> None:
+        """Stores what a read brought, also before it failed or was cancelled; its next buffer is then another one."""
+        size = self._transfers[number].contents.actual_length
         with self._changed:
             if size and self._has_room():
-                self._store(chunk, size)
-                chunk = self._free.pop()
+                self._store(self._chunks[number], size)
+                self._chunks[number] = self._free.pop()
             else:
                 self._count_lost(size)
-        self._submit(number, chunk)
 
     def _restart(self, status: int) -> None:
         """Starts reading again after a read that failed: cancels all others, clears the endpoint, submits them anew."""
@@ -170,6 +174,8 @@ class QueuedReader(Reader):
         self.counts[FAULTS[error]] += 1
         self._gap = True
         self._cancel_all()
+        while self._returned:
+            self._take(self._returned.popleft())
         if error == errno.EPIPE:
             self._recover()
         for number, chunk in list(self._chunks.items()):
@@ -184,4 +190,3 @@ class QueuedReader(Reader):
             self._wait_events()
             if time.monotonic() > deadline:
                 raise OSError(f"USB does not give back {len(self._in_flight)} reads that were cancelled")
-        self._returned.clear()

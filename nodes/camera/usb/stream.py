@@ -232,8 +232,7 @@ class ReadingStream:
         t = buffer.columns[0]
         if self._offset:
             t[before : buffer.n] += self._offset
-            for part in aside:
-                _shift_aside(part, self._offset)
+            aside = [part.shifted(self._offset) for part in aside]
         if buffer.n > before:
             # now, while the times are in the cache: a packet's whole is read from memory again
             earliest = int(t[before : buffer.n].min())
@@ -297,15 +296,3 @@ class ReadingStream:
         self._chunk = None
         reading = self._close_interval(last=True)
         return reading if len(reading.events) or reading.events.has_aside else None
-
-
-def _shift_aside(events: Events, offset_ns: int) -> None:
-    """Shifts the times of triggers, inertial samples and frames, in place."""
-    for part in (events.triggers, events.imu):
-        if len(part):
-            part.t += offset_ns
-    for frame in events.frames:
-        frame.t_ns += offset_ns
-        frame.end_ns += offset_ns
-        frame.exposure_start_ns += offset_ns
-        frame.exposure_end_ns += offset_ns

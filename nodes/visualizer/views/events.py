@@ -30,7 +30,7 @@ AGES = (1 << 16) - 1
 
 
 class _Drawn(NamedTuple):
-    """What is drawn of one packet: words uint32 [n], and how long before the packet's stamp, float32 [n] s."""
+    """Holds what is drawn of one packet: words uint32 [n], and how long before the packet's stamp, float32 [n] s."""
 
     version: int
     stamp_ns: int
@@ -122,7 +122,7 @@ class EventView(TopicView):
             self._last = meta
 
     def _words(self, message: EventPacket) -> tuple[np.ndarray, np.ndarray, int, int, int, int]:
-        """Words to draw and their ages; counts of events, of ON events, of covered ones and of ones outside."""
+        """Returns words to draw and their ages; counts of events, ON events, covered ones and ones outside."""
         x, y, p, c, t = (
             None if a is None else np.asarray(a) for a in (message.x, message.y, message.p, message.c, message.t)
         )

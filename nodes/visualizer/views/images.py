@@ -75,7 +75,8 @@ class ImageView(TopicView):
         return {"array": crop(array, margin), "size": size, **extra}
 
     def _array(self, message: Message) -> tuple[np.ndarray, dict[str, Any]] | None:
-        """[H, W(, C)] of this view's environment, and what else the page is told; None where the message has none."""
+        """Returns [H, W(, C)] of this view's environment, and what else the page is told; None where the message has
+        none."""
         match message:
             case Image():
                 return message.data, {"encoding": message.encoding}
@@ -98,7 +99,7 @@ class ImageView(TopicView):
         raise TypeError(f"{type(message).__name__} is not an image")
 
     def _of_env(self, array: np.ndarray) -> np.ndarray:
-        """Entry `env` of the leading axis; the last one where there are fewer environments."""
+        """Returns entry `env` of the leading axis; the last one where there are fewer environments."""
         return np.asarray(array)[min(self.env, len(array) - 1)]
 
     def draw(self, picked: dict[str, Any]) -> tuple[dict[str, Any], bytes]:

@@ -42,7 +42,7 @@ def boxes(message: Labels, env: int) -> list[list[Any]]:
 
 
 def _speeds(twist: np.ndarray) -> list[float | str]:
-    """Linear and angular speed; what only rounding makes is none."""
+    """Returns linear and angular speed [m/s, rad/s] of a twist [6]; what only rounding makes is none."""
     speeds = [float(np.linalg.norm(part)) for part in (twist[:3], twist[3:])]
     return [number(0.0 if speed < 1e-9 else speed) for speed in speeds]
 
@@ -113,7 +113,7 @@ class TableView(TopicView):
         raise TypeError(f"{type(message).__name__} is not a table")
 
     def _bodies(self, names: list[str], pose: np.ndarray, twist: np.ndarray | None) -> dict[str, Any]:
-        """Table of poses [E, N, 7] and twists [E, N, 6]."""
+        """Makes the table of poses [E, N, 7] and twists [E, N, 6]."""
         columns = ["body", "x [m]", "y", "z", "qx", "qy", "qz", "qw", "speed [m/s]", "turn [rad/s]"]
         if len(pose) == 0:
             return _table("bodies", columns, [])
@@ -148,7 +148,7 @@ def _table(title: str, columns: list[str], rows: list[list[Any]]) -> dict[str, A
 
 
 def _instances(info: CameraInfo) -> dict[str, Any]:
-    """By instance id: name, body ("" of the static world) and class id; by class id: name and colour."""
+    """Lists by instance id name, body ("" of the static world) and class id; by class id name and colour."""
     return {
         "names": list(info.instances),
         "bodies": list(info.instance_bodies),
@@ -158,7 +158,7 @@ def _instances(info: CameraInfo) -> dict[str, Any]:
 
 
 def _listed(names: list[str]) -> str:
-    """The first MAX_LISTED names, and how many more there are."""
+    """Writes the first MAX_LISTED names, and how many more there are."""
     more = len(names) - MAX_LISTED
     return ", ".join(names[:MAX_LISTED]) + (f" ... and {more} more" if more > 0 else "")
 

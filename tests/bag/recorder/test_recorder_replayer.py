@@ -288,6 +288,22 @@ def test_start_and_duration_of_a_part_of_a_run(tmp_path, chunk_bytes, torn):
     assert played == [("/cam0/info", 0), *(("/state", stamp) for stamp in stamps[3:7])]
 
 
+@pytest.mark.parametrize(("duration", "part"), [(None, "from 0.15 s on"), (0.02, "from 0.15 to 0.17 s")])
+def test_a_part_without_messages_of_the_chosen_topics_is_told(tmp_path, duration, part):
+    """The camera's recording ends before the other one's: a replay of nothing said nothing."""
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        for k in range(6):
+            writer.write("/state", scene(k)["/state"])
+            if k < 3:
+                writer.write("/cam0/events", scene(k)["/cam0/events"])
+    node, _ = replay(tmp_path / "a.mcap", topics=["/cam0/*"], start=0.15, duration=duration)
+    assert not node.runtime.published
+    (told,) = (text for level, text in node.runtime.said if level == "warning")
+    assert told == f"{tmp_path / 'a.mcap'}: {part} there is no message of /cam0/events"
+    node, _ = replay(tmp_path / "a.mcap", topics=["/state"], start=0.15, duration=duration)
+    assert node.runtime.published and not node.runtime.said
+
+
 def test_a_bag_of_descriptions_alone_has_their_time(tmp_path):
     with BagWriter(tmp_path / "a.mcap") as writer:
         for k in (3, 6):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import subprocess
 import sys
@@ -67,6 +68,28 @@ def test_node_reconnects_in_a_new_episode(tmp_path):
     assert any("unplugged" in w for w in runtime.warnings) and any("is back" in w for w in runtime.warnings)
     infos = [(m.header.episode, m.header.stamp_ns) for m in runtime.messages["info"]]
     assert [episode for episode, _ in infos] == [0, 1] and infos[1][1] == 0  # its clock starts anew
+
+
+def test_a_round_with_a_camera_that_was_plugged_in_again(tmp_path, monkeypatch):
+    """Each connection of each round is an episode: the second round began with the last episode of the first, whose
+    times it repeated, and said that the camera was back."""
+    monkeypatch.setattr("nodes.camera.node.REST_S", 0.0)
+    random_recording(tmp_path / "a.npz", 346, 260)
+    runtime = Runtime()
+    with pytest.raises(AssertionError, match="does not end"):
+        play(
+            runtime, max_steps=400, emulate="davis346", file=str(tmp_path / "a.npz"), reconnect=True, again=True,
+            faults="short=1024,unplug_after=20000,replug", **FAST,
+        )  # fmt: skip
+    packets = runtime.messages["events"]
+    last = packets[-1].header.episode
+    assert last >= 4  # episodes 0 and 1 are the first round
+    of_episode = {e: [(m.t0_ns, len(m.t)) for m in packets if m.header.episode == e] for e in range(last)}
+    assert all(of_episode[e] == of_episode[e % 2] for e in range(last)) and of_episode[0] != of_episode[1]
+    assert all(a.header.episode <= b.header.episode for a, b in itertools.pairwise(packets))
+    back = [int(text.split("episode ")[1].rstrip(")")) for text in runtime.warnings if "is back" in text]
+    assert back == list(range(1, back[-1] + 1, 2))
+    assert sorted({m.header.episode for m in runtime.messages["info"]}) == list(range(last + 1))
 
 
 def test_a_recording_of_today_goes_on_near_its_own_time(tmp_path):

@@ -246,7 +246,7 @@ sys.exit(main(["events", "simulate", "slow", {str(tmp_path / "e.npz")!r}, "--thr
 
 def test_exported_keyframes_are_frames(capsys, tmp_path):
     """What `evis bag export` writes as EXR gives the events of the same frames as an array, at the same times."""
-    from evis.bag.export import exr
+    from evis.bag.export import exr, keyframes
     from msgs.camera import Keyframe
     from msgs.header import Header
 
@@ -256,7 +256,7 @@ def test_exported_keyframes_are_frames(capsys, tmp_path):
     (tmp_path / "exr").mkdir()
     for i, stamp in enumerate(stamps):
         keyframe = Keyframe(Header(stamp), np.zeros(1, np.int32), radiance[i : i + 1])
-        arrays, _ = exr.channels({Keyframe: keyframe}, 0, half=False)
+        arrays, _ = keyframes.channels({Keyframe: keyframe}, 0, half=False)
         exr.write(tmp_path / "exr" / f"{i}.exr", arrays, stamp)
     np.savez(tmp_path / "f.npz", rgb=radiance, t=np.array(stamps))
     for options in ([], ["--colour"]):

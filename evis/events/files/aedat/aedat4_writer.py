@@ -76,7 +76,7 @@ class Aedat4Writer(FileWriter):
         pixels = frame.pixels if frame.pixels.ndim == 2 else frame.pixels[..., ::-1]  # RGB to BGR
         deep, colour = pixels.dtype.itemsize == 2, pixels.ndim == 3
         # the format's own time of a frame is the middle of its exposure
-        middle = (frame.exposure_start_ns + frame.exposure_end_ns) // 2 or frame.t_ns
+        middle = frame.middle_ns
         times = (middle, frame.t_ns, frame.end_ns, frame.exposure_start_ns, frame.exposure_end_ns)
         fields: list[tuple[str, float]] = [("q", t // 1000) for t in times]
         fields += [("b", (2 if deep else 0) | (16 if colour else 0)), ("h", pixels.shape[1]), ("h", pixels.shape[0])]
