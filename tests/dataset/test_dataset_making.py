@@ -52,6 +52,18 @@ def test_two_processes_make_the_same_bytes(serial: tuple[Path, dict[str, str]], 
     assert first.items() <= expected.items() and len(list((tmp_path / "two").glob("*/*"))) == 2
 
 
+def test_a_data_set_in_a_folder_named_as_one_that_is_being_written(
+    serial: tuple[Path, dict[str, str]], tmp_path: Path
+) -> None:
+    """What lies in it is finished: a second call makes only what is missing, and `verify` finds it whole."""
+    recipe, expected = serial
+    out = tmp_path / "copy.part" / "set.part"
+    assert make(read_recipe(recipe), str(out), InThisProcess, count=2).there == 2
+    made = make(read_recipe(recipe), str(out), InThisProcess, resume=True)
+    assert (made.there, made.made) == (5, 3) and checksums(out) == expected
+    assert verify(str(out))["wrong"] == []
+
+
 def test_what_the_layout_cannot_hold_is_said_once(tmp_path: Path) -> None:
     """While it is made: labels that were asked for are else found missing when it is read."""
     path = write(tmp_path, ("layout: npz", "layout: mvsec\nlabels: [boxes, depth]"))
