@@ -145,10 +145,14 @@ def starts_at_random(name_or_path: str) -> tuple[str, ...]:
     document = _document(find_scene(name_or_path))
     spread, joints = document.get("initial_spread"), document.get("initial_joints")
     starts = joints.items() if isinstance(joints, Table) else ()
-    drawn = [name for name, start in starts if start and any(isinstance(value, list) for value in start.values())]
-    values = spread.values() if isinstance(spread, Table) else ()
-    free = any(str(value).split()[:1] not in (["0"], ["0.0"]) for value in values)
+    drawn = [name for name, start in starts if any(isinstance(value, list) for value in _entries(start))]
+    free = any(str(value).split()[:1] not in (["0"], ["0.0"]) for value in _entries(spread))
     return (*(("free bodies",) if free else ()), *(f"joint {name}" for name in drawn))
+
+
+def _entries(value: Any) -> list[Any]:
+    """Lists the values of a map; of what is no map, which only loading refuses, there are none."""
+    return list(value.values()) if isinstance(value, Table) else []
 
 
 def drawn_places(name_or_path: str, overrides: Mapping[str, Any]) -> list[str]:
@@ -168,7 +172,7 @@ def camera_rates(name_or_path: str, overrides: Mapping[str, Any] | None = None) 
     A scene where no camera has one is not loaded for it.
     """
     cameras = _document(find_scene(name_or_path)).get("cameras")
-    if not isinstance(cameras, Table) or not any("rate" in entry for entry in cameras.values() if entry):
+    if not any(isinstance(entry, Table) and "rate" in entry for entry in _entries(cameras)):
         return {}
     found = load_scene(name_or_path, overrides, visuals=False).cameras
     return {camera.name: camera.rate for camera in found if camera.rate is not None}
@@ -305,7 +309,10 @@ def _arguments(path: Path, table: Table) -> tuple[dict[str, Param], dict[str, tu
             components[name] = len(default), component
             param = Param(list, list(default), help_text, unit)
         else:
-            param = Param(_TYPES[kind], default, help_text, unit, least, most, tuple(fields.raw("choices", ())))
+            choices = fields.raw("choices", [])
+            if not isinstance(choices, list):
+                raise fields.error("choices", f"is {choices!r}; it must be a list of values")
+            param = Param(_TYPES[kind], default, help_text, unit, least, most, tuple(choices))
             param.convert(f"scene {owner}", name, default)
         defaults[name] = default
         declared[name] = replace(param, default=None, optional=True) if draws.made else param
