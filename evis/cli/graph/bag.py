@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import math
 import sys
 import textwrap
 from collections.abc import Callable, Mapping
@@ -181,8 +182,8 @@ def _record(args: argparse.Namespace) -> dict[str, Any]:
     from nodes.recorder.recorder import Recorder
 
     check_duration(args.duration)
-    if args.preview_hz < 0:
-        raise UsageError(f"--preview-hz is {args.preview_hz:g}, the least is 0")
+    if not 0 <= args.preview_hz < math.inf:
+        raise UsageError(f"--preview-hz is {args.preview_hz:g}; it must be a number of images per second, 0 = none")
     try:
         check_name(Path(args.bag))
     except BagNameError as error:
