@@ -8,7 +8,7 @@ from contextlib import suppress
 from typing import Any
 
 from evis.cli.events.files import add_part, add_stream, blocks_of, open_input
-from evis.cli.events.measure_progress import PassProgress
+from evis.cli.events.progress import PassProgress
 from evis.cli.graph.attach import add_run_option
 from evis.cli.numbers import number_up_to
 from evis.cli.parser import UsageError
