@@ -125,8 +125,8 @@ class LocalStore(Store):
             os.fsync(file.fileno())
 
     def is_empty(self) -> bool:
-        """Implements `Store.is_empty`."""
-        return not self.folder.is_dir() or not any(self.folder.iterdir())
+        """Implements `Store.is_empty`; a file in place of the folder, or a link that leads nowhere, is not nothing."""
+        return not any(self.folder.iterdir()) if self.folder.is_dir() else not os.path.lexists(self.folder)
 
     @contextlib.contextmanager
     def alone(self) -> Iterator[None]:
