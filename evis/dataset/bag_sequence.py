@@ -53,8 +53,12 @@ def export(bag: str | Path, layout: str, out: str | Path, env: int | None = None
 
 @contextlib.contextmanager
 def _all_or_nothing(out: Path) -> Iterator[None]:
-    """Takes away what an error left in a folder that was empty or not there. Raises OSError that names the folder."""
+    """Takes away what an error left in a folder that was empty or not there. Raises OSError that names the folder, and
+    LayoutError for what is there and no folder, which stays.
+    """
     was_there = out.is_dir()
+    if not was_there and os.path.lexists(out):
+        raise LayoutError(f"{out} is there and is no folder; a sequence goes into a folder of its own")
     empty = not was_there or not any(out.iterdir())
     try:
         yield
@@ -92,8 +96,11 @@ class BagSequence:
         infos = dict(sorted(infos.items(), key=lambda pair: pair[1].baseline))
         self.topics = {topic: named for topic, named in self.topics.items() if named[0] in infos}
         first = next(iter(infos))
-        packet = next(self._messages([f"/{first}/events"]))
-        start = packet.t0_ns if isinstance(packet, EventPacket) else 0
+        packet = next(self._messages([f"/{first}/events"]), None)
+        if not isinstance(packet, EventPacket):
+            why = f" ({reader.problem or reader.first_problem})" if reader.problem or reader.first_problem else ""
+            raise BagError(f"{reader.path} has no packet of /{first}/events that can be read{why}; record it anew")
+        start = packet.t0_ns
         told = reader.metadata.get("evis", {})
         arguments = {key.removeprefix("arg."): value for key, value in told.items() if key.startswith("arg.")}
         seed = _whole(told.get("seed")) + (env or 0)  # environment k is a run of its own with seed + k

@@ -29,12 +29,12 @@ def key_of(*names: Any) -> np.uint64:
 
 def uniform(key: np.uint64, n: int) -> float:
     """Returns the n-th number of a stream, in (0, 1)."""
-    return float(open_uniform(_bits(key, np.array([n], np.uint64)))[0])
+    return float(open_uniform(bits_at(key, np.array([n], np.uint64)))[0])
 
 
 def whole(key: np.uint64, n: int) -> int:
     """Returns the n-th whole number of a stream, in [0, 2^31)."""
-    return int(_bits(key, np.array([n], np.uint64))[0] >> np.uint64(33))
+    return int(bits_at(key, np.array([n], np.uint64))[0] >> np.uint64(33))
 
 
 def poisson(key: np.uint64, mean: float) -> int:
@@ -45,11 +45,12 @@ def poisson(key: np.uint64, mean: float) -> int:
     pieces = max(1, math.ceil(mean / _PIECE))
     share = mean / pieces
     likely = math.exp(-share) * np.cumprod(np.append(1.0, share / np.arange(1, math.ceil(share + 12 * _PIECE**0.5))))
-    drawn = open_uniform(_bits(key, np.arange(pieces, dtype=np.uint64)))
+    drawn = open_uniform(bits_at(key, np.arange(pieces, dtype=np.uint64)))
     return int(np.searchsorted(np.cumsum(likely), drawn, "right").sum())
 
 
-def _bits(key: np.uint64, n: np.ndarray) -> np.ndarray:
+def bits_at(key: np.uint64, n: np.ndarray) -> np.ndarray:
+    """Hashes a stream's key with places uint64 in it: 64 random bits for each."""
     with np.errstate(over="ignore"):
         return mix(key + (n + np.uint64(1)) * GOLDEN)
 
@@ -57,7 +58,7 @@ def _bits(key: np.uint64, n: np.ndarray) -> np.ndarray:
 @functools.lru_cache(maxsize=256)
 def _order(key: int, count: int) -> np.ndarray:
     """A permutation of `count` strata."""
-    return np.argsort(_bits(np.uint64(key), np.arange(count, dtype=np.uint64)), kind="stable")
+    return np.argsort(bits_at(np.uint64(key), np.arange(count, dtype=np.uint64)), kind="stable")
 
 
 def stratified(seed: int, names: tuple[Any, ...], n: int, count: int) -> float:

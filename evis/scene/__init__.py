@@ -1,8 +1,9 @@
 """Reads worlds, a small YAML file each, or any MJCF, into one Scene.
 
-`load.py` finds the file and gives its arguments values; `yaml/`, `mjcf/`, `mesh/` and `images/` read what it names into
-a Scene (`model.py`), whose prescribed motion is `motion.py`. Where a scene draws values, the seed of an environment
-decides them (`draws.py`), and a node holds the worlds of its environments (`worlds.py`, `parameters.py`).
+`load.py` finds the file; `yaml/` reads it and gives its arguments values, and with `mjcf/`, `mesh/` and `images/` makes
+of what it names a Scene (`model.py`), whose prescribed motion is `motion.py`. Where a scene draws values, the seed of
+an environment decides them (`draws.py`), and a node holds the worlds of its environments (`worlds.py`,
+`parameters.py`).
 """
 
 from evis.scene.errors import SceneError

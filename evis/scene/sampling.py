@@ -44,6 +44,7 @@ class _Fast:
     false: bool
 
     def line(self, where: str = "") -> str:
+        """Words the warning about it; where: it is, behind what it does."""
         loss = "show something slower or nothing" if self.false else "miss a part of its events"
         frames = f"frames come at {self.frame_rate:g} Hz, which {loss}"
         does = f"{self.kind} '{self.name}' {self.what}{where}"

@@ -11,15 +11,15 @@ from types import SimpleNamespace
 
 import pytest
 
-from evis.cli.machine import doctor
+from evis.cli.machine import doctor_checks
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 OPTIONAL = PROJECT["optional-dependencies"]
 
 
-def finding(name: str) -> doctor.Finding:
-    return next(f for f in doctor.check() if f.name == name)
+def finding(name: str) -> doctor_checks.Finding:
+    return next(f for f in doctor_checks.check() if f.name == name)
 
 
 @pytest.fixture
@@ -41,13 +41,15 @@ def test_every_dependency_is_looked_for(declared: list[str]) -> None:
 
 def test_what_is_optional_is_a_note(declared: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        doctor, "_version", lambda package: "1.0" if package in ("av", "opencv-python-headless", "rosbags") else None
+        doctor_checks,
+        "_version",
+        lambda package: "1.0" if package in ("av", "opencv-python-headless", "rosbags") else None,
     )
     found = finding("extras")
     assert found.level == "note" and found.text.startswith("video; not installed: bench (plots), files (")
     assert "ros (" in found.text, "one of its two packages is not enough"
-    monkeypatch.setattr(doctor, "_version", lambda package: "1.0")
-    assert finding("extras") == doctor.Finding(
+    monkeypatch.setattr(doctor_checks, "_version", lambda package: "1.0")
+    assert finding("extras") == doctor_checks.Finding(
         "extras", "ok", "video, bench, files, ros, gpu, gym, rl, layouts, cluster"
     )
 
@@ -55,7 +57,7 @@ def test_what_is_optional_is_a_note(declared: list[str], monkeypatch: pytest.Mon
 def test_every_extra_is_known_and_on_the_first_page() -> None:
     """Those that a user may want, with no others."""
     wanted = OPTIONAL.keys() - {"dev", "test-extras"}
-    assert doctor.EXTRAS.keys() | {"usb"} == wanted
+    assert doctor_checks.EXTRAS.keys() | {"usb"} == wanted
     text = (ROOT / "README.md").read_text()
     table = text[text.index("| NAME | what it adds |") :].split("\n\n")[0]
     assert set(re.findall(r"^\| `(\w+)` \|", table, re.M)) == wanted

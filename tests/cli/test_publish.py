@@ -95,7 +95,7 @@ def test_the_running_graphs_are_listed(arm: Path, evis_here: Evis) -> None:
     body = json.loads(evis_here("node", "list", "--json").out)
     assert [(row["run"], row["name"], row["mode"]) for row in body["running"]] == [(body["run"], "arm", "realtime")]
     assert f"{body['run']}  arm  realtime" in evis_here("node", "list").out
-    from evis.cli.machine.doctor import _run_directory
+    from evis.cli.machine.doctor_checks import _run_directory
 
     assert f"1 graph(s) running: {body['run']} (arm)" in _run_directory().text
 

@@ -18,6 +18,7 @@ from in_this_process import InThisProcess
 from small_recipe import checksums, evis, write
 
 import evis as public
+from evis.dataset.errors import DatasetError
 from evis.dataset.layouts import LAYOUTS, reader_of
 from evis.dataset.making.make import make
 from evis.dataset.making.store import INDEX, LocalStore
@@ -50,6 +51,18 @@ def test_two_processes_make_the_same_bytes(serial: tuple[Path, dict[str, str]], 
     make(read_recipe(recipe), str(tmp_path / "two"), InThisProcess, count=2)
     first = {name: digest for name, digest in checksums(tmp_path / "two").items() if name != INDEX}
     assert first.items() <= expected.items() and len(list((tmp_path / "two").glob("*/*"))) == 2
+
+
+def test_a_data_set_in_a_folder_named_as_one_that_is_being_written(
+    serial: tuple[Path, dict[str, str]], tmp_path: Path
+) -> None:
+    """What lies in it is finished: a second call makes only what is missing, and `verify` finds it whole."""
+    recipe, expected = serial
+    out = tmp_path / "copy.part" / "set.part"
+    assert make(read_recipe(recipe), str(out), InThisProcess, count=2).there == 2
+    made = make(read_recipe(recipe), str(out), InThisProcess, resume=True)
+    assert (made.there, made.made) == (5, 3) and checksums(out) == expected
+    assert verify(str(out))["wrong"] == []
 
 
 def test_what_the_layout_cannot_hold_is_said_once(tmp_path: Path) -> None:
@@ -190,14 +203,19 @@ def test_a_full_disk_ends_the_run_and_loses_nothing(tmp_path: Path, monkeypatch:
 
 
 def test_places_that_are_not_free(serial: tuple[Path, dict[str, str]], tmp_path: Path) -> None:
-    """Another recipe's data set, other files, a folder that another run writes into."""
+    """Another recipe's data set, other files, a file, a folder that another run writes into."""
     recipe, expected = serial
     out = recipe.parent / "d"
     other = read_recipe(write(tmp_path, ("to: 70", "to: 60")))
     with pytest.raises(ValueError, match="another recipe"):
         make(other, str(out), InThisProcess, resume=True)
-    with pytest.raises(ValueError, match="is not empty"):
+    with pytest.raises(ValueError, match="is not empty, and holds no data set"):
         make(read_recipe(recipe), str(recipe.parent), InThisProcess)
+    for place in (tmp_path / "file", tmp_path / "link"):  # that leads nowhere
+        place.write_text("mine") if place.name == "file" else place.symlink_to(tmp_path / "nowhere")
+        with pytest.raises(DatasetError, match="holds no data set; name a new folder"):
+            make(read_recipe(recipe), str(place), InThisProcess)
+    assert (tmp_path / "file").read_text() == "mine" and not (tmp_path / "nowhere").exists()
     with pytest.raises(ValueError, match="--resume goes on"):
         make(read_recipe(recipe), str(out), InThisProcess)
     with LocalStore(str(out)).alone():

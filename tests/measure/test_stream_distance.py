@@ -106,6 +106,22 @@ def test_time_error_by_hand() -> None:
     assert time_error(stream((0, 3, 2, 1)), BASE) == (0.0, 0.0)
 
 
+@given(st.lists(st.tuples(st.integers(0, 10**14), st.integers(0, 3)), min_size=1, max_size=12), st.integers(0, 10**14))
+@settings(deadline=None)
+def test_time_error_over_hours_on_a_large_sensor(events: list[tuple[int, int]], later: int) -> None:
+    """A day in ns times the pixels of 1280 x 720 is more than an int64 holds; against a search in plain numbers."""
+
+    def on_a_large_sensor(rows: list[tuple[int, int]]) -> EventStream:
+        t, corner = (np.array([row[i] for row in sorted(rows)]) for i in range(2))
+        x, y = ((corner % 2 * 1279).astype(np.uint16), (corner // 2 * 719).astype(np.uint16))
+        return EventStream(t.astype(np.int64), x, y, np.ones(len(t), np.uint8), 1280, 720)
+
+    rest = [(t // 2 + later, corner) for t, corner in events]
+    nearest = [min(abs(t - other) for other, place in rest if place == corner) / 1e3 for t, corner in sorted(events)]
+    found = time_error(on_a_large_sensor(rest), on_a_large_sensor(events))
+    assert found == pytest.approx((np.quantile(nearest, 0.5), np.quantile(nearest, 0.9)), rel=1e-12)
+
+
 def test_log_error_by_hand() -> None:
     """Two of four lit pixels are e times too bright: rms of (1, 1, 0, 0) over a threshold of 0.5; sky is left out."""
     reference = np.array([[2.0, 3.0, 0.5, 1e-3, 0.0]], np.float32)

@@ -76,6 +76,7 @@ def test_random_values_belong_to_their_copy(load):
     [
         ("{}", "needs 'over'"),
         ("{over: {i: 1000, j: 1000}}", "makes 1000000 copies; the most is 100000"),
+        (f"{{over: {{{', '.join(f'v{i}: 100000' for i in range(70))}}}}}", "makes 10+ "),
         ("{over: {i: -1}}", "must be a whole number"),
         ("{over: {width: 2}}", "is the name of an argument already"),
         ("{over: {a b: 2}}", "is no name for a variable"),

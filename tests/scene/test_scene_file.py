@@ -5,7 +5,7 @@ import pytest
 
 from evis.geometry import pinhole, se3
 from evis.scene import SceneError, load_scene, scene_args
-from evis.scene.load import is_dynamic, parse_args
+from evis.scene.load import camera_rates, is_dynamic, parse_args, starts_at_random
 
 GOOD = """
 args:
@@ -103,6 +103,8 @@ def test_everything_is_where_the_file_says(scene_file):
         ("up: [0, -1, 0]", "up: [-1, 0, 0]", 7, "looks along 'up'"),
         ("rate: {default: 20", "rate: {default: 99", 3, "rate is 99.0 rad/s, the most is 40 rad/s"),
         ("rate: {default: 20", "rate: {defualt: 20", 3, "argument 'rate' needs 'default'"),
+        ("rate: {default: 20", "rate: {default: 20, choices: 20", 3, "choices is 20; it must be a list of values"),
+        ("unit: rad/s", "type: str, choices: abc", 3, "choices is 'abc'; it must be a list of values"),
     ],
 )
 def test_a_mistake_names_file_line_key_and_remedy(scene_file, old, new, line, words):
@@ -111,6 +113,14 @@ def test_a_mistake_names_file_line_key_and_remedy(scene_file, old, new, line, wo
         load_scene(scene_file(GOOD, (old, new)))
     text = str(caught.value)
     assert f"toy.yaml:{line}" in text and words in text and "\n" not in text and text.count("toy.yaml") == 1, text
+
+
+def test_what_only_loading_refuses_is_passed_over_before_it(scene_file):
+    """A camera or a start that is no map: who asks for rates and random starts alone loads nothing."""
+    path = scene_file("cameras: {cam0: 3}\nmjcf: m.xml\ninitial_joints: {slide: 3}\ninitial_spread: 3\n")
+    assert camera_rates(path) == {} and starts_at_random(path) == ()
+    with pytest.raises(SceneError, match=r"toy\.yaml:\d: .*"):
+        load_scene(path)
 
 
 def test_wrong_arguments(scene_file):

@@ -9,7 +9,7 @@ import argparse
 import importlib
 from typing import Any
 
-from evis.cli.parser import Parser
+from evis.cli.actions import adder, examples_of
 
 HELP = "make data sets from a recipe, describe, check and show them"
 EXAMPLES = {
@@ -18,16 +18,15 @@ EXAMPLES = {
     "verify": "evis dataset verify disks",
     "show": "evis dataset show disks",
 }
+EXAMPLE = examples_of(EXAMPLES)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.epilog = "examples:\n" + "\n".join(f"  {example}" for example in EXAMPLES.values())
-    actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION", parser_class=Parser)
-    for name, example in EXAMPLES.items():
+    add = adder(parser, EXAMPLES)
+    for name in EXAMPLES:
         module = _module(name)
-        action = actions.add_parser(name, help=module.HELP, description=module.HELP, epilog=f"example: {example}")
+        action = add(name, module.HELP)
         module.add_arguments(action)
         action.add_argument("--json", action="store_true", help="print JSON")
 

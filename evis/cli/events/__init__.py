@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from evis.cli.parser import Parser
+from evis.cli.actions import adder, examples_of
 from evis.console.printable import all_printable
 
 HELP = "describe, convert, simulate, measure and draw event recordings"
@@ -26,17 +26,15 @@ EXAMPLES = {
     "fit": "evis events fit wheel.aedat4 --scene wheel --out mine.yaml --png fit.png",
     "render": "evis events render recording.raw picture.gif --dt 20 --to 1",
 }
+EXAMPLE = examples_of(EXAMPLES)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.epilog = "examples:\n" + "\n".join(f"  {e}" for e in EXAMPLES.values())
-    actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION", parser_class=Parser)
-    for name, example in EXAMPLES.items():
+    add = adder(parser, EXAMPLES)
+    for name in EXAMPLES:
         module = _module(name)
-        text = module.HELP
-        action = actions.add_parser(name, help=text, description=text, epilog=f"example: {example}")
+        action = add(name, module.HELP)
         module.add_arguments(action)
         action.add_argument("--json", action="store_true", help="print JSON")
 

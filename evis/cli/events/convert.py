@@ -7,20 +7,9 @@ from collections import Counter
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from evis.cli.events.files import (
-    add_input,
-    add_output,
-    add_part,
-    blocks_of,
-    check_output,
-    colourless,
-    counted_from_zero,
-    holds_whole_us,
-    open_input,
-    percent,
-    rectangle,
-    rounded,
-)
+from evis.cli.events.files import add_input, add_output, add_part, blocks_of, check_output, open_input, rectangle
+from evis.cli.events.losses import colourless, counted_from_zero, holds_whole_us, rounded
+from evis.cli.events.progress import percent
 from evis.cli.numbers import number_up_to
 from evis.cli.parser import UsageError
 

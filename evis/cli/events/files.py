@@ -1,14 +1,12 @@
-"""Gives the actions on files what they share: the arguments for input and output, and progress on a terminal."""
+"""Declares and reads the arguments for a recording, a part of it, and a file to write, as actions share them."""
 
 from __future__ import annotations
 
 import argparse
 import os
 import re
-import sys
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from evis.cli.numbers import number_up_to
@@ -35,7 +33,12 @@ _ENCODINGS = {
 def add_input(parser: argparse.ArgumentParser, name: str = "recording", metavar: str = "REC") -> None:
     """Adds the arguments for a recording, and for what the user may say about it."""
     parser.add_argument(name, metavar=metavar, help="a recording in any format; its content decides which")
-    parser.add_argument("--topic", default="", metavar="NAME", help="of a file with several event streams (the first)")
+    add_stream(parser, "of a file with several event streams (the first)")
+
+
+def add_stream(parser: argparse.ArgumentParser, which: str) -> None:
+    """Adds --topic, of which `which` tells what it names, and --size."""
+    parser.add_argument("--topic", default="", metavar="NAME", help=which)
     parser.add_argument("--size", type=size, metavar="WxH", help="of the sensor, in place of what the file says")
 
 
@@ -129,59 +132,3 @@ def check_output(path: str, encoding: str) -> None:
     if encoding and encoding not in known:
         there = f"there are {', '.join(known)}" if known else "leave out --encoding"
         raise UsageError(f"{path}: {suffix} has no encoding '{encoding}'; {there}")
-
-
-@contextmanager
-def counted_from_zero(rebase: bool) -> Iterator[None]:
-    """Tells what helps where times do not fit a format although --rebase was given. Raises RecordingError."""
-    from evis.events.codecs.encoder import REBASE
-    from evis.events.recording import RecordingError
-
-    try:
-        yield
-    except ValueError as error:
-        if not rebase or REBASE not in str(error):
-            raise
-        helps = "with --rebase too: sort the events by time, or write .npz"
-        raise RecordingError(str(error).replace(REBASE, helps)) from None
-
-
-def holds_whole_us(path: str) -> bool:
-    """Says whether a file by this name is written in a format that rounds times to whole us."""
-    from evis.events.recording import WHOLE_US
-
-    return path.lower().endswith(WHOLE_US)
-
-
-def rounded(events: Events) -> int:
-    """Counts the events whose time such a format rounds."""
-    return int((events.t % 1000 != 0).sum())
-
-
-def colourless(events: Events, path: str) -> int:
-    """Counts the events whose colour a file by this name cannot hold."""
-    return len(events) if events.c is not None and not path.lower().endswith(".npz") else 0
-
-
-@contextmanager
-def percent(recording: Recording, text: str) -> Iterator[Callable[[], None]]:
-    """Shows a progress bar over a file, on a terminal only; call what it gives after each block."""
-    if not sys.stderr.isatty():
-        yield lambda: None
-        return
-    from tqdm import tqdm
-
-    with tqdm(total=100, desc=text, unit="%", leave=False, file=sys.stderr) as bar:
-        yield lambda: bar.update(int(100 * recording.position) - bar.n) and None
-
-
-@contextmanager
-def counted(total: int | None, text: str) -> Iterator[Callable[[int], None]]:
-    """Shows a progress bar over frames, on a terminal only; call what it gives with the number of new ones."""
-    if not sys.stderr.isatty():
-        yield lambda n: None
-        return
-    from tqdm import tqdm
-
-    with tqdm(total=total, desc=text, unit=" frames", leave=False, file=sys.stderr) as bar:
-        yield lambda n: bar.update(n) and None

@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Fits a sensor, compares it with the recordings, and writes its parameters."""
     _check_outputs(args)
-    from evis.cli.events.measure_progress import PassProgress
+    from evis.cli.events.progress import PassProgress
     from evis.warp_start import start_warp
     from nodes.event_sensor.fit.fit import CONTRAST, CONTRAST_DEVIATION, CONTRAST_SOURCE, LUX, fit_sensor, light_of
     from nodes.event_sensor.fit.report import assumption, report, sources

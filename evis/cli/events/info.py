@@ -6,7 +6,8 @@ import argparse
 import sys
 from typing import Any
 
-from evis.cli.events.files import add_input, open_input, percent
+from evis.cli.events.files import add_input, open_input
+from evis.cli.events.progress import percent
 from evis.events.time_histogram import TimeHistogram
 
 HELP = "what a recording holds; times as stored, in ns"

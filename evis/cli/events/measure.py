@@ -7,8 +7,8 @@ import argparse
 from contextlib import suppress
 from typing import Any
 
-from evis.cli.events.files import add_input, add_part, blocks_of, open_input
-from evis.cli.events.measure_progress import PassProgress
+from evis.cli.events.files import add_part, add_stream, blocks_of, open_input
+from evis.cli.events.progress import PassProgress
 from evis.cli.graph.attach import add_run_option
 from evis.cli.numbers import number_up_to
 from evis.cli.parser import UsageError
@@ -20,12 +20,11 @@ HELP = "event rate, rotation speed, noise and sharpness of a recording or of a t
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the action's arguments."""
-    add_input(parser)
-    action = next(a for a in parser._actions if a.dest == "recording")
-    action.nargs = "?"
-    action.help = "a recording in any format, or a bag; without one --topic is listened to in the running graph"
-    topic = next(a for a in parser._actions if a.dest == "topic")
-    topic.help = "of a file with several event streams (the first); without a file, of the running graph"
+    parser.add_argument(
+        "recording", nargs="?", metavar="REC",
+        help="a recording in any format, or a bag; without one --topic is listened to in the running graph",
+    )  # fmt: skip
+    add_stream(parser, "of a file with several event streams (the first); without a file, of the running graph")
     add_part(parser)
     parser.add_argument("--window", type=_window, default=10.0, metavar="MS", help="of rate, noise and sharpness (10)")
     parser.add_argument(

@@ -6,7 +6,8 @@ import argparse
 from collections.abc import Iterator
 from typing import Any
 
-from evis.cli.events.files import add_input, open_input, percent
+from evis.cli.events.files import add_input, open_input
+from evis.cli.events.progress import percent
 from evis.cli.parser import UsageError
 
 HELP = "draw a recording: an animation (.gif, .mp4) or a sheet of pictures (.png)"

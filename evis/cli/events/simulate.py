@@ -10,8 +10,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from evis.cli.events.files import add_output, check_output, colourless, counted, holds_whole_us, rounded
+from evis.cli.events.files import add_output, check_output
 from evis.cli.events.frame_options import add_frame_options, selection_of, upsampler_of
+from evis.cli.events.losses import colourless, holds_whole_us, rounded
+from evis.cli.events.progress import counted
 from evis.cli.events.saved_frames import SavedFrames
 from evis.cli.events.sensor_options import add_sensor_options, check_sensor_options, sensor_values
 from evis.cli.parser import UsageError

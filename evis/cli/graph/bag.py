@@ -5,14 +5,16 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import math
 import sys
 import textwrap
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from evis.cli.actions import adder, examples_of
 from evis.cli.graph.attach import add_run_option, find_run
-from evis.cli.parser import Parser, UsageError, check_duration
+from evis.cli.parser import UsageError, check_duration
 from evis.console.printable import all_printable, printable
 from evis.dataset.layouts import LAYOUTS
 
@@ -26,17 +28,12 @@ EXAMPLES = {
     "recover": "evis bag recover torn.mcap whole.mcap",
     "export": "evis bag export a.mcap --topic /cam0/events events.npz",
 }
-EXAMPLE = "examples:\n" + "\n".join(f"  {text}" for text in EXAMPLES.values())
+EXAMPLE = examples_of(EXAMPLES)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION", parser_class=Parser)
-
-    def action(name: str, text: str) -> argparse.ArgumentParser:
-        epilog = f"example: {EXAMPLES[name]}"
-        return actions.add_parser(name, help=text, description=text, epilog=epilog)
-
+    action = adder(parser, EXAMPLES)
     record = action("record", "record topics of a running graph beside it; what it misses is counted")
     record.add_argument("bag", metavar="BAG", help="file to write; an older one is kept as BAG.bak, BAG.bak2, ...")
     record.add_argument("--topics", default="", metavar="GLOB,...", help="topics besides the default ones")
@@ -181,8 +178,8 @@ def _record(args: argparse.Namespace) -> dict[str, Any]:
     from nodes.recorder.recorder import Recorder
 
     check_duration(args.duration)
-    if args.preview_hz < 0:
-        raise UsageError(f"--preview-hz is {args.preview_hz:g}, the least is 0")
+    if not 0 <= args.preview_hz < math.inf:
+        raise UsageError(f"--preview-hz is {args.preview_hz:g}; it must be a number of images per second, 0 = none")
     try:
         check_name(Path(args.bag))
     except BagNameError as error:

@@ -6,6 +6,7 @@ import argparse
 import json
 from typing import Any
 
+from evis.cli.actions import adder
 from evis.cli.graph.attach import add_run_option, find_run, listen
 from evis.cli.parser import Parser, UsageError
 from evis.client.running import running_graphs
@@ -13,19 +14,15 @@ from evis.config.params import describe
 from evis.console.printable import all_printable, printable
 
 HELP = "list and describe the nodes of a running graph"
-EXAMPLE = "example: evis node info event_sensor"
+EXAMPLES = {"list": "evis node list --json", "info": "evis node info event_sensor"}
+EXAMPLE = f"example: {EXAMPLES['info']}"
 
 
 def add_arguments(parser: Parser) -> None:
     """Declares the command's arguments."""
-    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    listing, info = (
-        actions.add_parser(name, help=text, description=text, epilog=f"example: evis node {example}")
-        for name, text, example in (
-            ("list", "running graphs, and the nodes and processes of one", "list --json"),
-            ("info", "parameters, topics and state of one node, or what a node type can do", "info event_sensor"),
-        )
-    )
+    add = adder(parser, EXAMPLES)
+    listing = add("list", "running graphs, and the nodes and processes of one")
+    info = add("info", "parameters, topics and state of one node, or what a node type can do")
     info.add_argument("node", metavar="NODE", help=f"name of a node, package.module:Class, or a type: {types()}")
     for sub in (listing, info):
         add_run_option(sub)

@@ -9,8 +9,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from evis.cli.actions import adder, examples_of
 from evis.cli.graph.attach import add_run_option, find_run
-from evis.cli.parser import Parser, UsageError
+from evis.cli.parser import UsageError
 from evis.console.printable import printable
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ EXAMPLES = {
     "serve": "evis remote serve tcp://0.0.0.0:7447 --key lab.key_secret --allow desk.key",
     "follow": "evis remote follow tcp://192.168.1.5:7447 --key desk.key_secret --server lab.key",
 }
-EXAMPLE = "examples:\n" + "\n".join(f"  {text}" for text in EXAMPLES.values())
+EXAMPLE = examples_of(EXAMPLES)
 MAKES = "`evis remote keys NAME` makes a pair"
 MOST_ASKED = 3
 """Ctrl-C and SIGTERM end it in order; one more ends a close that hangs."""
@@ -30,11 +31,7 @@ MOST_ASKED = 3
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION", parser_class=Parser)
-
-    def action(name: str, text: str) -> argparse.ArgumentParser:
-        return actions.add_parser(name, help=text, description=text, epilog=f"example: {EXAMPLES[name]}")
-
+    action = adder(parser, EXAMPLES)
     keys = action("keys", "make a key pair: NAME.key for the other host, NAME.key_secret for this one alone")
     keys.add_argument("name", metavar="NAME", help="of the two files, without ending")
 

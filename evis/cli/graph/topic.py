@@ -10,6 +10,7 @@ import json
 from collections.abc import Callable
 from typing import Any
 
+from evis.cli.actions import adder
 from evis.cli.graph.attach import add_run_option, find_run, listen
 from evis.cli.graph.publish import add_pub_arguments, count, run_pub
 from evis.cli.numbers import number_up_to
@@ -30,15 +31,15 @@ ACTIONS = {
     "delay": "how far messages lag behind their stamps",
     "pub": "give a message to the graph from outside: /action (the controller that it has not), /reset",
 }
-EXAMPLES = {"list": "--json", "pub": "/action 0.5 -0.3 0.8 0 0.2 0"}
+_OTHER_WORDS = {"list": "--json", "pub": "/action 0.5 -0.3 0.8 0 0.2 0"}
+EXAMPLES = {name: f"evis topic {name} {_OTHER_WORDS.get(name, '/cam0/events')}" for name in ACTIONS}
 
 
 def add_arguments(parser: Parser) -> None:
     """Declares the command's arguments."""
-    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    add = adder(parser, EXAMPLES)
     for name, text in ACTIONS.items():
-        sub = actions.add_parser(name, help=text, description=text, epilog=f"example: evis topic {name} " + (
-            EXAMPLES.get(name, "/cam0/events")))  # fmt: skip
+        sub = add(name, text)
         if name != "list":
             sub.add_argument("topic", metavar="TOPIC", help="as `evis topic list` names it")
         if name == "pub":

@@ -24,6 +24,7 @@ class _Sender:
         self._sums = [0.0] * 4  # t, seq, t^2, t seq, from the first message
 
     def add(self, arrived: float, seq: int) -> None:
+        """Takes the number of a message that came at `arrived`, the first one's too."""
         t, number = arrived - self._first[0], seq - self._first[1]
         self._n += 1
         self._sums = [s + v for s, v in zip(self._sums, (t, number, t * t, t * number))]
@@ -31,10 +32,12 @@ class _Sender:
 
     @property
     def newest(self) -> int:
+        """Returns the number of the last message."""
         return self._last[1]
 
     @property
     def published(self) -> int:
+        """Returns how many messages were sent from the first to the last, those that were missed too."""
         return self._last[1] - self._first[1] + 1
 
     def hz(self, span: float) -> float:

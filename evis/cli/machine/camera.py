@@ -11,6 +11,7 @@ import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
+from evis.cli.actions import adder, examples_of
 from evis.cli.machine.camera_settings import add_set_arguments, run_set
 from evis.cli.numbers import number_up_to
 from evis.cli.parser import UsageError
@@ -27,25 +28,24 @@ EXAMPLES = {
     "set": "evis camera set bias_fo=-10 roi_width=64",
     "udev": "evis camera udev | sudo tee /etc/udev/rules.d/65-event-cameras.rules",
 }
+EXAMPLE = examples_of(EXAMPLES)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.epilog = "examples:\n" + "\n".join(f"  {e}" for e in EXAMPLES.values())
-    actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION")
+    add = adder(parser, EXAMPLES)
 
     def action(name: str, text: str) -> argparse.ArgumentParser:
-        result = actions.add_parser(name, help=text, description=text, epilog=f"example: {EXAMPLES[name]}")
-        if name != "udev":
-            result.add_argument("--json", action="store_true", help="print JSON")
+        result = add(name, text)
+        result.add_argument("--json", action="store_true", help="print JSON")
         return result
 
     action("list", "cameras on USB that this version can drive")
     add_set_arguments(action("set", "change settings of a USB camera while it streams in a running graph"))
-    action("udev", "rules that let every user of this machine open the cameras")
-    for name, text in (("info", "what a camera says about itself"), ("stream", "one line per packet")):
-        one = action(name, text)
+    add("udev", "rules that let every user of this machine open the cameras")
+    info = action("info", "what a camera says about itself")
+    stream = action("stream", "one line per packet")
+    for one in (info, stream):
         one.add_argument("--serial", metavar="S", help="a camera on USB; any when nothing is given")
         one.add_argument("--file", metavar="REC", help="a recording")
         one.add_argument(
@@ -58,7 +58,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "--topic", default="", metavar="NAME", help="of a --file with several event topics (the first)"
         )
         one.add_argument("--faults", default="", metavar="F", help="how it misbehaves: busy, stall_every=50, ...")
-    info, stream = actions.choices["info"], actions.choices["stream"]
     info.add_argument("--settings", action="store_true", help="also the settings that it takes, with units and ranges")
     stream.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="one of the camera's settings")
     stream.add_argument("--pace", metavar="P", help="of a --file: realtime (default), fast or a speed such as 2.0")

@@ -49,15 +49,19 @@ class SequenceWriter(ABC):
     def add(self, step: Step) -> None:
         """Writes a step. Raises LayoutError for what the layout cannot hold, OSError where the disk refuses."""
         for camera, sample in samples(step):
-            if camera not in self.about.cameras:
-                raise LayoutError(f"{self.about.name} has no camera {camera}; it has {', '.join(self.about.cameras)}")
-            t = sample.events.t
-            if len(t) and (int(t[0]) < self._last[camera] or bool((np.diff(t) < 0).any())):
-                raise LayoutError(f"the events of {camera} step back in time before {sample.stamp_ns} ns; sort them")
-            self._last[camera] = int(t[-1]) if len(t) else self._last[camera]
-            self._bodies = self._bodies or sample.bodies
-            self._add(camera, sample)
-            self.counts[camera] += len(t)
+            self.add_sample(camera, sample)
+
+    def add_sample(self, camera: str, sample: Sample) -> None:
+        """Writes what a step has of one camera. Raises as `add`."""
+        if camera not in self.about.cameras:
+            raise LayoutError(f"{self.about.name} has no camera {camera}; it has {', '.join(self.about.cameras)}")
+        t = sample.events.t
+        if len(t) and (int(t[0]) < self._last[camera] or bool((np.diff(t) < 0).any())):
+            raise LayoutError(f"the events of {camera} step back in time before {sample.stamp_ns} ns; sort them")
+        self._last[camera] = int(t[-1]) if len(t) else self._last[camera]
+        self._bodies = self._bodies or sample.bodies
+        self._add(camera, sample)
+        self.counts[camera] += len(t)
 
     def close(self) -> None:
         """Writes what is left. A second call does nothing."""
@@ -74,7 +78,7 @@ class SequenceWriter(ABC):
 
     @abstractmethod
     def _add(self, camera: str, sample: Sample) -> None:
-        """Writes what a step has of one camera."""
+        """Does what `add_sample` is to do, of what fits."""
 
     @abstractmethod
     def _finish(self) -> None:

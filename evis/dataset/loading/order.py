@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from evis.dataset.draws import key_of
+from evis.dataset.draws import bits_at, key_of
 from evis.dataset.errors import DatasetError
 from evis.dataset.loading.cut import check_whole
-from evis.random_numbers import GOLDEN, mix
 
 
 def check_place(rank: int, ranks: int) -> None:
@@ -32,9 +31,7 @@ def order(count: int, shuffle: bool, seed: int, epoch: int) -> np.ndarray:
     """Returns a permutation of `count` things, int64; as they are without `shuffle`."""
     if not shuffle:
         return np.arange(count)
-    key = key_of(seed, "order", epoch)
-    with np.errstate(over="ignore"):
-        bits = mix(key + (np.arange(count, dtype=np.uint64) + np.uint64(1)) * GOLDEN)
+    bits = bits_at(key_of(seed, "order", epoch), np.arange(count, dtype=np.uint64))
     return np.argsort(bits, kind="stable")
 
 

@@ -63,7 +63,7 @@ def open_store(recipe: Recipe, out: str, resume: bool) -> Store:
     store = store_of(out)
     index = store.index()
     if index is None and not store.is_empty():
-        raise DatasetError(f"{out} is not empty and holds no data set; name a new folder")
+        raise DatasetError(f"{out} is a file, or is not empty, and holds no data set; name a new folder")
     if index is not None and index.get("recipe_digest") != recipe.digest:
         other = index.get("recipe", {}).get("name", "another one")
         which = f"this one as it was before ({other})" if other == recipe.name else other

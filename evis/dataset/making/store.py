@@ -103,7 +103,8 @@ class LocalStore(Store):
     def entries(self) -> list[dict[str, Any]]:
         """Implements `Store.entries`."""
         files = [*self.folder.glob(f"*/{ENTRY}"), *self.folder.glob(f"*/*/{ENTRY}")]
-        whole = [file for file in files if not any(part.endswith(PART) for part in file.parts)]
+        # Of the parts within it: the folder of the data set itself may have any name.
+        whole = [file for file in files if not any(p.endswith(PART) for p in file.relative_to(self.folder).parts)]
         for file in whole:
             check_file(file)
         return sorted((_parsed(file.read_text(), str(file)) for file in whole), key=lambda entry: entry["index"])
@@ -124,8 +125,8 @@ class LocalStore(Store):
             os.fsync(file.fileno())
 
     def is_empty(self) -> bool:
-        """Implements `Store.is_empty`."""
-        return not self.folder.is_dir() or not any(self.folder.iterdir())
+        """Implements `Store.is_empty`; a file in place of the folder, or a link that leads nowhere, is not nothing."""
+        return not any(self.folder.iterdir()) if self.folder.is_dir() else not os.path.lexists(self.folder)
 
     @contextlib.contextmanager
     def alone(self) -> Iterator[None]:

@@ -19,6 +19,7 @@ class _Piece(NamedTuple):
 
     @property
     def end(self) -> int:
+        """Returns the number of the row behind the last one."""
         return self.first + len(next(iter(self.columns.values())))
 
 

@@ -51,9 +51,14 @@ def backend_for(size: int) -> str:
 
 def decoder_for(encoding: str, width: int = 0, height: int = 0, backend: str = "numpy") -> Decoder:
     """Makes the decoder of an encoding. Raises ValueError that lists the known ones."""
+    return codec_of(encoding).Decoder(width, height, backend)
+
+
+def codec_of(encoding: str) -> Any:
+    """Imports the module of an encoding. Raises ValueError that lists the known ones."""
     if encoding not in CODECS:
         raise ValueError(f"the event encoding '{encoding}' is not supported; supported are {', '.join(sorted(CODECS))}")
-    return importlib.import_module(CODECS[encoding]).Decoder(width, height, backend)
+    return importlib.import_module(CODECS[encoding])
 
 
 def count_until(which: np.ndarray, at: np.ndarray) -> np.ndarray:

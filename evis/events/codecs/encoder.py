@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import abc
-import importlib
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from evis.events.arrays import Events
-from evis.events.codecs.decoder import CODECS
+from evis.events.codecs.decoder import codec_of
 
 REBASE = "use --rebase, which subtracts the first time, or write .npz"
 """Remedy where a format counts from 0 and times begin below it or too far behind."""
@@ -81,9 +80,7 @@ def encoder_for(encoding: str, width: int = 0, height: int = 0, resync: bool = F
 
     width, height: the sensor, where the words depend on it (0 = the device's own).
     """
-    if encoding not in CODECS:
-        raise ValueError(f"the event encoding '{encoding}' is not supported; supported are {', '.join(sorted(CODECS))}")
-    codec = importlib.import_module(CODECS[encoding]).Encoder(resync)
+    codec = codec_of(encoding).Encoder(resync)
     codec.width, codec.height = width or codec.width, height or codec.height
     return codec
 

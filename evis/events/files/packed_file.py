@@ -19,14 +19,13 @@ from evis.events.arrays import Events
 from evis.events.files.numpy_files.npy import MAGIC as NPY
 from evis.events.files.numpy_files.npy import NAMES
 from evis.events.files.reading.unpacked_file import UnpackedFile
-from evis.events.files.reading.zip_archive import RECORDINGS, open_archive
+from evis.events.files.reading.zip_archive import RECORDINGS, files_in, open_archive
 from evis.events.recording import HEAD, OpenOptions, Recording, RecordingError, open_as
 from evis.files.allowance import Allowance
+from evis.files.magic import ZIP, ZSTD
 from evis.files.zip_faults import ZIP_FAULTS
 
 NAME = "any of these in Zstandard, gzip, bzip2, xz or zip"
-
-ZSTD, ZIP = b"\x28\xb5\x2f\xfd", b"PK\x03\x04"
 
 
 class _Gunzip:
@@ -78,7 +77,7 @@ def _members(path: Path) -> list[str]:
     would have."""
     try:
         archive = open_archive(path)
-        names = [n for n in archive.namelist() if not n.startswith("__MACOSX/") and not n.endswith("/")]
+        names = files_in(archive)
         arrays = [n for n in names if n.endswith(".npy")]
         known = {name for column in NAMES.values() for name in column}
         if any(n.removesuffix(".npy") in known for n in arrays):

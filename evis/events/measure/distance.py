@@ -107,11 +107,12 @@ def time_error(test: EventStream, reference: EventStream) -> tuple[float, float]
     group_b, tb, low, high = group_b[some], tb[some], low[some], high[some]
     if not len(tb):
         return 0.0, 0.0
-    # One sorted axis for all groups: a group's times are shifted beyond those of the group before.
-    start = min(ta.min(), tb.min())
-    span = max(ta.max(), tb.max()) - start + 1
+    # One sorted axis for all groups: a group's times are shifted beyond those of the group before. Of the times their
+    # ranks, since a span in ns times the groups of a large sensor is more than an int64 holds after an hour and a half.
+    times = np.unique(np.concatenate([ta, tb]))
     group_a = np.repeat(np.arange(len(offsets_a) - 1), np.diff(offsets_a))
-    at = np.searchsorted((ta - start) + group_a * span, (tb - start) + group_b * span)
+    rank_a, rank_b = (np.searchsorted(times, t) for t in (ta, tb))
+    at = np.searchsorted(rank_a + group_a * len(times), rank_b + group_b * len(times))
     after = np.abs(ta[np.minimum(at, high - 1)] - tb)
     before = np.abs(ta[np.maximum(at - 1, low)] - tb)
     error = np.minimum(after, before) / 1e3

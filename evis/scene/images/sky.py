@@ -53,16 +53,20 @@ def directions(rows: int) -> np.ndarray:
 
 def solid_angles(rows: int) -> np.ndarray:
     """Computes the exact solid angle [sr] of a texel of each row, [rows]; times 2 rows their sum is 4 pi."""
-    edge = np.cos(np.pi * np.arange(rows + 1) / rows)
-    return (edge[:-1] - edge[1:]) * np.pi / rows
+    return _heights(rows) * np.pi / rows
 
 
 def mean_radiance(image: np.ndarray) -> np.ndarray:
     """Computes the average of a map over all directions, float32 [3]."""
     rows, columns = image.shape[:2]
-    edge = np.cos(np.pi * np.arange(rows + 1) / rows)
-    weight = (edge[:-1] - edge[1:]) / (2 * columns)
+    weight = _heights(rows) / (2 * columns)
     return np.einsum("r,rcb->b", weight, image.astype(np.float64)).astype(np.float32)
+
+
+def _heights(rows: int) -> np.ndarray:
+    """Computes how high the part of the unit sphere is that each row sees; its area is 2 pi times that."""
+    edge = np.cos(np.pi * np.arange(rows + 1) / rows)
+    return edge[:-1] - edge[1:]
 
 
 def _sky(fields: Fields, direction: np.ndarray) -> np.ndarray:

@@ -21,10 +21,15 @@ from evis.scene.model import WORLD, Body, Light, Scene
 _TYPE = mujoco.mjtLightType
 
 
+def head_ambient(model: Any) -> np.ndarray:
+    """Reads the ambient radiance of the model's headlight, float32 [3]; 0 of one that is off."""
+    head = model.vis.headlight
+    return np.array(head.ambient, np.float32) if head.active else np.zeros(3, np.float32)
+
+
 def add_lights(scene: Scene, model: Any) -> np.ndarray:
     """Adds the model's lights, or its headlight if it has none; returns their ambient radiance, float32 [3]."""
-    head = model.vis.headlight
-    ambient = np.array(head.ambient, np.float32) if head.active else np.zeros(3, np.float32)
+    head, ambient = model.vis.headlight, head_ambient(model)
     data = at_rest(model)
     for i in np.flatnonzero(model.light_active).tolist():
         ambient = ambient + model.light_ambient[i]

@@ -23,7 +23,7 @@ from evis.scene.mjcf.compiling.urdf import compile_urdf, drawn, unused_textures
 from evis.scene.mjcf.dynamics import folders_of
 from evis.scene.mjcf.frames import at_rest, name_of
 from evis.scene.mjcf.geoms import GROUPS, add_geom
-from evis.scene.mjcf.lights import add_lights
+from evis.scene.mjcf.lights import add_lights, head_ambient
 from evis.scene.mjcf.sky import skybox
 from evis.scene.model import Body, Scene
 from evis.scene.motion import Prescribed
@@ -75,10 +75,7 @@ def complete(
     """
     if not scene.cameras:
         add_default(scene, model, (int(arguments["width"]), int(arguments["height"])))
-    head = model.vis.headlight
-    ambient = np.array(head.ambient, np.float32) if head.active else np.zeros(3, np.float32)
-    if not lit:
-        ambient = add_lights(scene, model)
+    ambient = head_ambient(model) if lit else add_lights(scene, model)
     if not sky:
         scene.environment = ambient
         if visuals:

@@ -33,8 +33,12 @@ def files_of(folder: Path, kind: Kind) -> list[Path]:
         what = "is no folder" if folder.exists() else "is not there"
         raise SceneError(f"names the folder {folder}, which {what}; name a folder of {kind.names}, or leave it empty")
     note(folder)  # its time changes when a file comes or goes
-    found = [path for path in folder.iterdir() if path.suffix.lower() in kind.endings and not path.name.startswith(".")]
+    found = [path for path in folder.iterdir() if _counts(path, kind)]
     if not found:
         endings = ", ".join(kind.endings)
         raise SceneError(f"names the folder {folder}, which holds no {kind.name}: none of its files ends in {endings}")
-    return sorted((path for path in found if path.is_file()), key=lambda path: path.name)
+    return sorted(found, key=lambda path: path.name)
+
+
+def _counts(path: Path, kind: Kind) -> bool:
+    return path.suffix.lower() in kind.endings and not path.name.startswith(".") and path.is_file()

@@ -71,13 +71,13 @@ from evis.files.allowance import Allowance
 from evis.scene.draws import Draws
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
+from evis.scene.images.made_pictures import MadePictures
 from evis.scene.images.sky import mean_radiance, read_environment_map
 from evis.scene.model import MODELS, WORLD, Scene
 from evis.scene.yaml.copies import Copies
 from evis.scene.yaml.dynamics import Dynamics
 from evis.scene.yaml.frames import Frames
 from evis.scene.yaml.lights import read_light
-from evis.scene.yaml.made_pictures import MadePictures
 from evis.scene.yaml.reader import Fields
 from evis.scene.yaml.shapes import Shapes
 

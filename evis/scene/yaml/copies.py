@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import keyword
+import math
 import zlib
 from typing import Any
 
@@ -38,7 +39,7 @@ def copies(fields: Fields) -> list[tuple[str, Fields]]:
     if over is None or not over.table:
         raise section.error(None, "needs 'over', such as {i: 10}")
     values = {name: _values(over, name) for name in over.table}
-    count = int(np.prod([len(v) for v in values.values()], dtype=float))
+    count = math.prod(len(v) for v in values.values())
     if count > MAX_COPIES:
         raise section.error("over", f"makes {count} copies; the most is {MAX_COPIES}")
     let, random = section.section("let", "let"), section.section("random", "random")

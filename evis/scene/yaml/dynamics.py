@@ -5,10 +5,9 @@ Nothing of MuJoCo is loaded for a scene without a model.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
 from evis.scene.model import Scene
 from evis.scene.view.fineness import make_finer
@@ -37,31 +36,40 @@ class Dynamics:
         self.model: Any = None
         self._changes: Fields | None = None
         if top.has("mjcf"):
-            from evis.scene.mjcf.joints import read_starts
-            from evis.scene.mjcf.model import add_model, keyframe_of, unused_keyframe
-
-            scene.mjcf = (folders.home / top.text("mjcf")).resolve()
-            if not scene.mjcf.is_file():
-                raise top.error("mjcf", f"names {scene.mjcf.name}, which is not in {folders.home or '.'}")
-            scene.folders = folders.beside(scene.mjcf)
-            size = (int(top.arguments["width"]), int(top.arguments["height"]))
-            self.model = add_model(scene, size, own_cameras="cameras" in top.table, visuals=visuals)
-            self._of_model = len(scene.instances)
-            scene.initial_joints = read_starts(self.model, starts)
-            try:
-                wanted = top.text("keyframe", "auto")
-                scene.keyframe = keyframe_of(self.model, wanted)
-                if wanted == "auto" and scene.keyframe < 0 and self.model.nkey:
-                    scene.notes.append(unused_keyframe(self.model))
-            except ValueError as error:
-                if isinstance(error, SceneError):
-                    raise
-                raise top.error("keyframe", str(error)) from None
+            self._add_model(folders, starts)
+            self._read_keyframe()
             self._read_changes()
             return
         for key in ("initial_spread", "initial_joints", "keyframe", "model", "actuators"):
             if top.has(key):
                 raise top.error(key, "is for scenes with an mjcf; prescribed motion starts where it says")
+
+    def _add_model(self, folders: Folders, starts: Mapping[str, Fields]) -> None:
+        """Adds the bodies of the model and what is seen of them. starts: of its joints, by name."""
+        from evis.scene.mjcf.joints import read_starts
+        from evis.scene.mjcf.model import add_model
+
+        scene, top = self._scene, self._top
+        scene.mjcf = (folders.home / top.text("mjcf")).resolve()
+        if not scene.mjcf.is_file():
+            raise top.error("mjcf", f"names {scene.mjcf.name}, which is not in {folders.home or '.'}")
+        scene.folders = folders.beside(scene.mjcf)
+        size = (int(top.arguments["width"]), int(top.arguments["height"]))
+        self.model = add_model(scene, size, own_cameras="cameras" in top.table, visuals=self._visuals)
+        self._of_model = len(scene.instances)
+        scene.initial_joints = read_starts(self.model, starts)
+
+    def _read_keyframe(self) -> None:
+        """Reads from which keyframe of the model the scene starts."""
+        from evis.scene.mjcf.model import keyframe_of, unused_keyframe
+
+        wanted = self._top.text("keyframe", "auto")
+        try:
+            self._scene.keyframe = keyframe_of(self.model, wanted)
+        except ValueError as error:
+            raise self._top.error("keyframe", str(error)) from None
+        if wanted == "auto" and self._scene.keyframe < 0 and self.model.nkey:
+            self._scene.notes.append(unused_keyframe(self.model))
 
     def _read_changes(self) -> None:
         """Reads what of the model is other than its file says, but for what is seen of it, which is not there yet."""

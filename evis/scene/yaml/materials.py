@@ -10,12 +10,12 @@ import numpy as np
 
 from evis.scene.errors import SceneError
 from evis.scene.images import textures
+from evis.scene.images.made_pictures import MadePictures
 from evis.scene.images.pictures import load_picture
 from evis.scene.model import Material
+from evis.scene.own.drawn_file import drawn_file
 from evis.scene.own.picture import read_picture
 from evis.scene.sources import note
-from evis.scene.yaml.made_pictures import MadePictures
-from evis.scene.yaml.own_files import drawn_file
 from evis.scene.yaml.reader import Fields
 
 KINDS = ("blobs", "noise", "leaves", "checker", "bricks", "planks", "image")

@@ -12,10 +12,10 @@ from evis.config.suggestions import nearest
 from evis.files.allowance import Allowance, AllowanceError
 from evis.geometry import se3
 from evis.scene.folders import Folders
+from evis.scene.images.made_pictures import MadePictures
 from evis.scene.images.pictures import lets_through
 from evis.scene.model import Instance, Material, Mesh, Scene
 from evis.scene.yaml.copies import Copies
-from evis.scene.yaml.made_pictures import MadePictures
 from evis.scene.yaml.materials import read_material
 from evis.scene.yaml.reader import Fields
 from evis.scene.yaml.tessellate import read_own, read_parts, read_shape

@@ -12,7 +12,7 @@ from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
 from evis.scene.mesh import shapes, solids
 from evis.scene.model import Mesh
-from evis.scene.yaml.own_files import drawn_file
+from evis.scene.own.drawn_file import drawn_file
 from evis.scene.yaml.reader import LARGEST, Fields
 
 KINDS = ("box", "sphere", "ellipsoid", "cylinder", "capsule", "torus", "rock", "plane", "disk", "mesh")

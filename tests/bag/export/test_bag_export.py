@@ -304,6 +304,8 @@ def test_command_line(tmp_path):
         (["bag"], 2, "ACTION"),
         (["bag", "record", "{}/b.mcap", "--duration", "0"], 2, "longer than 0"),
         (["bag", "record", "{}/b.mcap", "--duration", "nan"], 2, "longer than 0"),
+        (["bag", "record", "{}/b.mcap", "--preview-hz", "nan"], 2, "--preview-hz is nan; it must be a number"),
+        (["bag", "record", "{}/b.mcap", "--preview-hz", "inf"], 2, "--preview-hz is inf; it must be a number"),
     ],
 )
 def test_command_line_errors(tmp_path, words, status, text):

@@ -114,6 +114,39 @@ def test_a_bag_that_ends_before_its_cameras_are_described_is_told_so(recorded: A
         export(torn, "npz", tmp_path / "out")
 
 
+def test_a_bag_whose_events_cannot_be_read_is_told_so(recorded: Any, tmp_path: Path) -> None:
+    """Of its two chunks the one with every packet of events is damaged."""
+    bag, steps = tmp_path / "damaged.mcap", recorded[2]
+    noise = np.random.default_rng(0).integers(0, 256, (1200, 1600, 3)).astype(np.uint8)
+    with BagWriter(bag, {}) as writer:
+        writer.write("/cam0/info", steps[0].info)
+        writer.write("/cam0/image", Image(Header(0), noise))  # which ends the first chunk
+        for step in steps:
+            writer.write("/cam0/events", step.events)
+    with BagReader(bag) as reader:
+        chunks = reader.scanner.layout.chunks
+        events = {i for i, stream in reader.streams.items() if stream.topic == "/cam0/events"}
+    assert [bool(events & chunk.channels) for chunk in chunks] == [False, True]
+    data = bytearray(bag.read_bytes())
+    data[chunks[1].at + chunks[1].size // 2] ^= 0xFF
+    bag.write_bytes(data)
+    with pytest.raises(BagError, match=r"damaged.mcap has no packet of /cam0/events that can be read \(.*; record it"):
+        export(bag, "npz", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("kind", ["file", "dangling"])
+def test_a_file_in_place_of_the_folder_stays(recorded: Any, kind: str, tmp_path: Path, capsys: Any) -> None:
+    """And a link that leads nowhere: it is refused in one line, with nothing written behind it."""
+    out = tmp_path / "mine.txt"
+    out.write_text("mine") if kind == "file" else out.symlink_to(tmp_path / "elsewhere")
+    assert main(["bag", "export", str(recorded[0]), "--layout", "npz", str(out)]) == 1
+    told = f"evis bag: {out} is there and is no folder; a sequence goes into a folder of its own\n"
+    assert capsys.readouterr().err == told
+    assert out.read_text() == "mine" if kind == "file" else out.is_symlink()
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
 def test_an_environment_that_is_not_there_is_refused(recorded: Any, tmp_path: Path, capsys: Any) -> None:
     """Of a bag of one environment too, whose events stood for those of any number; 0 is the one."""
     words = ["bag", "export", str(recorded[0]), "--layout", "npz"]

@@ -11,6 +11,7 @@ import pytest
 from PIL import Image as PilImage
 from sequences import events_of, framed, frames_of, labels_of, simulated, written
 
+from evis.dataset.about import About
 from evis.dataset.layouts import reader_of, writer_of
 from evis.dataset.layouts.coco.masks import run_lengths
 from msgs.camera import Image
@@ -53,6 +54,14 @@ def test_boxes_and_masks_are_those_of_the_labels(document: tuple[Path, dict[str,
             mask = decoded(annotation["segmentation"])
             assert np.array_equal(mask, truth[0] == annotation["track_id"]) and mask.sum() == annotation["area"] > 0
             assert annotation["category_id"] == info.semantic[annotation["track_id"]]
+
+
+def test_the_events_beside_it_are_a_sequence_that_tells_how_many(document: tuple[Path, dict[str, Any]]) -> None:
+    """It is in NPZ's layout, for who reads events alone."""
+    about, steps = simulated("warehouse", "boxes", "segmentation")
+    counts = {camera: len(events_of(steps, camera)["t"]) for camera in about.cameras}
+    assert About.load(document[0] / "events").counts == About.load(document[0]).counts == counts
+    assert sum(counts.values()) > 100
 
 
 def test_boxes_of_bodies_have_no_mask_of_one_part(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from evis.scene.images import textures
-from evis.scene.yaml.made_pictures import SMALL, MadePictures, Recipe
+from evis.scene.images.made_pictures import SMALL, MadePictures, Recipe
 
 
 def test_they_are_full_after_the_wait_and_what_was_asked_for() -> None:

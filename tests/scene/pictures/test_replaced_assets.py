@@ -133,7 +133,7 @@ def test_all_bits_of_sixteen_count_of_colours_too(scene: str, tmp_path: Path, ki
 
 def test_what_cannot_be_used_is_one_line(scene: str, tmp_path: Path) -> None:
     """It names the file and what to do."""
-    (tmp_path / "empty").mkdir()
+    (tmp_path / "empty" / "folder.png").mkdir(parents=True)
     bad = {"text": ("t.png", b"hello"), "cut": ("c.stl", b"solid x"), "line": ("l.obj", b"v 0 0 0\nv 1 0 0\nl 1 2\n")}
     for folder, (name, data) in bad.items():
         (tmp_path / folder).mkdir()

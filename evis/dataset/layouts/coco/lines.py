@@ -15,6 +15,7 @@ class Lines:
         self._path, self._file, self.count = path, path.open("w"), 0
 
     def add(self, thing: dict[str, Any]) -> None:
+        """Writes one more object, on a line of its own."""
         self._file.write((",\n" if self.count else "\n") + json.dumps(thing))
         self.count += 1
 

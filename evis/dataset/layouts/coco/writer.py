@@ -44,7 +44,7 @@ class CocoWriter(SequenceWriter):
         self._frames = {camera: NearestFrames() for camera in self.about.cameras}
 
     def _add(self, camera: str, sample: Sample) -> None:
-        self._events._add(camera, Sample(sample.stamp_ns, sample.t0_ns, sample.events))
+        self._events.add_sample(camera, Sample(sample.stamp_ns, sample.t0_ns, sample.events))
         if sample.image is not None:
             self._place(camera, self._frames[camera].came(sample.image))
         for kind, _ in sample.kinds():

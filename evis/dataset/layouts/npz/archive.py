@@ -37,6 +37,7 @@ def pack(path: Path, parts: dict[str, Path]) -> None:
 
 
 def opened(path: Path) -> zipfile.ZipFile:
+    """Opens an archive of arrays. Raises LayoutError for one that is damaged or not there."""
     check_file(path)
     try:
         return zipfile.ZipFile(path)

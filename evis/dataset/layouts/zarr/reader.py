@@ -16,10 +16,10 @@ from evis.dataset.layouts.zarr.package import FOLDER, zarr
 from evis.files.allowance import Allowance, AllowanceError
 from evis.files.damage import error_text
 from evis.files.json_text import parsed
+from evis.files.magic import ZSTD
 
 _NUMBERS = re.compile(r"bool|u?int(8|16|32|64)|float(16|32|64)")
 _CODECS = ("bytes", "zstd")
-_ZSTD = b"\x28\xb5\x2f\xfd"
 _HEAD = 18
 """Longest header of a frame of Zstandard [bytes]."""
 
@@ -63,7 +63,7 @@ class Column:
             raise LayoutError(f"{path}: {error}") from None
         with path.open("rb") as file:
             head = file.read(_HEAD)
-        if head.startswith(_ZSTD) and not _unpacked_size(head) <= self._room:
+        if head.startswith(ZSTD) and not _unpacked_size(head) <= self._room:
             raise LayoutError(f"{path} unpacks to more than the {self._room} bytes of a chunk; {ANEW}")
 
 

@@ -51,8 +51,7 @@ class Decoder(ecm.RecordDecoder):
             head, t = head[valid], t[valid]
         x, y = (head >> 17).astype(np.uint16), (head >> 2 & 0x7FFF).astype(np.uint16)
         p = (head >> 1 & 1).astype(np.uint8)
-        keep = self._inside(x, y)
-        return Events(t, x, y, p) if keep is None else Events(t[keep], x[keep], y[keep], p[keep])
+        return self._inside(Events(t, x, y, p))
 
 
 class Encoder(ecm.Encoder):

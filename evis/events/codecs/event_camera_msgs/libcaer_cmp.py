@@ -77,8 +77,7 @@ class Decoder(ecm.Decoder):
         x = columns[np.searchsorted(at[ADDR_X], events)][of].astype(np.uint16)
         y = ((row[of] + (flat & 7)) & 0xFFFF).astype(np.uint16)
         t, p = times[of] * 1000, sign[of].astype(np.uint8)
-        keep = self._inside(x, y)
-        return Events(t, x, y, p) if keep is None else Events(t[keep], x[keep], y[keep], p[keep])
+        return self._inside(Events(t, x, y, p))
 
 
 class Encoder(ecm.Encoder):

@@ -22,8 +22,7 @@ class Decoder(ecm.RecordDecoder):
 
     def _records(self, words: np.ndarray, t: np.ndarray) -> Events:
         _, x, y, p = mono.unpack(words, 0)
-        keep = self._inside(x, y)
-        return Events(t, x, y, p) if keep is None else Events(t[keep], x[keep], y[keep], p[keep])
+        return self._inside(Events(t, x, y, p))
 
 
 class Encoder(ecm.Encoder):

@@ -37,15 +37,16 @@ class Decoder(decoder.Decoder):
         self.state[BASE] = time_base_ns
         self.feed(data)
 
-    def _inside(self, x: np.ndarray, y: np.ndarray) -> np.ndarray | None:
-        """Selects the events inside the sensor, and counts the others; None where all are inside."""
+    def _inside(self, events: Events) -> Events:
+        """Selects the events inside the sensor, and counts the others."""
         if not self.width and not self.height:
-            return None
+            return events
+        t, x, y, p = events.t, events.x, events.y, events.p
         keep = (x < (self.width or 1 << 16)) & (y < (self.height or 1 << 16))
         if keep.all():
-            return None
+            return events
         self.state[OUTSIDE] += np.count_nonzero(~keep)
-        return keep
+        return Events(t[keep], x[keep], y[keep], p[keep])
 
 
 class RecordDecoder(Decoder):

@@ -12,13 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from evis.events.arrays import Events, Triggers
+from evis.events.files.aedat import FAMILY
 from evis.events.files.aedat.aedat2_davis import DavisSamples
 from evis.events.files.reading.block_recording import take_size
 from evis.events.files.reading.header_lines import is_cut_line
 from evis.events.files.reading.record_file import RecordFile
 from evis.events.recording import HEAD, OpenOptions, RecordingInfo
 
-NAME = "AEDAT 1.0, 2.0, 3.1 and 4"
+NAME = FAMILY
 
 DAVIS_SENSORS = ((240, 180), (346, 260), (640, 480))
 _CHIPS = {"davis240": (240, 180), "davis346": (346, 260), "davis640": (640, 480), "davis208": (208, 192),

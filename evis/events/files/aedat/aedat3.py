@@ -10,12 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from evis.events.arrays import STANDARD_GRAVITY, Events, Frame, Imu, Triggers
+from evis.events.files.aedat import FAMILY
 from evis.events.files.aedat.aedat4_packets import SOURCES
 from evis.events.files.reading.block_recording import BlockRecording, take_size
 from evis.events.recording import HEAD, OpenOptions, RecordingError, RecordingInfo
 from evis.files.descriptor import DescriptorOwner
 
-NAME = "AEDAT 1.0, 2.0, 3.1 and 4"
+NAME = FAMILY
 
 END = b"#!END-HEADER\r\n"
 SENSORS = {"DVS128": (128, 128), "DAVIS128": (128, 128), "DAVIS208": (208, 192), "DAVIS240": (240, 180),

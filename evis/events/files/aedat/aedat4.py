@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from evis.events.arrays import Events
+from evis.events.files.aedat import FAMILY
 from evis.events.files.aedat.aedat4_packets import KINDS, Packets
 from evis.events.files.aedat.flatbuffer import Table
 from evis.events.files.reading.block_recording import BlockRecording, take_size
@@ -21,12 +22,13 @@ from evis.events.files.reading.decompress import DamagedError, inflate
 from evis.events.recording import OpenOptions, RecordingError, RecordingInfo
 from evis.files.allowance import Allowance
 from evis.files.descriptor import DescriptorOwner
+from evis.files.magic import LZ4, ZSTD
 
-NAME = "AEDAT 1.0, 2.0, 3.1 and 4"
+NAME = FAMILY
 
 MAGIC = b"#!AER-DAT4.0\r\n"
 COMPRESSIONS = {0: "none", 1: "lz4", 2: "lz4", 3: "zstd", 4: "zstd"}
-_FRAME_MAGIC = {"lz4": b"\x04\x22\x4d\x18", "zstd": b"\x28\xb5\x2f\xfd"}
+_FRAME_MAGIC = {"lz4": LZ4, "zstd": ZSTD}
 _MAX_HEADER = 16 << 20
 _WINDOW = 1 << 20
 

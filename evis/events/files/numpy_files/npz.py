@@ -27,6 +27,7 @@ from evis.events.files.reading.zip_archive import Archive, CutArchive, open_arch
 from evis.events.recording import OpenOptions, RecordingError, RecordingInfo, Writer
 from evis.files.allowance import Allowance
 from evis.files.damage import error_text
+from evis.files.magic import EMPTY_ZIP, ZIP
 from evis.files.zip_faults import UNREADABLE, ZIP_FAULTS
 
 NAME = "NumPy .npz of t, x, y, p"
@@ -40,7 +41,7 @@ _DATE = (1980, 1, 1, 0, 0, 0)
 
 def matches(head: bytes, path: Path, name: str) -> bool:
     """Tells whether a file is a zip archive."""
-    return head.startswith((b"PK\x03\x04", b"PK\x05\x06"))
+    return head.startswith((ZIP, EMPTY_ZIP))
 
 
 class NpzRecording(BlockRecording):

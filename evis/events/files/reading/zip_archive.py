@@ -14,8 +14,9 @@ import zlib
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
+from evis.files.magic import ZIP
+
 _LOCAL = struct.Struct("<4sHHHHHIIIHH")
-_MAGIC = b"PK\x03\x04"
 _ZIP64 = 0xFFFFFFFF
 _STEP = 1 << 16
 _MOST_MEMBERS = 100_000
@@ -48,7 +49,7 @@ class CutArchive:
             while at < size and len(self._members) < _MOST_MEMBERS:
                 file.seek(at)
                 head = file.read(_LOCAL.size)
-                if len(head) < _LOCAL.size or head[:4] != _MAGIC:
+                if len(head) < _LOCAL.size or head[:4] != ZIP:
                     return
                 _, _, flags, method, _, _, _, packed, whole, name_length, extra_length = _LOCAL.unpack(head)
                 name, extra = file.read(name_length), file.read(extra_length)
@@ -99,7 +100,7 @@ def salvaged(path: Path, member: zipfile.ZipInfo) -> IO[bytes]:
     with path.open("rb") as file:
         file.seek(member.header_offset)
         head = file.read(_LOCAL.size)
-    if len(head) < _LOCAL.size or head[:4] != _MAGIC or member.compress_type not in (0, 8):
+    if len(head) < _LOCAL.size or head[:4] != ZIP or member.compress_type not in (0, 8):
         raise zipfile.BadZipFile("a member without a header")
     *_, name_length, extra_length = _LOCAL.unpack(head)
     at = member.header_offset + _LOCAL.size + name_length + extra_length
@@ -195,3 +196,8 @@ def _up_to_damage(unpacker: Any, data: bytes) -> bytes:
     except zlib.error:
         pass
     return ready
+
+
+def files_in(archive: Archive) -> list[str]:
+    """Lists the names of the files of an archive, without folders and what macOS puts beside the files."""
+    return [name for name in archive.namelist() if not name.startswith("__MACOSX/") and not name.endswith("/")]

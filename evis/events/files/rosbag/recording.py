@@ -15,6 +15,7 @@ from evis.events.files.reading.decompress import DamagedError, inflate
 from evis.events.files.rosbag.messages import PACKETS, TYPES, read_array, read_packet
 from evis.events.recording import OpenOptions, RecordingError, open_recording
 from evis.files.allowance import Allowance
+from evis.files.magic import ZSTD
 
 if TYPE_CHECKING:
     from evis.events.codecs.decoder import Decoder
@@ -35,14 +36,11 @@ class BagMessage:
     cut: bool = False
 
 
-_ZSTD = b"\x28\xb5\x2f\xfd"
-
-
 def unpacked(message: BagMessage, allowance: Allowance) -> BagMessage:
     """Unpacks a message that rosbag2 has compressed, known by its first bytes: no CDR begins as Zstandard does. Raises
     DamagedError and AllowanceError.
     """
-    if not message.cdr or bytes(message.data[:4]) != _ZSTD:
+    if not message.cdr or bytes(message.data[:4]) != ZSTD:
         return message
     return replace(message, data=inflate("zstd", bytes(message.data), allowance, message.cut))
 

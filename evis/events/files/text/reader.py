@@ -12,16 +12,16 @@ from evis.events.arrays import Events
 from evis.events.files.reading.bisection import place_before
 from evis.events.files.reading.block_recording import BlockRecording, take_size
 from evis.events.files.reading.zero_tail import data_end
-from evis.events.files.reading.zip_archive import RECORDINGS, Archive, CutArchive, open_archive
+from evis.events.files.reading.zip_archive import RECORDINGS, Archive, CutArchive, files_in, open_archive
 from evis.events.files.text.columns import Format, find_format
 from evis.events.files.text.numbers import parse_lines
 from evis.events.recording import HEAD, OpenOptions, RecordingError, RecordingInfo
 from evis.files.allowance import Allowance
+from evis.files.magic import ZIP
 from evis.files.zip_faults import ZIP_FAULTS
 
 NAME = "text (t x y p)"
 
-_ZIP = b"PK\x03\x04"
 _BLOCK = 1 << 20
 _MOST_TRIED = 32
 """Members of an archive that are looked into."""
@@ -46,7 +46,7 @@ class TextRecording(BlockRecording):
         try:
             try:
                 with path.open("rb") as file:
-                    packed = file.read(4) == _ZIP
+                    packed = file.read(4) == ZIP
                 self._zip = open_archive(path) if packed else None
                 self._file, size = self._open(options.topic)
                 head = self._file.read(HEAD)
@@ -179,7 +179,7 @@ def is_text_archive(path: Path) -> bool:
 
 def text_members(archive: Archive) -> list[str]:
     """Lists the members named as text; where there is none and no other recording, those with events as text."""
-    names = [n for n in archive.namelist() if not n.startswith("__MACOSX/") and not n.endswith("/")]
+    names = files_in(archive)
     if any(n.lower().endswith(".npy") for n in names):
         return []
     found = [n for n in names if n.lower().endswith((".txt", ".csv"))]
