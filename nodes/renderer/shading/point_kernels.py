@@ -21,7 +21,7 @@ from nodes.renderer.raster.surface_kernels import (
 )
 from nodes.renderer.raster.triangle_kernels import corners_of
 from nodes.renderer.shading.material_kernels import make_reflection
-from nodes.renderer.shading.shading_kernels import make_of_point
+from nodes.renderer.shading.shading_kernels import make_surface_light
 from nodes.renderer.shadows.grid_kernels import Grid
 from nodes.renderer.shadows.ray_kernels import Casters
 
@@ -36,7 +36,7 @@ def make_shade_point(f: Features) -> Any:
     """Makes the function `shade_point` with only what a scene has, of which nothing is remembered or known before."""
     surface_at = make_surface_at(f.textures, f.smooth, f.vertex_colours)
     reflection_of, direct_light = make_reflection(f), make_direct_light(f)
-    point_of, surface_radiance = make_of_point(f)
+    point_of, surface_radiance = make_surface_light(f)
 
     @wp.func(inline=True)
     def shade_point(

@@ -40,7 +40,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 @cache
-def make_of_point(f: Features) -> tuple[Any, Any]:
+def make_surface_light(f: Features) -> tuple[Any, Any]:
     """Makes the functions `point_of` and `surface_radiance`."""
 
     @wp.func
@@ -70,7 +70,7 @@ def make_shade_pixel(f: Features) -> Any:
     Image: Any = make_image(f.half)
     write = make_write(f.half)
     material_at, direct_light = make_material(f), make_direct_light(f)
-    point_of, surface_radiance = make_of_point(f)
+    point_of, surface_radiance = make_surface_light(f)
     recall, remember = make_cache(f)
     background, _, _ = make_sky(f.sky_map)
 
