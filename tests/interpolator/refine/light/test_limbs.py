@@ -109,3 +109,10 @@ def test_samples_about_outlines_are_those_of_dense_rendering(mesh, material, lig
     between = np.abs(times / INSTANT - np.round(times / INSTANT)) > 1 / 64
     assert between.sum() > 100
     assert (off[between] > 0.3).mean() < 0.04
+
+
+def test_the_light_of_limbs_is_the_same_on_any_number_of_threads():
+    scene = passing(shapes.capsule(RADIUS, 0.6), plain(0.5), [LIGHTS["spot"]])
+    one, three = (refined(scene, K, TOLERANCE, threads=n)[1] for n in (1, 3))
+    for a, b in zip(one, three):
+        np.testing.assert_array_equal(a, b)
