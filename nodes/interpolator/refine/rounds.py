@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -16,6 +16,7 @@ from evis.gpu.cuda_graph import CudaGraphs
 from evis.runtime.workers import edges_of
 from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.refine.evaluation.evaluator import Evaluator, changes_of
+from nodes.interpolator.refine.evaluation.limb_kernels import make_shade_limbs
 from nodes.interpolator.refine.evaluation.trace_kernels import trace_pixels
 from nodes.interpolator.refine.halving.check_kernels import make_check
 from nodes.interpolator.refine.halving.interval_kernels import make_intervals
@@ -32,7 +33,7 @@ from nodes.interpolator.refine.runs.transition_kernels import (
     find_changed_spans,
     make_find_transitions,
 )
-from nodes.interpolator.refine.runs.transition_time_kernels import find_transition_times
+from nodes.interpolator.refine.runs.transition_time_kernels import make_find_transition_times
 from nodes.interpolator.refine.samples.lists import GrowingList, Samples, part_of
 from nodes.interpolator.refine.samples.request_kernels import make_requests
 from nodes.interpolator.refine.samples.tally import Counts, Tally
@@ -77,10 +78,12 @@ class Kernels:
     """Holds the kernels of a window that depend on the scene."""
 
     request_single_surface: wp.Kernel
+    find_transition_times: wp.Kernel
     request_run_ends: wp.Kernel
     request_runs: wp.Kernel
     check: wp.Kernel
     split: wp.Kernel
+    shade_limbs: wp.Kernel | None
 
     @classmethod
     def of(cls, rigid: Rigid) -> Kernels:
@@ -91,13 +94,17 @@ class Kernels:
         v = rigid.visibility
         textured = textured_in(rigid.shading, layout) and follows_textures(v.scene, v.geometry, v.camera_body)
         how = (lens, layout.channels, layout.waveform_count, layout.relight, painted, textured, transitions)
-        ends = make_request_run_ends(layout.channels, not layout.flicker)
+        # Without normals of its own nothing is round; light that comes evenly from all sides is the same at a limb.
+        limbs = features.smooth and (features.lit or features.sky_map or features.gloss)
+        alone = replace(features, cached=False, shadow_pass=False, grids=False, tiled=False, half=False)
         return cls(
             make_request_single_surface(*how),
-            ends,
+            make_find_transition_times(limbs),
+            make_request_run_ends(layout.channels, not layout.flicker, limbs),
             make_request_runs(*how),
             make_check(layout.channels, transitions.view),
             make_split(layout.channels),
+            make_shade_limbs(layout.channels, alone) if limbs else None,
         )
 
     def to_build(self, trees: bool) -> list[tuple[wp.Kernel, int]]:
@@ -105,12 +112,13 @@ class Kernels:
         changing = (
             self.request_single_surface,
             find_changed_spans,
-            find_transition_times,
+            self.find_transition_times,
             self.request_run_ends,
             self.request_runs,
             self.check,
             self.split,
             trace_pixels,
+            *([self.shade_limbs] if self.shade_limbs else []),
         )
         return [*((kernel, LAUNCH_BLOCK) for kernel in changing), (make_find_transitions(trees), BLOCK)]
 
@@ -280,7 +288,7 @@ class Rounds:
             launches[1].append((find_changed_spans, searchers, given))
             given = [*search, tally.changed_spans, scene, changing, *changes]
             launches[2].append((self._find_transitions, searchers, given))
-            launches[3].append((find_transition_times, searchers, [*search, scene, changing, *changes]))
+            launches[3].append((kernels.find_transition_times, searchers, [*search, scene, changing, *changes]))
             given = [view, params, listers, scene, *among, transitions, *listed]
             launches[4].append((kernels.request_run_ends, listers, given))
             launches[5].append((kernels.request_runs, searchers, [*search, *seen, *among, *changes, *listed]))
@@ -296,6 +304,12 @@ class Rounds:
         launches = [(trace_pixels, workers, [*given, listed.part(k, count), *of_pixels]) for k in bands]
         self._rigid.sampling.launch(launches)
         evaluator.evaluate(number, pixels.at, listed.most, count, bands, self._tally.unseen[number])
+        if number == 0 and self._kernels.shade_limbs is not None:
+            given = [evaluator.visibility.view, window.params, workers, *evaluator.lit(), pixels]
+            launches = [
+                (self._kernels.shade_limbs, workers, [*given, listed.part(k, count), evaluator.values]) for k in bands
+            ]
+            self._rigid.sampling.launch(launches)
 
     def _launch_round(
         self, window: Window, number: int, listed: GrowingList, there: GrowingList, bands: list[int]

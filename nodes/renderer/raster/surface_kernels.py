@@ -214,24 +214,38 @@ def shading_normal_of(surfaces: Surfaces, hit: SurfaceHit, w: wp.vec3):
 
 
 @cache
+def make_surface_at(textures: bool, smooth: bool, vertex_colours: bool) -> Any:
+    """Makes the function `surface_at`."""
+
+    @wp.func
+    def surface_at(view: CameraView, pixel: Pixel, surfaces: Surfaces, hit: SurfaceHit, r: Barycentric):
+        """Gives the albedo, and shading normal towards the viewer, at barycentric coordinates of a hit."""
+        albedo = surfaces.albedo[surfaces.material[hit.instance]]
+        shading_normal = hit.normal
+        if wp.static(textures):
+            place = surfaces.textures.place[hit.instance]
+            if place[1] > 0:
+                albedo = wp.cw_mul(albedo, seen_texture(view, pixel, surfaces, hit.triangle, place, r))
+        if wp.static(vertex_colours):
+            albedo = wp.cw_mul(albedo, tint_of(surfaces, hit.triangle, r.w))
+        if wp.static(smooth):
+            shading_normal = shading_normal_of(surfaces, hit, r.w)
+        return albedo, shading_normal
+
+    return surface_at
+
+
+@cache
 def make_surface(textures: bool, smooth: bool, vertex_colours: bool) -> Any:
     """Makes the function `surface`."""
+    surface_at = make_surface_at(textures, smooth, vertex_colours)
 
     @wp.func
     def surface(view: CameraView, pixel: Pixel, seen: VisibilityBuffer, surfaces: Surfaces, hit: SurfaceHit):
         """Gives the albedo, and shading normal towards the viewer, where a pixel sees a triangle."""
-        albedo = surfaces.albedo[surfaces.material[hit.instance]]
-        shading_normal = hit.normal
+        r = Barycentric()
         if wp.static(textures or smooth or vertex_colours):
             r = barycentric_of(view, seen, surfaces, pixel.env, hit)
-            if wp.static(textures):
-                place = surfaces.textures.place[hit.instance]
-                if place[1] > 0:
-                    albedo = wp.cw_mul(albedo, seen_texture(view, pixel, surfaces, hit.triangle, place, r))
-            if wp.static(vertex_colours):
-                albedo = wp.cw_mul(albedo, tint_of(surfaces, hit.triangle, r.w))
-            if wp.static(smooth):
-                shading_normal = shading_normal_of(surfaces, hit, r.w)
-        return albedo, shading_normal
+        return surface_at(view, pixel, surfaces, hit, r)
 
     return surface

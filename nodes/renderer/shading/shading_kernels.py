@@ -40,13 +40,8 @@ wp.set_module_options({"enable_backward": False})
 
 
 @cache
-def make_shade_pixel(f: Features) -> Any:
-    """Makes the function `shade_pixel` with only what a scene has."""
-    Image: Any = make_image(f.half)
-    write = make_write(f.half)
-    material_at, direct_light = make_material(f), make_direct_light(f)
-    recall, remember = make_cache(f)
-    background, _, _ = make_sky(f.sky_map)
+def make_surface_light(f: Features) -> tuple[Any, Any]:
+    """Makes the functions `point_of` and `surface_radiance`."""
 
     @wp.func
     def point_of(casters: Casters, hit: SurfaceHit):
@@ -65,6 +60,19 @@ def make_shade_pixel(f: Features) -> Any:
         if wp.static(f.gloss):
             colour += specular
         return colour
+
+    return point_of, surface_radiance
+
+
+@cache
+def make_shade_pixel(f: Features) -> Any:
+    """Makes the function `shade_pixel` with only what a scene has."""
+    Image: Any = make_image(f.half)
+    write = make_write(f.half)
+    material_at, direct_light = make_material(f), make_direct_light(f)
+    point_of, surface_radiance = make_surface_light(f)
+    recall, remember = make_cache(f)
+    background, _, _ = make_sky(f.sky_map)
 
     # Its arguments are large structs, which a call on a CPU would copy for every pixel.
     @wp.func(inline=True)

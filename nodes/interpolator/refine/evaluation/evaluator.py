@@ -24,6 +24,7 @@ from nodes.interpolator.rigid.slots import Poses, Slots
 from nodes.renderer.lighting import LIST_WORKERS, Shading, ShadingOptions
 from nodes.renderer.lights.lights import waveform_strengths
 from nodes.renderer.raster.visibility import Visibility
+from nodes.renderer.shadows.grid_kernels import Grid
 
 WORKERS = 1 << 20, 1 << 18
 """Threads that share a list of pixels on a GPU, where they are looked up: the first one, and shorter ones."""
@@ -188,6 +189,11 @@ class Evaluator:
         workers = 1 if v.device.is_cpu else LIST_WORKERS
         given = [self._envs, 1, v.margin, self._frame, self._anew, self._places, unseen, self._radiance, values]
         rigid.sampling.launch([(self._place, workers, [workers, first, k, *given]) for k, first in enumerate(firsts)])
+
+    def lit(self) -> list[Any]:
+        """Gives what single points are shaded by at the instants: poses, surfaces, lights, sky and casters."""
+        shading = self.shading
+        return [shading.seen, shading.surfaces, shading.lights.kernel, shading.sky, shading.occluders.casters, Grid()]
 
     def _lists_of(self, number: int, listed: wp.array, count: wp.array, unseen: wp.array) -> Any:
         """Gives the struct GatherLists of list `number`, which is made anew where an array is another one."""

@@ -15,7 +15,7 @@ from nodes.interpolator.refine.halving.interval_kernels import (
 )
 from nodes.interpolator.refine.halving.request_interval_kernels import make_is_painted, make_request_intervals
 from nodes.interpolator.refine.samples.list_kernels import ListPart, end_of, make_add_sample, make_sample_list
-from nodes.interpolator.refine.samples.request_kernels import PARTS, PREDICTED, UNKNOWN, make_requests
+from nodes.interpolator.refine.samples.request_kernels import LIMB, PARTS, PREDICTED, UNKNOWN, make_requests
 from nodes.interpolator.refine.window_kernels import (
     FEW_REGISTERS,
     WindowParameters,
@@ -92,7 +92,8 @@ def make_check(channels: int, glossy: bool) -> wp.Kernel:
             instant = (place.k * (params.slots + 1) + place.i) * PARTS + requests.later[j]
             add_sample(samples, known + j - part.start, place.q, instant, value)
             # What is told is on straight lines already, for a pixel's whole coarse interval.
-            if requests.shown[j] != PREDICTED:
+            # Beside an outline light is where it is between two instants.
+            if requests.shown[j] != PREDICTED and requests.shown[j] != LIMB:
                 here = interval_before(params, j, coarse, scene, requests, hits, radiance)
                 after = interval_after(params, j, here.last, coarse, scene, requests, hits)
                 wrong = suspect(params, scene, here)

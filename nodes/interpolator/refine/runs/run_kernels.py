@@ -17,6 +17,7 @@ from nodes.interpolator.refine.samples.list_kernels import ListPart, end_of
 from nodes.interpolator.refine.samples.request_kernels import (
     FRAME_AFTER,
     FRAME_BEFORE,
+    LIMB,
     PARTS,
     SHARP,
     UNKNOWN,
@@ -25,6 +26,7 @@ from nodes.interpolator.refine.samples.request_kernels import (
 )
 from nodes.interpolator.refine.window_kernels import (
     FEW_REGISTERS,
+    PixelInterval,
     Run,
     WindowParameters,
     WindowScene,
@@ -38,19 +40,58 @@ from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.keyframe_kernels import log_of
 from nodes.interpolator.rigid.look_up.look_up_kernels import make_keyframes
-from nodes.renderer.raster.depth_kernels import NO_ENTRY
+from nodes.renderer.raster.depth_kernels import BACK, NO_ENTRY, back_of, entry_of
 from nodes.renderer.raster.lens.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 
 
 @cache
-def make_request_run_ends(channels: int, steady: bool) -> wp.Kernel:
-    """Makes the kernel `request_run_ends`; channels: 1 (luminance) or 3 (RGB). steady: no light flickers, so that what
-    a frame shows is shown shortly before and after it too."""
+def make_request_limb(channels: int) -> Any:
+    """Makes the function `request_limb`; channels: 1 (luminance) or 3 (RGB)."""
     pixel = pixel_type(channels)
     Requests: Any = make_requests(channels)
     request = make_request(channels)
+
+    @wp.func
+    def request_limb(
+        params: WindowParameters,
+        requests: Requests,
+        px: PixelInterval,
+        low: int,
+        later: int,
+        triangle: int,
+        seen: wp.uint64,
+        weights: wp.vec3,
+        previous: int,
+        out: ListPart,
+    ):
+        """Lists a point of an outline, as `request` does, by the places of things at the instant that is nearest within
+        the coarse interval.
+
+        low: the instant after which the sample is, by `later` PARTS. seen: z-buffer entry of the same side of the
+        surface.
+        """
+        i = wp.clamp(low + wp.where(2 * later >= PARTS, 1, 0), 1, params.slots)
+        last = request(params, requests, px, i, NO_ENTRY, NO_ENTRY, pixel(UNKNOWN), previous, out)
+        requests.after[last] = entry_of(1.0, triangle | wp.where(back_of(seen) == 1, BACK, 0))
+        requests.weights[last] = weights
+        requests.later[last] = later + (low - i) * PARTS
+        requests.shown[last] = LIMB
+        return last
+
+    return request_limb
+
+
+@cache
+def make_request_run_ends(channels: int, steady: bool, limbs: bool) -> wp.Kernel:
+    """Makes the kernel `request_run_ends`; channels: 1 (luminance) or 3 (RGB). steady: no light flickers, so that what
+    a frame shows is shown shortly before and after it too. limbs: whether light may be another one at the outline of
+    something."""
+    pixel = pixel_type(channels)
+    Requests: Any = make_requests(channels)
+    request = make_request(channels)
+    request_limb = make_request_limb(channels) if limbs else None
 
     @wp.kernel(module="unique", enable_backward=False)
     def request_run_ends(
@@ -86,6 +127,9 @@ def make_request_run_ends(channels: int, steady: bool) -> wp.Kernel:
                     hit = transitions.before[c]
                     then = transitions.after[c]
                     later = transitions.later[c]
+                    limb = wp.int32(-1)
+                    if wp.static(limbs):
+                        limb = transitions.limb[c]
                     transitions.begun[c] = each
                     if low > begun:
                         transitions.begun[c] = begun
@@ -93,9 +137,15 @@ def make_request_run_ends(channels: int, steady: bool) -> wp.Kernel:
                         transitions.opened[c] = last
                         last = request(params, requests, px, low, hit, hit, none, last, out)
                         transitions.closed[c] = last
-                    if last >= 0:
+                    if limb >= 0:
+                        if wp.static(limbs):
+                            weights = transitions.weights[c]
+                            last = request_limb(
+                                params, requests, px, low, wp.max(later - SHARP, 1), limb, hit, weights, last, out
+                            )
+                    elif last >= 0:
                         requests.later[last] = later - SHARP
-                    if wp.static(steady) and low == 0 and begun == 0:
+                    if wp.static(steady) and limb < 0 and low == 0 and begun == 0:
                         # Of a frame there is no instant: its value is that until the change, below from then on.
                         # Two of a pixel at one instant must not be evaluated: what shades the first one forgets what
                         # hides its lamps.
@@ -104,10 +154,26 @@ def make_request_run_ends(channels: int, steady: bool) -> wp.Kernel:
                         requests.shown[last] = FRAME_BEFORE
                     begun = high
                     seen = then
+                    if limb < -1:
+                        if wp.static(limbs):
+                            weights = transitions.weights[c]
+                            last = request_limb(
+                                params,
+                                requests,
+                                px,
+                                low,
+                                wp.min(later + SHARP, PARTS - 1),
+                                -2 - limb,
+                                then,
+                                weights,
+                                last,
+                                out,
+                            )
                     if high <= params.slots:
                         last = request(params, requests, px, high, then, then, none, last, out)
-                        requests.later[last] = later + SHARP - PARTS
-                    elif wp.static(steady):
+                        if limb >= -1:
+                            requests.later[last] = later + SHARP - PARTS
+                    elif wp.static(steady) and limb >= -1:
                         last = request(params, requests, px, low, NO_ENTRY, NO_ENTRY, none, last, out)
                         requests.later[last] = wp.min(later + SHARP, PARTS - 1)
                         requests.shown[last] = FRAME_AFTER

@@ -54,7 +54,9 @@ class Transitions:
 
     job: index of the pixel in ChangingPixels. low: the last instant of the old surface. before, after: z-buffer entries
     at `low` and at the next instant. later: time of the change, in PARTS after `low`. following: index of
-    the next change between the same probes, -1 = none.
+    the next change between the same probes, -1 = none. limb: where it is at the outline of something round, whose
+    light is another one there, the triangle that has the outline, and `weights` of its corners: of the old surface as
+    it is, of the new one minus 2 minus it; -1 elsewhere.
 
     Of the run of the old surface: begun, the instant at which it begins, at the end of the interval where there is no
     such run; seen, the z-buffer entry there. opened, closed: where the samples at both of its ends are in the list of
@@ -67,6 +69,8 @@ class Transitions:
     after: wp.array(dtype=wp.uint64)
     later: wp.array(dtype=int)
     following: wp.array(dtype=int)
+    limb: wp.array(dtype=int)
+    weights: wp.array(dtype=wp.vec3)
     begun: wp.array(dtype=int)
     seen: wp.array(dtype=wp.uint64)
     opened: wp.array(dtype=int)

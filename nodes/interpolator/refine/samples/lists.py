@@ -15,6 +15,8 @@ ENTRIES = ("before", "after", "seen")
 """Fields that hold z-buffer entries, uint64."""
 VALUES = ("start", "end", "rise", "tail")
 """Fields that hold ln I or changes of it."""
+POINTS = ("weights",)
+"""Fields that hold weights of a triangle's corners."""
 
 
 def part_of(start: int, room: int, band: int, count: wp.array) -> Any:
@@ -33,9 +35,12 @@ class GrowingList:
     def __init__(self, struct: Any, pixel: Any, bands: int, device: Any) -> None:
         """Makes an empty list of a struct's fields. pixel: the type of ln I."""
         self.kernel: Any = struct()
-        self._types = {
-            name: pixel if name in VALUES else wp.uint64 if name in ENTRIES else wp.int32 for name in struct.vars
+        kinds = {
+            **dict.fromkeys(VALUES, pixel),
+            **dict.fromkeys(ENTRIES, wp.uint64),
+            **dict.fromkeys(POINTS, wp.vec3),
         }
+        self._types = {name: kinds.get(name, wp.int32) for name in struct.vars}
         self._bands, self._device, self.most = bands, device, 0
         self._parts: dict[tuple[int, int], Any] = {}
 

@@ -22,6 +22,7 @@ SHARP = wp.constant(2)
 FRAME_BEFORE = wp.constant(1)
 FRAME_AFTER = wp.constant(2)
 PREDICTED = wp.constant(3)
+LIMB = wp.constant(4)
 
 
 @cache
@@ -33,7 +34,8 @@ def make_requests(channels: int) -> Any:
     instant, in PARTS, negative = before it. rise: change of ln I since the previous one, or since the coarse frame
     before, looked up in a keyframe, or UNKNOWN. ends: 1 for the last one of a coarse interval. tail: change of ln I
     from there to the coarse frame after. shown: of a sample that has the value of a coarse frame in place of its own,
-    that before, FRAME_BEFORE, or after, FRAME_AFTER; 0 = its own, PREDICTED = that of which `rise` is the logarithm.
+    that before, FRAME_BEFORE, or after, FRAME_AFTER; 0 = its own, PREDICTED = that of which `rise` is the logarithm,
+    LIMB = that of a point on the outline of the face in `after`, at these `weights` of its corners.
     """
     pixel = pixel_type(channels)
 
@@ -47,6 +49,7 @@ def make_requests(channels: int) -> Any:
         ends: wp.array(dtype=int)
         tail: wp.array(dtype=pixel)
         shown: wp.array(dtype=int)
+        weights: wp.array(dtype=wp.vec3)
 
     Requests.__qualname__ = f"Requests{channels}"
     return wp.struct(Requests)
