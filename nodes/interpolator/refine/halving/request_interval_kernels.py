@@ -12,6 +12,7 @@ from nodes.interpolator.refine.samples.request_kernels import (
     FRAME_BEFORE,
     PAINTED,
     PREDICTED,
+    REPEATED,
     make_requests,
 )
 from nodes.interpolator.refine.window_kernels import (
@@ -80,6 +81,8 @@ def make_request_intervals(channels: int, glossy: bool) -> tuple[Any, Any, Any]:
             value = frame_before(params, coarse, at.env, at.k, at.y, at.x)
         elif requests.shown[j] == PREDICTED:
             value = light(requests.rise[j])
+        elif requests.shown[j] == REPEATED:
+            value = radiance[requests.previous[j]]
         return value
 
     @wp.func

@@ -19,6 +19,7 @@ from nodes.interpolator.refine.samples.request_kernels import (
     FRAME_BEFORE,
     LIMB,
     PARTS,
+    REPEATED,
     SHARP,
     UNKNOWN,
     make_request,
@@ -143,8 +144,13 @@ def make_request_run_ends(channels: int, steady: bool, limbs: bool) -> wp.Kernel
                             last = request_limb(
                                 params, requests, px, low, wp.max(later - SHARP, 1), limb, hit, weights, last, out
                             )
-                    elif last >= 0:
+                    elif low > begun:
                         requests.later[last] = later - SHARP
+                    elif last >= 0:
+                        # Of one instant alone: its light is there from where the surface comes until it goes.
+                        last = request(params, requests, px, low, NO_ENTRY, NO_ENTRY, none, last, out)
+                        requests.later[last] = wp.max(later - SHARP, 1)
+                        requests.shown[last] = REPEATED
                     if wp.static(steady) and limb < 0 and low == 0 and begun == 0:
                         # Of a frame there is no instant: its value is that until the change, below from then on.
                         # Two of a pixel at one instant must not be evaluated: what shades the first one forgets what

@@ -23,6 +23,7 @@ FRAME_BEFORE = wp.constant(1)
 FRAME_AFTER = wp.constant(2)
 PREDICTED = wp.constant(3)
 LIMB = wp.constant(4)
+REPEATED = wp.constant(5)
 
 
 @cache
@@ -35,7 +36,8 @@ def make_requests(channels: int) -> Any:
     before, looked up in a keyframe, or UNKNOWN. ends: 1 for the last one of a coarse interval. tail: change of ln I
     from there to the coarse frame after. shown: of a sample that has the value of a coarse frame in place of its own,
     that before, FRAME_BEFORE, or after, FRAME_AFTER; 0 = its own, PREDICTED = that of which `rise` is the logarithm,
-    LIMB = that of a point on the outline of the face in `after`, at these `weights` of its corners.
+    LIMB = that of a point on the outline of the face in `after`, at these `weights` of its corners, REPEATED = that of
+    the previous one.
     """
     pixel = pixel_type(channels)
 

@@ -1,6 +1,8 @@
 """When pixels pass from one surface to another, against closed forms: outlines of what has many triangles, surfaces
 that cut each other, and a third thing that shows between two."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from passing import NEAR, WALL, rays
@@ -131,3 +133,22 @@ def test_what_is_beside_the_triangles_of_a_disc():
             ends = {int(faces[face, edge]), int(faces[face, (edge + 1) % 3])}
             shared = [k for k in range(len(faces)) if k != face and ends <= set(faces[k].tolist())]
             assert ([int(other)] if other >= 0 else []) == shared
+
+
+def test_both_edges_of_what_one_instant_alone_shows():
+    """A plate is on each pixel for 0.17 ms, in which there is one instant at most: its light is there from when the
+    first edge passes until the second one does, and does not rise all the while."""
+    speed, half, depth = 47.0, 0.004, 2.0
+    plate = quad(1.0)
+    plate = replace(plate, vertices=(plate.vertices * [half, 1, 1]).astype(np.float32))
+    flight = moving(0.0, 0.0, depth, [speed, 0.0, 0.0])
+    scene = world([(quad(6.0), plain(WALL), Prescribed(pose(z=4.0))), (plate, plain(NEAR), flight)], sky=1.0)
+    passing = (depth * rays(scene)[..., 0]) / speed * 1e9 + GAP / 2
+    outside = (np.abs(depth * rays(scene)[..., 1]) > 0.9) | (passing < TOLERANCE) | (passing > GAP - TOLERANCE)
+    passing[outside] = np.nan
+    on = half / speed * 1e9
+    for edge in (passing - on, passing + on):
+        off = errors_of(scene, edge, (WALL + NEAR) / 2)
+        seen = off < on
+        assert len(off) > 300 and seen.mean() > 0.95, "there is an instant at which it is seen"
+        assert np.quantile(off[seen], 0.98) < 0.1 * TOLERANCE
