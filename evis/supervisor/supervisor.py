@@ -151,7 +151,7 @@ class Supervisor:
             self._end_in_order()
             self._logs.forward(self._children.values())
             self._tick(self._progress())
-        self._logs.forward(self._children.values())
+        self._logs.drain(self._children.values())
         if self._cause is None:
             self._name_cause()
 
