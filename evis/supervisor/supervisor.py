@@ -227,10 +227,21 @@ class Supervisor:
             child.failure, child.spared = None, False
         else:
             child = None
-        if child is not None:
-            child.start()
+        if child is not None and self._start_again(child):
             for read in (name for topics in node.inputs.values() for name in topics):
                 self._start_dormant(read)
+
+    def _start_again(self, child: Child) -> bool:
+        """Starts a process while the graph runs. Where the system refuses, as it does where there are too many, that is
+        the failure of this process, and the others end in order; gives whether it was started."""
+        try:
+            child.start()
+        except OSError as error:
+            child.failure = (child.name, f"it cannot be started: {error.strerror or error}")
+            child.state = "failed"
+            self._on_failure(child)
+            return False
+        return True
 
     def _check_alive(self, child: Child) -> None:
         """Handles the death or silence of a process, and mentions one that is in a single call for long."""
@@ -285,7 +296,7 @@ class Supervisor:
             if child.process is not None:
                 child.process.wait(10)
             child.failure = None
-            child.start()
+            self._start_again(child)
             return
         if child.service and self._running_since:
             child.spared = True
